@@ -1,0 +1,67 @@
+"""The basis S(q): every admissible velocity is v = S(q) ν, with A S = 0."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rpctl.errors import SingularBasisError
+from rpctl.robot.description import Array
+from rpctl.robot.model import BASE_NV, Robot
+
+RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v is undetermined
+
+
+def selection(robot: Robot) -> Array:
+    """Return W (dof, nv), constant: ν = W v picks the quasi-velocities out of a velocity.
+
+    For a differential drive the first two rows are the forward speed of P and the turning rate;
+    the others pick the arm's joint rates.
+    """
+    W = np.zeros((robot.dof, robot.nv))
+    base = len(robot.drive.base_speeds)
+    if robot.drive.type == "differential":
+        px, py = robot.drive.point
+        fx, fy = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
+        W[0, :BASE_NV] = fx, fy, fy * px - fx * py
+        W[1, 2] = 1.0
+    for row, joint in enumerate(robot.joints, start=base):
+        W[row, robot.velocity_index(joint.name)] = 1.0
+    return W
+
+
+def basis(A: Array, W: Array) -> Array:
+    """Return S (nv, dof) with A S = 0 and W S = I.
+
+    Args:
+        A: Constraint matrix (rows, nv); redundant rows are welcome.
+        W: Selection of the quasi-velocities (dof, nv).
+
+    Raises:
+        SingularBasisError: A and W together leave a direction of v free, or contradict.
+    """
+    return _solve(A, W, np.vstack([np.zeros((len(A), len(W))), np.eye(len(W))]))
+
+
+def basis_drift(A: Array, W: Array, drift: Array) -> Array:
+    """Return Ṡ ν (nv,) from [A; W] Ṡν = −[Ȧ; 0] v; ``drift`` is Ȧ v (rows,)."""
+    return _solve(A, W, np.concatenate([-drift, np.zeros(len(W))]))
+
+
+def _solve(A: Array, W: Array, right: Array) -> Array:
+    """Solve the consistent system [A; W] X = right."""
+    left = np.vstack([A, W])
+    solution, _, rank, singular = np.linalg.lstsq(left, right, rcond=RANK_MARGIN)
+    if rank < left.shape[1]:
+        raise SingularBasisError(
+            f"the constraints and quasi-velocities determine {rank} of {left.shape[1]} velocities; "
+            "the wheels leave a motion of the base free"
+        )
+    scale = singular[0] * max(1.0, float(np.abs(solution).max()))
+    if np.abs(left @ solution - right).max() > RANK_MARGIN * scale:
+        raise SingularBasisError(
+            "the rolling constraints contradict each other: no motion has the quasi-velocities "
+            "asked for; are the wheels' axles on one line?"
+        )
+    return np.asarray(solution)

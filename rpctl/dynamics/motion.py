@@ -1,0 +1,68 @@
+"""One step of the motion on the configuration manifold, SE(2) × joints."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.robot.description import Array
+
+
+class Step(NamedTuple):
+    """State after a step, and the work that the actuators did in it."""
+
+    q: Array  # (nq,)
+    nu: Array  # (dof,)
+    work: float  # J
+
+
+def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    """Advance M ν̇ + h = B τ by ``dt`` (s) under a constant τ.
+
+    A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
+    root, so q stays on the manifold and the order is that of the classical method.
+
+    Args:
+        dynamics: The reduced dynamics.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        tau: Actuator efforts (n_act,), N·m or N.
+        dt: Step, s.
+
+    Returns:
+        The state after ``dt`` and the work done.
+    """
+    model = dynamics.robot.model
+
+    def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
+        at = pin.integrate(model, q, slide)
+        v = dynamics.basis(at) @ speed
+        power = float((dynamics.actuation(at) @ tau) @ speed)
+        return _dexpinv(slide, v), dynamics.forward(at, speed, tau), power
+
+    v1, a1, p1 = stage(np.zeros(model.nv), nu)
+    v2, a2, p2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)
+    v3, a3, p3 = stage(0.5 * dt * v2, nu + 0.5 * dt * a2)
+    v4, a4, p4 = stage(dt * v3, nu + dt * a3)
+    sixth = dt / 6.0
+    return Step(
+        q=np.asarray(pin.integrate(model, q, sixth * (v1 + 2.0 * (v2 + v3) + v4))),
+        nu=nu + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        work=sixth * (p1 + 2.0 * (p2 + p3) + p4),
+    )
+
+
+def _dexpinv(slide: Array, v: Array) -> Array:
+    """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
+
+    Only the root's three velocities (body frame) fail to commute.
+    """
+    x, y, turn = slide[:3]
+    bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
+    corrected = v.copy()
+    corrected[0] += 0.5 * bx - turn * by / 12.0
+    corrected[1] += 0.5 * by + turn * bx / 12.0
+    return corrected

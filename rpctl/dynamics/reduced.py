@@ -1,0 +1,132 @@
+"""The reduced dynamics M(q) ν̇ + h(q, ν) = B(q) τ of a robot whose wheels do not slip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg.lapack import dposv
+
+from rpctl.dynamics.basis import basis, basis_drift, selection
+from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.errors import ActuationError, RpctlError
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot
+
+ROOT_JOINT = 1  # Pinocchio's index of the planar root
+ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
+
+
+class ReducedDynamics:
+    """Pinocchio's dynamics projected onto the quasi-velocities.
+
+    With v = S ν: M = SᵀM(q)S, h = Sᵀ rnea(q, Sν, Ṡν), B = Sᵀ times the actuators' columns. This
+    is [MS21, Eq. 5] (its Re is −h) for any drive. The object owns a workspace: use one a thread.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._model = robot.model
+        self._data = robot.model.createData()
+        self._columns = np.zeros((robot.nv, len(robot.actuators)))
+        for column, name in enumerate(robot.actuators):
+            self._columns[robot.velocity_index(name), column] = 1.0
+        self._W = selection(robot)
+        # Wheels fixed to the base roll along directions fixed in the base, and the planar root's
+        # velocity is in the base's axes: A does not depend on q, so S is constant and Ṡ = 0.
+        self._S: Array | None = None
+        carriers = (self._model.parents[self._model.getJointId(w.joint)] for w in robot.drive.wheels)
+        if all(carrier == ROOT_JOINT for carrier in carriers):
+            S = basis(self.constraint(pin.neutral(self._model)), self._W)
+            S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
+            S.setflags(write=False)
+            self._S = S
+        self._still = np.zeros(robot.nv)
+        self._v = np.zeros(robot.nv)
+        self._MS = np.zeros((robot.nv, robot.dof))
+        self._M = np.zeros((robot.dof, robot.dof))
+
+    def constraint(self, q: Array) -> Array:
+        """Return A(q) (rows, nv)."""
+        return constraint(self.robot, self._data, q)
+
+    def basis(self, q: Array) -> Array:
+        """Return S(q) (nv, dof): v = S ν, A S = 0."""
+        if self._S is not None:
+            return self._S
+        return basis(self.constraint(q), self._W)
+
+    def basis_drift(self, q: Array, nu: Array) -> Array:
+        """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡ ν that the motion itself brings."""
+        if self._S is not None:
+            return self._still
+        drift = constraint_drift(self.robot, self._data, q, self.basis(q) @ nu)
+        return basis_drift(self.constraint(q), self._W, drift)
+
+    def inertia(self, q: Array) -> Array:
+        """Return M(q) (dof, dof), symmetric positive definite."""
+        S = self.basis(q)
+        M = S.T @ pin.crba(self._model, self._data, q) @ S
+        return 0.5 * (M + M.T)
+
+    def bias(self, q: Array, nu: Array) -> Array:
+        """Return h(q, ν) (dof,): Coriolis, centrifugal and gravity terms."""
+        return self.inverse(q, nu, np.zeros(self.robot.dof))
+
+    def actuation(self, q: Array) -> Array:
+        """Return B(q) (dof, n_act)."""
+        return self.basis(q).T @ self._columns
+
+    def inverse(self, q: Array, nu: Array, nu_dot: Array) -> Array:
+        """Return the quasi-force M ν̇ + h (dof,) that a motion takes.
+
+        This is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
+        """
+        S = self.basis(q)
+        acceleration = S @ nu_dot + self.basis_drift(q, nu)
+        return S.T @ pin.rnea(self._model, self._data, q, S @ nu, acceleration)
+
+    def forward(self, q: Array, nu: Array, tau: Array) -> Array:
+        """Return ν̇ (dof,) under actuator efforts τ (n_act,).
+
+        Raises:
+            RpctlError: M is not positive definite at q, or the state is not finite.
+        """
+        S = self.basis(q)
+        np.dot(S, nu, out=self._v)
+        force = pin.rnea(self._model, self._data, q, self._v, self.basis_drift(q, nu))
+        mass = pin.crba(self._model, self._data, q)
+        np.dot(mass, S, out=self._MS)
+        np.dot(S.T, self._MS, out=self._M)
+        right = S.T @ (self._columns @ tau - force)
+        _, nu_dot, info = dposv(self._M, right)
+        if info or not np.isfinite(nu_dot[0]):
+            raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
+        return np.asarray(nu_dot)
+
+    def energy(self, q: Array, nu: Array) -> float:
+        """Return kinetic plus potential energy, J; the latter is 0 at the root link's height."""
+        kinetic = pin.computeKineticEnergy(self._model, self._data, q, self.basis(q) @ nu)
+        return float(kinetic + pin.computePotentialEnergy(self._model, self._data, q))
+
+    def efforts(self, q: Array, quasi_force: Array) -> Array:
+        """Return τ (n_act,) with B τ = ``quasi_force``.
+
+        Where actuators outnumber quasi-velocities, it is the τ of least effort relative to the
+        actuators' limits (limits that the URDF leaves out count as 1).
+
+        Raises:
+            ActuationError: B lacks full row rank; the undriven quasi-velocities are named.
+        """
+        B = self.actuation(q)
+        limits = self.robot.effort_limits
+        scale = np.where(np.isfinite(limits), limits, 1.0)
+        U, singular, Vt = np.linalg.svd(B * scale, full_matrices=False)
+        driven = singular > ROW_MARGIN * singular[0]
+        if np.count_nonzero(driven) < len(B):
+            free = np.abs(np.eye(len(B)) - U[:, driven] @ U[:, driven].T).max(axis=1)
+            names = [n for n, f in zip(self.robot.quasi_velocities, free, strict=True) if f > 1e-6]
+            raise ActuationError(f"no actuator drives {', '.join(names)} of {self.robot.name}")
+        return np.asarray(scale * (Vt.T @ ((U.T @ quasi_force) / singular)))

@@ -1,0 +1,81 @@
+"""Exceptions: one base class, and few subclasses that carry their evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+
+class RpctlError(Exception):
+    """Base of every error that rpctl raises on purpose."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing noticed in a robot description.
+
+    Attributes:
+        severity: ``"error"``, ``"warning"`` or ``"info"``.
+        line: Line of the file, or None where no single line is to blame.
+        message: What was found, and how to mend it.
+    """
+
+    severity: str
+    line: int | None
+    message: str
+
+
+class DescriptionError(RpctlError):
+    """A robot description that cannot be used.
+
+    Attributes:
+        path: The file.
+        findings: All that is wrong with it, several at once.
+    """
+
+    def __init__(self, path: object, findings: Iterable[Finding]) -> None:
+        self.path = str(path)
+        self.findings = tuple(findings)
+        super().__init__("\n".join(format_finding(self.path, f) for f in self.findings))
+
+
+class UnknownNameError(RpctlError):
+    """A name that is not among the valid choices; the nearest are suggested."""
+
+    def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
+        self.name = name
+        self.choices = tuple(choices)
+        near = get_close_matches(name, self.choices, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"one of: {', '.join(self.choices)}"
+        super().__init__(f"{kind} {name!r} is not known; {hint}")
+
+
+class DriveError(RpctlError):
+    """No drive, or more than one, was found in a description."""
+
+
+class SingularBasisError(RpctlError):
+    """The rolling constraints and the chosen quasi-velocities do not fix the motion here."""
+
+
+class ActuationError(RpctlError):
+    """Some quasi-velocity is driven by no actuator."""
+
+
+class RunFileError(RpctlError):
+    """A result file that is damaged, foreign, or of another schema."""
+
+
+class DivergedError(RpctlError):
+    """A simulation left the finite numbers."""
+
+    exit_code = 3
+
+
+def format_finding(path: str, finding: Finding) -> str:
+    """Return ``file:line: severity: message``."""
+    place = path if finding.line is None else f"{path}:{finding.line}"
+    return f"{place}: {finding.severity}: {finding.message}"

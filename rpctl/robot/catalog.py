@@ -1,0 +1,128 @@
+"""The catalogue: short names for the project's own robots and those of example-robot-data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+
+from rpctl.errors import RpctlError, UnknownNameError
+
+EXAMPLE_ROBOT_DATA = "example-robot-data"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A robot of the catalogue.
+
+    Attributes:
+        name: The name that stands for the file on a command line.
+        file: Path below ``urdf/`` (own robots) or below example-robot-data's ``robots/``.
+        summary: One line.
+        own: Whether the robot is one of the project's.
+        base: ``"wheeled"`` or ``"fixed"``.
+        lock: Joint name patterns that are frozen unless the user says otherwise.
+    """
+
+    name: str
+    file: str
+    summary: str
+    own: bool = False
+    base: str = "wheeled"
+    lock: tuple[str, ...] = ()
+
+    @property
+    def path(self) -> Path:
+        """The URDF file.
+
+        Raises:
+            RpctlError: The package that holds it is not installed.
+        """
+        return (own_robots() if self.own else example_robots()) / self.file
+
+
+def _arm(name: str, file: str, summary: str) -> Entry:
+    return Entry(name, file, summary, base="fixed")
+
+
+ENTRIES = (
+    Entry("paper", "paper.urdf", "differential drive, revolute and prismatic joint [MS21]", own=True),
+    Entry("mixed_chain", "mixed_chain.urdf", "off-centre drive, skewed P and R joints", own=True),
+    Entry(
+        "tiago",
+        "tiago_description/robots/tiago.urdf",
+        "differential drive, torso lift, 7R arm, fingers locked",
+        lock=("hand_*",),
+    ),
+    Entry(
+        "tiago_no_hand",
+        "tiago_description/robots/tiago_no_hand.urdf",
+        "differential drive, torso lift, 7R arm",
+    ),
+    Entry(
+        "tiago_dual",
+        "tiago_description/robots/tiago_dual.urdf",
+        "differential drive, torso lift, two 7R arms, fingers locked",
+        lock=("hand_*", "suspension_*", "caster_*"),
+    ),
+    Entry("tiago_pro", "tiago_pro_description/robots/tiago_pro.urdf", "four mecanum wheels, two arms"),
+    Entry("pr2", "pr2_description/urdf/pr2.urdf", "four steered casters, two arms"),
+    _arm("panda", "panda_description/urdf/panda.urdf", "7R arm with gripper"),
+    _arm("ur3", "ur_description/urdf/ur3_robot.urdf", "6R arm"),
+    _arm("ur5", "ur_description/urdf/ur5_robot.urdf", "6R arm"),
+    _arm("ur10", "ur_description/urdf/ur10_robot.urdf", "6R arm"),
+    _arm("xarm7", "xarm_description/urdf/xarm7.urdf", "7R arm"),
+    _arm("z1", "z1_description/urdf/z1.urdf", "6R arm"),
+    _arm("kinova", "kinova_description/robots/kinova.urdf", "6R arm with fingers"),
+    _arm("so100", "so_arm_description/urdf/so100.urdf", "5R arm with gripper"),
+    _arm("so101", "so_arm_description/urdf/so101.urdf", "5R arm with gripper"),
+    _arm("baxter", "baxter_description/urdf/baxter.urdf", "two 7R arms"),
+    _arm("allegro", "allegro_hand_description/urdf/allegro_right_hand.urdf", "16R hand"),
+    _arm("asr_twodof", "asr_twodof_description/urdf/TwoDofs.urdf", "2R arm"),
+    _arm("finger_edu", "finger_edu_description/robots/finger_edu.urdf", "3R finger"),
+    _arm(
+        "double_pendulum",
+        "double_pendulum_description/urdf/double_pendulum.urdf",
+        "2R pendulum",
+    ),
+)
+
+
+def find(name: str) -> Entry:
+    """Return the entry of a name.
+
+    Raises:
+        UnknownNameError: No robot of the catalogue has the name; the nearest are suggested.
+    """
+    for entry in ENTRIES:
+        if entry.name == name:
+            return entry
+    raise UnknownNameError("robot", name, (entry.name for entry in ENTRIES))
+
+
+@lru_cache(maxsize=1)
+def own_robots() -> Path:
+    """Return the folder of the project's own URDFs, in an installed package or a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    installed = package / "urdf"
+    return installed if installed.is_dir() else package.parent / "urdf"
+
+
+@lru_cache(maxsize=1)
+def example_robots() -> Path:
+    """Return the folder of example-robot-data's robots.
+
+    Raises:
+        RpctlError: The package is not installed.
+    """
+    try:
+        files = metadata.files(EXAMPLE_ROBOT_DATA) or []
+    except metadata.PackageNotFoundError:
+        files = []
+    marker = f"share/{EXAMPLE_ROBOT_DATA}/robots/"
+    for file in files:
+        head, found, _ = file.as_posix().partition(marker)
+        if found:
+            return Path(str(metadata.distribution(EXAMPLE_ROBOT_DATA).locate_file(head + marker)))
+    raise RpctlError(f"{EXAMPLE_ROBOT_DATA} is not installed; pip install {EXAMPLE_ROBOT_DATA}")

@@ -1,0 +1,175 @@
+"""A URDF as immutable records: what the file says, and where it says it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.errors import Finding
+
+Array = NDArray[np.float64]
+
+MOVING_KINDS = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A visual or collision shape.
+
+    Attributes:
+        kind: ``"box"``, ``"cylinder"``, ``"capsule"``, ``"sphere"`` or ``"mesh"``.
+        size: Box edges (x, y, z); (radius, length) along z; (radius,); or mesh scale (x, y, z). m.
+        origin: Pose in the link's frame (4, 4).
+        mesh: The file as the URDF names it, for a mesh.
+        rgba: Colour, each in [0, 1], or None where the file gives none.
+        line: Line of the file.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    origin: Array
+    mesh: str | None
+    rgba: tuple[float, ...] | None
+    line: int
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link: mass (kg), centre of mass (m) and inertia (kg·m²) in its own frame.
+
+    ``mass`` is None where the file has no ``<inertial>``; ``inertia`` (3, 3) is about the centre
+    of mass, with the axes of the link's frame.
+    """
+
+    name: str
+    line: int
+    mass: float | None
+    com: Array
+    inertia: Array
+    visuals: tuple[Shape, ...]
+    collisions: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """``position = multiplier * position of joint + offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint: origin (4, 4) in the parent's frame, unit axis (3,) in its own.
+
+    Limits are ±inf, effort (N·m or N) and velocity (rad/s or m/s) inf where the file gives none.
+    """
+
+    name: str
+    line: int
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+    mimic: Mimic | None
+    damping: float
+    friction: float
+
+    @property
+    def moving(self) -> bool:
+        """Whether the joint has a degree of freedom."""
+        return self.kind in MOVING_KINDS
+
+    def motion(self, position: float) -> Array:
+        """Return the pose (4, 4) of the child frame in the parent's at ``position`` (rad or m)."""
+        step = np.eye(4)
+        if self.kind == "prismatic":
+            step[:3, 3] = position * self.axis
+        elif self.moving:
+            step[:3, :3] = rotation(self.axis, position)
+        return self.origin @ step
+
+
+@dataclass(frozen=True)
+class Description:
+    """A URDF: its links and joints in file order, and what was noticed in it.
+
+    Attributes:
+        path: The file.
+        name: The robot's name.
+        xml: The document, comments left out, as both parsers downstream read it.
+        sha256: Digest of the file's bytes.
+        root: Name of the root link.
+        findings: Warnings and remarks (errors raise instead).
+    """
+
+    path: Path
+    name: str
+    xml: str = field(repr=False)
+    sha256: str
+    root: str
+    links: tuple[Link, ...] = field(repr=False)
+    joints: tuple[Joint, ...] = field(repr=False)
+    findings: tuple[Finding, ...]
+
+    @cached_property
+    def link(self) -> dict[str, Link]:
+        """Links by name."""
+        return {link.name: link for link in self.links}
+
+    @cached_property
+    def joint(self) -> dict[str, Joint]:
+        """Joints by name."""
+        return {joint.name: joint for joint in self.joints}
+
+    @cached_property
+    def parent_joint(self) -> dict[str, Joint]:
+        """The joint above each link but the root, by the link's name."""
+        return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def child_joints(self) -> dict[str, tuple[Joint, ...]]:
+        """The joints below each link, in file order."""
+        below: dict[str, list[Joint]] = {link.name: [] for link in self.links}
+        for joint in self.joints:
+            below[joint.parent].append(joint)
+        return {name: tuple(joints) for name, joints in below.items()}
+
+    def chain(self, link: str) -> tuple[Joint, ...]:
+        """Return the joints from the root down to ``link``."""
+        joints: list[Joint] = []
+        while link in self.parent_joint:
+            joints.append(self.parent_joint[link])
+            link = joints[-1].parent
+        return tuple(reversed(joints))
+
+    def pose(self, link: str, positions: dict[str, float] | None = None) -> Array:
+        """Return the pose (4, 4) of ``link`` in the root link's frame, joints at 0 or as given."""
+        placement = np.eye(4)
+        for joint in self.chain(link):
+            placement = placement @ joint.motion((positions or {}).get(joint.name, 0.0))
+        return placement
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """Return the rotation matrix (3, 3) about a unit axis by ``angle`` (rad), after Rodrigues."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
+
+
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Return the rotation matrix (3, 3) of URDF's fixed-axis roll, pitch, yaw (rad)."""
+    ex, ey, ez = np.eye(3)
+    return rotation(ez, yaw) @ rotation(ey, pitch) @ rotation(ex, roll)

@@ -1,0 +1,187 @@
+"""``Run``: what a simulation logged, and its one-file form (``.npz``, no pickle)."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpctl.errors import RunFileError
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot, load
+
+SCHEMA = 1
+META = "meta"  # the one entry of the file that is text: JSON
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A logged motion of K samples; arrays are read-only.
+
+    Attributes:
+        t: Time (K,), s.
+        q: Configuration (K, nq).
+        nu: Quasi-velocities (K, dof); m/s, rad/s.
+        tau: Actuator efforts from each sample on (K, n_act); N·m or N.
+        nu_d: Quasi-velocities that the kinematic law asks for (K, dof).
+        nu_ref: Quasi-velocities of the reference (K, dof).
+        base: Pose of P (K, 3): x, y in m, heading in rad.
+        base_ref: Reference pose of P (K, 3).
+        joints: Positions of the arm (K, n_joints); rad or m.
+        joints_ref: Their references (K, n_joints).
+        e: Tracking error (K, 3 + n_joints): longitudinal, lateral, heading, joints.
+        q_ref: Configuration of the reference robot (K, nq), wheels turned as they would roll.
+        ee: Position of the end effector (K, 3), m; (K, 0) for a robot without an arm.
+        ee_ref: Its reference (K, 3), m.
+        ee_angle: Angle between the end effector's and its reference's orientation (K,), rad.
+        energy: Kinetic plus potential energy (K,), J.
+        work: Work done by the actuators since the start (K,), J.
+        constraint_residual: Largest entry of |A v| (K,); m/s, rad/s.
+        robot: Name of the robot.
+        source: What the robot was loaded from.
+        urdf_sha256: Digest of its URDF.
+        locked: Its frozen joints.
+        quasi_velocities: Names of ν.
+        actuators: Names of τ.
+        joint_names: Names of the arm's joints.
+        units: Unit of each joint's position, ``"rad"`` or ``"m"``.
+        effort_limits: Limits of τ; inf where the URDF gives none.
+        velocity_limits: Limits of the arm's joint rates; inf where the URDF gives none.
+        end_effector: The link that was tracked, or None.
+        settings: Reference, laws, horizons, sample times.
+        certificate: The certificate of the robot's dynamics, as a dict, or None.
+        wall_time: What the simulation took, s.
+    """
+
+    t: Array
+    q: Array
+    nu: Array
+    tau: Array
+    nu_d: Array
+    nu_ref: Array
+    base: Array
+    base_ref: Array
+    joints: Array
+    joints_ref: Array
+    e: Array
+    q_ref: Array
+    ee: Array
+    ee_ref: Array
+    ee_angle: Array
+    energy: Array
+    work: Array
+    constraint_residual: Array
+    robot: str
+    source: str
+    urdf_sha256: str
+    locked: Mapping[str, float]
+    quasi_velocities: tuple[str, ...]
+    actuators: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    units: tuple[str, ...]
+    effort_limits: tuple[float, ...]
+    velocity_limits: tuple[float, ...]
+    end_effector: str | None
+    settings: Mapping[str, Any]
+    certificate: Mapping[str, Any] | None
+    wall_time: float
+
+    def save(self, path: str | Path) -> Path:
+        """Write the run to one file; it is there whole or not at all.
+
+        Args:
+            path: The file; ``.npz`` is the custom.
+
+        Returns:
+            The path.
+        """
+        path = Path(path)
+        meta: dict[str, Any] = {"schema": SCHEMA}
+        arrays = {}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                arrays[item.name] = value
+            else:
+                meta[item.name] = value
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **{META: json.dumps(meta)}, **arrays)
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+        return path
+
+    @staticmethod
+    def load(path: str | Path) -> Run:
+        """Read a run.
+
+        Raises:
+            RunFileError: The file is missing, is no run, is damaged, or has another schema.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                if not isinstance(stored, Mapping) or META not in stored:
+                    raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
+                meta = json.loads(str(stored[META]))
+                arrays = {name: stored[name] for name in stored if name != META}
+        except OSError as error:
+            raise RunFileError(f"{path}: {error.strerror or error}; give a run.npz") from None
+        except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+            raise RunFileError(f"{path}: damaged or not a run of rpctl ({error})") from None
+        schema = meta.pop("schema", None) if isinstance(meta, dict) else None
+        if schema != SCHEMA:
+            raise RunFileError(
+                f"{path}: schema {schema}, this rpctl reads {SCHEMA}; track the robot again"
+            )
+        return _checked(path, {**meta, **arrays})
+
+    def load_robot(self) -> Robot:
+        """Load the robot of this run again.
+
+        Raises:
+            RunFileError: Its URDF has changed since.
+        """
+        robot = load(self.source, lock=self.locked, end_effector=self.end_effector)
+        if robot.description.sha256 != self.urdf_sha256:
+            raise RunFileError(
+                f"{robot.description.path}: the URDF has changed since the run; track it again"
+            )
+        return robot
+
+
+def _checked(path: str | Path, values: dict[str, Any]) -> Run:
+    """Return a run from what a file holds, shapes and names checked."""
+    names = {item.name: item.type for item in fields(Run)}
+    missing, extra = names.keys() - values.keys(), values.keys() - names.keys()
+    if missing or extra:
+        listed = ", ".join(sorted(missing | extra))
+        raise RunFileError(f"{path}: entries missing or not known: {listed}")
+    lengths = {len(v) for v in values.values() if isinstance(v, np.ndarray) and v.ndim}
+    if len(lengths) != 1:
+        raise RunFileError(f"{path}: arrays of differing lengths {sorted(lengths)}")
+    for name, kind in names.items():
+        value = values[name]
+        if (kind == "Array") != isinstance(value, np.ndarray):
+            raise RunFileError(f'{path}: entry "{name}" is of the wrong kind')
+        if isinstance(value, np.ndarray):
+            if value.dtype != np.float64 or not np.isfinite(value).all():
+                raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
+            value.setflags(write=False)
+        elif isinstance(value, list):
+            values[name] = tuple(value)
+    columns = {"nu": "quasi_velocities", "tau": "actuators", "joints": "joint_names"}
+    for array, labels in columns.items():
+        if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):
+            raise RunFileError(f'{path}: "{array}" does not fit its names')
+    return Run(**values)
