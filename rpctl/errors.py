@@ -49,7 +49,9 @@ class UnknownNameError(RpctlError):
         self.name = name
         self.choices = tuple(choices)
         near = get_close_matches(name, self.choices, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"one of: {', '.join(self.choices)}"
+        hint = (
+            f"did you mean {' or '.join(near)}?" if near else f"one of: {', '.join(self.choices)}"
+        )
         super().__init__(f"{kind} {name!r} is not known; {hint}")
 
 

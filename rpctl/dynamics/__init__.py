@@ -1,0 +1,1 @@
+"""The reduced dynamics: rolling constraints, basis, projection, motion."""

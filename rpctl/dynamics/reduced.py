@@ -37,12 +37,15 @@ class ReducedDynamics:
         # Wheels fixed to the base roll along directions fixed in the base, and the planar root's
         # velocity is in the base's axes: A does not depend on q, so S is constant and Ṡ = 0.
         self._S: Array | None = None
-        carriers = (self._model.parents[self._model.getJointId(w.joint)] for w in robot.drive.wheels)
+        carriers = (
+            self._model.parents[self._model.getJointId(w.joint)] for w in robot.drive.wheels
+        )
         if all(carrier == ROOT_JOINT for carrier in carriers):
             S = basis(self.constraint(pin.neutral(self._model)), self._W)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
             self._S = S
+        self._constant_allocation: Array | None = None
         self._still = np.zeros(robot.nv)
         self._v = np.zeros(robot.nv)
         self._MS = np.zeros((robot.nv, robot.dof))
@@ -120,6 +123,14 @@ class ReducedDynamics:
         Raises:
             ActuationError: B lacks full row rank; the undriven quasi-velocities are named.
         """
+        if self._S is None:
+            return self._allocation(q) @ quasi_force
+        if self._constant_allocation is None:
+            self._constant_allocation = self._allocation(q)
+        return self._constant_allocation @ quasi_force
+
+    def _allocation(self, q: Array) -> Array:
+        """Return the right inverse of B (n_act, dof), weighted by the effort limits."""
         B = self.actuation(q)
         limits = self.robot.effort_limits
         scale = np.where(np.isfinite(limits), limits, 1.0)
@@ -129,4 +140,4 @@ class ReducedDynamics:
             free = np.abs(np.eye(len(B)) - U[:, driven] @ U[:, driven].T).max(axis=1)
             names = [n for n, f in zip(self.robot.quasi_velocities, free, strict=True) if f > 1e-6]
             raise ActuationError(f"no actuator drives {', '.join(names)} of {self.robot.name}")
-        return np.asarray(scale * (Vt.T @ ((U.T @ quasi_force) / singular)))
+        return np.asarray(scale[:, None] * (Vt.T / singular) @ U.T)

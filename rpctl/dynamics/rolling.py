@@ -67,7 +67,9 @@ def constraint_drift(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
         omega, alpha = velocity.angular, acceleration.angular
         # The contact point moves along with the wheel's centre, not with the wheel's material.
         rate = velocity.linear + np.cross(omega, centre) + np.cross(omega, down)
-        change = acceleration.linear + np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
+        change = (
+            acceleration.linear + np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
+        )
         change += np.cross(alpha, down)
         turning = _direction_rates(axle, np.cross(omega, axle))
         drift.append(_directions(axle) @ change + turning @ rate)

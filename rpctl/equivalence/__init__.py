@@ -1,0 +1,1 @@
+"""Independent derivations of the dynamics, and the certificate that compares them."""

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yourdfpy
 
 from rpctl.robot.description import Array
 from rpctl.robot.drive import Wheel
@@ -39,6 +38,7 @@ class Terms:
         h_size: Sum of the sizes of the products that make h (n,). Where they cancel, as gravity
             does about an upright axis, h is rounding and only this tells its scale.
         B: Actuation map (n, n_act).
+        root: Velocity (x, y, turn) of the root link in its own axes, as rows of u (3, n).
         rates: Rate of every moving joint, by name, as a row of u (n,).
         rate_drifts: What the motion adds to each joint's acceleration at u̇ = 0.
     """
@@ -47,6 +47,7 @@ class Terms:
     h: Array
     h_size: Array
     B: Array
+    root: Array
     rates: Mapping[str, Array]
     rate_drifts: Mapping[str, float]
 
@@ -78,6 +79,8 @@ class GibbsAppell:
     """
 
     def __init__(self, robot: Robot) -> None:
+        import yourdfpy  # here, for its import takes longer than loading and inspecting a robot
+
         self.robot = robot
         parsed = yourdfpy.URDF.load(
             io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False
@@ -136,7 +139,8 @@ class GibbsAppell:
                     carrier = self._moved(joint, carrier, axis, q, u, rates, drifts)
                 edge.append((joint.child, carrier))
         B = np.array([rates[name] for name in self.robot.actuators]).T.reshape(n, -1)
-        return Terms(M, h, h_size, B, rates, drifts)
+        base = np.vstack([root.R[:, :2].T @ root.J_v, root.J_w[2]])
+        return Terms(M, h, h_size, B, base, rates, drifts)
 
     def _add_link(self, name: str, motion: _Motion, M: Array, h: Array, h_size: Array) -> None:
         inertial = self._links[name].inertial

@@ -1,0 +1,1 @@
+"""References of base, arm and end effector."""

@@ -1,0 +1,1 @@
+"""Robots: the URDF, its wheels, and the Pinocchio model on a planar root."""

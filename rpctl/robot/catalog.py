@@ -47,7 +47,9 @@ def _arm(name: str, file: str, summary: str) -> Entry:
 
 
 ENTRIES = (
-    Entry("paper", "paper.urdf", "differential drive, revolute and prismatic joint [MS21]", own=True),
+    Entry(
+        "paper", "paper.urdf", "differential drive, revolute and prismatic joint [MS21]", own=True
+    ),
     Entry("mixed_chain", "mixed_chain.urdf", "off-centre drive, skewed P and R joints", own=True),
     Entry(
         "tiago",
@@ -66,7 +68,9 @@ ENTRIES = (
         "differential drive, torso lift, two 7R arms, fingers locked",
         lock=("hand_*", "suspension_*", "caster_*"),
     ),
-    Entry("tiago_pro", "tiago_pro_description/robots/tiago_pro.urdf", "four mecanum wheels, two arms"),
+    Entry(
+        "tiago_pro", "tiago_pro_description/robots/tiago_pro.urdf", "four mecanum wheels, two arms"
+    ),
     Entry("pr2", "pr2_description/urdf/pr2.urdf", "four steered casters, two arms"),
     _arm("panda", "panda_description/urdf/panda.urdf", "7R arm with gripper"),
     _arm("ur3", "ur_description/urdf/ur3_robot.urdf", "6R arm"),

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rpctl.errors import DescriptionError, DriveError, Finding, UnknownNameError
+from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.description import Array, Description, Joint
 from rpctl.robot.drive import FIXED, Drive, detect
@@ -20,7 +20,7 @@ from rpctl.robot.urdf import read
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
 BASE_NV = 3
-HOME_MARGIN = 0.1  # of a joint's range: home keeps this far from its limits
+HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,18 @@ class Robot:
             if joint.moving and joint.mimic is not None and self.model.existJointName(joint.name)
         )
 
+    def end_effector_pose(self, data: pin.Data, q: Array) -> pin.SE3:
+        """Return the pose of the end effector in the world; ``data`` is overwritten.
+
+        Raises:
+            RpctlError: The robot has no end effector.
+        """
+        if self.end_effector is None:
+            raise RpctlError(f"{self.name} has no arm, so no end effector")
+        frame = self.model.getFrameId(self.end_effector, pin.FrameType.BODY)
+        pin.forwardKinematics(self.model, data, q)
+        return pin.updateFramePlacement(self.model, data, frame).copy()
+
     @cached_property
     def effort_limits(self) -> Array:
         """Limits of τ (n_act,), N·m or N; inf where the URDF gives none."""
@@ -125,14 +137,19 @@ class Robot:
         q: Array = pin.neutral(self.model)
         q[:BASE_NQ] = x, y, math.cos(theta), math.sin(theta)
         for name, position in (joints or {}).items():
-            self._set(q, name, position)
+            self.set_joint(q, name, position)
         for joint in self.mimics:
             if joint.mimic is not None:
                 followed = self.joint_position(q, joint.mimic.joint)
-                self._set(q, joint.name, joint.mimic.multiplier * followed + joint.mimic.offset)
+                self.set_joint(q, joint.name, joint.mimic.multiplier * followed + joint.mimic.offset)
         return q
 
-    def _set(self, q: Array, joint: str, position: float) -> None:
+    def set_joint(self, q: Array, joint: str, position: float) -> None:
+        """Set a joint's position (rad or m) in q, in place.
+
+        Raises:
+            UnknownNameError: The joint is not among the model's.
+        """
         if joint not in self._positions:
             raise UnknownNameError("joint", joint, self._positions)
         index, count = self._positions[joint]

@@ -205,7 +205,8 @@ def _inertial(findings: Findings, inertial: Any, name: str) -> tuple[float, Arra
         return 0.0, np.zeros(3), np.zeros((3, 3))
     mass = findings.number(mass_element, "value")
     xx, xy, xz, yy, yz, zz = (
-        findings.number(inertia_element, f"i{axes}") for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
+        findings.number(inertia_element, f"i{axes}")
+        for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
     )
     origin = _origin(findings, inertial)
     turned = origin[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -281,7 +282,8 @@ def _joint(findings: Findings, element: Any) -> Joint:
     length = float(np.linalg.norm(axis))
     if kind in MOVING_KINDS and length == 0.0:
         findings.error(
-            element.find("axis"), f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
+            element.find("axis"),
+            f'axis of joint "{name}" is zero; give a direction such as "0 0 1"',
         )
     lower, upper, effort, velocity = _limits(findings, element, name, kind)
     dynamics, mimic = element.find("dynamics"), element.find("mimic")

@@ -1,0 +1,1 @@
+"""The closed loop, its log and its figures of merit."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.errors import RunFileError
+from rpctl.files import write_atomically
 from rpctl.robot.description import Array
 from rpctl.robot.model import Robot, load
 
@@ -30,6 +30,7 @@ class Run:
         q: Configuration (K, nq).
         nu: Quasi-velocities (K, dof); m/s, rad/s.
         tau: Actuator efforts from each sample on (K, n_act); N·m or N.
+        rates: Rate of each actuator's joint (K, n_act), wheels included; rad/s or m/s.
         nu_d: Quasi-velocities that the kinematic law asks for (K, dof).
         nu_ref: Quasi-velocities of the reference (K, dof).
         base: Pose of P (K, 3): x, y in m, heading in rad.
@@ -53,7 +54,9 @@ class Run:
         joint_names: Names of the arm's joints.
         units: Unit of each joint's position, ``"rad"`` or ``"m"``.
         effort_limits: Limits of τ; inf where the URDF gives none.
-        velocity_limits: Limits of the arm's joint rates; inf where the URDF gives none.
+        velocity_limits: Limits of the actuators' rates; inf where the URDF gives none.
+        lower_limits: Lower limits of the arm's positions; -inf where there is none.
+        upper_limits: Upper limits of the arm's positions; inf where there is none.
         end_effector: The link that was tracked, or None.
         settings: Reference, laws, horizons, sample times.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
@@ -64,6 +67,7 @@ class Run:
     q: Array
     nu: Array
     tau: Array
+    rates: Array
     nu_d: Array
     nu_ref: Array
     base: Array
@@ -88,6 +92,8 @@ class Run:
     units: tuple[str, ...]
     effort_limits: tuple[float, ...]
     velocity_limits: tuple[float, ...]
+    lower_limits: tuple[float, ...]
+    upper_limits: tuple[float, ...]
     end_effector: str | None
     settings: Mapping[str, Any]
     certificate: Mapping[str, Any] | None
@@ -102,7 +108,6 @@ class Run:
         Returns:
             The path.
         """
-        path = Path(path)
         meta: dict[str, Any] = {"schema": SCHEMA}
         arrays = {}
         for item in fields(self):
@@ -111,16 +116,9 @@ class Run:
                 arrays[item.name] = value
             else:
                 meta[item.name] = value
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **{META: json.dumps(meta)}, **arrays)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-        return path
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, allow_pickle=False, **{META: json.dumps(meta)}, **arrays)
+        return write_atomically(path, buffer.getvalue())
 
     @staticmethod
     def load(path: str | Path) -> Run:
@@ -180,7 +178,12 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
             value.setflags(write=False)
         elif isinstance(value, list):
             values[name] = tuple(value)
-    columns = {"nu": "quasi_velocities", "tau": "actuators", "joints": "joint_names"}
+    columns = {
+        "nu": "quasi_velocities",
+        "tau": "actuators",
+        "rates": "actuators",
+        "joints": "joint_names",
+    }
     for array, labels in columns.items():
         if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):
             raise RunFileError(f'{path}: "{array}" does not fit its names')

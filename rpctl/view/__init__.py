@@ -1,0 +1,1 @@
+"""Pictures: report, plots and viewer; nothing else imports meshcat."""

@@ -127,7 +127,7 @@ def read(path: Path) -> tuple[Surface, ...]:
 def _load(content: bytes, kind: str, path: Path) -> Any:
     import trimesh
 
-    class Materials(trimesh.resolvers.Resolver):  # type: ignore[misc]
+    class Materials(trimesh.resolvers.Resolver):
         """Colours of an OBJ from the MTL beside it; no other file is opened."""
 
         def __init__(self) -> None:

@@ -75,7 +75,7 @@ def shade(vertices: Floats, faces: Faces, crease: float = CREASE) -> Shaded:
     near = np.einsum("ij,ij->i", units[own], units[other]) >= math.cos(crease)
     sums = np.stack(
         [np.bincount(pairs.row[near], areas[other[near], i], len(corners)) for i in range(3)], 1
-    )
+    ).astype(float)  # an empty mesh would count in integers
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
     normals = np.rint(sums * NORMAL_STEPS).astype(np.int64)
     keys, index = np.unique(np.column_stack([corners, normals]), axis=0, return_inverse=True)

@@ -1,0 +1,5 @@
+"""``python -m rpctl``."""
+
+from rpctl.cli import main
+
+main()

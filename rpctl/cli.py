@@ -1,0 +1,242 @@
+"""The command line: parse, call, print."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from rpctl import __version__
+from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.kinematic import kinematic_by_name
+from rpctl.equivalence.certificate import Certificate, verify
+from rpctl.errors import RpctlError
+from rpctl.files import to_json
+from rpctl.robot.catalog import ENTRIES
+from rpctl.robot.model import Robot, load
+from rpctl.robot.facts import facts
+from rpctl.show import (
+    certificate_line,
+    console,
+    progress_bar,
+    show_catalogue,
+    show_certificate,
+    show_robot,
+    show_summary,
+)
+from rpctl.simulation.loop import track
+
+app = typer.Typer(
+    help="From any wheeled robot's URDF to a verified model, predictive control and an animation.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+CHECK_FAILED, INTERRUPTED = 1, 130
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+RobotArgument = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="A URDF file, or a name listed by `rpctl robots`.")
+]
+LockOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME[=POSITION]",
+        help="Freeze joints, by name or pattern, at a position (rad or m; default 0). Repeatable.",
+    ),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
+]
+
+
+def _guarded(command: Command) -> Command:
+    """Turn an error that a user can mend into one message and an exit code."""
+
+    @functools.wraps(command)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return command(*args, **kwargs)
+        except RpctlError as error:
+            typer.echo(str(error), err=True)
+            raise typer.Exit(error.exit_code) from None
+        except KeyboardInterrupt:
+            typer.echo("interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+    return run  # type: ignore[return-value]
+
+
+@app.command("inspect", epilog="Example: rpctl inspect tiago --lock 'head_*'")
+@_guarded
+def inspect_command(
+    robot: RobotArgument, lock: LockOption = None, as_json: JsonOption = False
+) -> None:
+    """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
+    loaded = _load(robot, lock)
+    if as_json:
+        _print_json(facts(loaded))
+    else:
+        show_robot(loaded)
+
+
+@app.command("verify", epilog="Example: rpctl verify tiago --samples 200 --seed 7")
+@_guarded
+def verify_command(
+    robot: RobotArgument,
+    lock: LockOption = None,
+    samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
+    certificate = _certify(_load(robot, lock), samples, seed)
+    if as_json:
+        _print_json(certificate.to_dict())
+    else:
+        show_certificate(certificate)
+    if not certificate.passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+@app.command(
+    "track", epilog="Example: rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1"
+)
+@_guarded
+def track_command(
+    robot: RobotArgument,
+    lock: LockOption = None,
+    reference: Annotated[
+        str, typer.Option(metavar="line|reverse|spin|circle|eight", help="Path of the base.")
+    ] = "eight",
+    duration: Annotated[float, typer.Option(metavar="S", help="How long, s.")] = 20.0,
+    initial_error: Annotated[
+        str,
+        typer.Option(
+            metavar="X,Y,THETA",
+            help="Tracking error at the start: how far the reference is ahead and to the left of "
+            "the robot (m) and turned from it (rad).",
+        ),
+    ] = "0,0,0",
+    kinematic: Annotated[str, typer.Option(metavar="paper", help="Kinematic law.")] = "paper",
+    dynamic: Annotated[str, typer.Option(metavar="paper", help="Dynamic law.")] = "paper",
+    samples: Annotated[
+        int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
+    ] = 20,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where to write. [default: runs/ROBOT-REFERENCE]"),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Close the loop with the predictive controllers; write run, figures, plots and report.
+
+    Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
+    """
+    error = _triple(initial_error)
+    laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
+    loaded = _load(robot, lock)
+    folder = out or Path("runs") / f"{loaded.name}-{reference}"
+    say = console(stderr=as_json)
+    say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
+    certificate = _certify(loaded, samples, 0) if samples else None
+    if certificate is not None:
+        say.print(certificate_line(certificate))
+    with progress_bar("simulate") as advance:
+        run = track(
+            loaded, reference, duration, error, *laws, certificate=certificate, progress=advance
+        )
+    from rpctl.view.folder import write_folder  # meshcat and matplotlib load only once needed
+
+    with progress_bar("draw"):
+        summary = write_folder(run, folder)
+    if as_json:
+        _print_json(summary)
+    else:
+        show_summary(summary, folder)
+    if summary["limits_violated"] or (certificate is not None and not certificate.passed):
+        raise typer.Exit(CHECK_FAILED)
+
+
+@app.command("view", epilog="Example: rpctl view runs/tiago-eight")
+@_guarded
+def view_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")],
+) -> None:
+    """Serve a run's report on this machine only, until Ctrl-C."""
+    from rpctl.view.folder import find_report
+    from rpctl.view.live import serve
+
+    serve(find_report(run), lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+
+
+@app.command("robots", epilog="Example: rpctl robots --json")
+@_guarded
+def robots_command(as_json: JsonOption = False) -> None:
+    """List the catalogue: the project's own robots and those of example-robot-data."""
+    rows = [
+        {"name": e.name, "base": e.base, "summary": e.summary, "file": str(e.path)} for e in ENTRIES
+    ]
+    if as_json:
+        _print_json(rows)
+        return
+    show_catalogue(rows)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"rpctl {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def _load(source: str, lock: list[str] | None) -> Robot:
+    positions = {}
+    for item in lock or []:
+        name, given, position = item.partition("=")
+        try:
+            positions[name] = float(position) if given else 0.0
+        except ValueError:
+            raise RpctlError(
+                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
+            ) from None
+    return load(source, lock=positions)
+
+
+def _certify(robot: Robot, samples: int, seed: int) -> Certificate:
+    with progress_bar("verify") as advance:
+        return verify(robot, samples, seed, lambda done: advance(done, samples))
+
+
+def _triple(text: str) -> tuple[float, ...]:
+    try:
+        x, y, theta = (float(word) for word in text.split(","))
+    except ValueError:
+        raise RpctlError(f"--initial-error {text}: give three numbers, as 0.1,-0.1,0.1") from None
+    return x, y, theta
+
+
+def _print_json(value: object) -> None:
+    typer.echo(to_json(value))
+
+
+def main() -> None:
+    """Run the command line."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,69 @@
+"""The dynamic predictive law: from quasi-velocities to follow to actuator efforts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rpctl.control.kinematic import Command, require_positive
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import UnknownNameError
+from rpctl.robot.description import Array
+
+
+class DynamicLaw(Protocol):
+    """Anything that turns a command into efforts."""
+
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        """Return τ (n_act,).
+
+        Args:
+            dynamics: The robot's dynamics.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: What to follow.
+        """
+
+
+@dataclass(frozen=True)
+class PaperDynamic:
+    """The predictive law of [MS21, Eq. 21-26].
+
+    The velocity errors ε = ν − ν_d, predicted to first order over the horizon h1, minimise
+    J = ½ Σ w′ᵢ (εᵢ + h1 ε̇ᵢ)² over τ (Eq. 25). Without limits the minimum is zero and the weights
+    cancel:
+
+        ν̇* = ν̇_d − (ν − ν_d)/h1,    B τ = M ν̇* + h
+
+    so that ε̇ = −ε/h1.
+
+    Attributes:
+        horizon_dyn: Prediction time h1, s.
+    """
+
+    horizon_dyn: float = 0.15
+
+    def __post_init__(self) -> None:
+        """Refuse a horizon that predicts nothing."""
+        require_positive("horizon_dyn", self.horizon_dyn)
+
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        """Return τ (n_act,)."""
+        nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.horizon_dyn
+        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
+
+
+DYNAMIC_LAWS = {"paper": PaperDynamic}
+
+
+def dynamic_by_name(name: str) -> DynamicLaw:
+    """Return a dynamic law with its default settings.
+
+    Raises:
+        UnknownNameError: There is no such law.
+    """
+    if name not in DYNAMIC_LAWS:
+        raise UnknownNameError("dynamic law", name, DYNAMIC_LAWS)
+    return DYNAMIC_LAWS[name]()

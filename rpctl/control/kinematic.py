@@ -1,0 +1,133 @@
+"""The kinematic predictive law: from the tracking error to the quasi-velocities to ask for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from rpctl.control.error import BASE_ERRORS, error_rate
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.reference.motion import ReferenceState
+from rpctl.robot.description import Array
+
+
+class Command(NamedTuple):
+    """Quasi-velocities to follow, and their derivative along the actual motion."""
+
+    nu_d: Array  # (dof,)
+    nu_d_dot: Array  # (dof,)
+
+
+class KinematicLaw(Protocol):
+    """Anything that turns a tracking error into a command."""
+
+    def __call__(self, reference: ReferenceState, e: Array, nu: Array) -> Command:
+        """Return the command.
+
+        Args:
+            reference: The reference now.
+            e: Tracking error (3 + n_joints,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
+
+
+@dataclass(frozen=True)
+class PaperKinematic:
+    """The predictive law of [MS21, Eq. 11-20].
+
+    The outputs z = (x1 − β s x2, x3, joint errors), predicted to first order over the horizon h,
+    minimise J = ½ Σ wᵢ (zᵢ + h żᵢ)². Inputs and outputs are equal in number, so the minimum is
+    zero, the weights cancel, and every output decays as ż = −z/h:
+
+        ω_d = ω_r + x3/h
+        v_d = v_r cos x3 + x2 ω_d − β s (v_r sin x3 − x1 ω_d) + (x1 − β s x2)/h
+        q̇_d = q̇_r + (q_r − q)/h
+
+    with s = sgn ω_r. On the output's zero the lateral error obeys ẋ2 = −β |ω_r| x2: a straight
+    line leaves it as it is.
+
+    Attributes:
+        horizon: Prediction time h, s.
+        beta: Weight β of the lateral error in the longitudinal output.
+        smoothing: ω₀ (rad/s) of s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign.
+    """
+
+    horizon: float = 0.8
+    beta: float = 1.5
+    smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a horizon that predicts nothing."""
+        require_positive("horizon", self.horizon)
+
+    def __call__(self, reference: ReferenceState, e: Array, nu: Array) -> Command:
+        """Return ν_d and ν̇_d; the latter is exact, not a difference of samples."""
+        joints = len(e) - BASE_ERRORS
+        rate = error_rate(e, reference, nu)
+        base = len(nu) - joints
+        nu_d, nu_d_dot = np.empty(len(nu)), np.empty(len(nu))
+        nu_d[base:] = reference.nu[base:] + e[BASE_ERRORS:] / self.horizon
+        nu_d_dot[base:] = reference.nu_dot[base:] + rate[BASE_ERRORS:] / self.horizon
+        if base:
+            nu_d[:2], nu_d_dot[:2] = self._base(reference, e[:3], rate[:3])
+        return Command(nu_d, nu_d_dot)
+
+    def _base(
+        self, reference: ReferenceState, x: Array, x_dot: Array
+    ) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return (v_d, ω_d) and their derivatives."""
+        horizon = self.horizon
+        v_r, omega_r = reference.nu[:2]
+        a_r, alpha_r = reference.nu_dot[:2]
+        sign, sign_rate = self._sign(omega_r, alpha_r)
+        b, b_rate = self.beta * sign, self.beta * sign_rate
+        cos, sin = math.cos(x[2]), math.sin(x[2])
+        omega_d = omega_r + x[2] / horizon
+        alpha_d = alpha_r + x_dot[2] / horizon
+        drift = v_r * sin - x[0] * omega_d
+        drift_rate = a_r * sin + v_r * cos * x_dot[2] - x_dot[0] * omega_d - x[0] * alpha_d
+        v_d = v_r * cos + x[1] * omega_d - b * drift + (x[0] - b * x[1]) / horizon
+        a_d = (
+            a_r * cos
+            - v_r * sin * x_dot[2]
+            + x_dot[1] * omega_d
+            + x[1] * alpha_d
+            - b * drift_rate
+            - b_rate * drift
+            + (x_dot[0] - b * x_dot[1] - b_rate * x[1]) / horizon
+        )
+        return (v_d, omega_d), (a_d, alpha_d)
+
+    def _sign(self, omega_r: float, alpha_r: float) -> tuple[float, float]:
+        """Return s and ṡ; the sign's own jump has no derivative to speak of."""
+        if self.smoothing == 0.0:
+            return float(np.sign(omega_r)), 0.0
+        size = math.hypot(omega_r, self.smoothing)
+        return omega_r / size, alpha_r * self.smoothing**2 / size**3
+
+
+KINEMATIC_LAWS = {"paper": PaperKinematic}
+
+
+def kinematic_by_name(name: str) -> KinematicLaw:
+    """Return a kinematic law with its default settings.
+
+    Raises:
+        UnknownNameError: There is no such law.
+    """
+    if name not in KINEMATIC_LAWS:
+        raise UnknownNameError("kinematic law", name, KINEMATIC_LAWS)
+    return KINEMATIC_LAWS[name]()
+
+
+def require_positive(name: str, value: float) -> None:
+    """Refuse a setting that is not a positive, finite number.
+
+    Raises:
+        RpctlError: Naming the setting.
+    """
+    if not (math.isfinite(value) and value > 0.0):
+        raise RpctlError(f"{name} is {value:g}; give a positive number")

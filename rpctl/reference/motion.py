@@ -1,0 +1,132 @@
+"""``Reference``: where base and arm should be at a time, with first and second derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.errors import UnknownNameError
+from rpctl.reference import paths
+from rpctl.robot.description import Array, Joint
+from rpctl.robot.model import Robot
+
+SPEED_SHARE = 0.5  # of a joint's velocity limit: what an arm reference uses at most
+RANGE_SHARE = 0.8  # of the way to the nearer limit: how far an arm reference swings at most
+SLIDE_SWING = 0.15  # m; the largest swing of a sliding joint
+TURN_SWING = 0.4  # rad; the largest swing of a turning joint
+WAVE_PERIODS = (10.0, 8.0, 12.5)  # s; taken in turn, so that neighbouring joints move apart
+
+
+class ReferenceState(NamedTuple):
+    """A reference at one time.
+
+    A state has the base's pose and the arm's positions, and ν with its derivative.
+    """
+
+    pose: Array  # (3,) of P: x, y in m, heading in rad
+    joints: Array  # (n_joints,) rad or m
+    nu: Array  # (dof,) m/s, rad/s
+    nu_dot: Array  # (dof,) m/s², rad/s²
+
+
+Reference = Callable[[float], ReferenceState]
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Sines about a posture: position = centre + amplitude sin(rate · s)."""
+
+    centre: Array = field(repr=False)  # (n_joints,)
+    amplitude: Array = field(repr=False)  # (n_joints,)
+    rate: Array = field(repr=False)  # (n_joints,) rad/s
+
+    def __call__(self, tick: paths.Tick) -> tuple[Array, Array, Array]:
+        """Return positions, rates and accelerations (n_joints,) each."""
+        sin, cos = np.sin(self.rate * tick.s), np.cos(self.rate * tick.s)
+        slope = self.amplitude * self.rate * cos
+        bend = -self.amplitude * self.rate**2 * sin
+        position = self.centre + self.amplitude * sin
+        return position, slope * tick.rate, bend * tick.rate**2 + slope * tick.acceleration
+
+
+def waves(robot: Robot) -> Waves:
+    """Return motions of a robot's arm that stay inside its position and velocity limits."""
+    rates, swings = [], []
+    for index, (joint, home) in enumerate(zip(robot.joints, robot.home, strict=True)):
+        rate = 2.0 * math.pi / WAVE_PERIODS[index % len(WAVE_PERIODS)]
+        rates.append(rate)
+        swings.append(_swing(joint, float(home), rate))
+    return Waves(robot.home.copy(), np.array(swings), np.array(rates))
+
+
+def _swing(joint: Joint, home: float, rate: float) -> float:
+    room = min(home - joint.lower, joint.upper - home)
+    widest = SLIDE_SWING if joint.kind == "prismatic" else TURN_SWING
+    return max(0.0, min(widest, RANGE_SHARE * room, SPEED_SHARE * joint.velocity / rate))
+
+
+@dataclass(frozen=True)
+class PathReference:
+    """A base path and an arm motion, both started softly from rest.
+
+    Attributes:
+        path: The base's path; None for a fixed base.
+        rate: Pace of the path, units of its parameter a second.
+        arm: The arm's motion.
+        ramp: Duration of the soft start, s.
+    """
+
+    path: paths.Path | None
+    rate: float
+    arm: Waves
+    ramp: float
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the reference at time ``t`` (s)."""
+        joints, rates, accelerations = self.arm(paths.soft_clock(t, 1.0, self.ramp))
+        if self.path is None:
+            return ReferenceState(np.zeros(3), joints, rates, accelerations)
+        s, ds, dds = paths.soft_clock(t, self.rate, self.ramp)
+        point = self.path(s)
+        base = np.array([point.speed, point.turn])
+        base_rate = np.array([point.speed_rate, point.turn_rate])
+        return ReferenceState(
+            pose=point.pose,
+            joints=joints,
+            nu=np.concatenate([base * ds, rates]),
+            nu_dot=np.concatenate([base_rate * ds**2 + base * dds, accelerations]),
+        )
+
+
+RAMP = 3.0  # s
+LAP = 20.0  # s; a closed path is run through once in this time, soft start included
+LAP_RATE = 2.0 * math.pi / (LAP - 0.5 * RAMP)
+LINE_RATE = 0.3  # m/s
+
+# Name: path, and its pace at full speed.
+BASE_PATHS: dict[str, tuple[Callable[[], paths.Path], float]] = {
+    "line": (lambda: paths.line(1.0), LINE_RATE),
+    "reverse": (lambda: paths.line(-1.0), LINE_RATE),
+    "spin": (paths.spin, LAP_RATE),
+    "circle": (paths.circle, LAP_RATE),
+    "eight": (paths.eight, LAP_RATE),
+}
+
+
+def reference_by_name(robot: Robot, name: str) -> PathReference:
+    """Return one of the named references (``line``, ``reverse``, ``spin``, ``circle``, ``eight``).
+
+    The arm swings about its home posture; a fixed base moves its arm only.
+
+    Raises:
+        UnknownNameError: There is no such reference.
+    """
+    if name not in BASE_PATHS:
+        raise UnknownNameError("reference", name, BASE_PATHS)
+    make, rate = BASE_PATHS[name]
+    path = make() if robot.drive.base_speeds else None
+    return PathReference(path, rate, waves(robot), RAMP)

@@ -1,0 +1,99 @@
+"""Figures of merit of a run: how well it tracked, and whether it stayed within the limits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rpctl.robot.description import Array
+from rpctl.simulation.run import Run
+
+SLACK = 1e-9  # of a limit: touching it is not breaking it
+
+
+def summarize(run: Run) -> dict[str, Any]:
+    """Return the figures of merit of a run.
+
+    Errors are distances in m, joint errors in each joint's unit; ``settled`` figures are the
+    largest over the second half. ``limits_violated`` lists every limit of the URDF that was
+    broken, as :func:`violations` does. A robot without an arm has None for its end
+    effector; one without effort limits has None for ``max_effort_ratio``.
+    """
+    base = np.hypot(run.e[:, 0], run.e[:, 1])
+    joints = run.e[:, 3:]
+    arm = np.linalg.norm(run.ee - run.ee_ref, axis=1) if run.end_effector else None
+    half = len(run.t) // 2
+    peaks = np.abs(run.tau).max(axis=0, initial=0.0) / np.array(run.effort_limits)
+    duration = float(run.t[-1])
+    return {
+        "rms_base_error": _rms(base),
+        "final_base_error": float(base[-1]),
+        "settled_base_error": float(base[half:].max()),
+        "final_lateral_error": float(abs(run.e[-1, 1])),
+        "joint_errors": [
+            {"joint": name, "unit": unit, **_errors(error, half)}
+            for name, unit, error in zip(run.joint_names, run.units, joints.T, strict=True)
+        ],
+        "rms_end_effector_error": None if arm is None else _rms(arm),
+        "final_end_effector_error": None if arm is None else float(arm[-1]),
+        "settled_end_effector_error": None if arm is None else float(arm[half:].max()),
+        "max_effort_ratio": float(peaks.max()) if peaks.any() else None,
+        "max_effort_joint": run.actuators[int(peaks.argmax())] if peaks.any() else None,
+        "limits_violated": violations(run),
+        "energy_residual": _energy_residual(run),
+        "constraint_residual": float(run.constraint_residual.max()),
+        "wall_time": run.wall_time,
+        "realtime_factor": duration / run.wall_time,
+    }
+
+
+def violations(run: Run) -> list[dict[str, Any]]:
+    """Return the limits of the URDF that a run broke: which, how far, when first, for how long."""
+    found = []
+    for name, tau, rate, effort_limit, velocity_limit in zip(
+        run.actuators, run.tau.T, run.rates.T, run.effort_limits, run.velocity_limits, strict=True
+    ):
+        found += _violation(run, name, "effort", np.abs(tau), effort_limit)
+        found += _violation(run, name, "velocity", np.abs(rate), velocity_limit)
+    for name, position, lower, upper in zip(
+        run.joint_names, run.joints.T, run.lower_limits, run.upper_limits, strict=True
+    ):
+        found += _violation(run, name, "lower", -position, -lower)
+        found += _violation(run, name, "upper", position, upper)
+    return found
+
+
+def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[dict[str, Any]]:
+    broken = value > limit + SLACK * max(abs(limit), 1.0)
+    if not broken.any():
+        return []
+    return [
+        {
+            "joint": joint,
+            "limit": kind,
+            "value": float(value.max()),
+            "allowed": float(limit),
+            "first_time": float(run.t[int(np.argmax(broken))]),
+            "duration": float(broken.mean() * run.t[-1]),
+        }
+    ]
+
+
+def _energy_residual(run: Run) -> float:
+    """Return the largest gap between energy and work, relative to the work's swing."""
+    gap = run.energy - run.energy[0] - run.work
+    return float(np.abs(gap).max() / max(float(np.ptp(run.work)), 1e-12))
+
+
+def _errors(error: Array, half: int) -> dict[str, float]:
+    size = np.abs(error)
+    return {
+        "rms": _rms(error),
+        "final": float(size[-1]),
+        "settled": float(size[half:].max()),
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

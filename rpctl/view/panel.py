@@ -1,0 +1,174 @@
+"""The texts beside the scene, as HTML; every string from outside is escaped here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import PurePath
+from typing import Any
+
+from rpctl.simulation.run import Run
+
+LABELS = {
+    "reference": "Reference",
+    "kinematic": "Kinematic law",
+    "dynamic": "Dynamic law",
+    "horizon": "Horizon h, s",
+    "horizon_dyn": "Horizon h₁, s",
+    "beta": "β",
+    "duration": "Duration, s",
+    "control_period": "Control period, s",
+    "plant_step": "Integration step, s",
+    "smoothing": "Smoothing ω₀, rad/s",
+    "initial_error": "Initial error (m, m, rad)",
+}
+MERITS = (
+    ("rms_base_error", "Base, rms"),
+    ("final_base_error", "Base, final"),
+    ("final_lateral_error", "Base, final lateral"),
+    ("rms_end_effector_error", "End effector, rms"),
+    ("final_end_effector_error", "End effector, final"),
+)
+
+
+def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
+    """Return the panel: figures of merit, certificate, settings, robot, notes."""
+    sections = (
+        _merits(summary),
+        _certificate(run.certificate),
+        _settings(run.settings),
+        _robot(run),
+        _notes(notes),
+    )
+    return "\n".join(section for section in sections if section)
+
+
+def legend(run: Run) -> str:
+    """Return what the colours of the scene mean."""
+    arm = run.ee.shape[1] == 3
+    entries = [("base", "Base")] if "omega" in run.quasi_velocities else []
+    entries += [("tip", "End effector")] if arm else []
+    entries += [("desired", "Desired"), ("ghost", "Reference robot")]
+    return "".join(f'<li><i class="{key}"></i>{escape(text)}</li>' for key, text in entries)
+
+
+def subtitle(run: Run) -> str:
+    """Return one line about the run, escaped."""
+    count = len(run.quasi_velocities)
+    words = [f"{count} quasi-velocities", f"{len(run.actuators)} actuators"]
+    if "reference" in run.settings:
+        words.insert(0, f"reference: {public(run.settings['reference'])}")
+    words.append(f"{float(run.t[-1] - run.t[0]):.4g} s")
+    return escape(" · ".join(words))
+
+
+def _merits(summary: Mapping[str, Any]) -> str:
+    rows = [(label, length(summary[key])) for key, label in MERITS if _known(summary, key)]
+    if _known(summary, "max_effort_ratio"):
+        rows.append(("Largest effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    if _known(summary, "realtime_factor"):
+        rows.append(("Simulated at", f"{summary['realtime_factor']:.3g} × real time"))
+    if not rows:
+        return ""
+    broken = summary.get("limits_violated")
+    if broken is None:
+        return _section("Tracking error", _rows(rows))
+    badge = _badge(not broken, "limits broken" if broken else "within limits")
+    details = "".join(f"<li>{escape(_violation(each))}</li>" for each in broken)
+    body = f'<ul class="notes">{details}</ul>' if broken else ""
+    return _section("Tracking error" + badge, _rows(rows) + body)
+
+
+def _violation(broken: Mapping[str, Any]) -> str:
+    return (
+        f"{broken['joint']}: {broken['limit']} {broken['value']:.4g}, allowed "
+        f"{broken['allowed']:.4g}, from {broken['first_time']:.2f} s"
+    )
+
+
+def _known(summary: Mapping[str, Any], key: str) -> bool:
+    value = summary.get(key)
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _certificate(certificate: Mapping[str, Any] | None) -> str:
+    if certificate is None:
+        return ""
+    passed = bool(certificate.get("passed"))
+    rows = []
+    for check in certificate.get("checks", ()):
+        mark = "" if check.get("passed") else " ✗"
+        text = f"{float(check['residual']):.1e} ≤ {float(check['limit']):.0e}"
+        rows.append((str(check["name"]), text if not mark else text.replace("≤", ">") + mark))
+    samples, seed = certificate.get("samples"), certificate.get("seed")
+    about = f"Worst of {samples} random states, seed {seed}."
+    badge = _badge(passed, "verified" if passed else "not equivalent")
+    quiet = f'<p class="quiet">{escape(about)}</p>'
+    return _section("Dynamics" + badge, _rows(rows) + quiet)
+
+
+def _settings(settings: Mapping[str, Any]) -> str:
+    rows = []
+    for key, value in settings.items():
+        inner = value if isinstance(value, Mapping) else {"law": value}
+        for name, entry in inner.items():
+            label = key if name == "law" else name
+            if entry is not None and not isinstance(entry, Mapping):
+                text = LABELS.get(label, label.replace("_", " ").capitalize())
+                rows.append((text, public(entry)))
+    return _section("Settings", _rows(rows)) if rows else ""
+
+
+def _robot(run: Run) -> str:
+    rows = [
+        ("Quasi-velocities", str(len(run.quasi_velocities))),
+        ("Actuators", str(len(run.actuators))),
+        ("Frozen joints", str(len(run.locked))),
+    ]
+    if run.end_effector is not None:
+        rows.append(("End effector", run.end_effector))
+    names = escape(", ".join(run.quasi_velocities))
+    body = f"<details><summary>Names</summary><p>{names}</p></details>"
+    return _section("Robot", _rows(rows) + body)
+
+
+def _notes(notes: Sequence[str]) -> str:
+    if not notes:
+        return ""
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return _section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
+
+
+def length(value: float) -> str:
+    """Return a length in a unit that suits it; metres in."""
+    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if abs(value) >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value:.1e} m" if value else "0 m"
+
+
+def public(value: Any) -> str:
+    """Return a setting as text; of a file only its name, as reports are passed on."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(public(item) for item in value)
+    text = str(value)
+    return PurePath(text).name if PurePath(text).is_absolute() else text
+
+
+def _badge(good: bool, text: str) -> str:
+    return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
+
+
+def _section(title: str, body: str) -> str:
+    """Return a section; both strings are HTML already."""
+    return f"<section><h2>{title}</h2>{body}</section>"
+
+
+def _rows(rows: Iterable[tuple[str, str]]) -> str:
+    cells = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
+    return f'<dl class="rows">{cells}</dl>'

@@ -1,0 +1,247 @@
+"""A run as an ordered list of meshcat commands; no server is needed to make or to play them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot
+from rpctl.simulation.run import Run
+from rpctl.view import stage, wire
+from rpctl.view.bodies import Bodies, build_bodies, extent
+
+FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
+MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
+ROBOTS = "/rpctl/robots"
+ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
+
+GHOST_COLOUR = 0x3FA39A  # teal
+GHOST_OPACITY = 0.3
+IN_FRONT = 1  # stencil of the robot's pixels: the ghost leaves them alone
+REPLACE, NOT_EQUAL = 7681, 517  # three.js: ReplaceStencilOp, NotEqualStencilFunc
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a viewer needs to play a run.
+
+    Attributes:
+        commands: meshcat commands, packed, in order; the animation is the last.
+        times: Times of the frames (n,), s, from 0.
+        lower: Least coordinates of the motion (3,), m.
+        upper: Largest coordinates of the motion (3,), m.
+        hull: Points (n, 3) of which the convex hull holds the motion, m: what a camera frames.
+        start: Least and largest coordinates of the robot at the start (2, 3), m.
+        follow: Name of the node that a camera follows.
+        origin: Position of that node at the start (3,), m.
+        notes: Shapes that are not drawn, and why.
+    """
+
+    commands: tuple[bytes, ...]
+    times: Array
+    lower: Array
+    upper: Array
+    hull: Array
+    start: Array
+    follow: str
+    origin: Array
+    notes: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """Length of the animation, s."""
+        return float(self.times[-1])
+
+
+def build_scene(robot: Robot, run: Run) -> Scene:
+    """Return the scene of a run: robot, reference ghost, trails, ground, lights, animation.
+
+    Args:
+        robot: The robot of the run.
+        run: The run.
+    """
+    bodies = build_bodies(robot)
+    frames = _frames(run.t)
+    poses = joint_poses(robot, run.q[frames])
+    ghost = joint_poses(robot, run.q_ref[frames])
+    joints = sorted({part.joint for part in bodies.parts})
+    paths = _paths(robot, run, frames)
+    cloud = np.concatenate(
+        [_cloud(bodies, joints, poses), _cloud(bodies, joints, ghost), *paths.values()]
+    )
+    lower, upper = cloud.min(axis=0), cloud.max(axis=0)
+    lower[2] = min(lower[2], robot.drive.ground)
+    first = _cloud(bodies, joints, poses[:1])
+    times = run.t[frames] - run.t[0]
+    commands = (
+        *(wire.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
+        wire.set_property("/Background", "visible", False),
+        stage.lights_command(lower, upper),
+        stage.ground_command(lower, upper, robot.drive.ground),
+        stage.trails_command(paths, lower, upper),
+        _robots(bodies, joints),
+        _animation(joints, times, poses, ghost),
+    )
+    return Scene(
+        commands=commands,
+        times=times,
+        lower=lower,
+        upper=upper,
+        hull=_hull(cloud),
+        start=np.stack([first.min(axis=0), first.max(axis=0)]),
+        follow=f"{ACTUAL}-{joints[0]}",
+        origin=poses[0, joints[0], :3],
+        notes=bodies.notes,
+    )
+
+
+def _frames(t: Array) -> NDArray[np.int64]:
+    """Return the samples that become frames, first and last among them."""
+    wanted = int(np.ceil((t[-1] - t[0]) * FRAME_RATE)) + 1
+    count = min(max(wanted, 1), MAX_FRAMES, len(t))
+    return np.unique(np.rint(np.linspace(0, len(t) - 1, count)).astype(np.int64))
+
+
+def joint_poses(robot: Robot, q: Array) -> Array:
+    """Return the poses (n, njoints, 7) of all joints at configurations (n, nq).
+
+    A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
+    """
+    data = robot.model.createData()
+    poses = np.empty((len(q), robot.model.njoints, 7))
+    for k, configuration in enumerate(q):
+        pin.forwardKinematics(robot.model, data, configuration)
+        for j, placement in enumerate(data.oMi):
+            poses[k, j] = pin.SE3ToXYZQUAT(placement)
+    return poses
+
+
+def _paths(robot: Robot, run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
+    """Return the paths (n, 3) in the world, m: desired and actual, of P and the end effector."""
+    ground = np.full((len(frames), 1), robot.drive.ground)
+    paths = {
+        "base-desired": np.hstack([run.base_ref[frames, :2], ground]),
+        "base": np.hstack([run.base[frames, :2], ground]),
+    }
+    if run.ee.shape[1] == 3:
+        paths |= {"tip-desired": run.ee_ref[frames], "tip": run.ee[frames]}
+    return paths
+
+
+def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
+    """Return the corners (n, 3) of the boxes around all parts as they move, m."""
+    clouds = [np.empty((0, 3))]
+    for joint in joints:
+        corners = extent(bodies, joint)
+        if corners is not None:
+            turns = _rotations(poses[:, joint, 3:])
+            moved = np.einsum("kij,cj->kci", turns, corners) + poses[:, joint, None, :3]
+            clouds.append(moved.reshape(-1, 3))
+    return np.concatenate(clouds)
+
+
+def _hull(cloud: Array) -> Array:
+    """Return the farthest points (n, 3) of a cloud in directions all around."""
+    count = 128
+    heights = np.linspace(-1.0, 1.0, count)
+    turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere
+    rings = np.sqrt(1.0 - heights**2)
+    around = np.column_stack([rings * np.cos(turns), rings * np.sin(turns), heights])
+    return np.asarray(cloud[np.unique((around @ cloud.T).argmax(axis=1))])
+
+
+def _rotations(quaternions: Array) -> Array:
+    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4), (x, y, z, w)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternions).as_matrix())
+
+
+def _robots(bodies: Bodies, joints: list[int]) -> bytes:
+    """Return the command that draws the robot and its ghost, which share their meshes.
+
+    A node stands for a joint and is animated; below it each part keeps a fixed matrix, mirrored
+    or scaled as it may be.
+    """
+    geometries = [
+        wire.geometry(
+            f"mesh-{number}",
+            {
+                "position": wire.attribute(surface.vertices),
+                "normal": wire.attribute(surface.normals, normalized=True),
+            },
+            surface.faces,
+        )
+        for number, surface in enumerate(bodies.surfaces)
+    ]
+    paints = list(dict.fromkeys(part.rgba for part in bodies.parts))
+    materials = [_paint(f"paint-{k}", rgba) for k, rgba in enumerate(paints)]
+    materials += [_veil(), _tint()]
+    groups = []
+    for joint in joints:
+        parts = [(k, part) for k, part in enumerate(bodies.parts) if part.joint == joint]
+        solid, hidden, tinted = [], [], []
+        for k, part in parts:
+            shape = {"geometry": f"mesh-{part.surface}", **wire.fixed(part.pose)}
+            paint = f"paint-{paints.index(part.rgba)}"
+            solid.append(wire.node("Mesh", f"part-{k}", material=paint, castShadow=True, **shape))
+            hidden.append(wire.node("Mesh", f"veil-{k}", material="veil", renderOrder=4, **shape))
+            tinted.append(wire.node("Mesh", f"tint-{k}", material="tint", renderOrder=5, **shape))
+        groups.append(wire.node("Group", f"{ACTUAL}-{joint}", children=solid))
+        groups.append(wire.node("Group", f"{REFERENCE}-{joint}", children=hidden + tinted))
+    return wire.set_object(
+        ROBOTS, wire.node("Group", "robots", children=groups), geometries, materials
+    )
+
+
+def _paint(uuid: str, rgba: tuple[float, ...]) -> wire.Json:
+    return {
+        "uuid": uuid,
+        "type": "MeshPhongMaterial",
+        "color": wire.colour(rgba),
+        "specular": 0x1C1C1C,
+        "shininess": 24,
+        "side": 2,
+        "opacity": rgba[3],
+        "transparent": rgba[3] < 1.0,
+        "stencilWrite": True,
+        "stencilRef": IN_FRONT,
+        "stencilZPass": REPLACE,
+    }
+
+
+def _veil() -> wire.Json:
+    """Return a material that only fills the depth: of the ghost, the nearest face is drawn."""
+    return {"uuid": "veil", "type": "MeshBasicMaterial", "colorWrite": False, **_behind()}
+
+
+def _tint() -> wire.Json:
+    return {
+        "uuid": "tint",
+        "type": "MeshLambertMaterial",
+        "color": GHOST_COLOUR,
+        "emissive": 0x202428,
+        "opacity": GHOST_OPACITY,
+        "depthWrite": False,
+        **_behind(),
+    }
+
+
+def _behind() -> wire.Json:
+    """Return what keeps the ghost behind the robot, so that it never tints it, wherever it is."""
+    stencil = {"stencilWrite": True, "stencilRef": IN_FRONT, "stencilFunc": NOT_EQUAL}
+    return {"transparent": True, "side": 2, **stencil}
+
+
+def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> bytes:
+    tracks = []
+    for joint in joints:
+        for name, motion in ((f"{ACTUAL}-{joint}", poses), (f"{REFERENCE}-{joint}", ghost)):
+            tracks.append(wire.track(f"{name}.position", "vector3", times, motion[:, joint, :3]))
+            turns = motion[:, joint, 3:]
+            tracks.append(wire.track(f"{name}.quaternion", "quaternion", times, turns))
+    return wire.set_animation(f"{ROBOTS}/<object>", tracks)

@@ -1,0 +1,118 @@
+"""S(q) where it is not constant: a platform that drags a swivel caster along."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, Wheel
+from rpctl.dynamics.basis import basis, selection
+from rpctl.errors import SingularBasisError
+from rpctl.robot.description import Array
+from tests.robots import CASTER, SET_A, platform, write
+
+ROLLER = Wheel("roller_joint", radius=0.05, source="test", axis=(0.0, 1.0, 0.0))
+
+
+@pytest.fixture
+def caster(tmp_path: Path) -> Robot:
+    """A platform whose third wheel swivels: its two rates follow from v and ω."""
+    robot = rpctl.load(write(tmp_path, platform(**SET_A, extra=CASTER)))
+    drive = dataclasses.replace(robot.drive, wheels=(*robot.drive.wheels, ROLLER))
+    return dataclasses.replace(robot, drive=drive, joints=())
+
+
+def state(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
+    q = robot.random_configuration(rng)
+    return q, rng.normal(size=robot.dof)
+
+
+def test_basis_solves_constraints_and_selection(
+    caster: Robot, robot: Robot, rng: np.random.Generator
+) -> None:
+    for one in (caster, robot):
+        dynamics = ReducedDynamics(one)
+        for _ in range(10):
+            q, _ = state(one, rng)
+            S = dynamics.basis(q)
+            assert np.abs(dynamics.constraint(q) @ S).max() < 1e-13 * np.abs(S).max()
+            np.testing.assert_allclose(selection(one) @ S, np.eye(one.dof), atol=1e-13)
+
+
+def test_a_caster_turns_as_a_textbook_says(caster: Robot) -> None:
+    """A caster with trail c that stands at γ turns at γ̇ = −ω + (v_y cos γ − v_x sin γ)/c."""
+    dynamics, trail = ReducedDynamics(caster), 0.06
+    v, omega = 0.7, -0.4
+    for gamma in (-2.0, 0.3, 1.1):
+        q = caster.configuration(joints={"swivel": gamma})
+        rate = (dynamics.basis(q) @ [v, omega])[caster.velocity_index("swivel")]
+        vx, vy = v - omega * 0.02, omega * 0.5  # of the swivel axis
+        expected = -omega + (-vx * math.sin(gamma) + vy * math.cos(gamma)) / trail
+        assert rate == pytest.approx(expected)
+
+
+def test_the_drift_is_the_basis_rate(caster: Robot, rng: np.random.Generator) -> None:
+    dynamics, step = ReducedDynamics(caster), 1e-6
+    for _ in range(10):
+        q, nu = state(caster, rng)
+        v = dynamics.basis(q) @ nu
+        ahead, behind = (
+            dynamics.basis(pin.integrate(caster.model, q, s * v)) @ nu for s in (step, -step)
+        )
+        rate = (ahead - behind) / (2 * step)
+        drift = dynamics.basis_drift(q, nu)
+        np.testing.assert_allclose(drift, rate, atol=1e-6 * np.abs(rate).max())
+        assert np.abs(drift).max() > 0.1  # it does depend on q
+
+
+def multiplier_acceleration(robot: Robot, q: Array, nu: Array, tau: Array) -> Array:
+    """Return v̇ from the full tree with Lagrange multipliers, drift by differences."""
+    dynamics, data, step = ReducedDynamics(robot), robot.model.createData(), 1e-6
+    v = dynamics.basis(q) @ nu
+    A = dynamics.constraint(q)
+    ahead, behind = (
+        dynamics.constraint(pin.integrate(robot.model, q, s * v)) @ v for s in (step, -step)
+    )
+    drift = (ahead - behind) / (2 * step)
+    M = pin.crba(robot.model, data, q)
+    force = np.zeros(robot.nv)
+    for name, effort in zip(robot.actuators, tau, strict=True):
+        force[robot.velocity_index(name)] = effort
+    force -= pin.nonLinearEffects(robot.model, data, q, v)
+    left = np.block([[M, A.T], [A, np.zeros((len(A), len(A)))]])
+    solution = np.linalg.lstsq(left, np.concatenate([force, -drift]), rcond=1e-12)[0]
+    return np.asarray(solution[: robot.nv])
+
+
+def test_reduced_accelerations_are_those_of_lagrange_multipliers(
+    caster: Robot, robot: Robot, rng: np.random.Generator
+) -> None:
+    for one in (caster, robot):
+        dynamics = ReducedDynamics(one)
+        for _ in range(5):
+            q, nu = state(one, rng)
+            tau = rng.normal(size=len(one.actuators))
+            nu_dot = dynamics.forward(q, nu, tau)
+            v_dot = dynamics.basis(q) @ nu_dot + dynamics.basis_drift(q, nu)
+            expected = multiplier_acceleration(one, q, nu, tau)
+            np.testing.assert_allclose(v_dot, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_steered_wheel_that_contradicts_is_refused(caster: Robot) -> None:
+    """With the swivel as a free quasi-velocity, its wheel cannot roll along with v and ω."""
+    swivel = caster.description.joint["swivel"]
+    steered = dataclasses.replace(caster, joints=(swivel,))
+    with pytest.raises(SingularBasisError, match="contradict"):
+        ReducedDynamics(steered).basis(steered.configuration(joints={"swivel": 0.4}))
+
+
+def test_a_base_that_is_free_is_refused() -> None:
+    A, W = np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
+    with pytest.raises(SingularBasisError, match="determine 2 of 3 velocities"):
+        basis(A, W)

@@ -1,0 +1,52 @@
+"""The rolling constraint: what it says of the wheels, and its drift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from rpctl import Robot
+from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.robot.description import Array
+
+
+def contact_velocities(robot: Robot, q: Array, v: Array) -> Array:
+    """Return the velocity (n_wheels, 3) of the wheels' lowest material points, by differences.
+
+    The point of the rim that touches the ground now is followed with its wheel over a short time.
+    """
+    step = 1e-6
+    now, ahead, behind = (robot.model.createData() for _ in range(3))
+    for data, time in ((now, 0.0), (ahead, step), (behind, -step)):
+        pin.forwardKinematics(robot.model, data, pin.integrate(robot.model, q, time * v))
+    velocities = []
+    for wheel in robot.drive.wheels:
+        joint = robot.model.getJointId(wheel.joint)
+        centre = now.oMi[joint].act(wheel.offset * np.array(wheel.axis))
+        rim = now.oMi[joint].actInv(centre - np.array([0.0, 0.0, wheel.radius]))
+        velocities.append((ahead.oMi[joint].act(rim) - behind.oMi[joint].act(rim)) / (2 * step))
+    return np.array(velocities)
+
+
+def test_rows_are_the_contact_points_velocity(robot: Robot, rng: np.random.Generator) -> None:
+    data = robot.model.createData()
+    for _ in range(10):
+        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        rows = (constraint(robot, data, q) @ v).reshape(-1, 2)
+        moved = contact_velocities(robot, q, v)
+        np.testing.assert_allclose(
+            np.linalg.norm(rows, axis=1), np.linalg.norm(moved[:, :2], axis=1), atol=1e-8
+        )
+        np.testing.assert_allclose(moved[:, 2], 0.0, atol=1e-8)
+
+
+def test_the_drift_is_the_rows_rate(robot: Robot, rng: np.random.Generator) -> None:
+    data, step = robot.model.createData(), 1e-6
+    for _ in range(10):
+        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        ahead, behind = (
+            constraint(robot, data, pin.integrate(robot.model, q, s * v)) for s in (step, -step)
+        )
+        rate = (ahead - behind) @ v / (2 * step)
+        assert constraint_drift(robot, data, q, v) == pytest.approx(rate, abs=1e-7)

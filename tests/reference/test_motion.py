@@ -1,0 +1,110 @@
+"""References: consistent derivatives, inside the limits, end effector by forward kinematics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.reference.end_effector import end_effector_reference
+from rpctl.reference.motion import BASE_PATHS, reference_by_name
+from rpctl.robot.description import Array
+from rpctl.robot.catalog import ENTRIES
+
+ROBOTS = [entry.name for entry in ENTRIES if entry.name not in ("tiago_pro", "pr2")]
+STEP = 1e-6
+
+
+def difference(values: Callable[[float], Array], t: float) -> Array:
+    return (values(t + STEP) - values(t - STEP)) / (2 * STEP)
+
+
+@pytest.mark.parametrize("name", BASE_PATHS)
+def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, name: str) -> None:
+    reference = reference_by_name(mixed_chain, name)
+    for t in np.linspace(0.05, 25.0, 40):
+        state = reference(t)
+        rate = difference(lambda x: reference(x).pose, t)
+        rate[2] = math.remainder(rate[2] * 2 * STEP, 2 * math.pi) / (2 * STEP)
+        v, omega = state.nu[:2]
+        cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
+        np.testing.assert_allclose(rate, [v * cos, v * sin, omega], atol=1e-7)
+        joint_rates = difference(lambda x: reference(x).joints, t)
+        np.testing.assert_allclose(joint_rates, state.nu[2:], atol=1e-7)
+        np.testing.assert_allclose(
+            difference(lambda x: reference(x).nu, t), state.nu_dot, atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_arms_stay_inside_their_limits(name: str) -> None:
+    robot = rpctl.load(name)
+    reference = reference_by_name(robot, "eight")
+    for t in np.linspace(0.0, 60.0, 400):
+        state = reference(t)
+        rates = state.nu[robot.dof - len(robot.joints) :]
+        for joint, position, rate in zip(robot.joints, state.joints, rates, strict=True):
+            assert joint.lower <= position <= joint.upper
+            assert abs(rate) <= joint.velocity
+
+
+def test_every_joint_moves(tiago: Robot) -> None:
+    reference = reference_by_name(tiago, "eight")
+    positions = np.array([reference(t).joints for t in np.linspace(0.0, 20.0, 200)])
+    assert (np.ptp(positions, axis=0) > 0.05).all()
+
+
+@pytest.mark.parametrize("name", BASE_PATHS)
+def test_it_starts_at_rest_without_an_effort_jump(tiago: Robot, name: str) -> None:
+    reference, dynamics = reference_by_name(tiago, name), ReducedDynamics(tiago)
+    start = reference(0.0)
+    assert not start.nu.any()
+    assert not start.nu_dot.any()
+
+    def effort(t: float) -> Array:
+        state = reference(t)
+        q = tiago.configuration_at(state.pose, state.joints)
+        return dynamics.efforts(q, dynamics.inverse(q, state.nu, state.nu_dot))
+
+    holding = effort(0.0)
+    np.testing.assert_allclose(effort(1e-3), holding, atol=1e-4)
+
+
+def test_the_end_effector_is_where_forward_kinematics_says(mixed_chain: Robot) -> None:
+    reference, data = reference_by_name(mixed_chain, "eight"), mixed_chain.model.createData()
+    state = reference(7.0)
+    pose = end_effector_reference(mixed_chain, data, state)
+    link = mixed_chain.end_effector
+    assert link is not None
+    positions = dict(zip((j.name for j in mixed_chain.joints), state.joints, strict=True))
+    root = pin.SE3(pin.utils.rotate("z", state.pose[2]), np.zeros(3))
+    P = np.array([*mixed_chain.drive.point, 0.0])
+    root.translation = np.array([*state.pose[:2], 0.0]) - root.rotation @ P
+    expected = root.homogeneous @ mixed_chain.description.pose(link, positions)
+    np.testing.assert_allclose(pose.homogeneous, expected, atol=1e-12)
+
+
+def test_a_fixed_base_moves_its_arm_only() -> None:
+    panda = rpctl.load("panda")
+    state = reference_by_name(panda, "eight")(5.0)
+    assert state.nu.shape == (panda.dof,)
+    assert not state.pose.any()
+
+
+def test_unknown_references_are_told(tiago: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean eight"):
+        reference_by_name(tiago, "eigth")
+
+
+def test_no_arm_no_end_effector(tiago: Robot) -> None:
+    import dataclasses
+
+    bare = dataclasses.replace(tiago, end_effector=None)
+    with pytest.raises(RpctlError, match="no arm"):
+        bare.end_effector_pose(bare.model.createData(), bare.configuration())

@@ -1,0 +1,100 @@
+"""Detection: which wheels, how large, where forward is, and why not."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.errors import DriveError
+from tests.robots import SET_A, platform, write
+
+GOOD = platform(**SET_A)
+
+
+def load(tmp_path: Path, text: str) -> Robot:
+    return rpctl.load(write(tmp_path, text))
+
+
+def test_tiago(tiago: Robot) -> None:
+    drive = tiago.drive
+    assert drive.type == "differential"
+    assert [wheel.joint for wheel in drive.wheels] == ["wheel_left_joint", "wheel_right_joint"]
+    assert [wheel.radius for wheel in drive.wheels] == [0.0985, 0.0985]
+    assert drive.track == pytest.approx(0.4044)
+    assert drive.point == (0.0, 0.0)
+    assert drive.ground == pytest.approx(0.0, abs=1e-15)
+
+
+def test_mixed_chain(mixed_chain: Robot) -> None:
+    drive = mixed_chain.drive
+    assert drive.point == pytest.approx((-0.12, 0.03))
+    assert drive.ground == pytest.approx(-0.14)
+    assert drive.heading == pytest.approx(0.0)
+
+
+def test_left_is_left_whatever_the_signs_and_the_order(tmp_path: Path) -> None:
+    flipped = load(tmp_path, platform(**SET_A, right_sign=-1))
+    assert [w.joint for w in flipped.drive.wheels] == ["left_joint", "right_joint"]
+    assert flipped.drive.heading == 0.0
+
+
+def test_forward_follows_the_axle(tmp_path: Path) -> None:
+    text = GOOD.replace('origin xyz="0 0.75', 'origin xyz="-0.75 0')
+    text = text.replace('origin xyz="0 -0.75', 'origin xyz="0.75 0').replace("0 1 0", "1 0 0")
+    drive = load(tmp_path, text).drive
+    assert drive.heading == pytest.approx(math.pi / 2)
+    assert drive.wheels[0].joint == "left_joint"
+
+
+def test_radius_from_the_axle_height_without_shapes(tmp_path: Path) -> None:
+    head, _, rest = GOOD.partition("<collision>")
+    bare = head + rest.partition("</collision>")[2]
+    left = load(tmp_path, bare).drive.wheels[0]
+    assert left.radius == SET_A["r"]
+    assert left.source == 'axle height over the root link "base"'
+
+
+def test_a_radius_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
+    head, _, rest = GOOD.partition("<collision>")
+    bare = (head + rest.partition("</collision>")[2]).replace('0.75 0.15"/>', '0.75 -0.1"/>')
+    with pytest.raises(DriveError, match=r':\d+: the radius of wheel "left_wheel" is not known'):
+        load(tmp_path, bare)
+
+
+def test_an_off_centre_wheel_moves_the_contact(tmp_path: Path) -> None:
+    text = GOOD.replace('<origin rpy="1.57', '<origin xyz="0 0.05 0" rpy="1.57')
+    drive = load(tmp_path, text).drive
+    assert [wheel.offset for wheel in drive.wheels] == pytest.approx([0.05, 0.05])
+    assert drive.point == pytest.approx((0.0, 0.05))
+    assert drive.track == pytest.approx(1.5)
+
+
+def test_a_spinning_lidar_is_no_wheel(tmp_path: Path) -> None:
+    lidar = """<link name="lidar"><inertial><mass value="1"/>
+      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+      <joint name="lidar_joint" type="continuous"><parent link="base"/><child link="lidar"/>
+      <axis xyz="0 0 1"/></joint>"""
+    robot = load(tmp_path, platform(**SET_A, extra=lidar))
+    assert robot.quasi_velocities == ("v", "omega", "lidar_joint")
+
+
+def test_wheels_on_fixed_joints_are_told(tmp_path: Path) -> None:
+    with pytest.raises(DriveError, match='type="continuous"'):
+        load(tmp_path, GOOD.replace('type="continuous"', 'type="fixed"'))
+
+
+def test_wheels_at_right_angles_to_their_axle_are_told(tmp_path: Path) -> None:
+    with pytest.raises(DriveError, match=r'no two wheels share one axle.*"left_joint" \(line'):
+        load(tmp_path, GOOD.replace("0 1 0", "1 0 0"))
+
+
+def test_two_axles_are_too_many(tmp_path: Path) -> None:
+    rear = GOOD[GOOD.index('<link name="left_wheel">') : GOOD.index("</robot>")]
+    rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
+    rear = rear.replace('xyz="0 ', 'xyz="-0.5 ').replace("-0.5 1 0", "0 1 0")
+    with pytest.raises(DriveError, match="2 pairs of wheels share an axle"):
+        load(tmp_path, platform(**SET_A, extra=rear))

@@ -1,0 +1,105 @@
+"""``Robot``: names, configurations, locks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.errors import DescriptionError, UnknownNameError
+from tests.robots import SET_A, platform, write
+
+
+def test_tiago_has_the_names_of_its_file(tiago: Robot) -> None:
+    assert tiago.dof == 12
+    assert (tiago.nq, tiago.nv) == (18, 15)
+    assert tiago.quasi_velocities[:3] == ("v", "omega", "torso_lift_joint")
+    assert tiago.actuators[0] == "wheel_left_joint"
+    assert tiago.actuators[-1] == "arm_7_joint"
+    assert tiago.end_effector == "wrist_ft_tool_link"
+    assert not any(name.startswith("hand_") for name in tiago.model.names)
+
+
+def test_the_home_posture_is_inside_the_limits(robot: Robot) -> None:
+    for joint, position in zip(robot.joints, robot.home, strict=True):
+        assert joint.lower < position < joint.upper
+
+
+def test_configurations_hold_the_root_and_the_pose_is_of_p(
+    mixed_chain: Robot, rng: np.random.Generator
+) -> None:
+    q = mixed_chain.configuration(1.0, 2.0, 0.5, {"lift_joint": 0.1})
+    np.testing.assert_allclose(q[:4], [1.0, 2.0, np.cos(0.5), np.sin(0.5)])
+    assert mixed_chain.joint_position(q, "lift_joint") == 0.1
+    pose, joints = rng.normal(size=3), rng.uniform(-0.1, 0.1, len(mixed_chain.joints))
+    q = mixed_chain.configuration_at(pose, joints)
+    np.testing.assert_allclose(mixed_chain.base_pose(q), pose, atol=1e-15)
+    np.testing.assert_allclose(mixed_chain.joint_positions(q), joints)
+    # P lies between the wheels' axles, as Pinocchio places them.
+    data = mixed_chain.model.createData()
+    pin.forwardKinematics(mixed_chain.model, data, q)
+    wheels = [data.oMi[mixed_chain.model.getJointId(w.joint)] for w in mixed_chain.drive.wheels]
+    middle = 0.5 * (wheels[0].translation + wheels[1].translation)
+    np.testing.assert_allclose(middle[:2], pose[:2], atol=1e-12)
+
+
+def test_random_configurations_respect_limits(robot: Robot, rng: np.random.Generator) -> None:
+    for _ in range(20):
+        q = robot.random_configuration(rng)
+        assert np.hypot(q[2], q[3]) == pytest.approx(1.0)
+        for joint, position in zip(robot.joints, robot.joint_positions(q), strict=True):
+            assert joint.lower <= position <= joint.upper
+
+
+def test_unknown_joints_are_told(tiago: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean"):
+        tiago.configuration(joints={"torso_lift": 0.1})
+
+
+def test_locks_freeze_at_their_value() -> None:
+    free = rpctl.load("tiago")
+    locked = rpctl.load("tiago", lock={"torso_lift_joint": 0.2, "head_*": 0.0})
+    assert locked.dof == free.dof - 3
+    joints = dict(zip((j.name for j in locked.joints), locked.home, strict=True))
+    q_locked = locked.configuration(0.3, -0.2, 0.7, joints)
+    q_free = free.configuration(0.3, -0.2, 0.7, {**joints, "torso_lift_joint": 0.2})
+    there = locked.end_effector_pose(locked.model.createData(), q_locked)
+    here = free.end_effector_pose(free.model.createData(), q_free)
+    np.testing.assert_allclose(there.homogeneous, here.homogeneous, atol=1e-12)
+    # The frozen joints' masses stay: the inertia seen by what is left is the same.
+    M = rpctl.ReducedDynamics(free).inertia(q_free)
+    keep = [free.quasi_velocities.index(name) for name in locked.quasi_velocities]
+    np.testing.assert_allclose(
+        rpctl.ReducedDynamics(locked).inertia(q_locked), M[np.ix_(keep, keep)], atol=1e-12
+    )
+
+
+def test_a_lock_that_matches_nothing_is_told() -> None:
+    with pytest.raises(UnknownNameError, match="joint to lock 'hand'"):
+        rpctl.load("tiago", lock=["hand"])
+
+
+def test_a_massless_mover_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    finger = """<link name="finger"/>
+      <joint name="grip" type="revolute"><parent link="base"/><child link="finger"/>
+      <axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>"""
+    path = write(tmp_path, platform(**SET_A, extra=finger))
+    with pytest.raises(DescriptionError, match=r':\d+: error: link "finger" has no <inertial>'):
+        rpctl.load(path)
+    assert rpctl.load(path, lock=["grip"]).dof == 2
+
+
+def test_an_end_effector_can_be_chosen(tiago: Robot) -> None:
+    assert rpctl.load("tiago", end_effector="head_2_link").end_effector == "head_2_link"
+    with pytest.raises(UnknownNameError, match="link 'head_2'"):
+        rpctl.load("tiago", end_effector="head_2")
+
+
+def test_a_lone_platform_has_no_end_effector(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    assert robot.end_effector is None
+    assert robot.quasi_velocities == ("v", "omega")

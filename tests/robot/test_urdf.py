@@ -1,0 +1,138 @@
+"""Reading a URDF: what is wrong is named with its line and the way out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpctl.errors import DescriptionError
+from rpctl.robot.description import rotation, rotation_rpy
+from rpctl.robot.urdf import read
+from tests.robots import SET_A, platform, write
+
+GOOD = platform(**SET_A)
+
+
+def message(tmp_path: Path, text: str) -> str:
+    path = write(tmp_path, text)
+    with pytest.raises(DescriptionError) as caught:
+        read(path)
+    told = str(caught.value)
+    assert all(line.startswith(f"{path}") for line in told.splitlines())
+    return told
+
+
+def test_a_good_file_reads_as_written(tmp_path: Path) -> None:
+    description = read(write(tmp_path, GOOD))
+    assert description.name == "platform"
+    assert description.root == "base"
+    assert [joint.name for joint in description.joints] == ["left_joint", "right_joint"]
+    base = description.link["base"]
+    assert base.mass == SET_A["m_c"]
+    np.testing.assert_allclose(base.com, [0.3, 0.0, 0.2])
+    np.testing.assert_allclose(base.inertia, SET_A["I_c"] * np.eye(3))
+    assert not description.findings
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 'axis of joint "left_joint" is zero'),
+        ('axis xyz="0 1 0"', 'axis xyz="0 1"', "has 2 numbers; give 3"),
+        ('mass value="30.0"', 'mass value="heavy"', "is not a number"),
+        ('mass value="30.0"', 'mass value="nan"', "is not finite"),
+        ('mass value="30.0"', 'mass value="1e999"', "is not finite"),
+        ('mass value="30.0"', 'mass value="1,5"', "is not a number"),
+        ('mass value="30.0"', 'mass value="-3"', "is negative"),
+        ('<mass value="30.0"/>', "", "has no <mass>; add it"),
+        ('<child link="left_wheel"/>', '<child link="wheel"/>', 'unknown link "wheel"'),
+        ('<child link="left_wheel"/>', "", 'has no <child link="...">'),
+        ('<child link="right_wheel"/>', '<child link="left_wheel"/>', "has two parents"),
+        ('type="continuous"', 'type="rotary"', 'has type "rotary"; use one of'),
+        ('type="continuous"', 'type="floating"', "is floating"),
+        ('joint name="right_joint"', 'joint name="left_joint"', '"left_joint" is named 2 times'),
+        ('link name="right_wheel"', 'link name="left_wheel"', '"left_wheel" is named 2 times'),
+    ],
+)
+def test_faults_are_named_with_their_line(
+    tmp_path: Path, before: str, after: str, told: str
+) -> None:
+    assert before in GOOD
+    bad = GOOD.replace(before, after, 1)
+    findings = message(tmp_path, bad).splitlines()
+    first = GOOD[: GOOD.index(before)].count("\n") + 1
+    lines = [int(finding.split(":")[1]) for finding in findings if told in finding]
+    # The line is the attribute's own, or that of the element around it.
+    assert any(first - 4 <= line <= first for line in lines)
+
+
+def test_a_cycle_is_named(tmp_path: Path) -> None:
+    looped = GOOD.replace(
+        '<parent link="base"/><child link="left', '<parent link="x"/><child link="left'
+    )
+    looped = looped.replace(
+        "</robot>",
+        """<link name="x"/><joint name="j" type="fixed">
+      <parent link="left_wheel"/><child link="x"/></joint></robot>""",
+    )
+    told = message(tmp_path, looped)
+    assert 'link "left_wheel" is in a cycle' in told
+    assert 'link "x" is in a cycle' in told
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "the file is empty"),
+        ("wheels: 2", "not XML"),
+        (GOOD[:-20], "not XML"),
+        ("<sdf version='1.6'></sdf>", "this is SDF, not URDF"),
+        ("<mujoco></mujoco>", "this is MJCF, not URDF"),
+        ("<html></html>", "the root element is <html>"),
+        ("<robot name='r'/>", "has no <link>"),
+        ("<robot xmlns='urn:x'><link name='a'/></robot>", "has a default namespace"),
+        (
+            "<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:macro/></robot>",
+            "xacro is left unexpanded",
+        ),
+        ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot><link name='a'/></robot>", "a DOCTYPE"),
+        ("<robot><link name='a'/><link name='b'/></robot>", "2 root links"),
+    ],
+)
+def test_other_files_are_told_apart(tmp_path: Path, text: str, told: str) -> None:
+    assert told in message(tmp_path, text)
+
+
+def test_several_faults_show_at_once(tmp_path: Path) -> None:
+    bad = GOOD.replace('mass value="30.0"', 'mass value="x"').replace("0 1 0", "0 0 0")
+    assert len(message(tmp_path, bad).splitlines()) == 3  # a mass and two axes
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match=r"none\.urdf: error: No such file"):
+        read(tmp_path / "none.urdf")
+    with pytest.raises(DescriptionError, match="Is a directory"):
+        read(tmp_path)
+
+
+def test_unphysical_inertias_warn(tmp_path: Path) -> None:
+    bad = GOOD.replace('iyy="15.625"', 'iyy="-1"')
+    (finding,) = read(write(tmp_path, bad)).findings
+    assert finding.severity == "warning"
+    assert finding.line == 5
+    assert 'link "base" is not positive definite' in finding.message
+    bad = GOOD.replace('iyy="15.625"', 'iyy="60"')
+    (finding,) = read(write(tmp_path, bad)).findings
+    assert "breaks the triangle rule" in finding.message
+
+
+def test_rotations_are_rotations(rng: np.random.Generator) -> None:
+    for _ in range(20):
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        R = rotation(axis, rng.uniform(-3, 3)) @ rotation_rpy(*rng.uniform(-3, 3, 3))
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(R) > 0
+    np.testing.assert_allclose(rotation_rpy(0, 0, np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)

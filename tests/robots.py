@@ -1,0 +1,80 @@
+"""Small URDFs written for tests: a platform of known parameters, with more parts on demand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+WHEEL = """
+  <link name="{side}_wheel">
+    <inertial>
+      <mass value="{m_w}"/>
+      <inertia ixx="{I_d}" ixy="0" ixz="0" iyy="{I_s}" iyz="0" izz="{I_d}"/>
+    </inertial>
+    <collision>
+      <origin rpy="1.5707963267948966 0 0"/>
+      <geometry><cylinder radius="{r}" length="0.04"/></geometry>
+    </collision>
+  </link>
+  <joint name="{side}_joint" type="continuous">
+    <parent link="base"/><child link="{side}_wheel"/>
+    <origin xyz="0 {y} {r}"/><axis xyz="0 {sign} 0"/>
+  </joint>"""
+
+CASTER = """
+  <link name="fork">
+    <inertial><origin xyz="-0.03 0 0"/><mass value="0.4"/>
+      <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.0012"/></inertial>
+  </link>
+  <joint name="swivel" type="continuous">
+    <parent link="base"/><child link="fork"/><origin xyz="0.5 0.02 0.1"/><axis xyz="0 0 1"/>
+  </joint>
+  <link name="roller">
+    <inertial><mass value="0.3"/>
+      <inertia ixx="0.0003" ixy="0" ixz="0" iyy="0.0005" iyz="0" izz="0.0003"/></inertial>
+  </link>
+  <joint name="roller_joint" type="continuous">
+    <parent link="fork"/><child link="roller"/>
+    <origin xyz="-0.06 0 -0.05"/><axis xyz="0 1 0"/>
+  </joint>"""
+
+
+def platform(
+    *,
+    m_c: float,
+    I_c: float,
+    d: float,
+    m_w: float,
+    I_s: float,
+    I_d: float,
+    b: float,
+    r: float,
+    right_sign: int = 1,
+    extra: str = "",
+) -> str:
+    """Return a differential-drive platform: symbols as in the design's closed form."""
+    wheels = "".join(
+        WHEEL.format(side=side, y=y, sign=sign, m_w=m_w, I_s=I_s, I_d=I_d, r=r)
+        for side, y, sign in (("left", b, 1), ("right", -b, right_sign))
+    )
+    return f"""<robot name="platform">
+  <link name="base">
+    <inertial>
+      <origin xyz="{d} 0 0.2"/><mass value="{m_c}"/>
+      <inertia ixx="{I_c}" ixy="0" ixz="0" iyy="{I_c}" iyz="0" izz="{I_c}"/>
+    </inertial>
+  </link>{wheels}{extra}
+</robot>
+"""
+
+
+SET_A = {"m_c": 30.0, "I_c": 15.625, "d": 0.3, "m_w": 1.0, "I_s": 0.005, "I_d": 0.0025}
+SET_A |= {"b": 0.75, "r": 0.15}
+SET_B = {"m_c": 16.0, "I_c": 0.0537, "d": 0.05, "m_w": 0.25, "I_s": 0.0011, "I_d": 0.0023}
+SET_B |= {"b": 0.24, "r": 0.095}
+
+
+def write(folder: Path, text: str, name: str = "robot.urdf") -> Path:
+    """Write a URDF into a folder and return its path."""
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rpctl
+from rpctl import Robot, Run
+from rpctl.view.plots import save_tracking_figure, tracking_figure, tracking_image
+from tests.view.samples import short_run
+
+
+def unlimited(run: Run) -> Run:
+    return replace(run, effort_limits=(np.inf,) * len(run.actuators))
+
+
+def titles(run: Run) -> list[str]:
+    return [axes.get_title(loc="left").partition(")  ")[2] for axes in tracking_figure(run).axes]
+
+
+def test_figure_is_as_wide_as_a_page(paper_run: Run, tmp_path: Path) -> None:
+    path = save_tracking_figure(paper_run, tmp_path / "tracking.png")
+    with Image.open(path) as image:
+        assert image.width == pytest.approx(180 / 25.4 * 200, abs=1)
+        assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)
+        assert len(np.unique(np.asarray(image.convert("L")))) > 20
+    assert [entry.name for entry in tmp_path.iterdir()] == ["tracking.png"]
+
+
+def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
+    assert titles(tiago_run) == [
+        "Paths",
+        "Base error",
+        "Joint errors",
+        "End-effector error",
+        "Base speeds",
+        "Efforts, limits dashed",
+    ]
+
+
+def test_robot_without_an_arm(cart: Robot) -> None:
+    run = short_run(cart, 0.5)
+    assert run.ee.shape[1] == 0
+    assert titles(run) == ["Paths", "Base error", "Base speeds", "Efforts without limits, N·m"]
+
+
+def test_efforts_without_limits_are_grouped_by_unit(paper_run: Run) -> None:
+    assert titles(unlimited(paper_run))[-2:] == [
+        "Efforts without limits, N·m",
+        "Efforts without limits, N",
+    ]
+
+
+def test_efforts_partly_limited(paper_run: Run) -> None:
+    run = replace(paper_run, effort_limits=(10.0, np.inf, 5.0, np.inf))
+    assert titles(run)[-3:] == [
+        "Efforts, limits dashed",
+        "Efforts without limits, N·m",
+        "Efforts without limits, N",
+    ]
+
+
+def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
+    peak = np.abs(paper_run.tau).max(axis=0)
+    axes = tracking_figure(replace(paper_run, effort_limits=tuple(0.5 * peak))).axes[-1]
+    low, high = axes.get_ylim()
+    share = paper_run.tau / (0.5 * peak)
+    assert low < share.min()
+    assert share.max() < high
+
+
+@pytest.mark.parametrize("name", ["tiago_dual", "panda"])
+def test_many_joints_and_fixed_bases(name: str) -> None:
+    robot = rpctl.load(name)
+    run = short_run(robot, 0.2)
+    figure = tracking_figure(run)
+    (legend,) = figure.legends
+    assert len(legend.get_texts()) == len(robot.actuators)
+    looks = {
+        (line.get_color(), line.get_linestyle(), tuple(line._dash_pattern[1] or ()))  # type: ignore[attr-defined]
+        for line in legend.get_lines()
+    }
+    assert len(looks) == len(robot.actuators)
+    assert len(tracking_image(run)) > 20_000
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_perfect_and_shortest_runs(paper_run: Run, dark: bool) -> None:
+    arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
+    first = {name: array[:1] for name, array in arrays.items()}
+    perfect = replace(paper_run, **{**first, "e": np.zeros_like(first["e"])})
+    image = Image.open(io.BytesIO(tracking_image(perfect, dark=dark)))
+    corner = image.convert("RGB").getpixel((2, 2))
+    assert isinstance(corner, tuple)
+    assert (sum(corner) < 200) is dark

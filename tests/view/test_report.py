@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot, Run
+from rpctl.view.panel import length, panel, public
+from rpctl.view.report import embed, write_report
+from tests.view.samples import BOX, mesh_visual, short_run, write_cart
+
+EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
+
+
+class Tags(HTMLParser):
+    """All elements of a page, with the texts of its scripts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.inside = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        self.inside = tag == "script"
+        if self.inside:
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self.inside = False
+
+    def handle_data(self, data: str) -> None:
+        if self.inside:
+            self.scripts[-1] += data
+
+
+@pytest.fixture(scope="module")
+def page(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    return write_report(paper_run, path, robot=paper).read_text(encoding="utf-8")
+
+
+def test_nothing_is_fetched(page: str) -> None:
+    for tag, attributes in Tags(page).found:
+        assert tag not in ("iframe", "object", "embed", "base")
+        for name in ("src", "href", "srcset", "action", "poster"):
+            assert (attributes.get(name) or "data:").startswith("data:"), (tag, attributes)
+    own = page.replace(Tags(page).scripts[1], "")  # without meshcat's own viewer
+    assert not re.findall(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", own)
+
+
+def test_only_the_scripts_of_the_report_may_run(page: str) -> None:
+    tags = Tags(page)
+    (policy,) = (a["content"] for _, a in tags.found if "Content-Security-Policy" in a.values())
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    for script in tags.scripts[1:]:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+    assert "unsafe-inline" not in policy.partition("script-src")[2].partition(";")[0]
+
+
+def test_no_path_of_the_machine_is_passed_on(tmp_path: Path) -> None:
+    visual = mesh_visual(str(tmp_path / "gone.stl")) + BOX
+    robot = rpctl.load(write_cart(tmp_path, visual))
+    run = short_run(robot, 0.3)
+    run = replace(run, settings={**run.settings, "reference": str(tmp_path / "path.csv")})
+    text = write_report(run, tmp_path / "report.html", robot=robot).read_text(encoding="utf-8")
+    assert "gone.stl" in text
+    assert "path.csv" in text
+    for private in (str(tmp_path), str(Path.home()), str(Path(rpctl.__file__).parent)):
+        assert len(private) < 2 or private not in text
+
+
+def test_names_from_files_cannot_become_markup(
+    paper: Robot, paper_run: Run, tmp_path: Path
+) -> None:
+    evil = replace(
+        paper_run,
+        robot=EVIL,
+        end_effector=EVIL,
+        quasi_velocities=(*paper_run.quasi_velocities[:-1], EVIL),
+        settings={EVIL: EVIL, "kinematic": {"law": EVIL, EVIL: 1.0}},
+        certificate={
+            "passed": False,
+            "samples": EVIL,
+            "seed": 0,
+            "checks": [{"name": EVIL, "residual": 1.0, "limit": 0.1, "passed": False}],
+        },
+    )
+    path = write_report(evil, tmp_path / "report.html", robot=paper)
+    tags = Tags(path.read_text(encoding="utf-8"))
+    assert len(tags.scripts) == 3
+    assert [tag for tag, _ in tags.found].count("img") == 1
+    assert not any(name.startswith("on") for _, attributes in tags.found for name in attributes)
+
+
+def test_embedded_json_cannot_end_its_script() -> None:
+    text = embed({"a": "</script><!--"})
+    assert "<" not in text
+    assert json.loads(text) == {"a": "</script><!--"}
+
+
+def test_report_of_a_real_robot_is_small(tiago: Robot, tiago_run: Run, tmp_path: Path) -> None:
+    size = write_report(tiago_run, tmp_path / "report.html", robot=tiago).stat().st_size
+    assert 1e6 < size < 5e6
+
+
+def test_report_is_there_whole_or_not_at_all(
+    paper: Robot, paper_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("before")
+
+    def fail(self: Path, target: Path) -> Path:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(paper_run, path, robot=paper)
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folder_that_is_not_there_is_named(paper: Robot, paper_run: Run, tmp_path: Path) -> None:
+    with pytest.raises(rpctl.RpctlError, match="none"):
+        write_report(paper_run, tmp_path / "none" / "report.html", robot=paper)
+
+
+def test_panel_tells_what_failed(paper_run: Run) -> None:
+    checks = [
+        {"name": "inertia", "residual": 1e-15, "limit": 1e-12, "passed": True},
+        {"name": "bias", "residual": 2e-3, "limit": 1e-12, "passed": False},
+    ]
+    certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks}
+    broken = {"joint": "elbow", "limit": "effort", "value": 12.0, "allowed": 10.0}
+    summary = {
+        "rms_base_error": 0.0123,
+        "max_effort_ratio": 1.2,
+        "rms_end_effector_error": None,
+        "limits_violated": [{**broken, "first_time": 1.5, "duration": 0.1}],
+    }
+    text = panel(replace(paper_run, certificate=certificate), summary, ["a note"])
+    for expected in ("not equivalent", "2.0e-03 &gt; 1e-12", "12.3 mm", "120 %", "limits broken"):
+        assert expected in text
+    assert "elbow: effort 12, allowed 10, from 1.50 s" in text
+    assert "a note" in text
+
+
+def test_panel_without_certificate_or_notes(paper_run: Run) -> None:
+    text = panel(replace(paper_run, certificate=None), {"rms_base_error": np.nan}, ())
+    assert "Dynamics" not in text
+    assert "Notes" not in text
+    assert "nan" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.5, "1.5 m"), (0.0123, "12.3 mm"), (4.56e-5, "45.6 µm"), (1e-9, "1.0e-09 m"), (0, "0 m")],
+)
+def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
+    assert length(value) == text
+
+
+def test_settings_as_text() -> None:
+    assert public([0.1, 2, True]) == "0.1, 2, yes"
+    assert public("/home/someone/path.csv") == "path.csv"
