@@ -17,8 +17,8 @@ from rpctl.equivalence.certificate import Certificate, verify
 from rpctl.errors import RpctlError
 from rpctl.files import to_json
 from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.model import Robot, load
 from rpctl.robot.facts import facts
+from rpctl.robot.model import Robot, load
 from rpctl.show import (
     certificate_line,
     console,

@@ -140,8 +140,9 @@ class Robot:
             self.set_joint(q, name, position)
         for joint in self.mimics:
             if joint.mimic is not None:
+                multiplier, offset = joint.mimic.multiplier, joint.mimic.offset
                 followed = self.joint_position(q, joint.mimic.joint)
-                self.set_joint(q, joint.name, joint.mimic.multiplier * followed + joint.mimic.offset)
+                self.set_joint(q, joint.name, multiplier * followed + offset)
         return q
 
     def set_joint(self, q: Array, joint: str, position: float) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from rpctl.errors import RunFileError
 from rpctl.files import write_atomically
@@ -128,8 +129,9 @@ class Run:
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                if not isinstance(stored, Mapping) or META not in stored:
+            with Path(path).open("rb") as file:
+                stored = np.load(file, allow_pickle=False)
+                if not isinstance(stored, NpzFile) or META not in stored:
                     raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
                 meta = json.loads(str(stored[META]))
                 arrays = {name: stored[name] for name in stored if name != META}

@@ -80,14 +80,15 @@ def build_bodies(robot: Robot, triangles: int = TRIANGLES) -> Bodies:
     links = robot.description.links
     visual = any(link.visuals for link in links)
     cache: dict[str, tuple[Surface, ...]] = {}
-    notes: list[str] = []
+    skipped: dict[tuple[str, str], list[str]] = {}
     placed: list[_Placed] = []
     for link in links:
         for shape in link.visuals if visual else link.collisions:
             try:
                 placed.extend(_place(robot, link, shape, cache))
             except MeshError as error:  # noqa: PERF203 - one bad mesh must not cost the others
-                notes.append(_note(link, shape, error))
+                skipped.setdefault((_public(shape), str(error)), []).append(link.name)
+    notes = [_note(mesh, reason, where) for (mesh, reason), where in skipped.items()]
     if not placed:
         notes.append("no shape of this robot can be drawn: sticks stand for its links")
         placed = list(_sticks(robot))
@@ -95,11 +96,16 @@ def build_bodies(robot: Robot, triangles: int = TRIANGLES) -> Bodies:
     return Bodies(parts, surfaces, tuple(notes))
 
 
-def _note(link: Link, shape: Shape, error: MeshError) -> str:
+def _public(shape: Shape) -> str:
+    """Return a mesh as the URDF names it, but no folder of this machine: reports are passed on."""
     name = shape.mesh or shape.kind
-    if PurePath(name).is_absolute() or name.startswith("file:"):
-        name = PurePath(name).name  # a report is passed on: it names no folder of this machine
-    return f'line {shape.line}: mesh "{name}" of link "{link.name}" is not drawn: {error}'
+    outside = PurePath(name).is_absolute() or name.startswith("file:")
+    return PurePath(name).name if outside else name
+
+
+def _note(mesh: str, reason: str, links: list[str]) -> str:
+    more = f" and {len(links) - 1} more" if len(links) > 1 else ""
+    return f'mesh "{mesh}" of link "{links[0]}"{more} is not drawn: {reason}'
 
 
 def _place(

@@ -95,9 +95,10 @@ def lights_command(lower: Array, upper: Array) -> bytes:
     seen = corners @ axes.T
     (left, bottom, near), (right, top, far) = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
     sun = np.eye(4)
-    sun[:3, 3] = axes[2] * (far + 1.0)  # it shines towards the origin of the world
+    distance = max(far, 0.0) + 1.0  # the sun shines towards the origin, wherever the motion is
+    sun[:3, 3] = axes[2] * distance
     box = {"left": left, "right": right, "bottom": bottom, "top": top}
-    box |= {"near": 0.1, "far": far + 1.0 - min(near, lower[2]) + 1.0}
+    box |= {"near": 0.1, "far": distance - near + 1.0}
     camera = {"uuid": "sun-view", "type": "OrthographicCamera", "zoom": 1.0}
     camera |= {key: float(value) for key, value in box.items()}
     shadow = {"mapSize": [SHADOW_MAP, SHADOW_MAP], "bias": -5e-4, "radius": 3, "camera": camera}

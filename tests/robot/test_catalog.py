@@ -31,5 +31,5 @@ def test_other_drives_are_refused_by_name(name: str) -> None:
 
 
 def test_an_unknown_name_suggests_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean .*tiago"):
+    with pytest.raises(UnknownNameError, match=r"did you mean .*tiago"):
         find("tiag0")

@@ -174,3 +174,18 @@ def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
     assert scene is not None
     assert scene["width"] > 0.6 * width
     context.close()
+
+
+def test_without_webgl_the_page_says_so(browser: Any, report: Path) -> None:
+    plain = browser.browser_type.launch(
+        executable_path=CHROMIUM, args=["--disable-3d-apis", *FLAGS]
+    )
+    page = plain.new_page()
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.goto(report.as_uri())
+    assert page.locator("#failure").is_visible()
+    assert page.get_by_text("Base, rms").is_visible()
+    assert not page.get_by_role("slider").is_visible()
+    plain.close()
+    assert problems == []

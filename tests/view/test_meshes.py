@@ -141,7 +141,12 @@ def test_obj_opens_no_file_but_the_mtl_beside_it(
     (folder / "b.obj").write_text("mtllib ../outside.mtl\n" + shape)
     opened: list[Path] = []
     original = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda self: opened.append(self) or original(self))
+
+    def spy(path: Path) -> bytes:
+        opened.append(path)
+        return original(path)
+
+    monkeypatch.setattr(Path, "read_bytes", spy)
     (inside,) = read(folder / "a.obj")
     (outside,) = read(folder / "b.obj")
     assert inside.rgba == pytest.approx((1.0, 0.0, 0.0, 1.0), abs=0.01)

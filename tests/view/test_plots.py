@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +41,18 @@ def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
         "Base speeds",
         "Efforts, limits dashed",
     ]
+
+
+def test_errors_are_drawn_as_they_are(tiago_run: Run) -> None:
+    _, base, joints, tip, speeds, _ = tracking_figure(tiago_run).axes
+    distance = 1e3 * np.linalg.norm(tiago_run.ee_ref - tiago_run.ee, axis=1)
+    assert tip.lines[0].get_ydata() == pytest.approx(distance)
+    for axes, first in ((base, 0), (joints, 3)):
+        for i, line in enumerate(axes.lines):
+            assert np.asarray(line.get_ydata()) == pytest.approx(
+                np.abs(tiago_run.e[:, first + i]), abs=2e-12
+            )
+    assert speeds.lines[0].get_ydata() == pytest.approx(tiago_run.nu[:, 0])
 
 
 def test_robot_without_an_arm(cart: Robot) -> None:
@@ -91,7 +104,7 @@ def test_many_joints_and_fixed_bases(name: str) -> None:
 @pytest.mark.parametrize("dark", [False, True])
 def test_perfect_and_shortest_runs(paper_run: Run, dark: bool) -> None:
     arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
-    first = {name: array[:1] for name, array in arrays.items()}
+    first: dict[str, Any] = {name: array[:1] for name, array in arrays.items()}
     perfect = replace(paper_run, **{**first, "e": np.zeros_like(first["e"])})
     image = Image.open(io.BytesIO(tracking_image(perfect, dark=dark)))
     corner = image.convert("RGB").getpixel((2, 2))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view import scene as scenes
+from rpctl.view import stage
 from rpctl.view.bodies import build_bodies
 from rpctl.view.scene import Scene, build_scene
 from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
@@ -159,6 +160,33 @@ def test_missing_mesh_leaves_a_note_and_the_rest_is_drawn(tmp_path: Path) -> Non
     assert "gone.stl" in note
     assert "no such file" in note
     assert {part.joint for part in bodies.parts} == {2, 3}
+
+
+def test_one_note_tells_of_a_mesh_that_many_links_miss(tmp_path: Path) -> None:
+    path = write_cart(tmp_path, mesh_visual("gone.stl") + mesh_visual("gone.stl"))
+    (note,) = build_bodies(rpctl.load(path)).notes
+    assert 'link "base" and 1 more' in note
+
+
+@pytest.mark.parametrize("away", [-100.0, 0.0, 100.0])
+def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
+    lower = np.array([away - 2.0, away - 1.0, 0.0])
+    upper = lower + [4.0, 2.0, 1.2]
+    root = unpack(stage.lights_command(lower, upper))["object"]["object"]
+    sun = next(node for node in root["children"] if node["name"] == "sun")
+    position, view = matrix(sun)[:3, 3], sun["shadow"]["camera"]
+    assert position[2] > 0.0
+    back = position / np.linalg.norm(position)
+    for point in (lower, upper):
+        assert view["near"] < (position - point) @ back < view["far"]
+
+
+def test_run_of_one_sample_is_a_still(paper: Robot, paper_run: Run) -> None:
+    arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
+    first: dict[str, Any] = {name: array[:1] for name, array in arrays.items()}
+    scene = build_scene(paper, replace(paper_run, **first))
+    assert scene.duration == 0.0
+    assert (scene.lower < scene.upper).all()
 
 
 def test_note_names_no_folder_of_the_machine(tmp_path: Path) -> None:

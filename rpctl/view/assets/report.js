@@ -19,6 +19,7 @@
   } catch (error) {
     if (viewer) throw error;
     $("failure").hidden = false;
+    document.body.classList.add("flat");
   }
   controls();
   show(0);

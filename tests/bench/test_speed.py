@@ -1,0 +1,96 @@
+"""Speeds, each beside a peer in the same run: compare ratios, not absolute times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+import rpctl
+from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot
+from rpctl.control.error import tracking_error
+from rpctl.dynamics.motion import rk4_step
+from rpctl.reference.motion import reference_by_name
+from rpctl.robot.description import Array
+
+State = tuple[ReducedDynamics, Array, Array, Array]
+
+
+@pytest.fixture
+def state(tiago: Robot, rng: np.random.Generator) -> State:
+    q = tiago.random_configuration(rng)
+    return ReducedDynamics(tiago), q, rng.normal(size=tiago.dof), rng.normal(size=tiago.dof)
+
+
+def floor(state: State) -> Callable[[], object]:
+    """Pinocchio's two algorithms alone: what no projection can undercut."""
+    dynamics, q, nu, _ = state
+    model, v = dynamics.robot.model, dynamics.basis(q) @ nu
+    data, still = model.createData(), np.zeros(model.nv)
+
+    def run() -> object:
+        return pin.crba(model, data, q), pin.rnea(model, data, q, v, still)
+
+    return run
+
+
+def naive(state: State) -> Callable[[], object]:
+    """The same projection as a first draft would write it."""
+    dynamics, q, nu, tau = state
+    model, S, B = dynamics.robot.model, dynamics.basis(q), dynamics.actuation(q)
+
+    def run() -> Array:
+        data = model.createData()
+        M = S.T @ pin.crba(model, data, q) @ S
+        h = S.T @ pin.nonLinearEffects(model, data, q, S @ nu)
+        return np.asarray(np.linalg.solve(M, B @ tau - h))
+
+    return run
+
+
+def projected(state: State) -> Callable[[], object]:
+    dynamics, q, nu, tau = state
+    return lambda: dynamics.forward(q, nu, tau)
+
+
+@pytest.mark.benchmark(group="forward dynamics of TIAGo")
+@pytest.mark.parametrize("make", [floor, projected, naive], ids=lambda make: make.__name__)
+def test_forward(benchmark: BenchmarkFixture, state: State, make: Callable[..., object]) -> None:
+    benchmark(make(state))
+
+
+@pytest.mark.benchmark(group="closed loop of TIAGo")
+def test_control_sample(benchmark: BenchmarkFixture, state: State) -> None:
+    dynamics, q, nu, _ = state
+    robot, kinematic, dynamic = dynamics.robot, PaperKinematic(), PaperDynamic()
+    reference = reference_by_name(robot, "eight")
+
+    def sample() -> Array:
+        now = reference(7.0)
+        return dynamic(dynamics, q, nu, kinematic(now, tracking_error(robot, now, q), nu))
+
+    benchmark(sample)
+
+
+@pytest.mark.benchmark(group="closed loop of TIAGo")
+def test_plant_step(benchmark: BenchmarkFixture, state: State) -> None:
+    dynamics, q, nu, tau = state
+    benchmark(rk4_step, dynamics, q, nu, tau, 1e-3)
+
+
+@pytest.mark.benchmark(group="whole tasks on TIAGo")
+def test_load(benchmark: BenchmarkFixture) -> None:
+    benchmark(rpctl.load, "tiago")
+
+
+@pytest.mark.benchmark(group="whole tasks on TIAGo")
+def test_verify_ten_states(benchmark: BenchmarkFixture, tiago: Robot) -> None:
+    benchmark(rpctl.verify, tiago, 10)
+
+
+@pytest.mark.benchmark(group="whole tasks on TIAGo")
+def test_track_one_second(benchmark: BenchmarkFixture, tiago: Robot) -> None:
+    benchmark(rpctl.track, tiago, "eight", 1.0)

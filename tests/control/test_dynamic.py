@@ -1,0 +1,102 @@
+"""The paper's dynamic law: it minimises its cost, and its error decays at 1/h1."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.error import tracking_error
+from rpctl.control.kinematic import Command
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import ReferenceState
+from rpctl.robot.description import Array
+
+LAW = PaperDynamic(horizon_dyn=0.1)
+
+
+def random_case(
+    robot: Robot, rng: np.random.Generator
+) -> tuple[ReducedDynamics, Array, Array, Command]:
+    nu, nu_d, nu_d_dot = rng.normal(size=(3, robot.dof))
+    return ReducedDynamics(robot), robot.random_configuration(rng), nu, Command(nu_d, nu_d_dot)
+
+
+def test_the_closed_form_minimises_the_cost(paper: Robot, rng: np.random.Generator) -> None:
+    """[MS21, Eq. 25]: J = ½ Σ w′ᵢ (εᵢ + h1 ε̇ᵢ)² over τ, ε̇ from the forward dynamics."""
+    for _ in range(10):
+        dynamics, q, nu, command = random_case(paper, rng)
+        weights = np.exp(rng.normal(size=paper.dof))
+
+        def cost(
+            tau: Array,
+            q: Array = q,
+            nu: Array = nu,
+            command: Command = command,
+            weights: Array = weights,
+            dynamics: ReducedDynamics = dynamics,
+        ) -> float:
+            rate = dynamics.forward(q, nu, tau) - command.nu_d_dot
+            ahead = nu - command.nu_d + LAW.horizon_dyn * rate
+            return float(0.5 * weights @ ahead**2)
+
+        tau = LAW(dynamics, q, nu, command)
+        assert cost(tau) < 1e-22  # zero: no weight has a say
+        numeric = minimize(cost, np.zeros(4), method="BFGS", options={"gtol": 1e-10})
+        np.testing.assert_allclose(numeric.x, tau, atol=1e-3 * np.abs(tau).max())
+
+
+def test_the_error_decays_at_its_horizon(robot: Robot, rng: np.random.Generator) -> None:
+    """[MS21, Eq. 26]: ε̇ = −ε/h1 on the full nonlinear dynamics."""
+    for _ in range(10):
+        dynamics, q, nu, command = random_case(robot, rng)
+        rate = dynamics.forward(q, nu, LAW(dynamics, q, nu, command)) - command.nu_d_dot
+        expected = -(nu - command.nu_d) / LAW.horizon_dyn
+        np.testing.assert_allclose(rate, expected, atol=1e-9 * np.abs(expected).max() * 100)
+
+
+def joint_loop(robot: Robot, horizon: float, horizon_dyn: float, period: float) -> float:
+    """Return the amplitude of a joint error under both laws, efforts held over each period.
+
+    Only the prismatic joint of the paper's robot has an error, and the law keeps all else at rest:
+    the plant is then a double integrator and is integrated exactly.
+    """
+    dynamics, kinematic, dynamic = (
+        ReducedDynamics(robot), PaperKinematic(horizon), PaperDynamic(horizon_dyn)
+    )  # fmt: skip
+    home = robot.home
+    reference = ReferenceState(np.zeros(3), home, np.zeros(4), np.zeros(4))
+    x, rate = 1e-6, 0.0
+    for _ in range(3000):
+        q = robot.configuration_at(np.zeros(3), home - np.array([0.0, x]))
+        nu = np.array([0.0, 0.0, 0.0, -rate])
+        command = kinematic(reference, tracking_error(robot, reference, q), nu)
+        tau = dynamic(dynamics, q, nu, command)
+        acceleration = -dynamics.forward(q, nu, tau)[3]
+        x += period * rate + 0.5 * period**2 * acceleration
+        rate += period * acceleration
+        if abs(x) > 1e-3:
+            break
+    return abs(x)
+
+
+@pytest.mark.parametrize(("horizon", "horizon_dyn"), [(0.4, 0.1), (0.8, 0.2), (0.3, 0.3)])
+def test_the_sampled_limit_brackets_stability(
+    paper: Robot, horizon: float, horizon_dyn: float
+) -> None:
+    """With ν̇_d along the actual motion the loop is stable for T < 2/(1/h + 1/h1)."""
+    limit = 2.0 / (1.0 / horizon + 1.0 / horizon_dyn)
+    assert joint_loop(paper, horizon, horizon_dyn, 0.99 * limit) < 1e-9
+    assert joint_loop(paper, horizon, horizon_dyn, 1.01 * limit) > 1e-3
+
+
+def test_a_horizon_must_predict() -> None:
+    with pytest.raises(RpctlError, match="horizon_dyn is 0; give a positive number"):
+        PaperDynamic(0.0)
+
+
+def test_unknown_laws_are_told() -> None:
+    with pytest.raises(UnknownNameError, match="dynamic law 'none'"):
+        dynamic_by_name("none")

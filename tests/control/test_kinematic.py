@@ -1,0 +1,149 @@
+"""The paper's kinematic law: it minimises its cost, and behaves as its closed loop says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import minimize
+from scipy.special import sici
+
+from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl.control.error import error_rate, tracking_error
+from rpctl.control.kinematic import kinematic_by_name
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.robot.description import Array
+from tests.control.unicycle import follow, sampled_step, steady
+
+LAW = PaperKinematic(horizon=0.4, beta=1.5)
+
+
+def outputs(e: Array, sign: float, beta: float) -> Array:
+    """Return the outputs z of [MS21, Eq. 11-13]: what the law drives to zero."""
+    return np.array([e[0] - beta * sign * e[1], *e[2:]])
+
+
+def predicted_cost(
+    law: PaperKinematic, reference: ReferenceState, e: Array, nu: Array, weights: Array
+) -> float:
+    """Return J = ½ Σ wᵢ (zᵢ + h żᵢ)², żᵢ from the error kinematics under the inputs ν."""
+    sign = float(np.sign(reference.nu[1]))
+    ahead = outputs(e + law.horizon * error_rate(e, reference, nu), sign, law.beta)
+    return float(0.5 * weights @ ahead**2)
+
+
+def random_case(rng: np.random.Generator, joints: int) -> tuple[ReferenceState, Array, Array]:
+    n = 2 + joints
+    reference = ReferenceState(
+        np.zeros(3), np.zeros(joints), rng.normal(size=n), rng.normal(size=n)
+    )
+    return reference, rng.normal(size=3 + joints), np.exp(rng.normal(size=n))
+
+
+@pytest.mark.parametrize("joints", [0, 2, 5])
+def test_the_closed_form_minimises_the_cost(joints: int, rng: np.random.Generator) -> None:
+    for _ in range(10):
+        reference, e, weights = random_case(rng, joints)
+        n = 2 + joints
+        numeric = minimize(
+            lambda nu, case=(reference, e, weights): predicted_cost(LAW, *case[:2], nu, case[2]),
+            np.zeros(n),
+            method="BFGS",
+            options={"gtol": 1e-9},
+        )
+        law = LAW(reference, e, np.zeros(n)).nu_d
+        np.testing.assert_allclose(law, numeric.x, atol=1e-5 * (1 + np.abs(law).max()))
+        # The minimum is zero, so no weight has a say.
+        assert predicted_cost(LAW, reference, e, law, weights) < 1e-24
+
+
+def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
+    robot: Robot, rng: np.random.Generator
+) -> None:
+    reference, dynamics, step = reference_by_name(robot, "eight"), ReducedDynamics(robot), 1e-6
+    for law in (LAW, PaperKinematic(0.4, 1.5, smoothing=0.3)):
+        for t in (2.0, 5.0, 9.0, 14.0):
+            nu = rng.normal(size=robot.dof)
+            pose = reference(t).pose + rng.normal(size=3) * [0.3, 0.3, 0.5]
+            joints = robot.home + 0.05 * rng.normal(size=len(robot.joints))
+            q = robot.configuration_at(pose, joints)
+            v = dynamics.basis(q) @ nu
+
+            def asked(s: float) -> Array:
+                state = reference(t + s)  # noqa: B023 - called within this turn of the loop only
+                e = tracking_error(robot, state, pin.integrate(robot.model, q, s * v))  # noqa: B023
+                return law(state, e, nu).nu_d  # noqa: B023
+
+            e = tracking_error(robot, reference(t), q)
+            rate = law(reference(t), e, nu).nu_d_dot
+            expected = (asked(step) - asked(-step)) / (2 * step)
+            np.testing.assert_allclose(rate, expected, atol=1e-6 * (1 + np.abs(rate).max()))
+
+
+@pytest.mark.parametrize("omega", [0.7, -0.7])
+def test_outputs_decay_and_the_lateral_error_follows(omega: float) -> None:
+    """On a circle ż = −z/h, and once z is gone ẋ2 = −β |ω_r| x2."""
+    reference, e0 = steady(0.5, omega), np.array([0.3, 0.5, 0.8])
+    times = np.linspace(0.0, 6.0, 61)
+    errors = follow(LAW, reference, e0, times)
+    sign = math.copysign(1.0, omega)
+    z = np.array([outputs(e, sign, LAW.beta) for e in errors])
+    np.testing.assert_allclose(z, np.outer(np.exp(-times / LAW.horizon), z[0]), atol=1e-9)
+    late = times > 4.5
+    rate = np.polyfit(times[late], np.log(np.abs(errors[late, 1])), 1)[0]
+    assert rate == pytest.approx(-LAW.beta * abs(omega), rel=1e-3)
+    on_zero = np.array([LAW.beta * sign * 0.2, 0.2, 0.0])
+    nu = LAW(reference, on_zero, np.zeros(2)).nu_d
+    assert error_rate(on_zero, reference, nu)[1] == pytest.approx(-LAW.beta * abs(omega) * 0.2)
+
+
+@pytest.mark.parametrize("e0", [(0.3, 0.5, 0.8), (-0.2, -0.4, 0.5), (0.1, 0.2, -1.0)])
+def test_a_straight_line_freezes_the_lateral_error(e0: tuple[float, float, float]) -> None:
+    """x2(∞) = x2(0) + h v_r Si(x3(0)) − x1(0) x3(0)/2."""
+    v_r = 0.6
+    last = follow(LAW, steady(v_r, 0.0), np.array(e0), np.array([0.0, 20.0]))[-1]
+    frozen = e0[1] + LAW.horizon * v_r * sici(e0[2])[0] - 0.5 * e0[0] * e0[2]
+    assert last[1] == pytest.approx(frozen, abs=1e-8)
+    assert abs(last[0]) < 1e-8
+    assert abs(frozen) > 0.02
+
+
+@pytest.mark.parametrize(("v", "omega"), [(0.5, 0.5), (0.3, -1.2), (0.0, 2.0)])
+def test_the_sampled_limit_brackets_stability(v: float, omega: float) -> None:
+    """Zero-order hold is stable for T < (2/|ω|) atan(|ω| h/(1 + β |ω| h)) ≤ 2h."""
+    turned = abs(omega) * LAW.horizon
+    limit = 2.0 / abs(omega) * math.atan(turned / (1.0 + LAW.beta * turned))
+    assert limit <= 2.0 * LAW.horizon
+
+    def amplitude(period: float, steps: int = 4000) -> float:
+        e = 1e-6 * np.array([1.0, -0.5, 0.7])
+        for _ in range(steps):
+            e = sampled_step(LAW, steady(v, omega), e, period)
+            if np.abs(e).max() > 1e-3:
+                break
+        return float(np.abs(e).max())
+
+    assert amplitude(0.99 * limit) < 1e-9
+    assert amplitude(1.01 * limit) > 1e-3
+
+
+def test_the_smooth_sign_tends_to_the_papers(rng: np.random.Generator) -> None:
+    reference, e, _ = random_case(rng, 1)
+    sharp = LAW(reference, e, np.zeros(3))
+    smooth = PaperKinematic(0.4, 1.5, smoothing=1e-6)(reference, e, np.zeros(3))
+    np.testing.assert_allclose(smooth.nu_d, sharp.nu_d, atol=1e-9)
+    np.testing.assert_allclose(smooth.nu_d_dot, sharp.nu_d_dot, atol=1e-8)
+
+
+@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])
+def test_a_horizon_must_predict(horizon: float) -> None:
+    with pytest.raises(RpctlError, match=r"horizon is .*; give a positive number"):
+        PaperKinematic(horizon=horizon)
+
+
+def test_unknown_laws_are_told() -> None:
+    with pytest.raises(UnknownNameError, match="kinematic law 'papr' is not known; did you mean"):
+        kinematic_by_name("papr")

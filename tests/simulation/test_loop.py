@@ -1,0 +1,167 @@
+"""The closed loop on whole robots: it tracks, conserves, and says when it diverges."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import (
+    PaperDynamic,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+    summarize,
+    track,
+)
+from rpctl.control.dynamic import DynamicLaw
+from rpctl.control.kinematic import Command
+from rpctl.errors import DivergedError
+from rpctl.robot.description import Array
+from tests.robots import SET_A, platform, write
+
+OFF = (0.1, -0.1, 0.1)
+
+
+@pytest.fixture(scope="module")
+def eight(tiago: Robot) -> Run:
+    return track(tiago, "eight", 20.0, OFF)
+
+
+def test_tiago_ends_within_a_millimetre(eight: Run) -> None:
+    figures = summarize(eight)
+    assert figures["settled_base_error"] < 1e-3
+    assert figures["settled_end_effector_error"] < 2e-3
+    assert figures["final_base_error"] < 1e-3
+    assert not figures["limits_violated"]
+
+
+def test_energy_and_constraints_hold(eight: Run) -> None:
+    figures = summarize(eight)
+    assert figures["energy_residual"] < 1e-8
+    assert figures["constraint_residual"] < 1e-12
+
+
+def test_it_starts_where_it_was_told(eight: Run) -> None:
+    np.testing.assert_allclose(eight.e[0, :3], OFF, atol=1e-12)
+    assert not eight.nu[0].any()
+    # The world's view: the reference is ahead, to the right and turned to the left of the robot.
+    x, y, heading = eight.base[0]
+    ahead = eight.base_ref[0, :2] - [x, y]
+    seen = [
+        ahead @ [math.cos(heading), math.sin(heading)],
+        ahead @ [-math.sin(heading), math.cos(heading)],
+    ]
+    np.testing.assert_allclose(seen, OFF[:2], atol=1e-12)
+
+
+def test_the_log_is_of_one_motion(eight: Run, tiago: Robot) -> None:
+    """Base, joints and end effector are q's; ν is the base's and the joints' rate."""
+    data = tiago.model.createData()
+    for k in (0, 1234, len(eight.t) - 1):
+        np.testing.assert_allclose(eight.joints[k], tiago.joint_positions(eight.q[k]))
+        np.testing.assert_allclose(
+            np.exp(1j * eight.base[k, 2]), np.exp(1j * tiago.base_pose(eight.q[k])[2])
+        )
+        pose = tiago.end_effector_pose(data, eight.q[k])
+        np.testing.assert_allclose(eight.ee[k], pose.translation)
+    period = eight.t[1] - eight.t[0]
+    rates = (eight.joints[2:] - eight.joints[:-2]) / (2 * period)
+    np.testing.assert_allclose(rates, eight.nu[1:-1, 2:], atol=5e-4)
+    forward = np.hypot(*np.gradient(eight.base[:, :2], period, axis=0)[1:-1].T)
+    np.testing.assert_allclose(forward, np.abs(eight.nu[1:-1, 0]), atol=1e-3)
+
+
+def test_the_reference_robot_rolls_on_its_wheels(eight: Run, tiago: Robot) -> None:
+    wheels = [int(tiago.model.joints[tiago.model.getJointId(n)].idx_q) for n in tiago.actuators[:2]]
+    angles = np.unwrap(
+        np.arctan2(eight.q_ref[:, [i + 1 for i in wheels]], eight.q_ref[:, wheels]), axis=0
+    )
+    travelled = np.cumsum(np.hypot(*np.diff(eight.base_ref[:, :2], axis=0).T))[-1]
+    assert angles[-1].mean() * 0.0985 == pytest.approx(travelled, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed_chain", "tiago_dual"])
+@pytest.mark.parametrize("reference", ["circle", "spin", "eight"])
+def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
+    run = track(rpctl.load(name), reference, 12.0, OFF, control_period=0.005, plant_step=0.005)
+    figures = summarize(run)
+    assert figures["final_base_error"] < 0.03 * figures["rms_base_error"] + 1e-3
+    assert figures["final_end_effector_error"] < 0.01
+
+
+@pytest.mark.parametrize("reference", ["line", "reverse"])
+def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, reference: str) -> None:
+    figures = summarize(track(paper, reference, 10.0, (0.0, 0.2, 0.0)))
+    assert figures["final_lateral_error"] == pytest.approx(0.2, abs=1e-3)
+
+
+def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:
+    figures = summarize(track(paper, "eight", 10.0))
+    assert figures["rms_base_error"] < 2e-4
+
+
+def test_a_fixed_base_moves_its_arm_only() -> None:
+    run = track(rpctl.load("panda"), "eight", 3.0)
+    assert not np.abs(run.e[:, :3]).any()
+    assert summarize(run)["final_end_effector_error"] < 2e-3
+    with pytest.raises(RpctlError, match="fixed base"):
+        track(rpctl.load("panda"), "eight", 3.0, OFF)
+
+
+def test_a_platform_without_an_arm(tmp_path: Path) -> None:
+    run = track(rpctl.load(write(tmp_path, platform(**SET_A))), "circle", 15.0, OFF)
+    figures = summarize(run)
+    assert figures["final_base_error"] < 1e-3
+    assert figures["final_end_effector_error"] is None
+    assert figures["max_effort_ratio"] is None
+    assert figures["joint_errors"] == []
+
+
+def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
+    """Without ν̇_d the same loop is far worse: the derivative is not decoration."""
+
+    def without(law: DynamicLaw = PaperDynamic()) -> DynamicLaw:  # noqa: B008
+        def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+            still = Command(command.nu_d, np.zeros_like(command.nu_d))
+            return law(dynamics, q, nu, still)
+
+        return efforts
+
+    best = summarize(track(paper, "eight", 10.0))["rms_base_error"]
+    worse = summarize(track(paper, "eight", 10.0, dynamic=without()))["rms_base_error"]
+    assert worse > 100 * best
+
+
+def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
+    laws = PaperKinematic(0.2), PaperDynamic(0.05)
+    with pytest.raises(DivergedError, match="diverged"):
+        track(paper, "eight", 60.0, OFF, *laws, control_period=0.15, plant_step=0.01)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"duration": 0.0}, "duration is 0; give a positive number"),
+        ({"control_period": -1.0}, "control_period is -1"),
+        ({"plant_step": math.nan}, "plant_step is nan"),
+        ({"initial_error": (0.1, math.inf, 0.0)}, "three finite numbers"),
+        ({"initial_error": (0.1,)}, "three finite numbers"),
+        ({"reference": "square"}, "reference 'square' is not known"),
+    ],
+)
+def test_wrong_settings_are_told(paper: Robot, wrong: dict[str, object], told: str) -> None:
+    with pytest.raises(RpctlError, match=told):
+        track(paper, **wrong)  # type: ignore[arg-type]
+
+
+def test_a_reference_of_another_robot_is_told(paper: Robot, tiago: Robot) -> None:
+    from rpctl.reference.motion import reference_by_name
+
+    with pytest.raises(RpctlError, match="the reference has 12 quasi-velocities, paper has 4"):
+        track(paper, reference_by_name(tiago, "eight"))

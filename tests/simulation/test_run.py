@@ -1,0 +1,128 @@
+"""The result file: it comes back as it was, and refuses what it does not understand."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot, RpctlError, Run, track, verify
+from rpctl.errors import RunFileError
+from rpctl.simulation.run import META
+from tests.robots import SET_A, platform, write
+
+
+@pytest.fixture(scope="module")
+def run(paper: Robot) -> Run:
+    return track(paper, "eight", 0.2, (0.1, 0.0, 0.0), certificate=verify(paper, samples=1))
+
+
+def test_it_comes_back_as_it_was(run: Run, tmp_path: Path) -> None:
+    back = Run.load(run.save(tmp_path / "run.npz"))
+    for item in dataclasses.fields(Run):
+        here, there = getattr(run, item.name), getattr(back, item.name)
+        if isinstance(here, np.ndarray):
+            np.testing.assert_array_equal(here, there)
+            with pytest.raises(ValueError, match="read-only"):
+                there[...] = 0.0
+        else:
+            assert json.dumps(here) == json.dumps(there), item.name
+    assert back.certificate is not None
+    assert back.certificate["passed"]
+    assert list(tmp_path.iterdir()) == [tmp_path / "run.npz"]
+
+
+def test_no_arm_comes_back_too(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    back = Run.load(track(robot, "circle", 0.1).save(tmp_path / "run.npz"))
+    assert back.ee.shape == (len(back.t), 0)
+    assert np.isinf(back.effort_limits).all()
+
+
+def altered(run: Run, path: Path, meta: dict[str, object], **arrays: object) -> Path:
+    """Write a run with some entries changed; None leaves an entry out."""
+    run.save(path)
+    with np.load(path, allow_pickle=False) as stored:
+        entries = {name: stored[name] for name in stored}
+    told = json.loads(str(entries[META])) | meta
+    entries[META] = np.array(json.dumps({k: v for k, v in told.items() if v is not None}))
+    entries.update(arrays)  # type: ignore[arg-type]
+    np.savez(path, **{name: value for name, value in entries.items() if value is not None})
+    return path
+
+
+def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    wrong = run.nu.copy()
+    wrong[3, 1] = np.nan
+    for meta, arrays, told in (
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 1"),
+        ({"robot": None}, {}, "missing or not known: robot"),
+        ({"colour": "red"}, {}, "missing or not known: colour"),
+        ({}, {"tau": None}, "missing or not known: tau"),
+        ({}, {"nu": wrong}, '"nu" holds other than finite numbers'),
+        ({}, {"nu": run.nu[:5]}, "differing lengths"),
+        ({}, {"nu": run.nu[:, :2]}, '"nu" does not fit its names'),
+        ({}, {"nu": run.nu.astype(np.float32)}, '"nu" holds other than finite numbers'),
+    ):
+        with pytest.raises(RunFileError, match=told):
+            Run.load(altered(run, path, meta, **arrays))
+
+
+def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
+    with pytest.raises(RunFileError, match="No such file"):
+        Run.load(tmp_path / "none.npz")
+    text = tmp_path / "text.npz"
+    text.write_text("not a run")
+    with pytest.raises(RunFileError, match="damaged or not a run"):
+        Run.load(text)
+    np.savez(tmp_path / "other.npz", x=np.ones(3))
+    with pytest.raises(RunFileError, match="not a run of rpctl"):
+        Run.load(tmp_path / "other.npz")
+    np.save(tmp_path / "array.npy", np.ones(3))
+    with pytest.raises(RunFileError, match="not a run of rpctl"):
+        Run.load(tmp_path / "array.npy")
+    whole = run.save(tmp_path / "run.npz").read_bytes()
+    for size in (10, len(whole) // 2, len(whole) - 10):
+        (tmp_path / "cut.npz").write_bytes(whole[:size])
+        with pytest.raises(RunFileError, match="damaged or not a run"):
+            Run.load(tmp_path / "cut.npz")
+    objects = np.empty(2, dtype=object)
+    np.savez(tmp_path / "pickle.npz", allow_pickle=True, meta=objects)
+    with pytest.raises(RunFileError, match="damaged or not a run"):
+        Run.load(tmp_path / "pickle.npz")
+
+
+def test_saving_fails_whole(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An older file survives a failed save, and no temporary one stays."""
+    path = tmp_path / "run.npz"
+    path.write_bytes(b"older")
+
+    def full(self: Path, target: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(RpctlError, match="No space left on device"):
+        run.save(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+    assert path.read_bytes() == b"older"
+
+
+def test_a_changed_urdf_is_noticed(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(**SET_A))
+    run = track(rpctl.load(path), "circle", 0.1)
+    assert run.load_robot().dof == 2
+    path.write_text(path.read_text().replace("30.0", "31.0"))
+    with pytest.raises(RunFileError, match="the URDF has changed since the run"):
+        run.load_robot()
+
+
+def test_locks_and_the_end_effector_come_back(tmp_path: Path) -> None:
+    robot = rpctl.load("tiago", lock={"torso_lift_joint": 0.2}, end_effector="arm_4_link")
+    back = track(robot, "eight", 0.05).load_robot()
+    assert dict(back.locked) == dict(robot.locked)
+    assert back.end_effector == "arm_4_link"

@@ -1,0 +1,192 @@
+"""The command line as a user meets it: outputs, exit codes, messages."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from rpctl.cli import app
+from rpctl.dynamics.reduced import ReducedDynamics
+from tests.robots import SET_A, platform, write
+
+runner = CliRunner()
+
+
+def run(*words: str) -> tuple[int, str, str]:
+    result = runner.invoke(app, words)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+def run_json(*words: str, code: int = 0) -> Any:
+    exit_code, out, _ = run(*words, "--json")
+    assert exit_code == code
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def test_inspect_tells_what_tiago_is() -> None:
+    told = run_json("inspect", "tiago")
+    assert told["name"] == "tiago"
+    assert told["dof"] == 12
+    assert told["mass"] == pytest.approx(65.894, abs=1e-3)
+    assert told["drive"]["type"] == "differential"
+    assert [w["joint"] for w in told["drive"]["wheels"]] == told["actuators"][:2]
+    assert [w["radius"] for w in told["drive"]["wheels"]] == [0.0985, 0.0985]
+    assert told["drive"]["track"] == pytest.approx(0.4044)
+    assert told["quasi_velocities"][:2] == ["v", "omega"]
+    assert {"severity", "line", "message"} == told["findings"][0].keys()
+    code, out, _ = run("inspect", "tiago")
+    assert code == 0
+    for word in ("differential", "0.0985", "0.4044", "65.89", "torso_lift_joint", "prismatic"):
+        assert word in out
+
+
+def test_inspect_locks() -> None:
+    told = run_json("inspect", "tiago", "--lock", "head_*", "--lock", "torso_lift_joint=0.2")
+    assert told["dof"] == 9
+    assert told["locked"]["torso_lift_joint"] == 0.2
+
+
+def test_limits_that_are_not_there_are_null(tmp_path: Path) -> None:
+    told = run_json("inspect", str(write(tmp_path, platform(**SET_A))))
+    assert told["drive"]["wheels"][0]["effort"] is None
+
+
+def test_verify_tells_each_check() -> None:
+    told = run_json("verify", "paper", "--samples", "3", "--seed", "5")
+    assert (told["passed"], told["samples"], told["seed"]) == (True, 3, 5)
+    assert all(check["passed"] for check in told["checks"])
+    code, out, _ = run("verify", "paper", "--samples", "2")
+    assert code == 0
+    assert "verified" in out
+
+
+def test_verify_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    inertia = ReducedDynamics.inertia
+    monkeypatch.setattr(ReducedDynamics, "inertia", lambda self, q: 1.001 * inertia(self, q))
+    told = run_json("verify", "paper", "--samples", "1", code=1)
+    assert not told["passed"]
+    code, out, _ = run("verify", "paper", "--samples", "1")
+    assert code == 1
+    assert "not verified" in out
+
+
+def test_track_writes_everything(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "run"
+    words = ("track", "paper", "--duration", "0.5", "--initial-error", "0.1,-0.1,0.1")
+    told = run_json(*words, "--out", str(out))
+    assert sorted(p.name for p in out.iterdir()) == [
+        "report.html", "run.npz", "summary.json", "tracking.png",
+    ]  # fmt: skip
+    assert json.loads((out / "summary.json").read_text()) == told
+    assert told["report"] == str(out / "report.html")
+    assert told["limits_violated"] == []
+    for key in (
+        "rms_base_error", "final_base_error", "final_lateral_error", "rms_end_effector_error",
+        "final_end_effector_error", "max_effort_ratio", "wall_time", "realtime_factor",
+    ):  # fmt: skip
+        assert isinstance(told[key], float), key
+
+
+def test_track_tells_people(tmp_path: Path) -> None:
+    code, out, _ = run("track", "paper", "--duration", "0.5", "--out", str(tmp_path))
+    assert code == 0
+    for word in ("differential", "verified", "base", "end effector", "peak effort", "report.html"):
+        assert word in out
+
+
+def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
+    words = ("track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0")
+    told = run_json(*words, "--out", str(tmp_path), code=1)
+    assert told["max_effort_ratio"] > 1
+    assert {broken["limit"] for broken in told["limits_violated"]} >= {"effort"}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("inspect", "tiag0"), "did you mean"),
+        (("inspect", "none.urdf"), "none.urdf: error: No such file or directory"),
+        (("inspect", "tiago", "--lock", "hand"), "joint to lock 'hand' is not known"),
+        (("inspect", "tiago", "--lock", "head_1_joint=x"), "'x' is not a number"),
+        (("inspect",), "Missing argument"),
+        (("inspect", "pr2"), "pr2.urdf: no differential drive"),
+        (("verify", "paper", "--samples", "0"), "--samples"),
+        (("track", "paper", "--reference", "eigth"), "did you mean eight"),
+        (("track", "paper", "--kinematic", "papers"), "did you mean paper"),
+        (("track", "paper", "--dynamic", "x"), "dynamic law 'x' is not known"),
+        (("track", "paper", "--initial-error", "1,2"), "give three numbers"),
+        (("track", "paper", "--duration", "-1"), "duration is -1; give a positive number"),
+        (("track", "paper", "--duration", "x"), "--duration"),
+        (("view", "nothing"), "No such file"),
+        (("fly",), "No such command"),
+    ],
+)
+def test_wrong_input_exits_2_with_one_message(words: tuple[str, ...], told: str) -> None:
+    code, out, err = run(*words)
+    assert code == 2
+    assert told in " ".join(err.replace("│", " ").split())
+    assert "Traceback" not in out + err
+
+
+def test_an_input_error_names_file_line_and_fix(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(**SET_A).replace('value="30.0"', 'value="-1"'))
+    code, _, err = run("verify", str(path))
+    assert code == 2
+    assert err.strip() == f'{path}:4: error: mass -1 of link "base" is negative; give its kg'
+
+
+def test_nothing_is_written_where_the_input_is_wrong(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, _, _ = run("track", "paper", "--initial-error", "nan,0,0", "--out", str(out))
+    assert code == 2
+    assert not out.exists()
+
+
+def test_an_unwritable_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    out = str(tmp_path / "file" / "run")
+    code, _, err = run("track", "paper", "--duration", "0.1", "--samples", "0", "--out", out)
+    assert code == 2
+    assert "cannot be made" in err
+
+
+def test_robots_lists_the_catalogue() -> None:
+    names = [row["name"] for row in run_json("robots")]
+    assert {"paper", "mixed_chain", "tiago", "panda"} <= set(names)
+    assert "mixed_chain" in run("robots")[1]
+
+
+@pytest.mark.parametrize("command", ["inspect", "verify", "track", "view", "robots"])
+def test_help_has_an_example(command: str) -> None:
+    code, out, _ = run(command, "--help")
+    assert code == 0
+    assert f"Example: rpctl {command}" in " ".join(out.split())
+
+
+def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["-m", "rpctl", "track", "tiago", "--duration", "600", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert "tiago" in line
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert not out.exists()

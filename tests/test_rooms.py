@@ -1,0 +1,60 @@
+"""The house: a room imports only from rooms above it, and only `view` imports meshcat."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import rpctl
+
+PACKAGE = Path(rpctl.__file__).parent
+ROOMS = ["errors", "files", "robot", "dynamics", "equivalence", "reference", "control"]
+ROOMS += ["simulation", "view", "show", "cli"]
+NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}, "view": {"equivalence"}}
+
+
+def imports() -> Iterator[tuple[Path, str, str]]:
+    """Yield (file, room, imported module) of the whole package."""
+    for file in sorted(PACKAGE.rglob("*.py")):
+        relative = file.relative_to(PACKAGE)
+        room = relative.parts[0].removesuffix(".py")
+        if room in ("__init__", "__main__"):
+            continue
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    yield relative, room, alias.name
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{relative}: import by the full name"
+                for alias in node.names:
+                    yield relative, room, f"{node.module}.{alias.name}"
+
+
+def test_data_flows_one_way() -> None:
+    wrong = []
+    for file, room, module in imports():
+        head, _, rest = module.partition(".")
+        other = rest.split(".")[0]
+        if head != "rpctl" or other not in ROOMS or other == room:
+            continue
+        if ROOMS.index(other) > ROOMS.index(room) or other in NOT_FOR.get(room, ()):
+            wrong.append(f"{file} imports {module}")
+    assert not wrong
+
+
+def test_only_the_view_imports_meshcat() -> None:
+    heavy = {"meshcat", "trimesh", "matplotlib"}
+    wrong = [f"{file}: {m}" for file, room, m in imports() if m.split(".")[0] in heavy and room != "view"]  # fmt: skip  # noqa: E501
+    assert not wrong
+
+
+def test_importing_rpctl_stays_light() -> None:
+    code = "import sys, rpctl; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    heavy = {"meshcat", "trimesh", "matplotlib", "yourdfpy", "IPython"} & set(loaded.stdout.split())
+    assert not heavy
