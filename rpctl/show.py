@@ -123,8 +123,8 @@ def certificate_line(certificate: Certificate) -> str:
 def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
     """Print the figures of merit of a run, and where its files lie."""
     out = console()
-    table = Table("tracking", box=None, header_style="dim", padding=(0, 2, 0, 0))
-    for heading in ("rms", "final", "largest in the second half"):
+    table = Table("tracking error", box=None, header_style="dim", padding=(0, 2, 0, 0))
+    for heading in ("rms", "final", "largest in 2nd half"):
         table.add_column(heading, justify="right")
     for label, key in (("base", "base_error"), ("end effector", "end_effector_error")):
         figures = [summary[f"{when}_{key}"] for when in ("rms", "final", "settled")]
@@ -132,14 +132,12 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
             table.add_row(label, *(f"{1e3 * figure:.3f} mm" for figure in figures))
     for joint in summary["joint_errors"]:
         figures = [joint[when] for when in ("rms", "final", "settled")]
-        scale, unit = (1e3, "mm") if joint["unit"] == "m" else (1.0, "rad")
-        table.add_row(escape(joint["joint"]), *(f"{scale * f:.4f} {unit}" for f in figures))
+        unit = "mm" if joint["unit"] == "m" else "mrad"
+        table.add_row(escape(joint["joint"]), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
     out.print(table)
-    ratio = summary["max_effort_ratio"]
-    if ratio is not None:
-        out.print(
-            f"peak effort {100 * ratio:.0f} % of its limit ({escape(summary['max_effort_joint'])})"
-        )
+    out.print()
+    out.print(_effort_table(summary["efforts"]))
+    out.print()
     for broken in summary["limits_violated"]:
         out.print(f"[bold red]limit[/] {escape(broken['joint'])} {broken['limit']}: "
                   f"{broken['value']:.4g} where {broken['allowed']:.4g} is allowed, from "
@@ -150,6 +148,23 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
     out.print(
         f"report [bold]{escape(str(summary['report']))}[/]   (rpctl view {escape(str(folder))})"
     )
+
+
+def _effort_table(efforts: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table("effort", box=None, header_style="dim", padding=(0, 2, 0, 0))
+    for heading in ("peak", "limit", "share"):
+        table.add_column(heading, justify="right")
+    for effort in efforts:
+        share, limit = effort["ratio"], effort["limit"]
+        style = "bold red" if share > 1.0 else ""
+        table.add_row(
+            escape(effort["actuator"]),
+            f"{effort['peak']:.4g}",
+            _limit(limit, "").strip(),
+            f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
+            style=style,
+        )
+    return table
 
 
 def show_catalogue(rows: Sequence[Mapping[str, str]]) -> None:

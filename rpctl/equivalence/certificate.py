@@ -89,13 +89,13 @@ class Certificate:
 
 
 @dataclass(frozen=True)
-class _State:
+class State:
     """A random state, reproducible from the seed and its index."""
 
-    q: Array
-    v: Array
-    nu: Array
-    nu_dot: Array
+    q: Array  # (nq,) joints inside their limits
+    v: Array  # (nv,) of the free tree
+    nu: Array  # (dof,)
+    nu_dot: Array  # (dof,)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def verify(
     dynamics, oracle = ReducedDynamics(robot), GibbsAppell(robot)
     worst: dict[str, Check] = {}
     for sample in range(samples):
-        state = _draw(robot, seed, sample)
+        state = draw_state(robot, seed, sample)
         for item in _compare(dynamics, oracle, state):
             known = worst.get(item.name)
             if known is None or not item.residual / item.limit <= known.residual / known.limit:
@@ -146,14 +146,15 @@ def verify(
     return Certificate(robot.name, samples, seed, tuple(worst.values()))
 
 
-def _draw(robot: Robot, seed: int, sample: int) -> _State:
+def draw_state(robot: Robot, seed: int, sample: int) -> State:
+    """Return the random state that :func:`verify` compares at a sample of a seed."""
     rng = np.random.default_rng([seed, sample])
     q = robot.random_configuration(rng)
     v, nu, nu_dot = (rng.normal(size=n) for n in (robot.nv, robot.dof, robot.dof))
-    return _State(q, v, nu, nu_dot)
+    return State(q, v, nu, nu_dot)
 
 
-def _compare(dynamics: ReducedDynamics, oracle: GibbsAppell, state: _State) -> Iterator[_Residual]:
+def _compare(dynamics: ReducedDynamics, oracle: GibbsAppell, state: State) -> Iterator[_Residual]:
     robot = dynamics.robot
     try:
         yield from _full(robot, oracle, state)
@@ -163,7 +164,7 @@ def _compare(dynamics: ReducedDynamics, oracle: GibbsAppell, state: _State) -> I
         yield _Residual("computed", "finite numbers", np.inf, EXACT, str(error))
 
 
-def _full(robot: Robot, oracle: GibbsAppell, state: _State) -> Iterator[_Residual]:
+def _full(robot: Robot, oracle: GibbsAppell, state: State) -> Iterator[_Residual]:
     """Compare the free tree: Pinocchio against the Gibbs function."""
     data = robot.model.createData()
     terms = oracle.full(state.q, state.v)
@@ -175,7 +176,7 @@ def _full(robot: Robot, oracle: GibbsAppell, state: _State) -> Iterator[_Residua
     yield _residual("full bias", "Gibbs-Appell", gap, EXACT, names)
 
 
-def _reduced(dynamics: ReducedDynamics, oracle: GibbsAppell, state: _State) -> Iterator[_Residual]:
+def _reduced(dynamics: ReducedDynamics, oracle: GibbsAppell, state: State) -> Iterator[_Residual]:
     """Compare the reduced equations: projection against the Gibbs function in ν."""
     robot, q, nu = dynamics.robot, state.q, state.nu
     names = robot.quasi_velocities
@@ -200,7 +201,7 @@ def _reduced(dynamics: ReducedDynamics, oracle: GibbsAppell, state: _State) -> I
     yield _residual("inverse dynamics", "gradient of G", (inverse - gradient) / size, EXACT, names)
 
 
-def _consistent(dynamics: ReducedDynamics, state: _State) -> Iterator[_Residual]:
+def _consistent(dynamics: ReducedDynamics, state: State) -> Iterator[_Residual]:
     """Check the reduced dynamics against themselves."""
     robot, q, nu = dynamics.robot, state.q, state.nu
     names, velocities = robot.quasi_velocities, _velocity_names(robot)
@@ -226,7 +227,7 @@ def _consistent(dynamics: ReducedDynamics, state: _State) -> Iterator[_Residual]
     yield _power(dynamics, state)
 
 
-def _power(dynamics: ReducedDynamics, state: _State) -> _Residual:
+def _power(dynamics: ReducedDynamics, state: State) -> _Residual:
     """Follow a motion; its energy must change by the actuators' work.
 
     A tenth of the random speeds and accelerations keeps the motion within what the step resolves.

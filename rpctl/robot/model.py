@@ -20,6 +20,7 @@ from rpctl.robot.urdf import read
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
 BASE_NV = 3
+SINGULAR = 1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
@@ -233,6 +234,7 @@ def load(
         fixed = entry is not None and entry.base == "fixed"
         drive = FIXED if fixed else detect(description, locked)
     model, findings = _build(description, locked)
+    _require_inertia(description, model)
     wheels = {wheel.joint for wheel in drive.wheels}
     joints = tuple(
         joint
@@ -347,6 +349,28 @@ def _require_mass(description: Description, locked: dict[str, float]) -> None:
         faults.insert(0, Finding("error", root.line, text))
     if faults:
         raise DescriptionError(description.path, faults)
+
+
+def _require_inertia(description: Description, model: pin.Model) -> None:
+    """Refuse a robot whose inertia matrix is not positive definite: its forces say no motion.
+
+    Raises:
+        DescriptionError: Naming the joint that can move without a force.
+    """
+    M = pin.crba(model, model.createData(), pin.neutral(model))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(scale[:, None] * M * scale)
+    if values[0] > SINGULAR:
+        return
+    index = int(np.abs(vectors[:, 0]).argmax())
+    names = ("root", *model.names[2:])
+    joint = next(n for n, j in zip(names, model.joints[1:], strict=True) if index < j.idx_v + j.nv)
+    line = description.joint[joint].line if joint in description.joint else None
+    text = (
+        f'the inertia matrix is not positive definite: joint "{joint}" moves links of no or '
+        "negative inertia; correct their <inertial>"
+    )
+    raise DescriptionError(description.path, [Finding("error", line, text)])
 
 
 def _tip(description: Description, joints: tuple[Joint, ...]) -> str | None:

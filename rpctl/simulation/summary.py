@@ -24,7 +24,8 @@ def summarize(run: Run) -> dict[str, Any]:
     joints = run.e[:, 3:]
     arm = np.linalg.norm(run.ee - run.ee_ref, axis=1) if run.end_effector else None
     half = len(run.t) // 2
-    peaks = np.abs(run.tau).max(axis=0, initial=0.0) / np.array(run.effort_limits)
+    tau = np.abs(run.tau).max(axis=0)
+    peaks = tau / np.array(run.effort_limits)
     duration = float(run.t[-1])
     return {
         "rms_base_error": _rms(base),
@@ -38,6 +39,12 @@ def summarize(run: Run) -> dict[str, Any]:
         "rms_end_effector_error": None if arm is None else _rms(arm),
         "final_end_effector_error": None if arm is None else float(arm[-1]),
         "settled_end_effector_error": None if arm is None else float(arm[half:].max()),
+        "efforts": [
+            {"actuator": name, "peak": peak, "limit": limit, "ratio": peak / limit}
+            for name, peak, limit in zip(
+                run.actuators, tau.tolist(), run.effort_limits, strict=True
+            )
+        ],
         "max_effort_ratio": float(peaks.max()) if peaks.any() else None,
         "max_effort_joint": run.actuators[int(peaks.argmax())] if peaks.any() else None,
         "limits_violated": violations(run),

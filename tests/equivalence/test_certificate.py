@@ -39,10 +39,10 @@ def test_the_seed_reproduces_and_matters(paper: Robot) -> None:
 
 
 def test_a_sample_does_not_depend_on_how_many_there_are(paper: Robot) -> None:
-    one = certificate._draw(paper, 0, 2)
-    two = certificate._draw(paper, 0, 2)
+    one = certificate.draw_state(paper, 0, 2)
+    two = certificate.draw_state(paper, 0, 2)
     np.testing.assert_array_equal(one.q, two.q)
-    assert not np.array_equal(one.q, certificate._draw(paper, 0, 3).q)
+    assert not np.array_equal(one.q, certificate.draw_state(paper, 0, 3).q)
 
 
 def test_it_is_plain_json(paper: Robot) -> None:

@@ -103,3 +103,14 @@ def test_a_lone_platform_has_no_end_effector(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(**SET_A)))
     assert robot.end_effector is None
     assert robot.quasi_velocities == ("v", "omega")
+
+
+def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:
+    """A point mass on its own axis has a mass, but nothing that resists the joint."""
+    spinner = """<link name="tip"><inertial><mass value="1"/>
+      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+      <joint name="twist" type="revolute"><parent link="base"/><child link="tip"/>
+      <axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>"""
+    path = write(tmp_path, platform(**SET_A, extra=spinner))
+    with pytest.raises(DescriptionError, match=r'joint "twist" moves links of no or negative'):
+        rpctl.load(path)

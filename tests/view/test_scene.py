@@ -171,7 +171,7 @@ def test_one_note_tells_of_a_mesh_that_many_links_miss(tmp_path: Path) -> None:
 @pytest.mark.parametrize("away", [-100.0, 0.0, 100.0])
 def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
     lower = np.array([away - 2.0, away - 1.0, 0.0])
-    upper = lower + [4.0, 2.0, 1.2]
+    upper = lower + np.array([4.0, 2.0, 1.2])
     root = unpack(stage.lights_command(lower, upper))["object"]["object"]
     sun = next(node for node in root["children"] if node["name"] == "sun")
     position, view = matrix(sun)[:3, 3], sun["shadow"]["camera"]
