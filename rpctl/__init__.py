@@ -10,7 +10,8 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate, verify
 from rpctl.errors import RpctlError
 from rpctl.robot.drive import Drive, Wheel
-from rpctl.robot.model import Robot, load
+from rpctl.robot.load import load
+from rpctl.robot.model import Robot
 from rpctl.simulation.loop import track
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize

@@ -18,7 +18,8 @@ from rpctl.errors import RpctlError
 from rpctl.files import to_json
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.facts import facts
-from rpctl.robot.model import Robot, load
+from rpctl.robot.load import load
+from rpctl.robot.model import Robot
 from rpctl.show import (
     certificate_line,
     console,

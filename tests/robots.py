@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 WHEEL = """
@@ -38,24 +39,13 @@ CASTER = """
   </joint>"""
 
 
-def platform(
-    *,
-    m_c: float,
-    I_c: float,
-    d: float,
-    m_w: float,
-    I_s: float,
-    I_d: float,
-    b: float,
-    r: float,
-    right_sign: int = 1,
-    extra: str = "",
-) -> str:
+def platform(parameters: Mapping[str, float], *, right_sign: int = 1, extra: str = "") -> str:
     """Return a differential-drive platform: symbols as in the design's closed form."""
     wheels = "".join(
-        WHEEL.format(side=side, y=y, sign=sign, m_w=m_w, I_s=I_s, I_d=I_d, r=r)
-        for side, y, sign in (("left", b, 1), ("right", -b, right_sign))
+        WHEEL.format(side=side, y=y, sign=sign, **parameters)
+        for side, y, sign in (("left", parameters["b"], 1), ("right", -parameters["b"], right_sign))
     )
+    d, m_c, I_c = (parameters[key] for key in ("d", "m_c", "I_c"))
     return f"""<robot name="platform">
   <link name="base">
     <inertial>

@@ -58,7 +58,7 @@ def test_inspect_locks() -> None:
 
 
 def test_limits_that_are_not_there_are_null(tmp_path: Path) -> None:
-    told = run_json("inspect", str(write(tmp_path, platform(**SET_A))))
+    told = run_json("inspect", str(write(tmp_path, platform(SET_A))))
     assert told["drive"]["wheels"][0]["effort"] is None
 
 
@@ -140,7 +140,7 @@ def test_wrong_input_exits_2_with_one_message(words: tuple[str, ...], told: str)
 
 
 def test_an_input_error_names_file_line_and_fix(tmp_path: Path) -> None:
-    path = write(tmp_path, platform(**SET_A).replace('value="30.0"', 'value="-1"'))
+    path = write(tmp_path, platform(SET_A).replace('value="30.0"', 'value="-1"'))
     code, _, err = run("verify", str(path))
     assert code == 2
     assert err.strip() == f'{path}:4: error: mass -1 of link "base" is negative; give its kg'

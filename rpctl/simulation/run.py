@@ -16,7 +16,8 @@ from numpy.lib.npyio import NpzFile
 from rpctl.errors import RunFileError
 from rpctl.files import write_atomically
 from rpctl.robot.description import Array
-from rpctl.robot.model import Robot, load
+from rpctl.robot.load import load
+from rpctl.robot.model import Robot
 
 SCHEMA = 1
 META = "meta"  # the one entry of the file that is text: JSON

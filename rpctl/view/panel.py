@@ -99,7 +99,9 @@ def _certificate(certificate: Mapping[str, Any] | None) -> str:
     rows = []
     for check in certificate.get("checks", ()):
         mark = "" if check.get("passed") else " ✗"
-        text = f"{float(check['residual']):.1e} ≤ {float(check['limit']):.0e}"
+        residual = check["residual"]
+        worst = "∞" if residual is None else f"{residual:.1e}"
+        text = f"{worst} ≤ {check['limit']:.0e}"
         rows.append((str(check["name"]), text if not mark else text.replace("≤", ">") + mark))
     samples, seed = certificate.get("samples"), certificate.get("seed")
     about = f"Worst of {samples} random states, seed {seed}."

@@ -115,12 +115,9 @@ def _figure(run: Run) -> str:
 
 
 def _policy(*scripts: str) -> str:
-    """Return a policy under which only these scripts run, and nothing is fetched from anywhere.
-
-    They may evaluate text, as meshcat does for its controls and browser automation for its waits.
-    """
+    """Return a policy under which only these scripts run, and nothing is fetched from anywhere."""
     digests = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
-    allowed = " ".join([*(f"'sha256-{digest}'" for digest in digests), "'unsafe-eval'"])
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -27,7 +28,7 @@ def outputs(e: Array, sign: float, beta: float) -> Array:
 
 
 def predicted_cost(
-    law: PaperKinematic, reference: ReferenceState, e: Array, nu: Array, weights: Array
+    law: PaperKinematic, reference: ReferenceState, e: Array, weights: Array, nu: Array
 ) -> float:
     """Return J = ½ Σ wᵢ (zᵢ + h żᵢ)², żᵢ from the error kinematics under the inputs ν."""
     sign = float(np.sign(reference.nu[1]))
@@ -49,7 +50,7 @@ def test_the_closed_form_minimises_the_cost(joints: int, rng: np.random.Generato
         reference, e, weights = random_case(rng, joints)
         n = 2 + joints
         numeric = minimize(
-            lambda nu, case=(reference, e, weights): predicted_cost(LAW, *case[:2], nu, case[2]),
+            partial(predicted_cost, LAW, reference, e, weights),
             np.zeros(n),
             method="BFGS",
             options={"gtol": 1e-9},
@@ -57,7 +58,7 @@ def test_the_closed_form_minimises_the_cost(joints: int, rng: np.random.Generato
         law = LAW(reference, e, np.zeros(n)).nu_d
         np.testing.assert_allclose(law, numeric.x, atol=1e-5 * (1 + np.abs(law).max()))
         # The minimum is zero, so no weight has a say.
-        assert predicted_cost(LAW, reference, e, law, weights) < 1e-24
+        assert predicted_cost(LAW, reference, e, weights, law) < 1e-24
 
 
 def test_the_derivative_is_that_of_the_law_along_the_actual_motion(

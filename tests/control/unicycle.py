@@ -32,7 +32,8 @@ def sampled_step(law: KinematicLaw, reference: ReferenceState, e: Array, period:
     """Return the error one period on, the law's speeds held (exact circular arcs)."""
     v_d, omega_d = law(reference, e, np.zeros(2)).nu_d
     actual = _arc(np.zeros(3), v_d, omega_d, period)
-    ahead = _arc(np.array([*e[:2], e[2]]), *reference.nu, period)
+    v_r, omega_r = reference.nu
+    ahead = _arc(e, v_r, omega_r, period)
     dx, dy, turn = ahead - actual
     cos, sin = math.cos(actual[2]), math.sin(actual[2])
     return np.array([cos * dx + sin * dy, cos * dy - sin * dx, turn])

@@ -23,7 +23,7 @@ ROLLER = Wheel("roller_joint", radius=0.05, source="test", axis=(0.0, 1.0, 0.0))
 @pytest.fixture
 def caster(tmp_path: Path) -> Robot:
     """A platform whose third wheel swivels: its two rates follow from v and ω."""
-    robot = rpctl.load(write(tmp_path, platform(**SET_A, extra=CASTER)))
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=CASTER)))
     drive = dataclasses.replace(robot.drive, wheels=(*robot.drive.wheels, ROLLER))
     return dataclasses.replace(robot, drive=drive, joints=())
 

@@ -25,12 +25,13 @@ def run(robot: Robot, steps: int, duration: float = 1.0) -> tuple[Array, Array, 
 
 def test_the_order_is_four(paper: Robot) -> None:
     exact = run(paper, 640)
+
+    def errors(steps: int) -> Array:
+        reached = run(paper, steps)
+        return np.array([np.abs(reached[k] - exact[k]).max() for k in range(3)])
+
     for coarse, fine in ((10, 20), (20, 40)):
-        errors = [
-            [float(np.abs(a - b).max()) for a, b in zip(run(paper, n), exact, strict=True)]
-            for n in (coarse, fine)
-        ]
-        orders = np.log2(np.divide(*errors))
+        orders = np.log2(errors(coarse) / errors(fine))
         assert (orders > 3.7).all(), orders
 
 

@@ -59,7 +59,7 @@ def test_the_closed_form_of_the_paper_robot(
 
 
 def test_published_platform_a_in_wheel_space(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    robot = rpctl.load(write(tmp_path, platform(SET_A)))
     b, r = SET_A["b"], SET_A["r"]
     to_speeds = np.array([[r / 2, r / 2], [r / (2 * b), -r / (2 * b)]])  # of (φ̇R, φ̇L)
     M = to_speeds.T @ ReducedDynamics(robot).inertia(robot.configuration()) @ to_speeds
@@ -67,7 +67,7 @@ def test_published_platform_a_in_wheel_space(tmp_path: Path) -> None:
 
 
 def test_published_platform_b(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(**SET_B)))
+    robot = rpctl.load(write(tmp_path, platform(SET_B)))
     M = ReducedDynamics(robot).inertia(robot.configuration())
     np.testing.assert_allclose(np.diag(M), [16.743767, 0.141141], atol=5e-7)
     assert M[0, 1] == pytest.approx(0.0, abs=1e-14)
@@ -75,7 +75,7 @@ def test_published_platform_b(tmp_path: Path) -> None:
 
 def test_wheel_signs_do_not_change_the_inertia(tmp_path: Path) -> None:
     plain, flipped = (
-        rpctl.load(write(tmp_path, platform(**SET_A, right_sign=sign))) for sign in (1, -1)
+        rpctl.load(write(tmp_path, platform(SET_A, right_sign=sign))) for sign in (1, -1)
     )
     M, flipped_M = (ReducedDynamics(x).inertia(x.configuration()) for x in (plain, flipped))
     np.testing.assert_allclose(M, flipped_M, rtol=1e-14)
@@ -110,7 +110,7 @@ def test_results_are_the_callers_own(paper: Robot) -> None:
 
 def test_a_third_driven_wheel_shares_the_effort(tmp_path: Path) -> None:
     """With more actuators than speeds, τ is the least one relative to the limits."""
-    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    robot = rpctl.load(write(tmp_path, platform(SET_A)))
     left, right = robot.drive.wheels
     doubled = dataclasses.replace(robot.drive, wheels=(left, right, left))
     wide = dataclasses.replace(robot, drive=doubled)
@@ -122,7 +122,7 @@ def test_a_third_driven_wheel_shares_the_effort(tmp_path: Path) -> None:
 
 
 def test_what_nothing_drives_is_named(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    robot = rpctl.load(write(tmp_path, platform(SET_A)))
     one_wheel = dataclasses.replace(robot.drive, wheels=robot.drive.wheels[:1])
     lame = dataclasses.replace(robot, drive=one_wheel)
     dynamics = ReducedDynamics(robot)

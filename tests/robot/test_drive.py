@@ -12,7 +12,7 @@ from rpctl import Robot
 from rpctl.errors import DriveError
 from tests.robots import SET_A, platform, write
 
-GOOD = platform(**SET_A)
+GOOD = platform(SET_A)
 
 
 def load(tmp_path: Path, text: str) -> Robot:
@@ -37,7 +37,7 @@ def test_mixed_chain(mixed_chain: Robot) -> None:
 
 
 def test_left_is_left_whatever_the_signs_and_the_order(tmp_path: Path) -> None:
-    flipped = load(tmp_path, platform(**SET_A, right_sign=-1))
+    flipped = load(tmp_path, platform(SET_A, right_sign=-1))
     assert [w.joint for w in flipped.drive.wheels] == ["left_joint", "right_joint"]
     assert flipped.drive.heading == 0.0
 
@@ -78,7 +78,7 @@ def test_a_spinning_lidar_is_no_wheel(tmp_path: Path) -> None:
       <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
       <joint name="lidar_joint" type="continuous"><parent link="base"/><child link="lidar"/>
       <axis xyz="0 0 1"/></joint>"""
-    robot = load(tmp_path, platform(**SET_A, extra=lidar))
+    robot = load(tmp_path, platform(SET_A, extra=lidar))
     assert robot.quasi_velocities == ("v", "omega", "lidar_joint")
 
 
@@ -97,4 +97,4 @@ def test_two_axles_are_too_many(tmp_path: Path) -> None:
     rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
     rear = rear.replace('xyz="0 ', 'xyz="-0.5 ').replace("-0.5 1 0", "0 1 0")
     with pytest.raises(DriveError, match="2 pairs of wheels share an axle"):
-        load(tmp_path, platform(**SET_A, extra=rear))
+        load(tmp_path, platform(SET_A, extra=rear))

@@ -87,7 +87,7 @@ def test_a_massless_mover_is_refused_with_the_way_out(tmp_path: Path) -> None:
     finger = """<link name="finger"/>
       <joint name="grip" type="revolute"><parent link="base"/><child link="finger"/>
       <axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>"""
-    path = write(tmp_path, platform(**SET_A, extra=finger))
+    path = write(tmp_path, platform(SET_A, extra=finger))
     with pytest.raises(DescriptionError, match=r':\d+: error: link "finger" has no <inertial>'):
         rpctl.load(path)
     assert rpctl.load(path, lock=["grip"]).dof == 2
@@ -100,7 +100,7 @@ def test_an_end_effector_can_be_chosen(tiago: Robot) -> None:
 
 
 def test_a_lone_platform_has_no_end_effector(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    robot = rpctl.load(write(tmp_path, platform(SET_A)))
     assert robot.end_effector is None
     assert robot.quasi_velocities == ("v", "omega")
 
@@ -111,6 +111,6 @@ def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:
       <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
       <joint name="twist" type="revolute"><parent link="base"/><child link="tip"/>
       <axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/></joint>"""
-    path = write(tmp_path, platform(**SET_A, extra=spinner))
+    path = write(tmp_path, platform(SET_A, extra=spinner))
     with pytest.raises(DescriptionError, match=r'joint "twist" moves links of no or negative'):
         rpctl.load(path)

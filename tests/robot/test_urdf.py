@@ -12,7 +12,7 @@ from rpctl.robot.description import rotation, rotation_rpy
 from rpctl.robot.urdf import read
 from tests.robots import SET_A, platform, write
 
-GOOD = platform(**SET_A)
+GOOD = platform(SET_A)
 
 
 def message(tmp_path: Path, text: str) -> str:

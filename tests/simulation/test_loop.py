@@ -115,7 +115,7 @@ def test_a_fixed_base_moves_its_arm_only() -> None:
 
 
 def test_a_platform_without_an_arm(tmp_path: Path) -> None:
-    run = track(rpctl.load(write(tmp_path, platform(**SET_A))), "circle", 15.0, OFF)
+    run = track(rpctl.load(write(tmp_path, platform(SET_A))), "circle", 15.0, OFF)
     figures = summarize(run)
     assert figures["final_base_error"] < 1e-3
     assert figures["final_end_effector_error"] is None

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,20 +39,20 @@ def test_it_comes_back_as_it_was(run: Run, tmp_path: Path) -> None:
 
 
 def test_no_arm_comes_back_too(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(**SET_A)))
+    robot = rpctl.load(write(tmp_path, platform(SET_A)))
     back = Run.load(track(robot, "circle", 0.1).save(tmp_path / "run.npz"))
     assert back.ee.shape == (len(back.t), 0)
     assert np.isinf(back.effort_limits).all()
 
 
-def altered(run: Run, path: Path, meta: dict[str, object], **arrays: object) -> Path:
+def altered(run: Run, path: Path, meta: Mapping[str, object], **arrays: Any) -> Path:
     """Write a run with some entries changed; None leaves an entry out."""
     run.save(path)
     with np.load(path, allow_pickle=False) as stored:
         entries = {name: stored[name] for name in stored}
     told = json.loads(str(entries[META])) | meta
     entries[META] = np.array(json.dumps({k: v for k, v in told.items() if v is not None}))
-    entries.update(arrays)  # type: ignore[arg-type]
+    entries.update(arrays)
     np.savez(path, **{name: value for name, value in entries.items() if value is not None})
     return path
 
@@ -59,7 +61,7 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     path = tmp_path / "run.npz"
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
-    for meta, arrays, told in (
+    cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
         ({"schema": 99}, {}, "schema 99, this rpctl reads 1"),
         ({"robot": None}, {}, "missing or not known: robot"),
         ({"colour": "red"}, {}, "missing or not known: colour"),
@@ -68,7 +70,8 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
         ({}, {"nu": run.nu[:5]}, "differing lengths"),
         ({}, {"nu": run.nu[:, :2]}, '"nu" does not fit its names'),
         ({}, {"nu": run.nu.astype(np.float32)}, '"nu" holds other than finite numbers'),
-    ):
+    )
+    for meta, arrays, told in cases:
         with pytest.raises(RunFileError, match=told):
             Run.load(altered(run, path, meta, **arrays))
 
@@ -113,7 +116,7 @@ def test_saving_fails_whole(run: Run, tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_changed_urdf_is_noticed(tmp_path: Path) -> None:
-    path = write(tmp_path, platform(**SET_A))
+    path = write(tmp_path, platform(SET_A))
     run = track(rpctl.load(path), "circle", 0.1)
     assert run.load_robot().dof == 2
     path.write_text(path.read_text().replace("30.0", "31.0"))

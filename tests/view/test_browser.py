@@ -51,10 +51,19 @@ def page(browser: Any, report: Path) -> Iterator[Any]:
     page.on("pageerror", lambda error: problems.append(str(error)))
     page.on("request", lambda r: None if r.url.startswith(LOCAL) else problems.append(r.url))
     page.goto(report.as_uri())
-    page.wait_for_function("window.rpctl && window.rpctl.ready")
+    wait(page, "window.rpctl && window.rpctl.ready")
     yield page
     context.close()
     assert problems == []
+
+
+def wait(page: Any, condition: str) -> None:
+    """Wait until a condition holds; Playwright's own wait runs text, which the page forbids."""
+    for _ in range(600):
+        if page.evaluate(f"Boolean({condition})"):
+            return
+        page.wait_for_timeout(50)
+    pytest.fail(f"after 30 s still not: {condition}")
 
 
 def draw(page: Any, time: float) -> np.ndarray[Any, Any]:
@@ -124,13 +133,13 @@ def test_scrubber_keys_and_play(page: Any, paper_run: Run) -> None:
     assert page.evaluate("rpctl.time()") == pytest.approx(1.0)
     assert not page.evaluate("rpctl.playing()")
     page.get_by_role("button", name="Play").click()
-    page.wait_for_function("rpctl.time() > 1.2")
+    wait(page, "rpctl.time() > 1.2")
     page.keyboard.press("Space")
     assert not page.evaluate("rpctl.playing()")
 
 
 def test_it_plays_by_itself(page: Any) -> None:
-    page.wait_for_function("rpctl.time() > 0.1")
+    wait(page, "rpctl.time() > 0.1")
     assert page.get_by_role("button", name="Pause").is_visible()
 
 
@@ -138,7 +147,7 @@ def test_still_for_those_who_ask_for_it(browser: Any, report: Path) -> None:
     context = browser.new_context(reduced_motion="reduce")
     page = context.new_page()
     page.goto(report.as_uri())
-    page.wait_for_function("window.rpctl && window.rpctl.ready")
+    wait(page, "window.rpctl && window.rpctl.ready")
     assert not page.evaluate("rpctl.playing()")
     context.close()
 
@@ -168,7 +177,7 @@ def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
     context = browser.new_context(viewport={"width": width, "height": 844})
     page = context.new_page()
     page.goto(report.as_uri())
-    page.wait_for_function("window.rpctl && window.rpctl.ready")
+    wait(page, "window.rpctl && window.rpctl.ready")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     scene = page.locator("#scene canvas").bounding_box()
     assert scene is not None
