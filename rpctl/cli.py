@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -132,7 +133,7 @@ def track_command(
     ] = 20,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write. [default: runs/ROBOT-REFERENCE]"),
+        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -143,7 +144,7 @@ def track_command(
     error = _triple(initial_error)
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
     loaded = _load(robot, lock)
-    folder = out or Path("runs") / f"{loaded.name}-{reference}"
+    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
     certificate = _certify(loaded, samples, 0) if samples else None

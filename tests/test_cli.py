@@ -101,8 +101,19 @@ def test_track_writes_everything(tmp_path: Path) -> None:
 def test_track_tells_people(tmp_path: Path) -> None:
     code, out, _ = run("track", "paper", "--duration", "0.5", "--out", str(tmp_path))
     assert code == 0
-    for word in ("differential", "verified", "base", "end effector", "peak effort", "report.html"):
+    for word in ("differential", "verified", "base", "end effector", "effort", "report.html"):
         assert word in out
+
+
+def test_a_robots_name_cannot_lead_out_of_the_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    path = write(tmp_path, platform(SET_A).replace('name="platform"', 'name="../../&lt;b>x"'))
+    code, _, _ = run("track", str(path), "--duration", "0.05", "--samples", "0")
+    assert code == 0
+    assert [p.name for p in (tmp_path / "here" / "runs").iterdir()] == [".._..__b_x-eight"]
 
 
 def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:

@@ -93,6 +93,11 @@ ENTRIES = (
 )
 
 
+def names() -> tuple[str, ...]:
+    """Return the names of the catalogue, in its order."""
+    return tuple(entry.name for entry in ENTRIES)
+
+
 def find(name: str) -> Entry:
     """Return the entry of a name.
 
@@ -102,7 +107,7 @@ def find(name: str) -> Entry:
     for entry in ENTRIES:
         if entry.name == name:
             return entry
-    raise UnknownNameError("robot", name, (entry.name for entry in ENTRIES))
+    raise UnknownNameError("robot", name, names())
 
 
 @lru_cache(maxsize=1)

@@ -73,11 +73,13 @@ def load(
 
 
 def _resolve(source: str | Path) -> tuple[Path, catalog.Entry | None]:
-    """Return the file of a path or catalogue name; a name without a dot or slash is a name."""
+    """Return the file of a path or a catalogue name; a bare word is a name if it can be one."""
     path = Path(source)
-    if isinstance(source, Path) or path.exists() or path.suffix or "/" in str(source):
+    if isinstance(source, Path) or path.suffix or "/" in source:
         return path, None
-    entry = catalog.find(str(source))
+    if path.is_file() and source not in catalog.names():
+        return path, None
+    entry = catalog.find(source)
     return entry.path, entry
 
 

@@ -144,10 +144,10 @@ def _notes(notes: Sequence[str]) -> str:
 
 def length(value: float) -> str:
     """Return a length in a unit that suits it; metres in."""
-    for unit, size in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+    for unit, size in (("m", 1.0), ("mm", 1e-3)):
         if abs(value) >= size:
             return f"{value / size:.3g} {unit}"
-    return f"{value:.1e} m" if value else "0 m"
+    return f"{value / 1e-6:.3g} µm" if value else "0 m"
 
 
 def public(value: Any) -> str:

@@ -114,3 +114,15 @@ def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, platform(SET_A, extra=spinner))
     with pytest.raises(DescriptionError, match=r'joint "twist" moves links of no or negative'):
         rpctl.load(path)
+
+
+def test_a_bare_word_is_a_catalogue_name_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "paper").mkdir()
+    write(tmp_path, platform(SET_A), "mine")
+    assert rpctl.load("paper").name == "paper"
+    assert rpctl.load("mine").name == "platform"
+    with pytest.raises(UnknownNameError, match="robot 'yours'"):
+        rpctl.load("yours")

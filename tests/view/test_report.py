@@ -166,7 +166,7 @@ def test_panel_without_certificate_or_notes(paper_run: Run) -> None:
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(1.5, "1.5 m"), (0.0123, "12.3 mm"), (4.56e-5, "45.6 µm"), (1e-9, "1.0e-09 m"), (0, "0 m")],
+    [(1.5, "1.5 m"), (0.0123, "12.3 mm"), (4.56e-5, "45.6 µm"), (1e-9, "0.001 µm"), (0, "0 m")],
 )
 def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
     assert length(value) == text
