@@ -7,7 +7,9 @@ from pathlib import Path
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Certificate, verify
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.checks import draw_state
+from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.robot.drive import Drive, Wheel
 from rpctl.robot.load import load
@@ -27,6 +29,7 @@ __all__ = [
     "RpctlError",
     "Run",
     "Wheel",
+    "draw_state",
     "load",
     "summarize",
     "track",

@@ -14,7 +14,8 @@ import typer
 from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.kinematic import kinematic_by_name
-from rpctl.equivalence.certificate import Certificate, verify
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.files import to_json
 from rpctl.robot.catalog import ENTRIES
@@ -95,10 +96,22 @@ def verify_command(
     lock: LockOption = None,
     samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
+    engines: Annotated[
+        str,
+        typer.Option(metavar="mujoco|none", help="Other physics engines that take part."),
+    ] = "mujoco",
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
-    certificate = _certify(_load(robot, lock), samples, seed)
+    wanted = [] if engines == "none" else engines.split(",")
+    certificate = _certify(_load(robot, lock), samples, seed, wanted)
+    if html is not None:
+        from rpctl.view.certificate import write_certificate
+
+        write_certificate(certificate, html)
     if as_json:
         _print_json(certificate.to_dict())
     else:
@@ -147,7 +160,7 @@ def track_command(
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
-    certificate = _certify(loaded, samples, 0) if samples else None
+    certificate = _certify(loaded, samples, 0, []) if samples else None
     if certificate is not None:
         say.print(certificate_line(certificate))
     with progress_bar("simulate") as advance:
@@ -219,9 +232,9 @@ def _load(source: str, lock: list[str] | None) -> Robot:
     return load(source, lock=positions)
 
 
-def _certify(robot: Robot, samples: int, seed: int) -> Certificate:
+def _certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:
     with progress_bar("verify") as advance:
-        return verify(robot, samples, seed, lambda done: advance(done, samples))
+        return verify(robot, samples, seed, engines, lambda done: advance(done, samples))
 
 
 def _triple(text: str) -> tuple[float, ...]:

@@ -18,7 +18,7 @@ from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
 STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
-MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
+MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]", None: "[dim]-[/]"}
 
 
 def console(stderr: bool = False) -> Console:
@@ -94,27 +94,33 @@ def show_certificate(certificate: Certificate) -> None:
     table.add_column("limit", justify="right")
     table.add_column("where")
     for check in certificate.checks:
-        where = f"{check.entry} at sample {check.sample}"
+        where = f"{check.entry} at sample {check.sample}" if check.residual > 0 else ""
+        if check.passed is None:
+            where = check.note
         table.add_row(
             MARKS[check.passed],
             check.name,
             check.against,
-            f"{check.residual:.1e}",
+            "-" if check.passed is None else f"{check.residual:.1e}",
             f"{check.limit:.0e}",
-            escape(where) if check.residual else "",
+            escape(where),
         )
     out = console()
     out.print(table)
+    for check in certificate.checks:
+        if check.note and check.passed is not None:
+            out.print(f"[dim]note[/] {check.against}: {escape(check.note)}")
     out.print(certificate_line(certificate))
 
 
 def certificate_line(certificate: Certificate) -> str:
     """Return a certificate in one line of markup."""
-    failed = [check.name for check in certificate.checks if not check.passed]
+    made = [check for check in certificate.checks if check.passed is not None]
+    failed = [f"{check.name} against {check.against}" for check in made if not check.passed]
     drawn = f"{certificate.samples} random states, seed {certificate.seed}"
-    count = f"{len(certificate.checks)} checks over {drawn}"
+    count = f"{len(made)} checks over {drawn}"
     if failed:
-        return f"{MARKS[False]} [bold]not verified[/]: {', '.join(failed)} of {count}"
+        return f"{MARKS[False]} [bold]not verified[/]: {', '.join(failed)}; {count}"
     worst = certificate.worst
     return f"{MARKS[True]} [bold]verified[/]: {count}; nearest to its limit: {worst.name}, " \
         f"{worst.residual:.0e} of {worst.limit:.0e}"  # fmt: skip
@@ -142,6 +148,10 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
         out.print(f"[bold red]limit[/] {escape(broken['joint'])} {broken['limit']}: "
                   f"{broken['value']:.4g} where {broken['allowed']:.4g} is allowed, from "
                   f"{broken['first_time']:.3g} s for {broken['duration']:.2g} s")  # fmt: skip
+    if summary["ground"] is not None:
+        unsafe = summary["would_slip"] or summary["would_tip"]
+        mark = "[bold red]ground[/]" if unsafe else "ground"
+        out.print(f"{mark} {escape(summary['ground'])}")
     out.print(f"simulated {summary['realtime_factor']:.1f} times faster than real time")
     for note in summary["notes"]:
         out.print(f"[yellow]note[/] {escape(note)}")

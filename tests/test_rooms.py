@@ -13,7 +13,7 @@ import rpctl
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["errors", "files", "robot", "dynamics", "equivalence", "reference", "control"]
 ROOMS += ["simulation", "view", "show", "cli"]
-NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}, "view": {"equivalence"}}
+NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 
 def imports() -> Iterator[tuple[Path, str, str]]:

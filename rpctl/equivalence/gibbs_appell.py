@@ -8,24 +8,27 @@ so the Gibbs function G = Σ ½ m a·a + ½ α·Iα + α·(ω × Iω) is quadrat
 the equation of motion ∂G/∂u̇ = M u̇ + h = Q. The tree comes from yourdfpy's reading of the URDF
 and is walked here with vectors in world axes; neither Pinocchio nor ``rpctl.dynamics`` is asked.
 Gravity enters as an upward acceleration of the ground.
+
+The walk is written once for any scalar: floats (the oracle), SymPy symbols (the closed form of a
+small robot), CasADi symbols (generated code).
 """
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from rpctl.equivalence.tree import FLOATS, Body, Hinge, Scalars, Tree
 from rpctl.robot.description import Array
-from rpctl.robot.drive import Wheel
 from rpctl.robot.model import Robot
 
-UP = np.array([0.0, 0.0, 1.0])
-GRAVITY = 9.81 * UP  # m/s², as Pinocchio's default
+Vector = Array | Sequence[Any]
+UP = np.array([0, 0, 1])
+GRAVITY = 9.81  # m/s², as Pinocchio's default
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,6 @@ class Terms:
         B: Actuation map (n, n_act).
         root: Velocity (x, y, turn) of the root link in its own axes, as rows of u (3, n).
         rates: Rate of every moving joint, by name, as a row of u (n,).
-        rate_drifts: What the motion adds to each joint's acceleration at u̇ = 0.
     """
 
     M: Array
@@ -49,15 +51,13 @@ class Terms:
     B: Array
     root: Array
     rates: Mapping[str, Array]
-    rate_drifts: Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """A frame's pose in the world, and its motion as functions of u and u̇."""
+class Motion:
+    """A frame in world axes: its rotation, and its motion as functions of u and u̇."""
 
     R: Array  # (3, 3)
-    p: Array  # (3,)
     omega: Array  # (3,)
     J_w: Array  # (3, n)
     J_v: Array  # (3, n)
@@ -66,9 +66,16 @@ class _Motion:
 
     def at(self, offset: Array) -> tuple[Array, Array]:
         """Return J_v (3, n) and a₀ (3,) of a point fixed in the frame, ``offset`` (world) away."""
-        J = self.J_v + np.cross(self.J_w, offset, axisa=0, axisc=0)
-        centripetal = np.cross(self.omega, np.cross(self.omega, offset))
-        return J, self.a + np.cross(self.alpha, offset) + centripetal
+        centripetal = cross(self.omega, cross(self.omega, offset))
+        return self.J_v + cross(self.J_w, offset), self.a + cross(self.alpha, offset) + centripetal
+
+
+@dataclass(frozen=True)
+class Rates:
+    """The rates of joints as rows of u, and what the motion adds to their accelerations."""
+
+    rows: dict[str, Array]
+    drifts: dict[str, Any]
 
 
 class GibbsAppell:
@@ -76,181 +83,191 @@ class GibbsAppell:
 
     Args:
         robot: The robot; its drive, locked joints and names are used, not its model.
+        scalars: What the numbers are made of.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        import yourdfpy  # here, for its import takes longer than loading and inspecting a robot
-
+    def __init__(self, robot: Robot, scalars: Scalars = FLOATS) -> None:
         self.robot = robot
-        parsed = yourdfpy.URDF.load(
-            io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False
-        ).robot
-        self._links = {link.name: link for link in parsed.links}
-        self._below: dict[str, list[Any]] = {name: [] for name in self._links}
-        for joint in parsed.joints:
-            self._below[joint.parent].append(joint)
-        children = {joint.child for joint in parsed.joints}
-        self._root = next(name for name in self._links if name not in children)
-        self._wheels = {wheel.joint: wheel for wheel in robot.drive.wheels}
+        self.scalars = scalars
+        self.tree = Tree(robot, scalars)
 
     def reduced(self, q: Array, nu: Array) -> Terms:
         """Return the equations in the quasi-velocities, u = ν (dof,), wheels rolling."""
-        n, drive = self.robot.dof, self.robot.drive
-        J_w, J_v, a = np.zeros((3, n)), np.zeros((3, n)), np.zeros(3)
-        R = _about(UP, math.atan2(q[3], q[2]))
-        base = len(drive.base_speeds)
-        if drive.type == "differential":
-            forward = R @ np.array([math.cos(drive.heading), math.sin(drive.heading), 0.0])
-            P = R @ np.array([*drive.point, 0.0])  # from the root link's origin
-            v, turn = nu[0], nu[1]
-            J_w[2, 1] = 1.0
-            J_v[:, 0], J_v[:, 1] = forward, -np.cross(UP, P)
-            a = v * turn * np.cross(UP, forward) - turn**2 * np.cross(UP, np.cross(UP, P))
-        rates = dict(zip((j.name for j in self.robot.joints), np.eye(n)[base:], strict=True))
-        return self._walk(q, nu, _root_motion(q, R, nu, J_w, J_v, a), rates)
+        root, rates = self.rolling_root(self._heading(q), nu)
+        return self.terms(self._positions(q), nu, root, rates)
 
     def full(self, q: Array, v: Array) -> Terms:
         """Return the equations of the free tree, u = v (nv,) as Pinocchio orders it."""
-        n = len(v)
-        R = _about(UP, math.atan2(q[3], q[2]))
+        n, R = len(v), self._heading(q)
         J_w, J_v = np.zeros((3, n)), np.zeros((3, n))
         J_w[2, 2] = 1.0
         J_v[:, :2] = R[:, :2]
-        a = np.cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
-        names = self.robot.model.names[2:]
-        rates = {name: np.eye(n)[self.robot.velocity_index(name)] for name in names}
-        return self._walk(q, v, _root_motion(q, R, v, J_w, J_v, a), rates)
+        a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
+        rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.model.names[2:]}
+        root = Motion(R, J_w @ v, J_w, J_v, np.zeros(3), a)
+        return self.terms(self._positions(q), v, root, Rates(rows, dict.fromkeys(rows, 0.0)))
 
-    def _walk(self, q: Array, u: Array, root: _Motion, known: dict[str, Array]) -> Terms:
-        """Sum G's Hessian and gradient over the tree, from the root outwards."""
+    def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
+        """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1]."""
+        root, rates = self.rolling_root(self._heading(q), nu)
+        return float(self.function(self._positions(q), nu, nu_dot, root, rates))
+
+    def rolling_root(self, R: Array, nu: Vector) -> tuple[Motion, Rates]:
+        """Return the root link's motion in ν, and the arm's rates, which are part of ν.
+
+        Args:
+            R: Rotation (3, 3) of the root link; G does not depend on it.
+            nu: Quasi-velocities (dof,), of any scalar.
+        """
+        n, drive, scalars = self.robot.dof, self.robot.drive, self.scalars
+        J_w, J_v, a = scalars.zeros((3, n)), scalars.zeros((3, n)), scalars.zeros(3)
+        if drive.type == "differential":
+            forward = R @ self.tree.forward
+            P = R @ self.tree.point  # from the root link's origin
+            v, turn = nu[0], nu[1]
+            J_w[2, 1] = scalars.number(1.0, "number", "")
+            J_v[:, 0], J_v[:, 1] = forward, -cross(UP, P)
+            a = v * turn * cross(UP, forward) - turn**2 * cross(UP, cross(UP, P))
+        identity = scalars.identity(n)[len(drive.base_speeds) :]
+        rows = dict(zip((joint.name for joint in self.robot.joints), identity, strict=True))
+        omega = J_w @ np.asarray(nu)
+        root = Motion(R, omega, J_w, J_v, scalars.zeros(3), a)
+        return root, Rates(rows, dict.fromkeys(rows, 0 * nu[0]))
+
+    def terms(self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates) -> Terms:
+        """Return the equations from G's Hessian and gradient, summed over the links."""
         n = len(u)
-        M, h, h_size = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        rates, drifts = dict(known), dict.fromkeys(known, 0.0)
-        edge = [(self._root, root)]
+        M, h, h_size = self.scalars.zeros((n, n)), self.scalars.zeros(n), np.zeros(n)
+        for body, motion in self.links(positions, u, root, rates):
+            inertia, J_v, force = self._at_centre(body, motion)
+            moment = inertia @ motion.alpha + cross(motion.omega, inertia @ motion.omega)
+            M = M + body.mass * (J_v.T @ J_v) + motion.J_w.T @ inertia @ motion.J_w
+            h = h + J_v.T @ force + motion.J_w.T @ moment
+            if self.scalars is FLOATS:
+                h_size += np.linalg.norm(J_v, axis=0) * np.linalg.norm(force)
+                h_size += np.linalg.norm(motion.J_w, axis=0) * np.linalg.norm(moment)
+        B = np.array([rates.rows[name] for name in self.robot.actuators]).T.reshape(n, -1)
+        base = np.vstack([root.R[:, :2].T @ root.J_v, root.J_w[2]])
+        return Terms(M, h, h_size, B, base, rates.rows)
+
+    def function(
+        self,
+        positions: Mapping[str, Any],
+        u: Vector,
+        u_dot: Vector,
+        root: Motion,
+        rates: Rates,
+    ) -> Any:
+        """Return G itself, all terms of a link in one frame; [MS21, Eq. 1]."""
+        rate, half = np.asarray(u_dot), self.scalars.number(0.5, "number", "")
+        G = 0 * rate[0]
+        for body, motion in self.links(positions, u, root, rates):
+            inertia, J_v, force = self._at_centre(body, motion)
+            alpha = motion.J_w @ rate + motion.alpha
+            if body.mass != 0:
+                a = J_v @ rate + force / body.mass
+                G = G + half * body.mass * (a @ a)
+            G = G + half * (alpha @ inertia @ alpha)
+            G = G + alpha @ cross(motion.omega, inertia @ motion.omega)
+        return G
+
+    def _at_centre(self, body: Body, motion: Motion) -> tuple[Array, Array, Array]:
+        """Return a link's inertia (3, 3), J_v (3, n) and m (a₀ + g) (3,) at its centre of mass."""
+        turn = motion.R @ body.R
+        J_v, a = motion.at(motion.R @ body.com)
+        gravity = self.scalars.number(GRAVITY, "gravity", "gravity") * UP
+        return turn @ body.inertia @ turn.T, J_v, body.mass * (a + gravity)
+
+    def links(
+        self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates
+    ) -> Iterator[tuple[Body, Motion]]:
+        """Walk the tree from the root outwards: yield every link with inertia and its motion.
+
+        On the way ``rates`` gains the joints that are not part of u: rolling wheels, mimics.
+        """
+        speeds = np.asarray(u)
+        edge = [(self.tree.root, root)]
         while edge:
             name, motion = edge.pop()
-            self._add_link(name, motion, M, h, h_size)
-            for joint in self._below[name]:
-                carrier = _carried(motion, joint)
-                if joint.type != "fixed":
-                    axis = carrier.R @ _unit(joint.axis)
-                    if joint.name not in self.robot.locked:
-                        self._find_rate(joint, carrier, axis, u, rates, drifts)
-                    carrier = self._moved(joint, carrier, axis, q, u, rates, drifts)
-                edge.append((joint.child, carrier))
-        B = np.array([rates[name] for name in self.robot.actuators]).T.reshape(n, -1)
-        base = np.vstack([root.R[:, :2].T @ root.J_v, root.J_w[2]])
-        return Terms(M, h, h_size, B, base, rates, drifts)
-
-    def _add_link(self, name: str, motion: _Motion, M: Array, h: Array, h_size: Array) -> None:
-        inertial = self._links[name].inertial
-        if inertial is None or not inertial.mass:
-            return
-        origin = np.eye(4) if inertial.origin is None else inertial.origin
-        turn = motion.R @ origin[:3, :3]
-        inertia = turn @ inertial.inertia @ turn.T
-        J_v, a = motion.at(motion.R @ origin[:3, 3])
-        J_w, omega = motion.J_w, motion.omega
-        M += inertial.mass * J_v.T @ J_v + J_w.T @ inertia @ J_w
-        force = inertial.mass * (a + GRAVITY)
-        moment = inertia @ motion.alpha + np.cross(omega, inertia @ omega)
-        h += J_v.T @ force + J_w.T @ moment
-        h_size += np.linalg.norm(J_v, axis=0) * np.linalg.norm(force)
-        h_size += np.linalg.norm(J_w, axis=0) * np.linalg.norm(moment)
-
-    def _find_rate(
-        self,
-        joint: Any,
-        carrier: _Motion,
-        axis: Array,
-        u: Array,
-        rates: dict[str, Array],
-        drifts: dict[str, float],
-    ) -> None:
-        """Find the rate of a joint that is not itself one of u: a rolling wheel, a mimic."""
-        if joint.name in rates:
-            return
-        if joint.name in self._wheels:
-            rates[joint.name], drifts[joint.name] = _rolling(
-                self._wheels[joint.name], carrier, axis, u
-            )
-        else:
-            factor = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-            still = np.zeros(len(u))
-            rates[joint.name] = factor * rates.get(joint.mimic.joint, still)
-            drifts[joint.name] = factor * drifts.get(joint.mimic.joint, 0.0)
+            body = self.tree.bodies.get(name)
+            if body is not None:
+                yield body, motion
+            for hinge in self.tree.below[name]:
+                offset = motion.R @ hinge.p
+                J_v, a = motion.at(offset)
+                R = motion.R @ hinge.R
+                carrier = Motion(R, motion.omega, motion.J_w, J_v, motion.alpha, a)
+                edge.append((hinge.child, self._moved(hinge, carrier, positions, speeds, rates)))
 
     def _moved(
         self,
-        joint: Any,
-        carrier: _Motion,
-        axis: Array,
-        q: Array,
+        hinge: Hinge,
+        carrier: Motion,
+        positions: Mapping[str, Any],
         u: Array,
-        rates: Mapping[str, Array],
-        drifts: Mapping[str, float],
-    ) -> _Motion:
+        rates: Rates,
+    ) -> Motion:
         """Return the motion of a joint's child frame."""
-        position = self.robot.joint_position(q, joint.name)
-        row = rates.get(joint.name, np.zeros(len(u)))
-        rate, drift = float(row @ u), drifts.get(joint.name, 0.0)
-        if joint.type == "prismatic":
-            J_v, a = carrier.at(position * axis)
-            return _Motion(
-                R=carrier.R,
-                p=carrier.p + position * axis,
-                omega=carrier.omega,
-                J_w=carrier.J_w,
-                J_v=J_v + np.outer(axis, row),
-                alpha=carrier.alpha,
-                a=a + drift * axis + 2.0 * np.cross(carrier.omega, rate * axis),
+        if hinge.kind == "fixed":
+            return carrier
+        axis, position = carrier.R @ hinge.axis, positions[hinge.name]
+        if hinge.name not in rates.rows and hinge.name not in self.robot.locked:
+            rates.rows[hinge.name], rates.drifts[hinge.name] = self._follow(
+                hinge, carrier, axis, u, rates
             )
-        return _Motion(
-            R=carrier.R @ _about(_unit(joint.axis), position),
-            p=carrier.p,
+        row = rates.rows.get(hinge.name)
+        if row is None:
+            row, drift = self.scalars.zeros(len(u)), 0 * u[0]
+        else:
+            drift = rates.drifts[hinge.name]
+        rate = row @ u
+        if hinge.kind == "prismatic":
+            J_v, a = carrier.at(position * axis)
+            a = a + drift * axis + 2 * cross(carrier.omega, rate * axis)
+            J_v = J_v + np.outer(axis, row)
+            return Motion(carrier.R, carrier.omega, carrier.J_w, J_v, carrier.alpha, a)
+        return Motion(
+            R=carrier.R @ self.scalars.rotation(hinge.axis, position),
             omega=carrier.omega + rate * axis,
             J_w=carrier.J_w + np.outer(axis, row),
             J_v=carrier.J_v,
-            alpha=carrier.alpha + drift * axis + np.cross(carrier.omega, rate * axis),
+            alpha=carrier.alpha + drift * axis + cross(carrier.omega, rate * axis),
             a=carrier.a,
         )
 
+    def _follow(
+        self, hinge: Hinge, carrier: Motion, axis: Array, u: Array, rates: Rates
+    ) -> tuple[Array, Any]:
+        """Return the rate of a joint that is not part of u, as a row of u, and its drift."""
+        if hinge.name in self.tree.wheels:
+            return self._rolling(hinge, carrier, axis, u)
+        followed, factor = hinge.follows, hinge.factor
+        row = rates.rows.get(followed, self.scalars.zeros(len(u)))
+        return factor * row, factor * rates.drifts.get(followed, 0 * u[0])
 
-def _root_motion(q: Array, R: Array, u: Array, J_w: Array, J_v: Array, a: Array) -> _Motion:
-    p = np.array([q[0], q[1], 0.0])
-    return _Motion(R, p, J_w @ u, J_w, J_v, np.zeros(3), a)
+    def _rolling(self, hinge: Hinge, carrier: Motion, axle: Array, u: Array) -> tuple[Array, Any]:
+        """Return a wheel's rate and drift from rolling along t, the level normal of its axle.
 
+        t · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
+        """
+        radius, offset = self.tree.wheels[hinge.name]
+        down = -radius * UP
+        t = cross(axle, UP)
+        lever = t @ cross(axle, down)
+        J_c, a_c = carrier.at(offset * axle)
+        row = -(t @ (J_c + cross(carrier.J_w, down))) / lever
+        turning = carrier.alpha + cross(carrier.omega, (row @ u) * axle)
+        return row, -(t @ (a_c + cross(turning, down))) / lever
 
-def _carried(motion: _Motion, joint: Any) -> _Motion:
-    """Return the motion of a joint's frame before the joint itself moves."""
-    origin = np.eye(4) if joint.origin is None else joint.origin
-    offset = motion.R @ origin[:3, 3]
-    J_v, a = motion.at(offset)
-    R = motion.R @ origin[:3, :3]
-    return _Motion(R, motion.p + offset, motion.omega, motion.J_w, J_v, motion.alpha, a)
+    def _heading(self, q: Array) -> Array:
+        return FLOATS.rotation(UP, math.atan2(q[3], q[2]))
 
-
-def _rolling(wheel: Wheel, carrier: _Motion, axle: Array, u: Array) -> tuple[Array, float]:
-    """Return a wheel's rate as a row of u, and its drift, from rolling along t = axle × ẑ.
-
-    t · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
-    """
-    down = -wheel.radius * UP
-    t = np.cross(axle, UP)
-    t = t / np.linalg.norm(t)
-    lever = float(t @ np.cross(axle, down))
-    J_c, a_c = carrier.at(wheel.offset * axle)
-    row = -(t @ (J_c + np.cross(carrier.J_w, down, axisa=0, axisc=0))) / lever
-    turning = carrier.alpha + np.cross(carrier.omega, float(row @ u) * axle)
-    drift = -float(t @ (a_c + np.cross(turning, down))) / lever
-    return row, drift
-
-
-def _unit(axis: Array) -> Array:
-    return np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    def _positions(self, q: Array) -> dict[str, float]:
+        return {name: self.robot.joint_position(q, name) for name in self.tree.moving}
 
 
-def _about(axis: Array, angle: float) -> Array:
-    """Return the rotation (3, 3) about a unit axis by an angle (rad)."""
-    cos, sin = math.cos(angle), math.sin(angle)
-    return cos * np.eye(3) + sin * np.cross(np.eye(3), axis) + (1.0 - cos) * np.outer(axis, axis)
+def cross(a: Array, b: Array) -> Array:
+    """Return a × b for vectors (3,), or of the columns of a (3, n) with b (3,)."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

@@ -74,10 +74,10 @@ def _merits(summary: Mapping[str, Any]) -> str:
     broken = summary.get("limits_violated")
     if broken is None:
         return _section("Tracking error", _rows(rows))
-    badge = _badge(not broken, "limits broken" if broken else "within limits")
+    mark = badge(not broken, "limits broken" if broken else "within limits")
     details = "".join(f"<li>{escape(_violation(each))}</li>" for each in broken)
     body = f'<ul class="notes">{details}</ul>' if broken else ""
-    return _section("Tracking error" + badge, _rows(rows) + body)
+    return _section("Tracking error" + mark, _rows(rows) + body)
 
 
 def _violation(broken: Mapping[str, Any]) -> str:
@@ -95,19 +95,23 @@ def _known(summary: Mapping[str, Any], key: str) -> bool:
 def _certificate(certificate: Mapping[str, Any] | None) -> str:
     if certificate is None:
         return ""
-    passed = bool(certificate.get("passed"))
-    rows = []
-    for check in certificate.get("checks", ()):
-        mark = "" if check.get("passed") else " ✗"
-        residual = check["residual"]
-        worst = "∞" if residual is None else f"{residual:.1e}"
-        text = f"{worst} ≤ {check['limit']:.0e}"
-        rows.append((str(check["name"]), text if not mark else text.replace("≤", ">") + mark))
+    passed = bool(certificate["passed"])
+    rows = [(check["name"], residual(check)) for check in certificate["checks"]]
     samples, seed = certificate.get("samples"), certificate.get("seed")
     about = f"Worst of {samples} random states, seed {seed}."
-    badge = _badge(passed, "verified" if passed else "not equivalent")
+    mark = badge(passed, "verified" if passed else "not equivalent")
     quiet = f'<p class="quiet">{escape(about)}</p>'
-    return _section("Dynamics" + badge, _rows(rows) + quiet)
+    return _section("Dynamics" + mark, _rows(rows) + quiet)
+
+
+def residual(check: Mapping[str, Any]) -> str:
+    """Return a check's residual beside its limit, or that nothing was compared."""
+    if check["passed"] is None:
+        return "not compared"
+    known = check["residual"] is not None and math.isfinite(check["residual"])
+    worst = f"{check['residual']:.1e}" if known else "∞"
+    sign, mark = ("≤", "") if check["passed"] else (">", " ✗")
+    return f"{worst} {sign} {check['limit']:.0e}{mark}"
 
 
 def _settings(settings: Mapping[str, Any]) -> str:
@@ -162,7 +166,8 @@ def public(value: Any) -> str:
     return PurePath(text).name if PurePath(text).is_absolute() else text
 
 
-def _badge(good: bool, text: str) -> str:
+def badge(good: bool, text: str) -> str:
+    """Return a word on a green or red ground."""
     return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
 
 

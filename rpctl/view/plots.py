@@ -33,6 +33,7 @@ DPI = 200
 MAX_POINTS = 12_000  # of one line: more cannot be told apart on paper
 FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
 DECADES = 6.0  # that an error's axis shows at most
+SLIPPING = 3.0  # that a grip's axis shows at most: beyond, the wheel slips or is in the air
 COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
 
 
@@ -101,7 +102,11 @@ def _panels(run: Run) -> list[tuple[str, Panel]]:
         panels.append(("End-effector error", _tip_error))
     if based:
         panels.append(("Base speeds", _speeds))
-    return panels + _effort_panels(run)
+    panels += _effort_panels(run)
+    if run.tip_margin.size:
+        grip = f"Grip used at friction {run.settings['friction']:g}"
+        panels += [("Distance from tipping over", _tip_margin), (grip, _grip)]
+    return panels
 
 
 def _effort_panels(run: Run) -> list[tuple[str, Panel]]:
@@ -193,6 +198,23 @@ def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
             axes.plot(_thin(run.t), desired, color=theme.desired, label=explained, **DESIRED)
     axes.set_xlabel("t, s")
     axes.set_ylabel("m/s or rad/s")
+
+
+def _tip_margin(axes: Axes, run: Run, theme: Theme) -> None:
+    axes.axhline(0.0, color=theme.ink, lw=0.8, ls=(0, (6, 3)))
+    axes.plot(_thin(run.t), _thin(run.tip_margin), color=theme.base, lw=1.1)
+    low, high = min(0.0, run.tip_margin.min()), max(0.0, run.tip_margin.max())
+    axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    axes.set_xlabel("t, s")
+    axes.set_ylabel("zero-moment point to edge, m")
+
+
+def _grip(axes: Axes, run: Run, theme: Theme) -> None:
+    axes.axhline(1.0, color=theme.ink, lw=0.8, ls=(0, (6, 3)))
+    axes.plot(_thin(run.t), _thin(run.slip_ratio), color=theme.tip, lw=1.1)
+    axes.set_ylim(0.0, 1.12 * min(max(1.0, run.slip_ratio.max()), SLIPPING))
+    axes.set_xlabel("t, s")
+    axes.set_ylabel("force / (friction · load)")
 
 
 def _actuator_lines(axes: Axes, run: Run, chosen: list[int], scale: Array, theme: Theme) -> None:

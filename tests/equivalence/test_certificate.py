@@ -10,7 +10,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, verify
-from rpctl.equivalence import certificate
+from rpctl.equivalence.checks import draw_state
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.description import Array
@@ -24,13 +24,69 @@ def test_robots_of_the_catalogue_pass(name: str) -> None:
     assert proof.passed, [check for check in proof.checks if not check.passed]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ROBOTS)
+def test_robots_of_the_catalogue_pass_at_a_hundred_states(name: str) -> None:
+    assert verify(rpctl.load(name), samples=100).passed
+
+
 def test_every_comparison_is_there(paper: Robot) -> None:
-    names = [check.name for check in verify(paper, samples=1).checks]
-    assert names == [
-        "full inertia", "full bias", "reduced inertia M", "M, entry by entry", "reduced bias h",
-        "actuation B", "rolling wheels S ν", "inverse dynamics", "no slip A S", "basis drift Ṡ ν",
-        "forward ∘ inverse", "M positive definite", "power balance",
-    ]  # fmt: skip
+    proof = verify(paper, samples=1, engines=())
+    assert [(check.name, check.against) for check in proof.checks] == [
+        ("full inertia", "Gibbs-Appell"),
+        ("full bias", "Gibbs-Appell"),
+        ("reduced inertia M", "Gibbs-Appell"),
+        ("M, entry by entry", "Gibbs-Appell"),
+        ("reduced bias h", "Gibbs-Appell"),
+        ("actuation B", "Gibbs-Appell"),
+        ("rolling wheels S ν", "Gibbs-Appell"),
+        ("Coriolis C ν + g", "h"),
+        ("Ṁ − 2C skew-symmetric", "differences"),
+        ("inverse dynamics", "∂G/∂ν̇"),
+        ("inverse dynamics along ν", "G itself"),
+        ("accelerations", "Lagrange multipliers"),
+        ("accelerations", "Pinocchio, constrained"),
+        ("constraint forces Aᵀ λ", "Lagrange multipliers"),
+        ("no slip A S", "0"),
+        ("basis drift Ṡ ν", "differences"),
+        ("forward ∘ inverse", "identity"),
+        ("M symmetric", "Mᵀ"),
+        ("M positive definite", "least eigenvalue"),
+        ("power balance", "work of τ"),
+    ]
+
+
+def test_an_engine_that_is_not_installed_never_passes(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rpctl.equivalence import mujoco_engine
+
+    monkeypatch.setattr(mujoco_engine, "installed", lambda: False)
+    proof = verify(paper, samples=1)
+    row = proof.checks[-1]
+    assert (row.against, row.passed) == ("MuJoCo", None)
+    assert row.note.startswith("not installed: pip install")
+    assert proof.passed
+    assert proof.worst.passed
+    told = proof.to_dict()["checks"][-1]
+    assert told["passed"] is None
+    assert told["residual"] is None
+
+
+def test_an_engine_that_refuses_says_why(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    from rpctl.equivalence import mujoco_engine
+
+    def refuse(self: object, robot: Robot) -> None:
+        raise mujoco_engine.EngineRefused("link a weighs nothing")
+
+    monkeypatch.setattr(mujoco_engine, "installed", lambda: True)
+    monkeypatch.setattr(mujoco_engine.MujocoEngine, "__init__", refuse)
+    assert verify(paper, samples=1).checks[-1].note == "refused: link a weighs nothing"
+
+
+def test_unknown_engines_are_told(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match="engine 'ode' is not known"):
+        verify(paper, samples=1, engines=("ode",))
 
 
 def test_the_seed_reproduces_and_matters(paper: Robot) -> None:
@@ -39,10 +95,10 @@ def test_the_seed_reproduces_and_matters(paper: Robot) -> None:
 
 
 def test_a_sample_does_not_depend_on_how_many_there_are(paper: Robot) -> None:
-    one = certificate.draw_state(paper, 0, 2)
-    two = certificate.draw_state(paper, 0, 2)
+    one = draw_state(paper, 0, 2)
+    two = draw_state(paper, 0, 2)
     np.testing.assert_array_equal(one.q, two.q)
-    assert not np.array_equal(one.q, certificate.draw_state(paper, 0, 3).q)
+    assert not np.array_equal(one.q, draw_state(paper, 0, 3).q)
 
 
 def test_it_is_plain_json(paper: Robot) -> None:

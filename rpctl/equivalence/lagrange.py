@@ -1,0 +1,83 @@
+"""The Lagrange-multiplier path: the full tree under A(q) v = 0, all coordinates kept.
+
+M v̇ + b = B_q τ + Aᵀ λ together with A v̇ = −Ȧ v. Redundant rows of A (two wheels on one axle) leave
+the accelerations as they are and make single multipliers indeterminate; the shortest λ is returned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import cho_factor, cho_solve, qr
+
+from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot
+
+RANK_MARGIN = 1e-9  # of the largest: below it a row of A, seen through M⁻¹, repeats others
+
+
+@dataclass(frozen=True)
+class ConstrainedMotion:
+    """What the constraints make of the efforts.
+
+    Attributes:
+        v_dot: Acceleration of the tree (nv,).
+        multipliers: λ (rows,), the shortest that fits; N for wheels, N·m or N for mimic joints.
+        force: Aᵀ λ (nv,), which is determinate.
+    """
+
+    v_dot: Array
+    multipliers: Array
+    force: Array
+
+
+def constrained_motion(robot: Robot, q: Array, v: Array, tau: Array) -> ConstrainedMotion:
+    """Solve the tree's equations with multipliers, whatever the rank of A.
+
+    Args:
+        robot: The robot.
+        q: Configuration (nq,).
+        v: Velocity (nv,) with A v = 0.
+        tau: Actuator efforts (n_act,).
+    """
+    data = robot.model.createData()
+    A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
+    force = effort_columns(robot) @ tau - pin.nonLinearEffects(robot.model, data, q, v)
+    factor = cho_factor(pin.crba(robot.model, data, q))
+    free = cho_solve(factor, force)  # without the constraint
+    response = cho_solve(factor, A.T)  # acceleration by each multiplier (nv, rows)
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("ij,ji->i", A, response), np.finfo(float).tiny))
+    mobility = scale[:, None] * (A @ response) * scale
+    wanted = scale * (-drift - A @ free)
+    multipliers = scale * (np.linalg.pinv(mobility, rcond=RANK_MARGIN, hermitian=True) @ wanted)
+    return ConstrainedMotion(free + response @ multipliers, multipliers, A.T @ multipliers)
+
+
+def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
+    """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
+
+    It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
+    """
+    data = robot.model.createData()
+    A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
+    if not len(A):
+        return np.asarray(pin.aba(robot.model, data, q, v, effort_columns(robot) @ tau))
+    _, triangle, order = qr(A.T, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(triangle))
+    rows = order[: np.count_nonzero(sizes > RANK_MARGIN * sizes[0])]
+    generalised = effort_columns(robot) @ tau
+    acceleration = pin.forwardDynamics(
+        robot.model, data, q, v, generalised, np.ascontiguousarray(A[rows]), drift[rows]
+    )
+    return np.asarray(acceleration).copy()
+
+
+def effort_columns(robot: Robot) -> Array:
+    """Return B_q (nv, n_act): the generalised force of each actuator's unit effort."""
+    columns = np.zeros((robot.nv, len(robot.actuators)))
+    for column, name in enumerate(robot.actuators):
+        columns[robot.velocity_index(name), column] = 1.0
+    return columns

@@ -1,0 +1,162 @@
+"""The URDF's tree as yourdfpy reads it, its numbers turned into any kind of scalar."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Scalars:
+    """A kind of scalar.
+
+    Attributes:
+        number: Turns a number of the URDF into a scalar; told its kind (``"mass"``,
+            ``"length"``, ``"inertia"``, ``"direction"``, ``"gravity"`` or ``"number"``) and what
+            it is of.
+        cos: Cosine of a scalar.
+        sin: Sine of a scalar.
+        dtype: NumPy type of arrays of it.
+    """
+
+    number: Callable[[float, str, str], Any]
+    cos: Callable[[Any], Any]
+    sin: Callable[[Any], Any]
+    dtype: type = object
+
+    def numbers(self, values: Any, kind: str, label: str) -> Array:
+        """Return an array of numbers as scalars."""
+        array = np.asarray(values, dtype=float)
+        if self.dtype is float:
+            return array
+        scalars = [self.number(float(value), kind, label) for value in array.ravel()]
+        return _filled(scalars, array.shape)
+
+    def zeros(self, shape: int | tuple[int, ...]) -> Array:
+        """Return an array of zeros."""
+        return self.numbers(np.zeros(shape), "number", "")
+
+    def identity(self, n: int) -> Array:
+        """Return the unit matrix (n, n)."""
+        return self.numbers(np.eye(n), "number", "")
+
+    def rotation(self, axis: Array, angle: Any) -> Array:
+        """Return the rotation (3, 3) about a unit axis by an angle (rad)."""
+        cos, sin = self.cos(angle), self.sin(angle)
+        x, y, z = axis
+        skew = _filled([0 * x, -z, y, z, 0 * x, -x, -y, x, 0 * x], (3, 3))
+        return cos * self.identity(3) + sin * skew + (1 - cos) * np.outer(axis, axis)
+
+
+FLOATS = Scalars(lambda value, kind, label: value, math.cos, math.sin, float)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A link's mass, centre of mass (3,), and inertia (3, 3) in axes turned by R (3, 3)."""
+
+    mass: Any
+    com: Array
+    R: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A joint: its origin in the parent's frame, its unit axis, and what it follows."""
+
+    name: str
+    kind: str
+    child: str
+    p: Array  # (3,)
+    R: Array  # (3, 3)
+    axis: Array  # (3,)
+    follows: str
+    factor: Any
+
+
+class Tree:
+    """The links with inertia and the joints below each link, by the links' names.
+
+    Args:
+        robot: The robot; its description's XML is parsed anew.
+        scalars: What the numbers become.
+    """
+
+    def __init__(self, robot: Robot, scalars: Scalars) -> None:
+        import yourdfpy  # here, for its import takes longer than loading and inspecting a robot
+
+        self._scalars = scalars
+        parsed = yourdfpy.URDF.load(
+            io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False
+        ).robot
+        self.bodies = {link.name: self._body(link) for link in parsed.links if _has_mass(link)}
+        self.below: dict[str, list[Hinge]] = {link.name: [] for link in parsed.links}
+        for joint in parsed.joints:
+            self.below[joint.parent].append(self._hinge(joint))
+        hinges = [hinge for below in self.below.values() for hinge in below]
+        self.moving = [hinge.name for hinge in hinges if hinge.kind != "fixed"]
+        (self.root,) = self.below.keys() - {hinge.child for hinge in hinges}
+        drive, number = robot.drive, scalars.number
+        self.wheels = {
+            wheel.joint: (
+                number(wheel.radius, "length", f"radius of {wheel.joint}"),
+                number(wheel.offset, "length", f"offset of {wheel.joint}"),
+            )
+            for wheel in drive.wheels
+        }
+        ahead = (math.cos(drive.heading), math.sin(drive.heading), 0.0)
+        self.forward = scalars.numbers(ahead, "direction", "")
+        self.point = scalars.numbers((*drive.point, 0.0), "length", "axle midpoint P")
+
+    def _body(self, link: Any) -> Body:
+        inertial, numbers = link.inertial, self._scalars.numbers
+        origin = np.eye(4) if inertial.origin is None else inertial.origin
+        inertia = np.zeros((3, 3)) if inertial.inertia is None else inertial.inertia
+        return Body(
+            mass=self._scalars.number(float(inertial.mass), "mass", f"mass of {link.name}"),
+            com=numbers(origin[:3, 3], "length", f"centre of mass of {link.name}"),
+            R=numbers(origin[:3, :3], "direction", ""),
+            inertia=numbers(inertia, "inertia", f"inertia of {link.name}"),
+        )
+
+    def _hinge(self, joint: Any) -> Hinge:
+        numbers = self._scalars.numbers
+        origin = np.eye(4) if joint.origin is None else joint.origin
+        axis = np.zeros(3)
+        if joint.type != "fixed":
+            axis = np.asarray(joint.axis, dtype=float)
+            axis = axis / np.linalg.norm(axis)
+        mimic = joint.mimic
+        factor = 1.0 if mimic is None or mimic.multiplier is None else mimic.multiplier
+        return Hinge(
+            name=joint.name,
+            kind=joint.type,
+            child=joint.child,
+            p=numbers(origin[:3, 3], "length", f"origin of {joint.name}"),
+            R=numbers(origin[:3, :3], "direction", ""),
+            axis=numbers(axis, "direction", ""),
+            follows="" if mimic is None else mimic.joint,
+            factor=self._scalars.number(float(factor), "number", ""),
+        )
+
+
+def _has_mass(link: Any) -> bool:
+    return link.inertial is not None and bool(link.inertial.mass)
+
+
+def _filled(values: list[Any], shape: tuple[int, ...]) -> Array:
+    """Return an array of scalars; NumPy alone would try to look into them."""
+    plain = all(isinstance(value, float | int | np.integer) for value in values)
+    array = np.empty(len(values), dtype=float if plain else object)
+    for index, value in enumerate(values):
+        array[index] = value
+    return array.reshape(shape)

@@ -1,0 +1,71 @@
+"""A certificate as one HTML page, to keep or to pass on."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.files import write_atomically
+from rpctl.view.panel import badge, residual
+
+STYLE = """
+main { display: block; }
+.top, main { max-width: 940px; }
+header .badge { float: none; }
+table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th { text-align: left; color: var(--soft); font-weight: 600; }
+th, td { padding: 6px 10px; border-bottom: 1px solid var(--line); vertical-align: top; }
+td:nth-child(3) { white-space: nowrap; }
+.wide { overflow-x: auto; background: var(--card); border: 1px solid var(--line);
+  border-radius: 10px; }
+"""
+PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
+<title>{robot}: certificate of the dynamics</title>
+<style>{style}</style>
+</head>
+<body>
+<header class="top"><h1>{robot}</h1><span class="subtitle">{about}</span> {badge}</header>
+<main><div class="wide"><table>
+<thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
+<tbody>
+{rows}
+</tbody></table></div></main>
+</body>
+</html>
+"""
+
+
+def write_certificate(certificate: Certificate, path: str | Path) -> Path:
+    """Write a certificate as one HTML file that needs nothing else.
+
+    Args:
+        certificate: The certificate.
+        path: The file; there whole or not at all.
+
+    Returns:
+        The path.
+    """
+    style = files("rpctl.view").joinpath("assets", "report.css").read_text(encoding="utf-8")
+    about = f"M(q) ν̇ + h(q, ν) = B(q) τ at {certificate.samples} random states"
+    page = PAGE.format(
+        robot=escape(certificate.robot),
+        style=style + STYLE,
+        about=f"{about}, seed {certificate.seed}",
+        badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
+        rows="\n".join(map(_row, certificate.checks)),
+    )
+    return write_atomically(path, page.encode())
+
+
+def _row(check: Check) -> str:
+    shown = residual({"passed": check.passed, "residual": check.residual, "limit": check.limit})
+    where = f"{check.entry}, sample {check.sample}" if check.residual > 0 else ""
+    cells = (check.name, check.against, shown, "; ".join(filter(None, (where, check.note))))
+    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"

@@ -1,0 +1,46 @@
+"""The Lagrange-multiplier path: its equations hold, and rank does not bother it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl import ReducedDynamics, Robot
+from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
+
+
+def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator) -> None:
+    """M v̇ + b = B τ + Aᵀ λ and A v̇ = −Ȧ v, with two rows of A that say the same."""
+    dynamics, data = ReducedDynamics(robot), robot.model.createData()
+    for _ in range(5):
+        q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+        v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
+        motion = constrained_motion(robot, q, v, tau)
+        A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
+        assert np.linalg.matrix_rank(A) == len(A) - 1
+        slip = A @ motion.v_dot + drift
+        assert np.abs(slip).max() < 1e-10 * max(1.0, np.abs(motion.v_dot).max())
+        left = pin.rnea(robot.model, data, q, v, motion.v_dot)
+        right = effort_columns(robot) @ tau + motion.force
+        np.testing.assert_allclose(left, right, atol=1e-9 * np.abs(left).max())
+        np.testing.assert_allclose(A.T @ motion.multipliers, motion.force)
+
+
+def test_the_constraint_does_no_work(robot: Robot, rng: np.random.Generator) -> None:
+    dynamics = ReducedDynamics(robot)
+    q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+    v = dynamics.basis(q) @ nu
+    force = constrained_motion(robot, q, v, rng.normal(size=len(robot.actuators))).force
+    assert abs(force @ v) < 1e-12 * np.abs(force).max() * np.abs(v).max()
+    assert np.abs(force).max() > 1.0
+
+
+def test_pinocchio_agrees_where_rows_are_independent(
+    robot: Robot, rng: np.random.Generator
+) -> None:
+    dynamics = ReducedDynamics(robot)
+    q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+    v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
+    own, ours = pinocchio_motion(robot, q, v, tau), constrained_motion(robot, q, v, tau).v_dot
+    np.testing.assert_allclose(own, ours, atol=1e-9 * np.abs(ours).max())
