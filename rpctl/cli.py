@@ -14,6 +14,7 @@ import typer
 from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.kinematic import kinematic_by_name
+from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
@@ -141,6 +142,9 @@ def track_command(
     ] = "0,0,0",
     kinematic: Annotated[str, typer.Option(metavar="paper", help="Kinematic law.")] = "paper",
     dynamic: Annotated[str, typer.Option(metavar="paper", help="Dynamic law.")] = "paper",
+    friction: Annotated[
+        float, typer.Option(help="Friction coefficient of the wheels, to tell if they would slip.")
+    ] = FRICTION,
     samples: Annotated[
         int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
     ] = 20,
@@ -165,7 +169,14 @@ def track_command(
         say.print(certificate_line(certificate))
     with progress_bar("simulate") as advance:
         run = track(
-            loaded, reference, duration, error, *laws, certificate=certificate, progress=advance
+            loaded,
+            reference,
+            duration,
+            error,
+            *laws,
+            friction=friction,
+            certificate=certificate,
+            progress=advance,
         )
     from rpctl.view.folder import write_folder  # meshcat and matplotlib load only once needed
 

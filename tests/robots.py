@@ -38,6 +38,38 @@ CASTER = """
     <origin xyz="-0.06 0 -0.05"/><axis xyz="0 1 0"/>
   </joint>"""
 
+BALL = """
+  <link name="{name}">
+    <{role}><geometry><sphere radius="0.05"/></geometry></{role}>
+  </link>
+  <joint name="{name}_joint" type="fixed">
+    <parent link="{parent}"/><child link="{name}"/><origin xyz="{x} {y} {z}"/>
+  </joint>"""
+
+
+def ball(
+    x: float,
+    y: float = 0.0,
+    z: float = 0.05,
+    name: str = "ball",
+    role: str = "collision",
+    parent: str = "base",
+) -> str:
+    """Return a massless support of radius 5 cm, its centre at (x, y, z) in its parent, m."""
+    return BALL.format(x=x, y=y, z=z, name=name, role=role, parent=parent)
+
+
+def cargo(mass: float, x: float, y: float, z: float) -> str:
+    """Return a point mass fixed to the base."""
+    return f"""
+  <link name="cargo">
+    <inertial><mass value="{mass}"/>
+      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>
+  </link>
+  <joint name="cargo_joint" type="fixed">
+    <parent link="base"/><child link="cargo"/><origin xyz="{x} {y} {z}"/>
+  </joint>"""
+
 
 def platform(parameters: Mapping[str, float], *, right_sign: int = 1, extra: str = "") -> str:
     """Return a differential-drive platform: symbols as in the design's closed form."""

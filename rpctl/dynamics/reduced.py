@@ -7,12 +7,11 @@ import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.dynamics.basis import basis, basis_drift, selection
-from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift
 from rpctl.errors import ActuationError, RpctlError
 from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
-ROOT_JOINT = 1  # Pinocchio's index of the planar root
 ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
 
 
@@ -108,6 +107,36 @@ class ReducedDynamics:
         if info or not np.isfinite(nu_dot[0]):
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
+
+    @property
+    def constant(self) -> bool:
+        """Whether A and S are the same at every q."""
+        return self._S is not None
+
+    def placements(self, q: Array) -> pin.Data:
+        """Return the workspace with the joints' placements at q; the next call overwrites it."""
+        pin.forwardKinematics(self._model, self._data, q)
+        return self._data
+
+    def reaction(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
+        """Return what the ground does to the robot while it moves under τ.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
+
+        Returns:
+            The constraints' generalized force Aᵀλ = M v̇ + h − B τ of the whole tree (nv,), and
+            the wrench through the planar root (6,): force (N), then moment (N·m) about the root
+            link's origin, in the root link's axes. The wrench is the rate of the robot's momentum
+            less gravity's share ([F08, Ch. 5]), so it has what the planar joint hides: the
+            vertical force, the roll and the pitch moment.
+        """
+        S = self.basis(q)
+        acceleration = S @ self.forward(q, nu, tau) + self.basis_drift(q, nu)
+        force = pin.rnea(self._model, self._data, q, S @ nu, acceleration)
+        return force - self._columns @ tau, self._data.f[ROOT_JOINT].vector.copy()
 
     def energy(self, q: Array, nu: Array) -> float:
         """Return kinetic plus potential energy, J; the latter is 0 at the root link's height."""

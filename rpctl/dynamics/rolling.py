@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 
@@ -9,6 +11,7 @@ from rpctl.robot.description import Array
 from rpctl.robot.drive import Wheel
 from rpctl.robot.model import BASE_NV, Robot
 
+ROOT_JOINT = 1  # Pinocchio's index of the planar root
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -17,7 +20,9 @@ def constraint(robot: Robot, data: pin.Data, q: Array) -> Array:
 
     Two rows a wheel, the velocity of its material contact point along and across its rolling
     direction: v_c + ω × (−r ẑ), with c its centre and ω its angular velocity ([MS21, Eq. 1-5]'s
-    rolling conditions for any wheel). One row a mimic joint. A fixed base locks its three speeds.
+    rolling conditions for any wheel). Wheels that the root link carries share one axle through P,
+    across the drive's heading: files round their angles and places, and two axles a hair apart
+    would let the base move nowhere. One row a mimic joint. A fixed base locks its three speeds.
 
     Args:
         robot: The robot.
@@ -37,9 +42,17 @@ def constraint(robot: Robot, data: pin.Data, q: Array) -> Array:
         joint = model.getJointId(wheel.joint)
         J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)  # (6, nv)
         axle, centre = _axle(data, joint, wheel)
-        linear = J[:3] - np.cross(centre, J[3:], axisa=0, axisb=0, axisc=0)  # at the centre
-        contact = linear - np.cross(J[3:], wheel.radius * UP, axisa=0, axisc=0)
-        rows.append(_directions(axle) @ contact)
+        x, y, z = centre - wheel.radius * UP  # the contact point, seen from the joint's origin
+        turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # turn @ ω = ω × (x, y, z)
+        contact = J[:3] + turn @ J[3:]
+        if carried_by_root(robot, wheel):
+            forward, left = _heading(robot)
+            across = np.zeros(robot.nv)
+            across[:BASE_NV] = *left, left @ [-robot.drive.point[1], robot.drive.point[0]]
+            along = forward @ (data.oMi[ROOT_JOINT].rotation[:2, :2].T @ contact[:2])
+            rows.append(np.array([along, across]))
+        else:
+            rows.append(_directions(axle) @ contact)
     return np.vstack(rows)
 
 
@@ -59,6 +72,9 @@ def constraint_drift(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     if robot.drive.wheels:
         pin.forwardKinematics(model, data, q, v, np.zeros(robot.nv))
     for wheel in robot.drive.wheels:
+        if carried_by_root(robot, wheel):
+            drift.append(np.zeros(2))  # in the root's axes nothing of these rows moves
+            continue
         joint = model.getJointId(wheel.joint)
         axle, centre = _axle(data, joint, wheel)
         down = -wheel.radius * UP
@@ -74,6 +90,24 @@ def constraint_drift(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
         turning = _direction_rates(axle, np.cross(omega, axle))
         drift.append(_directions(axle) @ change + turning @ rate)
     return np.concatenate(drift)
+
+
+def carried_by_root(robot: Robot, wheel: Wheel) -> bool:
+    """Return whether a wheel's joint is held by the root link."""
+    return bool(robot.model.parents[robot.model.getJointId(wheel.joint)] == ROOT_JOINT)
+
+
+def _heading(robot: Robot) -> Array:
+    """Return forward and left (2, 2) in the root link's axes."""
+    cos, sin = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
+    """Return a wheel's lowest point and its unit axle (3,), world; ``data`` holds its placement."""
+    joint = robot.model.getJointId(wheel.joint)
+    axle, centre = _axle(data, joint, wheel)
+    return data.oMi[joint].translation + centre - wheel.radius * UP, axle
 
 
 def _mimic_rows(robot: Robot) -> Array:
@@ -94,8 +128,8 @@ def _axle(data: pin.Data, joint: int, wheel: Wheel) -> tuple[Array, Array]:
 
 def _directions(axle: Array) -> Array:
     """Return the rolling direction and the lateral one (2, 3): level, unit, right-handed."""
-    lateral = np.array([axle[0], axle[1], 0.0]) / np.hypot(axle[0], axle[1])
-    return np.array([np.cross(lateral, UP), lateral])
+    x, y = axle[:2] / math.hypot(axle[0], axle[1])
+    return np.array([[y, -x, 0.0], [x, y, 0.0]])
 
 
 def _direction_rates(axle: Array, axle_rate: Array) -> Array:

@@ -128,7 +128,8 @@ def consistent(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     yield worst("M symmetric", "Mᵀ", asymmetry, EXACT, speeds)
     lost = np.array([0.0 if np.linalg.eigvalsh(M)[0] > 0.0 else np.inf])
     yield worst("M positive definite", "least eigenvalue", lost, EXACT, ["M"])
-    yield _power(dynamics, state)
+    yield _energy_rate(dynamics, state)
+    yield from _power(dynamics, state)
 
 
 def engine(
@@ -167,7 +168,7 @@ def _coriolis(dynamics: ReducedDynamics, state: State, size: float) -> Iterator[
     yield worst("Ṁ − 2C skew-symmetric", "differences", (skew + skew.T) / scale, DIFFERENCE, names)
 
 
-def _power(dynamics: ReducedDynamics, state: State) -> Check:
+def _power(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     """Follow a motion; its energy must change by the actuators' work.
 
     A tenth of the random speeds and accelerations keeps the motion within what the step resolves.
@@ -179,7 +180,22 @@ def _power(dynamics: ReducedDynamics, state: State) -> Check:
         q, nu, done = rk4_step(dynamics, q, nu, tau, POWER_STEP)
         work, moved = work + done, moved + abs(done)
     gap = (dynamics.energy(q, nu) - start - work) / max(moved, 1.0)
-    return worst("power balance", "work of τ", np.array([gap]), POWER, ["energy"])
+    yield worst("power balance", "work of τ", np.array([gap]), POWER, ["energy"])
+
+
+def _energy_rate(dynamics: ReducedDynamics, state: State) -> Check:
+    """Check that the energy changes at the rate at which the actuators work."""
+    robot, q, nu = dynamics.robot, state.q, state.nu
+    tau = dynamics.efforts(q, dynamics.inverse(q, nu, state.nu_dot))
+    v, h = dynamics.basis(q) @ nu, DIFFERENCE_STEP
+    ahead, behind = (
+        dynamics.energy(pin.integrate(robot.model, q, step * v), nu + step * state.nu_dot)
+        for step in (h, -h)
+    )
+    terms = nu * (dynamics.actuation(q) @ tau)
+    gap = (ahead - behind) / (2.0 * h) - terms.sum()
+    scale = max(1.0, float(np.abs(terms).sum()), abs(dynamics.energy(q, nu)))
+    return worst("energy rate", "power of τ", np.array([gap / scale]), DIFFERENCE, ["energy"])
 
 
 def forward_limit(M: Array) -> float:

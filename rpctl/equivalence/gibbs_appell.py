@@ -72,10 +72,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Rates:
-    """The rates of joints as rows of u, and what the motion adds to their accelerations."""
+    """The rates of joints as rows of u, and what the motion adds to their accelerations.
+
+    ``forward`` (3,) is the direction in which wheels on the root link roll.
+    """
 
     rows: dict[str, Array]
     drifts: dict[str, Any]
+    forward: Array
 
 
 class GibbsAppell:
@@ -105,7 +109,8 @@ class GibbsAppell:
         a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
         rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.model.names[2:]}
         root = Motion(R, J_w @ v, J_w, J_v, np.zeros(3), a)
-        return self.terms(self._positions(q), v, root, Rates(rows, dict.fromkeys(rows, 0.0)))
+        rates = Rates(rows, dict.fromkeys(rows, 0.0), R @ self.tree.forward)
+        return self.terms(self._positions(q), v, root, rates)
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
         """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1]."""
@@ -132,7 +137,7 @@ class GibbsAppell:
         rows = dict(zip((joint.name for joint in self.robot.joints), identity, strict=True))
         omega = J_w @ np.asarray(nu)
         root = Motion(R, omega, J_w, J_v, scalars.zeros(3), a)
-        return root, Rates(rows, dict.fromkeys(rows, 0 * nu[0]))
+        return root, Rates(rows, dict.fromkeys(rows, 0 * nu[0]), R @ self.tree.forward)
 
     def terms(self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates) -> Terms:
         """Return the equations from G's Hessian and gradient, summed over the links."""
@@ -240,24 +245,28 @@ class GibbsAppell:
     ) -> tuple[Array, Any]:
         """Return the rate of a joint that is not part of u, as a row of u, and its drift."""
         if hinge.name in self.tree.wheels:
-            return self._rolling(hinge, carrier, axis, u)
+            return self._rolling(hinge, carrier, axis, u, rates.forward)
         followed, factor = hinge.follows, hinge.factor
         row = rates.rows.get(followed, self.scalars.zeros(len(u)))
         return factor * row, factor * rates.drifts.get(followed, 0 * u[0])
 
-    def _rolling(self, hinge: Hinge, carrier: Motion, axle: Array, u: Array) -> tuple[Array, Any]:
-        """Return a wheel's rate and drift from rolling along t, the level normal of its axle.
+    def _rolling(
+        self, hinge: Hinge, carrier: Motion, axle: Array, u: Array, forward: Array
+    ) -> tuple[Array, Any]:
+        """Return a wheel's rate and drift from rolling along t, the forward direction.
 
         t · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
         """
         radius, offset = self.tree.wheels[hinge.name]
         down = -radius * UP
-        t = cross(axle, UP)
-        lever = t @ cross(axle, down)
+        lever = forward @ cross(axle, down)
         J_c, a_c = carrier.at(offset * axle)
-        row = -(t @ (J_c + cross(carrier.J_w, down))) / lever
-        turning = carrier.alpha + cross(carrier.omega, (row @ u) * axle)
-        return row, -(t @ (a_c + cross(turning, down))) / lever
+        J_contact = J_c + cross(carrier.J_w, down)
+        row = -(forward @ J_contact) / lever
+        spin = (row @ u) * axle
+        change = a_c + cross(carrier.alpha + cross(carrier.omega, spin), down)
+        sideways = cross(carrier.omega, forward) @ (J_contact @ u + cross(spin, down))
+        return row, -(forward @ change + sideways) / lever
 
     def _heading(self, q: Array) -> Array:
         return FLOATS.rotation(UP, math.atan2(q[3], q[2]))

@@ -98,7 +98,8 @@ class Tree:
         parsed = yourdfpy.URDF.load(
             io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False
         ).robot
-        self.bodies = {link.name: self._body(link) for link in parsed.links if _has_mass(link)}
+        self._mimics = {joint.name: joint.mimic for joint in parsed.joints if joint.mimic}
+        self.bodies = {link.name: self._body(link) for link in parsed.links if _resists(link)}
         self.below: dict[str, list[Hinge]] = {link.name: [] for link in parsed.links}
         for joint in parsed.joints:
             self.below[joint.parent].append(self._hinge(joint))
@@ -122,7 +123,7 @@ class Tree:
         origin = np.eye(4) if inertial.origin is None else inertial.origin
         inertia = np.zeros((3, 3)) if inertial.inertia is None else inertial.inertia
         return Body(
-            mass=self._scalars.number(float(inertial.mass), "mass", f"mass of {link.name}"),
+            mass=self._scalars.number(float(inertial.mass or 0), "mass", f"mass of {link.name}"),
             com=numbers(origin[:3, 3], "length", f"centre of mass of {link.name}"),
             R=numbers(origin[:3, :3], "direction", ""),
             inertia=numbers(inertia, "inertia", f"inertia of {link.name}"),
@@ -135,8 +136,7 @@ class Tree:
         if joint.type != "fixed":
             axis = np.asarray(joint.axis, dtype=float)
             axis = axis / np.linalg.norm(axis)
-        mimic = joint.mimic
-        factor = 1.0 if mimic is None or mimic.multiplier is None else mimic.multiplier
+        leader, factor = self._leader(joint.name)
         return Hinge(
             name=joint.name,
             kind=joint.type,
@@ -144,13 +144,24 @@ class Tree:
             p=numbers(origin[:3, 3], "length", f"origin of {joint.name}"),
             R=numbers(origin[:3, :3], "direction", ""),
             axis=numbers(axis, "direction", ""),
-            follows="" if mimic is None else mimic.joint,
-            factor=self._scalars.number(float(factor), "number", ""),
+            follows=leader,
+            factor=self._scalars.number(factor, "number", ""),
         )
 
+    def _leader(self, joint: str) -> tuple[str, float]:
+        """Return the joint that a mimic follows in the end, and how many times its rate."""
+        leader, factor = "", 1.0
+        while joint in self._mimics:
+            mimic = self._mimics[joint]
+            leader = joint = mimic.joint
+            factor *= 1.0 if mimic.multiplier is None else float(mimic.multiplier)
+        return leader, factor
 
-def _has_mass(link: Any) -> bool:
-    return link.inertial is not None and bool(link.inertial.mass)
+
+def _resists(link: Any) -> bool:
+    """Return whether a link has a mass or an inertia."""
+    inertial = link.inertial
+    return inertial is not None and bool(inertial.mass or np.any(inertial.inertia))
 
 
 def _filled(values: list[Any], shape: tuple[int, ...]) -> Array:

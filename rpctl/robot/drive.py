@@ -16,9 +16,18 @@ AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, relative t
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
 
 
+BASE_SPEEDS = {
+    "differential": ("v", "omega"),
+    "skid-steer": ("v", "omega"),
+    "omni": ("vx", "vy", "omega"),
+    "mecanum": ("vx", "vy", "omega"),
+    "fixed": (),
+}
+
+
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel that rolls on the ground without slipping.
+    """A wheel on the ground.
 
     Attributes:
         joint: Name of its joint.
@@ -26,6 +35,11 @@ class Wheel:
         source: Where the radius came from.
         axis: Unit axle (3,) in the wheel joint's frame.
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
+        grip: What of the contact point stands still: ``"rolling"`` all of it, ``"sliding"`` only
+            along the rolling direction (skid-steer), ``"roller"`` only along the roller's axis.
+        roller: For ``"roller"``: angle from the axle to the axis of the roller that touches the
+            ground, seen from above, rad; ±π/4 for a mecanum wheel, π/2 for an omni wheel.
+        driven: Whether its joint has an actuator.
     """
 
     joint: str
@@ -33,6 +47,9 @@ class Wheel:
     source: str
     axis: tuple[float, float, float]
     offset: float = 0.0
+    grip: str = "rolling"
+    roller: float = 0.0
+    driven: bool = True
 
 
 @dataclass(frozen=True)
@@ -40,9 +57,11 @@ class Drive:
     """How a robot meets the ground.
 
     Attributes:
-        type: ``"differential"`` or ``"fixed"``.
-        wheels: The wheels, left before right.
-        point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle.
+        type: ``"differential"``, ``"skid-steer"``, ``"omni"``, ``"mecanum"`` or ``"fixed"``.
+        wheels: The wheels, front before rear and left before right.
+        swivels: Joints of passive casters; their rates follow from the base's motion.
+        point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
+            skid-steer drive its centre of rotation.
         heading: Angle of the forward direction in the root link's frame, rad.
         track: Distance between the wheels' contact points, m.
         ground: Height of the ground in the root link's frame, m.
@@ -50,6 +69,7 @@ class Drive:
 
     type: str
     wheels: tuple[Wheel, ...] = ()
+    swivels: tuple[str, ...] = ()
     point: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
     track: float = 0.0
@@ -58,7 +78,7 @@ class Drive:
     @property
     def base_speeds(self) -> tuple[str, ...]:
         """Names of the quasi-velocities of the base."""
-        return ("v", "omega") if self.type == "differential" else ()
+        return BASE_SPEEDS[self.type]
 
 
 FIXED = Drive("fixed")

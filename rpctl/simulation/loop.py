@@ -15,6 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from rpctl.control.dynamic import DynamicLaw, PaperDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.kinematic import KinematicLaw, PaperKinematic, require_positive
+from rpctl.dynamics.contact import FRICTION, Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError
@@ -39,6 +40,7 @@ def track(
     plant_step: float = 0.002,
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
+    friction: float = FRICTION,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -58,6 +60,7 @@ def track(
         plant_step: s.
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
+        friction: Coefficient between wheels and ground, for the grip that the motion uses.
 
     Returns:
         What was logged.
@@ -76,8 +79,10 @@ def track(
     asked = reference
     if isinstance(reference, str):
         reference = reference_by_name(robot, reference)
+    dynamics = ReducedDynamics(robot)
+    contacts = find_contacts(dynamics, friction)
     log = _simulate(
-        robot, reference, kinematic, dynamic, duration, initial_error,
+        dynamics, contacts, reference, kinematic, dynamic, duration, initial_error,
         control_period, plant_step, progress,
     )  # fmt: skip
     settings = {
@@ -105,13 +110,19 @@ def track(
         lower_limits=tuple(joint.lower for joint in joints),
         upper_limits=tuple(joint.upper for joint in joints),
         end_effector=robot.end_effector,
+        contacts=contacts.names if contacts else (),
+        contact_points=tuple(map(tuple, contacts.points.tolist())) if contacts else (),
+        axles=contacts.axles if contacts else (),
+        ground_notes=contacts.notes if contacts else (),
+        friction=friction,
         settings=settings,
         certificate=None if certificate is None else certificate.to_dict(),
     )
 
 
 def _simulate(
-    robot: Robot,
+    dynamics: ReducedDynamics,
+    contacts: Contacts | None,
     reference: Reference,
     kinematic: KinematicLaw,
     dynamic: DynamicLaw,
@@ -122,7 +133,8 @@ def _simulate(
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]:
     """Return the arrays of a Run and its wall time."""
-    dynamics, data = ReducedDynamics(robot), robot.model.createData()
+    robot = dynamics.robot
+    data = robot.model.createData()
     steps = max(1, round(duration / control_period))
     rows: list[dict[str, Any]] = []
     start = time.perf_counter()
@@ -146,7 +158,7 @@ def _simulate(
              "energy": dynamics.energy(q, nu), "work": work,
              "rates": dynamics.actuation(q).T @ nu,
              "constraint_residual": _slip(dynamics, q, nu),
-             **_end_effector(robot, data, q, state)}
+             **_ground(dynamics, contacts, q, nu, tau), **_end_effector(robot, data, q, state)}
         )  # fmt: skip
         if not np.abs(nu).max() < LOST:
             raise DivergedError(
@@ -185,6 +197,24 @@ def _slip(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
     """Return the largest entry of |A v|: m/s, rad/s."""
     residual = dynamics.constraint(q) @ (dynamics.basis(q) @ nu)
     return float(np.abs(residual).max(initial=0.0))
+
+
+def _ground(
+    dynamics: ReducedDynamics, contacts: Contacts | None, q: Array, nu: Array, tau: Array
+) -> dict[str, Any]:
+    nothing = np.empty(0)
+    if contacts is None:
+        names = ("wheel_force", "axle_force", "contact_load", "zmp", "tip_margin", "slip_ratio")
+        return dict.fromkeys(names, nothing)
+    ground = ground_reaction(dynamics, contacts, q, nu, tau)
+    return {
+        "wheel_force": ground.longitudinal,
+        "axle_force": ground.lateral,
+        "contact_load": ground.load,
+        "zmp": ground.zmp,
+        "tip_margin": nothing if ground.tip_margin is None else ground.tip_margin,
+        "slip_ratio": ground.slip_ratio.max() if ground.slip_ratio.size else nothing,
+    }
 
 
 def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState) -> dict[str, Any]:

@@ -47,6 +47,15 @@ class Run:
         energy: Kinetic plus potential energy (K,), J.
         work: Work done by the actuators since the start (K,), J.
         constraint_residual: Largest entry of |A v| (K,); m/s, rad/s.
+        wheel_force: Force of the ground on each wheel, forward (K, n_wheels), N.
+        axle_force: Force of the ground on each axle, to the left (K, n_axles), N.
+        contact_load: Vertical force of the ground on each contact (K, n_contacts), N; (K, 0) where
+            the contacts known do not hold a balance.
+        zmp: Zero-moment point (K, 2), m; (K, 0) for a fixed base.
+        tip_margin: Distance of the zero-moment point to the edge of the support polygon (K,), m;
+            negative outside; (K, 0) where it is not defined.
+        slip_ratio: Largest of the wheels' horizontal force over friction times load (K,); above 1
+            a wheel slips; (K, 0) where it is not defined.
         robot: Name of the robot.
         source: What the robot was loaded from.
         urdf_sha256: Digest of its URDF.
@@ -60,6 +69,11 @@ class Run:
         lower_limits: Lower limits of the arm's positions; -inf where there is none.
         upper_limits: Upper limits of the arm's positions; inf where there is none.
         end_effector: The link that was tracked, or None.
+        contacts: Names of the contacts with the ground, wheels first; none for a fixed base.
+        contact_points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
+        axles: Wheels (indices) that share each lateral force.
+        ground_notes: What keeps loads and margins from being defined or unique.
+        friction: Coefficient between wheels and ground that ``slip_ratio`` is for.
         settings: Reference, laws, horizons, sample times.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
@@ -84,6 +98,12 @@ class Run:
     energy: Array
     work: Array
     constraint_residual: Array
+    wheel_force: Array
+    axle_force: Array
+    contact_load: Array
+    zmp: Array
+    tip_margin: Array
+    slip_ratio: Array
     robot: str
     source: str
     urdf_sha256: str
@@ -97,6 +117,11 @@ class Run:
     lower_limits: tuple[float, ...]
     upper_limits: tuple[float, ...]
     end_effector: str | None
+    contacts: tuple[str, ...]
+    contact_points: tuple[tuple[float, float], ...]
+    axles: tuple[tuple[int, ...], ...]
+    ground_notes: tuple[str, ...]
+    friction: float
     settings: Mapping[str, Any]
     certificate: Mapping[str, Any] | None
     wall_time: float
@@ -180,7 +205,7 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
                 raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
             value.setflags(write=False)
         elif isinstance(value, list):
-            values[name] = tuple(value)
+            values[name] = tuple(tuple(v) if isinstance(v, list) else v for v in value)
     columns = {
         "nu": "quasi_velocities",
         "tau": "actuators",
@@ -190,4 +215,8 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
     for array, labels in columns.items():
         if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):
             raise RunFileError(f'{path}: "{array}" does not fit its names')
+    if values["contact_load"].size and values["contact_load"].shape[1:] != (
+        len(values["contacts"]),
+    ):
+        raise RunFileError(f'{path}: "contact_load" does not fit its names')
     return Run(**values)

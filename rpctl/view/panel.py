@@ -75,8 +75,11 @@ def _merits(summary: Mapping[str, Any]) -> str:
     if broken is None:
         return _section("Tracking error", _rows(rows))
     mark = badge(not broken, "limits broken" if broken else "within limits")
-    details = "".join(f"<li>{escape(_violation(each))}</li>" for each in broken)
-    body = f'<ul class="notes">{details}</ul>' if broken else ""
+    told = [_violation(each) for each in broken]
+    if summary.get("ground"):
+        told.append(f"On the ground: {summary['ground']}.")
+    details = "".join(f"<li>{escape(text)}</li>" for text in told)
+    body = f'<ul class="notes">{details}</ul>' if told else ""
     return _section("Tracking error" + mark, _rows(rows) + body)
 
 

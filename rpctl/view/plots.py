@@ -104,8 +104,8 @@ def _panels(run: Run) -> list[tuple[str, Panel]]:
         panels.append(("Base speeds", _speeds))
     panels += _effort_panels(run)
     if run.tip_margin.size:
-        grip = f"Grip used at friction {run.settings['friction']:g}"
-        panels += [("Distance from tipping over", _tip_margin), (grip, _grip)]
+        grip = f"Grip at friction {run.friction:g}, limit dashed"
+        panels += [("Tip-over margin, limit dashed", _tip_margin), (grip, _grip)]
     return panels
 
 

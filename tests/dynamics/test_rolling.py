@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from rpctl import Robot
-from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.dynamics.rolling import constraint, constraint_drift, contact_point
 from rpctl.robot.description import Array
 
 
@@ -50,3 +50,12 @@ def test_the_drift_is_the_rows_rate(robot: Robot, rng: np.random.Generator) -> N
         )
         rate = (ahead - behind) @ v / (2 * step)
         assert constraint_drift(robot, data, q, v) == pytest.approx(rate, abs=1e-7)
+
+
+def test_wheels_touch_the_ground(robot: Robot, rng: np.random.Generator) -> None:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.random_configuration(rng))
+    (left, axle), (right, _) = (contact_point(robot, data, w) for w in robot.drive.wheels)
+    np.testing.assert_allclose([left[2], right[2]], robot.drive.ground, atol=1e-9)
+    assert np.linalg.norm(left - right) == pytest.approx(robot.drive.track)
+    np.testing.assert_allclose(np.abs(axle @ (left - right)), robot.drive.track)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rpctl.equivalence.checks import draw_state
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.description import Array
+from tests.robots import SET_A, platform, write
 
 ROBOTS = [entry.name for entry in ENTRIES if entry.name not in ("tiago_pro", "pr2")]
 
@@ -52,6 +54,7 @@ def test_every_comparison_is_there(paper: Robot) -> None:
         ("forward ∘ inverse", "identity"),
         ("M symmetric", "Mᵀ"),
         ("M positive definite", "least eigenvalue"),
+        ("energy rate", "power of τ"),
         ("power balance", "work of τ"),
     ]
 
@@ -194,3 +197,15 @@ def test_an_oracle_that_breaks_down_fails_the_certificate(
     assert not proof.passed
     assert proof.checks[0].entry == "no answer"
     assert json.dumps(proof.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("rounded", ["1.5708", "1.57", "1.5707963"])
+def test_rounded_wheel_frames_are_sound(tmp_path: Path, rounded: str) -> None:
+    """Wheels whose frames are turned by a rounded right angle, and an axle staggered by 1 mm."""
+    text = platform(SET_A).replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"', 1)
+    text = text.replace('xyz="0 0.75 0.15"', f'xyz="0.001 0.75 0.15" rpy="0 0 {rounded}"')
+    text = text.replace('rpy="1.5707963267948966 0 0"', 'rpy="0 1.5707963267948966 0"', 1)
+    robot = rpctl.load(write(tmp_path, text))
+    assert robot.drive.wheels[0].radius == SET_A["r"]
+    proof = verify(robot, samples=5)
+    assert proof.passed, [check for check in proof.checks if not check.passed]

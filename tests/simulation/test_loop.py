@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rpctl
@@ -21,6 +22,7 @@ from rpctl import (
 )
 from rpctl.control.dynamic import DynamicLaw
 from rpctl.control.kinematic import Command
+from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.errors import DivergedError
 from rpctl.robot.description import Array
 from tests.robots import SET_A, platform, write
@@ -75,6 +77,41 @@ def test_the_log_is_of_one_motion(eight: Run, tiago: Robot) -> None:
     np.testing.assert_allclose(rates, eight.nu[1:-1, 2:], atol=5e-4)
     forward = np.hypot(*np.gradient(eight.base[:, :2], period, axis=0)[1:-1].T)
     np.testing.assert_allclose(forward, np.abs(eight.nu[1:-1, 0]), atol=1e-3)
+
+
+def test_the_log_holds_the_ground(eight: Run, tiago: Robot) -> None:
+    dynamics = ReducedDynamics(tiago)
+    contacts = find_contacts(dynamics)
+    assert contacts is not None
+    assert eight.contacts == contacts.names
+    assert eight.axles == ((0, 1),)
+    assert eight.ground_notes == contacts.notes
+    np.testing.assert_array_equal(eight.contact_points, contacts.points)
+    for k in (0, 1234, len(eight.t) - 1):
+        ground = ground_reaction(dynamics, contacts, eight.q[k], eight.nu[k], eight.tau[k])
+        np.testing.assert_array_equal(eight.wheel_force[k], ground.longitudinal)
+        np.testing.assert_array_equal(eight.axle_force[k], ground.lateral)
+        np.testing.assert_array_equal(eight.contact_load[k], ground.load)
+        np.testing.assert_array_equal(eight.zmp[k], ground.zmp)
+        assert eight.tip_margin[k] == ground.tip_margin
+        assert eight.slip_ratio[k] == ground.slip_ratio.max()
+    # The wheels push what moves the centre of mass, seen from outside: F = m dv/dt, smoothed.
+    data, period = tiago.model.createData(), eight.t[1] - eight.t[0]
+    com = np.array([pin.centerOfMass(tiago.model, data, q)[:2].copy() for q in eight.q[2000:2101]])
+    pull = tiago.mass * (com[100] - 2.0 * com[50] + com[0]) / (50 * period) ** 2
+    heading = eight.base[2050, 2]
+    ahead = pull @ [math.cos(heading), math.sin(heading)]
+    left = pull @ [-math.sin(heading), math.cos(heading)]
+    assert eight.wheel_force[2050].sum() == pytest.approx(ahead, abs=0.3)
+    assert eight.axle_force[2050, 0] == pytest.approx(left, abs=0.3)
+
+
+def test_friction_is_kept_and_scales_the_grip(paper: Robot) -> None:
+    low, high = (track(paper, "circle", 0.5, OFF, friction=f) for f in (0.35, 0.7))
+    assert low.friction == 0.35
+    np.testing.assert_allclose(low.slip_ratio, 2.0 * high.slip_ratio, rtol=1e-12)
+    with pytest.raises(RpctlError, match="friction is 0; give a positive number"):
+        track(paper, "circle", 0.5, friction=0.0)
 
 
 def test_the_reference_robot_rolls_on_its_wheels(eight: Run, tiago: Robot) -> None:

@@ -43,6 +43,11 @@ def test_no_arm_comes_back_too(tmp_path: Path) -> None:
     back = Run.load(track(robot, "circle", 0.1).save(tmp_path / "run.npz"))
     assert back.ee.shape == (len(back.t), 0)
     assert np.isinf(back.effort_limits).all()
+    assert back.tip_margin.shape == back.slip_ratio.shape == (len(back.t), 0)
+    assert back.zmp.shape == (len(back.t), 2)
+    fixed = Run.load(track(rpctl.load("panda"), "eight", 0.1).save(tmp_path / "fixed.npz"))
+    assert not (fixed.contacts or fixed.axles or fixed.ground_notes)
+    assert fixed.zmp.shape == fixed.wheel_force.shape == (len(fixed.t), 0)
 
 
 def altered(run: Run, path: Path, meta: Mapping[str, object], **arrays: Any) -> Path:
@@ -69,6 +74,7 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
         ({}, {"nu": wrong}, '"nu" holds other than finite numbers'),
         ({}, {"nu": run.nu[:5]}, "differing lengths"),
         ({}, {"nu": run.nu[:, :2]}, '"nu" does not fit its names'),
+        ({}, {"contact_load": run.contact_load[:, :2]}, '"contact_load" does not fit its names'),
         ({}, {"nu": run.nu.astype(np.float32)}, '"nu" holds other than finite numbers'),
     )
     for meta, arrays, told in cases:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl import Robot, Run, summarize, track
 from rpctl.simulation.summary import violations
+from tests.robots import SET_A, platform, write
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +66,38 @@ def test_a_limit_may_be_touched(run: Run) -> None:
     tau = np.zeros_like(run.tau)
     tau[:, 0] = 40.0
     assert violations(dataclasses.replace(run, tau=tau)) == []
+
+
+def test_ground_within_its_margins(run: Run) -> None:
+    margin, slip = np.full_like(run.t, 0.4), np.full_like(run.t, 0.1)
+    margin[7], slip[9] = 0.123, 0.314
+    figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
+    assert figures["min_tip_over_margin"] == 0.123
+    assert figures["max_slip_ratio"] == 0.314
+    assert figures["would_tip"] is figures["would_slip"] is False
+    assert figures["friction"] == 0.7
+    sentence = "keeps 0.12 m from tipping and uses 31 % of the grip at friction 0.7"
+    assert figures["ground"] == sentence
+    crowded = dataclasses.replace(run, tip_margin=margin, slip_ratio=slip, contacts=("a",) * 6)
+    assert summarize(crowded)["ground"] == f"{sentence} (6 contacts, taken as equally stiff)"
+
+
+def test_ground_beyond_its_margins(run: Run) -> None:
+    margin, slip = np.full_like(run.t, 0.4), np.full_like(run.t, 0.1)
+    margin[50:60], slip[25] = -0.05, 1.5
+    figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
+    assert figures["would_tip"] is figures["would_slip"] is True
+    told = "would tip over at 0.1 s, by 0.05 m at worst, and would slip at 0.05 s, needing up to "
+    assert figures["ground"] == told + "150 % of the grip at friction 0.7"
+    slip[30] = 400.0
+    figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
+    assert "needing up to over 10 times the grip" not in figures["ground"]
+    assert "needing over 10 times the grip" in figures["ground"]
+
+
+def test_ground_of_fixed_bases_and_of_wheels_alone(tmp_path: Path) -> None:
+    fixed = summarize(track(rpctl.load("panda"), "eight", 0.1))
+    assert fixed["ground"] is fixed["would_tip"] is fixed["max_slip_ratio"] is None
+    alone = summarize(track(rpctl.load(write(tmp_path, platform(SET_A))), "circle", 0.1))
+    assert alone["min_tip_over_margin"] is alone["would_slip"] is None
+    assert "left_joint, right_joint are known to touch the ground" in alone["ground"]

@@ -40,11 +40,13 @@ def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
         "End-effector error",
         "Base speeds",
         "Efforts, limits dashed",
+        "Tip-over margin, limit dashed",
+        "Grip at friction 0.7, limit dashed",
     ]
 
 
 def test_errors_are_drawn_as_they_are(tiago_run: Run) -> None:
-    _, base, joints, tip, speeds, _ = tracking_figure(tiago_run).axes
+    _, base, joints, tip, speeds, *_ = tracking_figure(tiago_run).axes
     distance = 1e3 * np.linalg.norm(tiago_run.ee_ref - tiago_run.ee, axis=1)
     assert tip.lines[0].get_ydata() == pytest.approx(distance)
     for axes, first in ((base, 0), (joints, 3)):
@@ -62,7 +64,7 @@ def test_robot_without_an_arm(cart: Robot) -> None:
 
 
 def test_efforts_without_limits_are_grouped_by_unit(paper_run: Run) -> None:
-    assert titles(unlimited(paper_run))[-2:] == [
+    assert titles(unlimited(paper_run))[-4:-2] == [
         "Efforts without limits, N·m",
         "Efforts without limits, N",
     ]
@@ -70,7 +72,7 @@ def test_efforts_without_limits_are_grouped_by_unit(paper_run: Run) -> None:
 
 def test_efforts_partly_limited(paper_run: Run) -> None:
     run = replace(paper_run, effort_limits=(10.0, np.inf, 5.0, np.inf))
-    assert titles(run)[-3:] == [
+    assert titles(run)[-5:-2] == [
         "Efforts, limits dashed",
         "Efforts without limits, N·m",
         "Efforts without limits, N",
@@ -79,11 +81,29 @@ def test_efforts_partly_limited(paper_run: Run) -> None:
 
 def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
     peak = np.abs(paper_run.tau).max(axis=0)
-    axes = tracking_figure(replace(paper_run, effort_limits=tuple(0.5 * peak))).axes[-1]
+    axes = tracking_figure(replace(paper_run, effort_limits=tuple(0.5 * peak))).axes[-3]
     low, high = axes.get_ylim()
     share = paper_run.tau / (0.5 * peak)
     assert low < share.min()
     assert share.max() < high
+
+
+def test_margins_are_drawn_with_their_limits(paper_run: Run) -> None:
+    margin, slip = paper_run.tip_margin - 0.3, 0.5 * paper_run.slip_ratio
+    run = replace(paper_run, tip_margin=margin, slip_ratio=slip)
+    tip, grip = tracking_figure(run).axes[-2:]
+    for axes, limit, values in ((tip, 0.0, margin), (grip, 1.0, slip)):
+        dashed, line = axes.lines
+        assert dashed.get_ydata() == [limit, limit]
+        assert line.get_ydata() == pytest.approx(values)
+        low, high = axes.get_ylim()
+        assert low <= min(limit, values.min())
+        assert high > max(limit, values.max())
+
+
+def test_a_grip_beyond_all_bounds_keeps_the_limit_in_sight(paper_run: Run) -> None:
+    axes = tracking_figure(replace(paper_run, slip_ratio=300.0 * paper_run.slip_ratio)).axes[-1]
+    assert 1.0 < axes.get_ylim()[1] < 4.0
 
 
 @pytest.mark.parametrize("name", ["tiago_dual", "panda"])

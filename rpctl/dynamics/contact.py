@@ -1,0 +1,248 @@
+"""What the ground does to a moving robot: wheel forces, loads, and margins to slipping and tipping.
+
+The dynamics assume that the wheels neither slip nor lift; this says whether they would.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, contact_point
+from rpctl.dynamics.stance import NARROW, Stance, loads, make_stance, width
+from rpctl.dynamics.supports import Supports, find_supports
+from rpctl.errors import RpctlError
+from rpctl.robot.description import Array
+
+FRICTION = 0.7  # of rubber on a dry indoor floor
+LIFT_OFF = 1e-3  # of the weight: below it a contact bears nothing to speak of
+RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
+SHARED = 1e-6  # entry of the null space's projector from which two rows share one force
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """How a robot stands: its contacts, wheels first, and what can be told of their forces.
+
+    Attributes:
+        names: Names of the contacts: the wheels' joints, then the supports' links.
+        axles: Wheels (indices) that share one lateral force: only its sum is determinate.
+        friction: Coefficient between wheels and ground.
+        balanced: Whether loads and margins are defined: three contacts or more, all known, not on
+            one line.
+        determinate: Whether the loads follow from statics alone: three contacts exactly. With
+            more, they are those of equal springs under a rigid robot, one split of many.
+        notes: What keeps loads and margins from being defined or unique, in sentences.
+        points: Contacts (n, 2) with all joints at 0 or frozen, in the root link's frame, m.
+        supports: Those of the contacts that are not wheels.
+        signs: ±1 (n_wheels, 1): turns the rows of A to the robot's forward and left.
+        share: Incidence of wheels and axles (n_wheels, n_axles), 0 or 1.
+        floor: Load below which a contact bears nothing to speak of, N.
+        multipliers: Least-norm map (rows, nv) from Aᵀλ to λ; None where A depends on q.
+        stance: Polygon and split of the loads; None where contacts move, or nothing is balanced.
+    """
+
+    names: tuple[str, ...]
+    axles: tuple[tuple[int, ...], ...]
+    friction: float
+    balanced: bool
+    determinate: bool
+    notes: tuple[str, ...]
+    points: Array
+    supports: Supports = field(repr=False)
+    signs: Array = field(repr=False)
+    share: Array = field(repr=False)
+    floor: float = field(repr=False)
+    multipliers: Array | None = field(repr=False)
+    stance: Stance | None = field(repr=False)
+
+
+@dataclass(frozen=True)
+class GroundReaction:
+    """Forces of the ground on a robot at one instant; empty or None where they are not defined.
+
+    Attributes:
+        force: Total force (3,), world axes, N; the third is the load.
+        longitudinal: Force of each wheel along the robot's forward rolling direction (n_wheels,),
+            N.
+        lateral: Force of each axle to the robot's left (n_axles,), N: the sum over its wheels.
+        load: Vertical force of each contact (n,), wheels first, N; negative where it would pull.
+        zmp: Zero-moment point (2,) on the ground, world axes, m.
+        tip_margin: Distance of the zero-moment point to the nearest edge of the support polygon,
+            m; negative outside, where the robot tips.
+        slip_ratio: Horizontal force of each wheel over friction times load (n_wheels,); above 1
+            it slips. An axle's lateral force is shared in proportion to its wheels' loads.
+    """
+
+    force: Array
+    longitudinal: Array
+    lateral: Array
+    load: Array
+    zmp: Array
+    tip_margin: float | None
+    slip_ratio: Array
+
+
+def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Contacts | None:
+    """Return how a robot stands on the ground, or None for a fixed base.
+
+    Args:
+        dynamics: Its dynamics.
+        friction: Coefficient between wheels and ground.
+
+    Raises:
+        RpctlError: The friction is not a positive number.
+    """
+    if not (math.isfinite(friction) and friction > 0.0):
+        raise RpctlError(f"friction is {friction:g}; give a positive number")
+    robot = dynamics.robot
+    if not robot.drive.wheels:
+        return None
+    q = pin.neutral(robot.model)
+    supports = find_supports(robot)
+    wheels = tuple(wheel.joint for wheel in robot.drive.wheels)
+    names = wheels + tuple(part.name for part in supports.parts)
+    points, signs = _points(dynamics, supports, q)
+    points.setflags(write=False)
+    A = dynamics.constraint(q)
+    axles = shared_axles(A, len(wheels))
+    moves = any(part.joint != ROOT_JOINT for part in supports.parts) or not dynamics.constant
+    balanced = not supports.unknown and width(points) > NARROW
+    return Contacts(
+        names=names,
+        axles=axles,
+        friction=friction,
+        balanced=balanced,
+        determinate=balanced and len(names) == 3,
+        notes=_notes(names, supports, balanced),
+        points=points,
+        supports=supports,
+        signs=signs,
+        share=np.array([[float(w in axle) for axle in axles] for w in range(len(wheels))]),
+        multipliers=_multipliers(A) if dynamics.constant else None,
+        floor=LIFT_OFF * robot.mass * float(np.linalg.norm(robot.model.gravity.linear)),
+        stance=make_stance(points) if balanced and not moves else None,
+    )
+
+
+def ground_reaction(
+    dynamics: ReducedDynamics, contacts: Contacts, q: Array, nu: Array, tau: Array
+) -> GroundReaction:
+    """Return the forces of the ground on a robot that moves under τ.
+
+    The horizontal ones are the multipliers of M v̇ + h = B τ + Aᵀ λ, of least norm where rows of A
+    are redundant. The vertical force and the moments that the planar root hides come from the
+    wrench (f, n) through it: all of it is the ground's, so its horizontal moments vanish at the
+    zero-moment point ([SB04]) p at the height z of the ground,
+    p_x = (z f_x − n_y)/f_z, p_y = (z f_y + n_x)/f_z, and Σ N_i (1, p_i) = f_z (1, p).
+
+    Args:
+        dynamics: The robot's dynamics.
+        contacts: Its contacts, from :func:`find_contacts`.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        tau: Actuator efforts (n_act,), N·m or N.
+    """
+    residual, wrench = dynamics.reaction(q, nu, tau)
+    solve = contacts.multipliers
+    if solve is None:
+        solve = _multipliers(dynamics.constraint(q))
+    count = len(contacts.signs)
+    along, across = ((solve @ residual)[-2 * count :].reshape(count, 2) * contacts.signs).T
+    lateral = across @ contacts.share
+    fx, fy, fz, nx, ny, _ = wrench.tolist()
+    z, floor = dynamics.robot.drive.ground, contacts.floor
+    moments = np.array([fz, z * fx - ny, z * fy + nx])
+    local = moments[1:] / max(fz, floor)
+    x, y, cos, sin = q[:4].tolist()
+    zmp = np.array([x + cos * local[0] - sin * local[1], y + sin * local[0] + cos * local[1]])
+    force = np.array([cos * fx - sin * fy, sin * fx + cos * fy, fz])
+    if not contacts.balanced:
+        nothing = np.empty(0)
+        return GroundReaction(force, along, lateral, nothing, zmp, None, nothing)
+    stance = contacts.stance or make_stance(_points(dynamics, contacts.supports, q)[0])
+    margin = float((stance.inward @ local + stance.offset).min())
+    if fz < floor:
+        margin = -abs(margin)  # the ground would have to pull
+    load = loads(stance, moments, margin)
+    slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:count], floor))
+    return GroundReaction(force, along, lateral, load, zmp, margin, slip)
+
+
+def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -> Array:
+    """Return √(F² + L²)/(μ N) of each wheel (n_wheels,); L/N is that of its axle."""
+    share = contacts.share
+    sideways = share @ (lateral / (load @ share))
+    return np.asarray(np.hypot(along / load, sideways) / contacts.friction)
+
+
+def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> tuple[Array, Array]:
+    """Return the contacts (n, 2) in the root link's frame, m, and the wheels' signs (n_wheels, 1).
+
+    The sign is 1 where the axle points to the robot's left.
+    """
+    robot, data = dynamics.robot, dynamics.placements(q)
+    root = data.oMi[ROOT_JOINT]
+    points, signs = [], []
+    left = np.array([-math.sin(robot.drive.heading), math.cos(robot.drive.heading), 0.0])
+    for wheel in robot.drive.wheels:
+        point, axle = contact_point(robot, data, wheel)
+        points.append(root.actInv(point)[:2])
+        own = carried_by_root(robot, wheel)  # the rows of A are along the heading, not the axle
+        across = left if own else root.rotation.T @ axle
+        signs.append([math.copysign(1.0, float(across @ left))])
+    points += [
+        root.actInv(data.oMi[part.joint].act(np.array(part.point)))[:2] for part in supports.parts
+    ]
+    return np.array(points), np.array(signs)
+
+
+def _multipliers(A: Array) -> Array:
+    """Return the map (rows, nv) from Aᵀλ to the λ of least norm."""
+    return np.asarray(np.linalg.pinv(A.T, rcond=RANK_MARGIN), dtype=float)
+
+
+def shared_axles(A: Array, wheels: int) -> tuple[tuple[int, ...], ...]:
+    """Return the wheels (indices) that share a lateral force.
+
+    Such forces can change against each other and leave Aᵀλ as it is: their rows are coupled in
+    the projector 1 − A A⁺ onto the null space of Aᵀ.
+
+    Args:
+        A: Constraint matrix (rows, nv), its last rows two a wheel: along and across.
+        wheels: Number of wheels.
+    """
+    null = np.eye(len(A)) - A @ np.linalg.pinv(A, rcond=RANK_MARGIN)
+    rows = np.arange(len(A) - 2 * wheels + 1, len(A), 2)
+    coupled = np.abs(null[np.ix_(rows, rows)]) > SHARED
+    axles: list[tuple[int, ...]] = []
+    for wheel in range(wheels):
+        if not any(wheel in axle for axle in axles):
+            others = (int(w) for w in np.flatnonzero(coupled[wheel]) if w != wheel)
+            axles.append((wheel, *others))
+    return tuple(axles)
+
+
+def _notes(names: tuple[str, ...], supports: Supports, balanced: bool) -> tuple[str, ...]:
+    fix = "give each caster a <collision> with a <sphere> or <cylinder> that reaches the ground"
+    if supports.unknown:
+        listed = ", ".join(supports.unknown)
+        return (
+            f"the support polygon is incomplete: {listed} touch the ground but are drawn as "
+            f"meshes only, so loads and margins are not defined; {fix}",
+        )
+    if not balanced:
+        return (
+            f"only {', '.join(names)} are known to touch the ground, on one line: the planar model "
+            f"assumes balance, so loads and margins are not defined; {fix}",
+        )
+    if len(names) > 3:
+        return (
+            f"{len(names)} contacts share the load, more than statics can tell apart: wheel loads "
+            "and grip are those of equally stiff contacts, one split of many",
+        )
+    return ()

@@ -1,0 +1,174 @@
+"""Supports: where a robot touches the ground besides its wheels, read from its shapes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.dynamics.reduced import ROOT_JOINT
+from rpctl.robot.description import Array, Joint, Link, Shape
+from rpctl.robot.model import Robot
+
+TOUCH = 5e-3  # m: a shape this close to the ground touches it (URDFs are drawn to millimetres)
+SPECK = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
+TILT = 0.02  # sine of the largest angle of an axis that counts as upright or level
+
+
+@dataclass(frozen=True)
+class Support:
+    """A part that slides, rolls or swivels over the ground without friction.
+
+    Attributes:
+        name: Its link, with the shape's line where the link has several.
+        joint: Pinocchio's index of the joint that carries it; 1 is the root.
+        point: Its lowest point, or its centre where it rolls, in that joint's frame (3,), m.
+    """
+
+    name: str
+    joint: int
+    point: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Supports:
+    """What is known of a robot's supports.
+
+    Attributes:
+        parts: The supports, in the order of the file.
+        unknown: Casters drawn by meshes alone: they touch the ground at a place that is not known.
+    """
+
+    parts: tuple[Support, ...]
+    unknown: tuple[str, ...]
+
+
+def find_supports(robot: Robot) -> Supports:
+    """Find where a robot touches the ground besides its drive wheels.
+
+    A support is a sphere, cylinder, capsule or small box among a link's collision shapes, or else
+    among its visual ones, whose lowest point lies at the height of the ground, and stays there:
+    its link is held by the root link through fixed or frozen joints, joints that turn about
+    upright axes, and joints that turn it about its own centre, as in a caster.
+
+    Args:
+        robot: The robot.
+    """
+    description = robot.description
+    wheels = {wheel.joint for wheel in robot.drive.wheels}
+    found: list[Support] = []
+    meshes: list[str] = []
+    for link in description.links:
+        chain = description.chain(link.name)
+        if any(joint.name in wheels for joint in chain):
+            continue
+        free = [joint for joint in chain if joint.moving and joint.name not in robot.locked]
+        touching = _touching(robot, link, link.collisions, free)
+        touching = touching or _touching(robot, link, link.visuals, free)
+        several = len(touching) > 1
+        for shape, support in touching:
+            name = f"{link.name} (line {shape.line})" if several else link.name
+            found.append(Support(name, support.joint, support.point))
+        if not touching and _mesh_caster(robot, link, chain):
+            meshes.append(link.name)
+    return Supports(tuple(found), tuple(meshes))
+
+
+def _touching(
+    robot: Robot, link: Link, shapes: Sequence[Shape], free: list[Joint]
+) -> list[tuple[Shape, Support]]:
+    """Return the shapes of a link that touch the ground, each place once."""
+    found: list[tuple[Shape, Support]] = []
+    for shape in shapes:
+        pose = robot.description.pose(link.name, dict(robot.locked)) @ shape.origin
+        point = _lowest(shape, pose, 2.0 * max(w.radius for w in robot.drive.wheels))
+        if point is None or max(shape.size) <= SPECK:
+            continue
+        steady = all(_keeps_height(robot, joint, shape, pose) for joint in free)
+        if not steady or abs(point[2] - robot.drive.ground) > TOUCH:
+            continue
+        if any(not _upright(_axis(robot, joint)[1]) for joint in free):
+            point = pose[:3, 3]  # it rolls: its lowest point stays below its centre
+        carrier = robot.model.getJointId(free[-1].name) if free else ROOT_JOINT
+        x, y, z = _in_carrier(robot, free, point)
+        support = Support(link.name, carrier, (x, y, z))
+        if all(math.dist(support.point[:2], known.point[:2]) > TOUCH for _, known in found):
+            found.append((shape, support))
+    return found
+
+
+def _lowest(shape: Shape, pose: Array, widest: float) -> Array | None:
+    """Return the lowest point (3,) of a shape, the middle of a lowest line or face.
+
+    None for a mesh, and for a flat bottom wider than ``widest`` (m), which is a hull's.
+    """
+    centre, axis = pose[:3, 3], pose[:3, 2]
+    down = np.array([0.0, 0.0, -1.0])
+    if shape.kind == "sphere":
+        return centre + shape.size[0] * down
+    if shape.kind == "box":
+        signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+        corners = centre + (0.5 * signs * shape.size) @ pose[:3, :3].T
+        lowest = corners[corners[:, 2] < corners[:, 2].min() + SPECK]
+        return None if max(shape.size) > widest else np.asarray(lowest.mean(axis=0))
+    if shape.kind not in ("cylinder", "capsule"):
+        return None
+    radius, length = shape.size
+    tip = centre - math.copysign(0.5 * length, axis[2]) * axis
+    end = centre if abs(axis[2]) <= TILT else tip
+    if shape.kind == "capsule":
+        return np.asarray(end + radius * down)
+    if _upright(axis):
+        return None if 2.0 * radius > widest else np.asarray(tip)
+    fall = down - (down @ axis) * axis
+    return np.asarray(end + radius * fall / np.linalg.norm(fall))
+
+
+def _axis(robot: Robot, joint: Joint) -> tuple[Array, Array]:
+    """Return a joint's origin and unit axis (3,) in the root link's frame, moving joints at 0."""
+    pose = robot.description.pose(joint.parent, dict(robot.locked)) @ joint.origin
+    return pose[:3, 3], pose[:3, :3] @ joint.axis
+
+
+def _upright(axis: Array) -> bool:
+    return math.hypot(axis[0], axis[1]) <= TILT
+
+
+def _keeps_height(robot: Robot, joint: Joint, shape: Shape, pose: Array) -> bool:
+    """Tell whether a shape stays on the ground while a joint moves."""
+    if joint.kind == "prismatic":
+        return False
+    origin, axis = _axis(robot, joint)
+    if _upright(axis):
+        return True
+    centred = float(np.linalg.norm(np.cross(axis, pose[:3, 3] - origin))) <= SPECK
+    along = float(np.linalg.norm(np.cross(axis, pose[:3, 2]))) <= TILT
+    return centred and (shape.kind == "sphere" or (shape.kind in ("cylinder", "capsule") and along))
+
+
+def _in_carrier(robot: Robot, free: list[Joint], point: Array) -> list[float]:
+    """Return a point of the root link's frame in the frame of the last free joint."""
+    if not free:
+        return [float(x) for x in point]
+    pose = robot.description.pose(free[-1].child, dict(robot.locked))
+    return [float(x) for x in pose[:3, :3].T @ (point - pose[:3, 3])]
+
+
+def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
+    """Tell whether a link is a caster's roller that only meshes describe.
+
+    It turns without end about a level axle no higher above the ground than a wheel's radius.
+    """
+    shapes = link.collisions + link.visuals
+    if not shapes or any(shape.kind != "mesh" for shape in shapes) or not chain:
+        return False
+    joint = chain[-1]
+    limited = any(j.moving and j.kind != "continuous" and j.name not in robot.locked for j in chain)
+    if joint.kind != "continuous" or limited:
+        return False
+    origin, axis = _axis(robot, joint)
+    height = origin[2] - robot.drive.ground
+    reach = max(wheel.radius for wheel in robot.drive.wheels) + TOUCH
+    return bool(abs(axis[2]) <= TILT and 0.0 < height <= reach)

@@ -1,0 +1,228 @@
+"""A robot's URDF as MuJoCo's model: rigid bodies on a planar base, and nothing else.
+
+MuJoCo reads the file's numbers. What is added: two slides and a hinge for the root link, locked
+joints made fixed, and the principal axes of inertia. Contacts, losses and limits are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from rpctl.errors import RpctlError
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot
+
+OWN = "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
+GRAVITY = (0.0, 0.0, -9.81)  # m/s², as Pinocchio's default
+ROUNDING = 1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
+LEAST = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
+
+
+class EngineRefused(RpctlError):
+    """MuJoCo does not simulate the robot; the links to blame are named."""
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass (kg), centre of mass (3,) and inertia (3, 3) about it, in the axes of some link."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    def placed(self, pose: Array) -> Inertial:
+        """Return it as seen from a frame in which its own has ``pose`` (4, 4)."""
+        R, p = pose[:3, :3], pose[:3, 3]
+        return Inertial(self.mass, p + R @ self.com, R @ self.inertia @ R.T)
+
+    def fault(self) -> str:
+        """Return why MuJoCo refuses it, or nothing."""
+        a, b, c = np.linalg.eigvalsh(self.inertia)
+        moments = f"(principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²)"
+        if a < -ROUNDING * abs(c):
+            return f"inertia is not positive definite {moments}"
+        if c - a - b > ROUNDING * abs(c):
+            return f"inertia breaks the triangle rule {moments}"
+        return ""
+
+
+NOTHING = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+class MujocoModel:
+    """MuJoCo's ``MjModel`` of a robot.
+
+    Args:
+        robot: The robot; its file and locked joints are used, not its Pinocchio model.
+
+    Attributes:
+        mjm: The ``MjModel``: qpos and qvel are x, y, turn of the root link, then the joints.
+        root: Index of the root link's body.
+        joints: Index in qpos and in qvel of every moving joint.
+        refused: Links that MuJoCo refuses, each with the reason.
+        fused: What was done about them: made one body with the links fixed to them.
+
+    Raises:
+        EngineRefused: A moving body is unphysical even as a whole; its links are named.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
+        self._robot = robot
+        self.refused: tuple[str, ...] = ()
+        self.fused: tuple[str, ...] = ()
+        spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
+        self._freeze(spec)
+        for head, poses in _rigid_bodies(robot).items():
+            self._give_inertia(spec, head, poses)
+        root = spec.body(OWN + robot.description.root)
+        kinds = self._mujoco.mjtJoint
+        root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
+        root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
+        root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
+        self.mjm = self._compiled(spec)
+        self.root = int(self.mjm.body(OWN + robot.description.root).id)
+        self.joints = {
+            joint.name: int(self.mjm.joint(joint.name).dofadr[0])
+            for joint in robot.description.joints
+            if joint.moving and joint.name not in robot.locked
+        }
+
+    def _compiled(self, spec: Any) -> Any:
+        """Return the model with inertias as they are given."""
+        compiler = spec.compiler
+        compiler.fusestatic = compiler.balanceinertia = compiler.autolimits = False
+        compiler.boundmass = compiler.boundinertia = 0.0
+        compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        spec.option.gravity = GRAVITY
+        try:
+            return spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).replace(OWN, "").split())
+            raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
+
+    def _freeze(self, spec: Any) -> None:
+        """Move the bodies behind locked joints to where these are locked."""
+        for name, position in self._robot.locked.items():
+            joint = self._robot.description.joint[name]
+            body = spec.body(OWN + joint.child)
+            if joint.kind == "prismatic":
+                body.pos = body.pos + self._rotation(body.quat) @ (position * joint.axis)
+                continue
+            turn = np.array([math.cos(0.5 * position), *(math.sin(0.5 * position) * joint.axis)])
+            turned = np.zeros(4)
+            self._mujoco.mju_mulQuat(turned, body.quat, turn)
+            body.quat = turned
+
+    def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
+        """Set the inertias of the links that move as one body with the link ``head``.
+
+        Where MuJoCo would refuse one of them, the whole body's inertia is given to the head.
+        """
+        bodies = {link: self._read(spec.body(OWN + link)) for link in poses}
+        faults = {link: body.fault() for link, body in bodies.items() if body.fault()}
+        if faults:
+            lines = self._robot.description.link
+            named = tuple(f'link "{k}" (line {lines[k].line}): {why}' for k, why in faults.items())
+            whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
+            self._require(whole, named, tuple(poses))
+            self.refused += named
+            self.fused += tuple(_fusion(link, head) for link in faults)
+            bodies = {link: whole if link == head else NOTHING for link in poses}
+        for link, body in bodies.items():
+            self._write(spec.body(OWN + link), body)
+
+    def _require(self, whole: Inertial, named: tuple[str, ...], links: tuple[str, ...]) -> None:
+        """Refuse a moving body that is unphysical as a whole."""
+        fault = whole.fault()
+        if not fault and np.linalg.eigvalsh(whole.inertia)[0] < LEAST:
+            fault = "a principal moment is 0"
+        if fault:
+            raise EngineRefused(
+                f"{self._robot.name}: MuJoCo refuses {'; '.join(named)}; the body of all links "
+                f"fixed together there ({', '.join(links)}) is no better: {fault}; correct its "
+                "<inertia>"
+            )
+
+    def _read(self, body: Any) -> Inertial:
+        """Return a link's inertia as MuJoCo read it; a link without one weighs nothing."""
+        xx, yy, zz, xy, xz, yz = np.nan_to_num(body.fullinertia)
+        R = self._rotation(body.iquat)
+        inertia = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
+        return Inertial(float(body.mass), np.nan_to_num(body.ipos), inertia)
+
+    def _write(self, body: Any, inertial: Inertial) -> None:
+        """Give a link its inertia by principal axes: MuJoCo finds them to 1e-12 kg·m² only."""
+        moments, axes = np.linalg.eigh(inertial.inertia)
+        axes *= np.sign(np.linalg.det(axes))
+        a, b, c = np.maximum(moments, 0.0)
+        turn = np.zeros(4)
+        self._mujoco.mju_mat2Quat(turn, axes.ravel())
+        body.mass, body.ipos, body.iquat = inertial.mass, inertial.com, turn
+        body.inertia, body.fullinertia = [a, b, min(c, a + b)], np.full(6, np.nan)
+        body.explicitinertial = True
+
+    def _rotation(self, quaternion: Array) -> Array:
+        R = np.zeros(9)
+        self._mujoco.mju_quat2Mat(R, quaternion)
+        return R.reshape(3, 3)
+
+
+def _bare_urdf(robot: Robot) -> str:
+    """Return the URDF's links with their inertias, and its joints; locked joints are fixed."""
+    source = etree.fromstring(robot.description.xml)
+    bare = etree.Element("robot", name="robot")
+    for link in source.findall("link"):
+        copy = etree.SubElement(bare, "link", name=OWN + link.get("name"))
+        copy.extend(deepcopy(link.findall("inertial")[:1]))
+    for joint in source.findall("joint"):
+        name = joint.get("name")
+        kind = "fixed" if name in robot.locked else joint.get("type")
+        copy = etree.SubElement(bare, "joint", name=name, type=kind)
+        for end in ("parent", "child"):
+            etree.SubElement(copy, end, link=OWN + joint.find(end).get("link"))
+        for tag in ("origin", "axis"):
+            copy.extend(deepcopy(joint.findall(tag)[:1]))
+    return str(etree.tostring(bare, encoding="unicode"))
+
+
+def _rigid_bodies(robot: Robot) -> dict[str, dict[str, Array]]:
+    """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
+    description = robot.description
+    bodies = {description.root: {description.root: np.eye(4)}}
+    edge = [(description.root, description.root)]
+    while edge:
+        link, head = edge.pop()
+        for joint in description.child_joints[link]:
+            if joint.moving and joint.name not in robot.locked:
+                bodies[joint.child] = {joint.child: np.eye(4)}
+                edge.append((joint.child, joint.child))
+            else:
+                pose = joint.motion(robot.locked.get(joint.name, 0.0))
+                bodies[head][joint.child] = bodies[head][link] @ pose
+                edge.append((joint.child, head))
+    return bodies
+
+
+def _sum(bodies: list[Inertial]) -> Inertial:
+    """Return several bodies as one, by the parallel-axis rule."""
+    mass = sum(body.mass for body in bodies)
+    com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        d = body.com - com
+        inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return Inertial(mass, com, inertia)
+
+
+def _fusion(link: str, head: str) -> str:
+    if link == head:
+        return f'link "{link}" is made one body with the links fixed to it'
+    return f'link "{link}" is made one body with "{head}", to which it is fixed'

@@ -1,0 +1,375 @@
+"""Ground reactions: against the full tree, Newton and Euler, hand-made statics, and MuJoCo."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, RpctlError
+from rpctl.dynamics.contact import (
+    Contacts,
+    GroundReaction,
+    find_contacts,
+    ground_reaction,
+    shared_axles,
+)
+from rpctl.robot.description import Array
+from tests.robots import SET_A, ball, cargo, platform, write
+from tests.view.samples import write_cart
+
+ROUNDING = 1e-12  # relative to the largest entry
+BALANCE = 1e-9  # N·m: moments about the zero-moment point
+G = 9.81
+L = 0.6  # m: from the axle to the ball
+M_C, D, HEIGHT, M_W, R, B, I_S = 30.0, 0.3, 0.2, 1.0, 0.15, 0.75, 0.005  # of the platform
+MASS = M_C + 2 * M_W
+
+
+def contacts_of(dynamics: ReducedDynamics, friction: float = 0.7) -> Contacts:
+    contacts = find_contacts(dynamics, friction)
+    assert contacts is not None
+    return contacts
+
+
+@pytest.fixture
+def trolley(tmp_path: Path) -> Robot:
+    """The platform of known parameters, with a ball ahead."""
+    return rpctl.load(write(tmp_path, platform(SET_A, extra=ball(L))))
+
+
+def reaction(
+    robot: Robot,
+    nu: tuple[float, ...],
+    nu_dot: tuple[float, ...],
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    friction: float = 0.7,
+) -> GroundReaction:
+    """Return what the ground does to a robot that moves so."""
+    dynamics = ReducedDynamics(robot)
+    q, speed = robot.configuration(*pose), np.array(nu)
+    tau = dynamics.efforts(q, dynamics.inverse(q, speed, np.array(nu_dot)))
+    return ground_reaction(dynamics, contacts_of(dynamics, friction), q, speed, tau)
+
+
+def states(
+    robot: Robot, rng: np.random.Generator, count: int = 10
+) -> list[tuple[Array, Array, Array]]:
+    dynamics = ReducedDynamics(robot)
+    found = []
+    for _ in range(count):
+        q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+        tau = dynamics.efforts(q, dynamics.bias(q, nu)) + rng.normal(size=len(robot.actuators))
+        found.append((q, nu, tau))
+    return found
+
+
+def directions(robot: Robot, q: Array) -> Array:
+    """Return the robot's forward and left (2, 3), world."""
+    theta = robot.base_pose(q)[2]
+    cos, sin = math.cos(theta), math.sin(theta)
+    return np.array([[cos, sin, 0.0], [-sin, cos, 0.0]])
+
+
+def contact_points(robot: Robot, contacts: Contacts, q: Array) -> Array:
+    """Return the contacts (n, 3), world."""
+    turn = np.array([[q[2], -q[3]], [q[3], q[2]]])
+    points = q[:2] + contacts.points @ turn.T
+    return np.column_stack([points, np.full(len(points), robot.drive.ground)])
+
+
+def test_the_forces_move_the_whole_tree(robot: Robot, rng: np.random.Generator) -> None:
+    """M v̇ + h = B τ + Σ Jᵀ F with forces at the wheels' contacts, Jacobians from Pinocchio."""
+    dynamics, model, data = ReducedDynamics(robot), robot.model, robot.model.createData()
+    contacts = contacts_of(dynamics)
+    for q, nu, tau in states(robot, rng):
+        ground = ground_reaction(dynamics, contacts, q, nu, tau)
+        v, v_dot = dynamics.basis(q) @ nu, dynamics.basis(q) @ dynamics.forward(q, nu, tau)
+        M = pin.crba(model, data, q)
+        M = np.triu(M) + np.triu(M, 1).T
+        needed = M @ v_dot + pin.nonLinearEffects(model, data, q, v)
+        given = np.zeros(robot.nv)
+        for name, effort in zip(robot.actuators, tau, strict=True):
+            given[robot.velocity_index(name)] += effort
+        forward, left = directions(robot, q)
+        forces = [force * forward for force in ground.longitudinal]
+        for axle, force in zip(contacts.axles, ground.lateral, strict=True):
+            forces[axle[-1]] = forces[axle[-1]] + force * left
+        pin.computeJointJacobians(model, data, q)
+        pin.forwardKinematics(model, data, q)
+        points = contact_points(robot, contacts, q)
+        for wheel, force, point in zip(robot.drive.wheels, forces, points, strict=False):
+            joint = model.getJointId(wheel.joint)
+            J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
+            lever = point - data.oMi[joint].translation
+            given += J.T @ np.concatenate([force, np.cross(lever, force)])
+        np.testing.assert_allclose(given, needed, atol=ROUNDING * np.abs(needed).max())
+
+
+def test_newton_and_euler_of_the_whole_robot(robot: Robot, rng: np.random.Generator) -> None:
+    """The contacts' wrench is the rate of momentum less gravity's; level moments about p vanish."""
+    dynamics, model, data = ReducedDynamics(robot), robot.model, robot.model.createData()
+    contacts = contacts_of(dynamics)
+    for q, nu, tau in states(robot, rng):
+        ground = ground_reaction(dynamics, contacts, q, nu, tau)
+        v, v_dot = dynamics.basis(q) @ nu, dynamics.basis(q) @ dynamics.forward(q, nu, tau)
+        pin.computeCentroidalMomentumTimeVariation(model, data, q, v, v_dot)
+        force = data.dhg.linear - robot.mass * model.gravity.linear
+        np.testing.assert_allclose(ground.force, force, atol=ROUNDING * np.abs(force).max())
+        zmp = np.array([*ground.zmp, robot.drive.ground])
+        moment = data.dhg.angular + np.cross(data.com[0] - zmp, force)
+        np.testing.assert_allclose(moment[:2], 0.0, atol=BALANCE)
+        # The contacts give this very wrench: vertical loads, forward and lateral forces.
+        points = contact_points(robot, contacts, q)
+        pushed = np.outer(ground.load, [0.0, 0.0, 1.0])
+        wheels = len(ground.longitudinal)
+        pushed[:wheels] += np.outer(ground.longitudinal, directions(robot, q)[0])
+        for axle, lateral in zip(contacts.axles, ground.lateral, strict=True):
+            pushed[axle[0]] += lateral * directions(robot, q)[1]
+        np.testing.assert_allclose(pushed.sum(axis=0), force, atol=1e-10)
+        turned = np.cross(points - zmp, pushed).sum(axis=0)
+        np.testing.assert_allclose(turned, moment, atol=BALANCE)
+
+
+def test_at_rest_the_levers_share_the_weight(trolley: Robot) -> None:
+    ground = reaction(trolley, (0.0, 0.0), (0.0, 0.0), (2.0, -1.0, 0.6))
+    front = M_C * G * D / L
+    rear = 0.5 * (M_C * G - front) + M_W * G
+    np.testing.assert_allclose(ground.load, [rear, rear, front], rtol=ROUNDING)
+    np.testing.assert_allclose(ground.force, [0.0, 0.0, MASS * G], atol=1e-10)
+    ahead = M_C * D / MASS
+    zmp = [2.0 + ahead * math.cos(0.6), -1.0 + ahead * math.sin(0.6)]
+    np.testing.assert_allclose(ground.zmp, zmp, rtol=ROUNDING)
+    side = B * (L - ahead) / math.hypot(B, L)  # distance to the slanted edges
+    assert ground.tip_margin == pytest.approx(min(ahead, side), rel=ROUNDING)
+    np.testing.assert_allclose(ground.slip_ratio, 0.0, atol=1e-12)
+
+
+def test_speeding_up_shifts_the_load_back(trolley: Robot) -> None:
+    """Σ m a h / L leaves the ball, and so does what spins the wheels up."""
+    a = 0.8
+    ground = reaction(trolley, (1.2, 0.0), (a, 0.0), (0.0, 0.0, 2.0))
+    np.testing.assert_allclose(ground.longitudinal, 0.5 * MASS * a, rtol=ROUNDING)
+    np.testing.assert_allclose(ground.lateral, 0.0, atol=1e-11)
+    shifted = (M_C * HEIGHT + 2 * M_W * R) * a + 2 * I_S * a / R
+    front = (M_C * G * D - shifted) / L
+    np.testing.assert_allclose(ground.load[2], front, rtol=ROUNDING)
+    rear = 0.5 * (MASS * G - front)
+    np.testing.assert_allclose(ground.load[:2], rear, rtol=ROUNDING)
+    np.testing.assert_allclose(ground.slip_ratio, 0.5 * MASS * a / (0.7 * rear), rtol=ROUNDING)
+
+
+def test_a_steady_circle_pulls_the_axle_inward(trolley: Robot) -> None:
+    """m v²/R on the axle, ω² d m back along the robot, and h a/g to the outside."""
+    v, omega = 1.5, 0.8
+    ground = reaction(trolley, (v, omega), (0.0, 0.0))
+    assert ground.lateral == pytest.approx([MASS * v * omega], rel=ROUNDING)  # R = v/ω, to the left
+    np.testing.assert_allclose(ground.longitudinal.sum(), -M_C * D * omega**2, rtol=ROUNDING)
+    yaw = M_C * D * v * omega  # the centre of mass is ahead: the circle needs a turning moment
+    right_less_left = ground.longitudinal[1] - ground.longitudinal[0]
+    np.testing.assert_allclose(B * right_less_left, yaw, rtol=1e-11)
+    gyroscopic = 2 * I_S * v / R * omega
+    outward = ((M_C * HEIGHT + 2 * M_W * R) * v * omega + gyroscopic) / (MASS * G)
+    assert ground.zmp[1] == pytest.approx(-outward, rel=ROUNDING)
+    left, right, _ = ground.load
+    assert B * (right - left) == pytest.approx(outward * MASS * G, rel=1e-11)
+    grip = [
+        math.hypot(along / load, ground.lateral[0] / (left + right)) / 0.7
+        for along, load in zip(ground.longitudinal, (left, right), strict=True)
+    ]
+    np.testing.assert_allclose(ground.slip_ratio, grip, rtol=ROUNDING)
+
+
+def test_friction_scales_the_grip(trolley: Robot) -> None:
+    half, full = (reaction(trolley, (1.0, 0.5), (0.5, 0.1), friction=f) for f in (0.4, 0.8))
+    np.testing.assert_allclose(half.slip_ratio, 2.0 * full.slip_ratio, rtol=ROUNDING)
+
+
+def test_it_tips_where_the_ball_lifts(trolley: Robot) -> None:
+    """The margin changes its sign with the ball's load, at the acceleration found by hand."""
+    critical = M_C * G * D / (M_C * HEIGHT + 2 * M_W * R + 2 * I_S / R)
+    for factor, sign in ((1.0 - 1e-9, 1.0), (1.0 + 1e-9, -1.0)):
+        ground = reaction(trolley, (0.0, 0.0), (factor * critical, 0.0))
+        assert ground.tip_margin is not None
+        assert math.copysign(1.0, ground.tip_margin) == sign
+        assert math.copysign(1.0, ground.load[2]) == sign
+        assert abs(ground.tip_margin) < 1e-8
+    beyond = reaction(trolley, (0.0, 0.0), (1.5 * critical, 0.0))
+    assert beyond.tip_margin == pytest.approx(-0.5 * M_C * D / MASS, rel=1e-11)
+
+
+def test_a_turn_tips_over_the_outer_wheel(trolley: Robot) -> None:
+    """A left turn unloads the left wheel; mirrored, the right one."""
+    left, right = (reaction(trolley, (6.0, omega), (0.0, 0.0)) for omega in (3.0, -3.0))
+    assert left.load[0] < 0.0 < left.load[1]
+    np.testing.assert_allclose(left.load, right.load[[1, 0, 2]], rtol=1e-11)
+    for ground in (left, right):
+        assert ground.tip_margin is not None
+        assert ground.tip_margin < 0.0
+        assert ground.slip_ratio.max() > 100.0  # the inner wheel is in the air
+
+
+def test_a_falling_robot_stands_on_nothing(tmp_path: Path) -> None:
+    """Where the ground would have to pull, the margin is negative and all figures are finite."""
+    extra = (
+        ball(0.6)
+        + """
+  <link name="weight"><inertial><mass value="10"/>
+    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+  <joint name="lift" type="prismatic">
+    <parent link="base"/><child link="weight"/><origin xyz="0.3 0 1"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="9999" velocity="9"/>
+  </joint>"""
+    )
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=extra)))
+    for pull, lifted in ((60.0, True), (4.2 * G, True), (20.0, False)):  # the second leaves no load
+        ground = reaction(robot, (0.0, 0.0, 0.0), (0.0, 0.0, -pull))
+        assert ground.force[2] == pytest.approx(42.0 * G - 10.0 * pull, rel=ROUNDING, abs=1e-10)
+        assert ground.tip_margin is not None
+        assert (ground.tip_margin < 0.0) is lifted
+        assert np.isfinite(ground.slip_ratio).all()
+        assert np.abs(ground.zmp).max() < 1e4
+
+
+def test_signs_of_the_wheels_axes_do_not_matter(tmp_path: Path) -> None:
+    plain, flipped = (
+        rpctl.load(write(tmp_path, platform(SET_A, right_sign=sign, extra=ball(L))))
+        for sign in (1, -1)
+    )
+    here, there = (reaction(x, (1.0, 0.7), (0.3, -0.2), (1.0, 2.0, 0.5)) for x in (plain, flipped))
+    for field in dataclasses.fields(GroundReaction):
+        np.testing.assert_allclose(
+            getattr(here, field.name), getattr(there, field.name), rtol=1e-11, atol=1e-11
+        )
+
+
+def test_an_axle_has_one_lateral_force(robot: Robot) -> None:
+    """Known from the null space of Aᵀ: a lateral force of one wheel against the other's."""
+    contacts = contacts_of(ReducedDynamics(robot))
+    assert contacts.axles == ((0, 1),)
+    assert contacts.balanced
+    assert contacts.determinate is (len(contacts.names) == 3)
+    assert len(contacts.notes) == (0 if contacts.determinate else 1)
+
+
+@pytest.mark.parametrize(
+    ("steer", "axles"), [(0.5, ((0, 1), (2,))), (0.0, ((0, 1), (2,))), (None, ((0, 1),))]
+)
+def test_wheels_off_the_axle_have_lateral_forces_of_their_own(
+    steer: float | None, axles: tuple[tuple[int, ...], ...]
+) -> None:
+    """A tricycle's A by hand: v = (x, y, turn, three wheels), front wheel steered by an angle."""
+    wheels = [(0.0, 0.5, 0.0), (0.0, -0.5, 0.0)] + ([] if steer is None else [(1.0, 0.0, steer)])
+    A = np.zeros((2 * len(wheels), 3 + len(wheels)))
+    for i, (x, y, angle) in enumerate(wheels):
+        cos, sin = math.cos(angle), math.sin(angle)
+        A[2 * i, :3] = cos, sin, x * sin - y * cos
+        A[2 * i, 3 + i] = -0.1
+        A[2 * i + 1, :3] = -sin, cos, x * cos + y * sin
+    assert shared_axles(A, len(wheels)) == axles
+
+
+def test_an_inconstant_basis_gives_the_same_forces(paper: Robot, rng: np.random.Generator) -> None:
+    dynamics, general = ReducedDynamics(paper), ReducedDynamics(paper)
+    general._S = None
+    contacts, moving = contacts_of(dynamics), contacts_of(general)
+    assert moving.multipliers is None
+    assert moving.stance is None
+    for q, nu, tau in states(paper, rng, 3):
+        here = ground_reaction(dynamics, contacts, q, nu, tau)
+        there = ground_reaction(general, moving, q, nu, tau)
+        for field in dataclasses.fields(GroundReaction):
+            np.testing.assert_allclose(
+                getattr(here, field.name), getattr(there, field.name), rtol=1e-9, atol=1e-9
+            )
+
+
+def test_joints_that_follow_do_not_disturb_the_wheels(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    finger = """
+  <link name="{0}"><inertial><mass value="2"/>
+    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+  <joint name="{0}_joint" type="prismatic">
+    <parent link="base"/><child link="{0}"/><origin xyz="0.1 0.2 0.5"/><axis xyz="0.6 0.8 0"/>
+    <limit lower="-1" upper="1" effort="9" velocity="9"/>{1}
+  </joint>"""
+    mimic = '<mimic joint="a_joint" multiplier="-0.5"/>'
+    extra = ball(L) + finger.format("a", "") + finger.format("b", mimic)
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=extra)))
+    dynamics = ReducedDynamics(robot)
+    for q, nu, tau in states(robot, rng, 3):
+        ground = ground_reaction(dynamics, contacts_of(dynamics), q, nu, tau)
+        pushed = np.array([ground.longitudinal.sum(), ground.lateral.sum()])
+        np.testing.assert_allclose(directions(robot, q) @ ground.force, pushed, rtol=1e-10)
+
+
+def test_what_it_returns_is_the_callers_own(paper: Robot, rng: np.random.Generator) -> None:
+    dynamics = ReducedDynamics(paper)
+    (first, other) = states(paper, rng, 2)
+    returned = dynamics.reaction(*first)
+    kept = [array.copy() for array in returned]
+    dynamics.reaction(*other)
+    for array, copy in zip(returned, kept, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_wheels_alone_hold_no_balance(tmp_path: Path) -> None:
+    robot = rpctl.load(write_cart(tmp_path))
+    dynamics = ReducedDynamics(robot)
+    contacts = contacts_of(dynamics)
+    assert not contacts.balanced
+    assert not contacts.determinate
+    (note,) = contacts.notes
+    assert "left_wheel_joint, right_wheel_joint" in note
+    assert "not defined" in note
+    ground = ground_reaction(dynamics, contacts, robot.configuration(), np.ones(2), np.ones(2))
+    assert ground.tip_margin is None
+    assert ground.load.size == ground.slip_ratio.size == 0
+    assert ground.lateral.shape == (1,)
+
+
+def test_fixed_bases_and_wrong_frictions() -> None:
+    assert find_contacts(ReducedDynamics(rpctl.load("panda"))) is None
+    dynamics = ReducedDynamics(rpctl.load("paper"))
+    for wrong in (0.0, -0.1, math.nan, math.inf):
+        with pytest.raises(RpctlError, match=r"friction is .*; give a positive number"):
+            find_contacts(dynamics, wrong)
+
+
+def test_mujoco_settles_on_the_same_loads(tmp_path: Path) -> None:
+    """A free body on three frictionless balls, off-centre load and all."""
+    mujoco = pytest.importorskip("mujoco")
+    load, front = (8.0, 0.2, 0.3, 0.5), (L, -0.2)
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(*front) + cargo(*load))))
+    ground = reaction(robot, (0.0, 0.0), (0.0, 0.0))
+    places = [(0.0, B, R), (0.0, -B, R), (*front, 0.05)]
+    balls = "".join(
+        f'<geom type="sphere" size="{z}" pos="{x} {y} {z}" condim="1" mass="{mass}"/>'
+        for (x, y, z), mass in zip(places, (M_W, M_W, 0.0), strict=True)
+    )
+    mass, x, y, z = load
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 -{G}" timestep="0.002"/><worldbody>
+        <geom type="plane" size="5 5 1" condim="1"/>
+        <body><freejoint/>{balls}
+          <geom type="sphere" size="0.01" pos="{D} 0 {HEIGHT}" mass="{M_C}" contype="0"
+            conaffinity="0"/>
+          <geom type="sphere" size="0.01" pos="{x} {y} {z}" mass="{mass}" contype="0"
+            conaffinity="0"/>
+        </body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    for _ in range(2000):
+        mujoco.mj_step(model, data)
+    felt, wrench = np.zeros(3), np.zeros(6)
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, wrench)
+        felt[max(data.contact[i].geom) - 1] += wrench[0]
+    assert len(set(np.round(felt))) == 3
+    np.testing.assert_allclose(felt, ground.load, rtol=1e-2)

@@ -1,0 +1,234 @@
+"""MuJoCo agrees; what it refuses is told; a robot that is not quite the file's is noticed."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, RpctlError
+from rpctl.equivalence import mujoco_engine, mujoco_model
+from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine
+from rpctl.robot.catalog import ENTRIES
+from rpctl.robot.description import Array
+from tests.robots import SET_A, platform, write
+
+if not mujoco_engine.installed():
+    pytest.skip("MuJoCo is optional", allow_module_level=True)
+
+EXACT = 1e-12  # rounding over a tree of tens of links, with two decades to spare
+ROBOTS = [entry.name for entry in ENTRIES if entry.name not in ("tiago_pro", "pr2")]
+STATES = 5
+
+LIMB = """
+  <link name="stub">{inertial}</link>
+  <joint name="elbow" type="revolute"><parent link="base"/><child link="stub"/>
+    <origin xyz="0.1 0 0.4" rpy="0.3 0.1 -0.2"/><axis xyz="0 1 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <link name="tip">{tip}</link>
+  <joint name="stub_tip" type="fixed"><parent link="stub"/><child link="tip"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"/></joint>"""
+INERTIAL = """<inertial><origin xyz="0 0.02 0.1"/><mass value="{m}"/>
+  <inertia ixx="{xx}" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>"""
+SOUND = INERTIAL.format(m=1.0, xx=0.015)
+FLAT = INERTIAL.format(m=0.1, xx=0.021)  # breaks the triangle rule
+WORSE = INERTIAL.format(m=0.1, xx=0.05)
+NEGATIVE = INERTIAL.format(m=0.1, xx=-0.001)
+
+
+def with_limb(folder: Path, inertial: str, tip: str) -> Robot:
+    text = platform(SET_A, extra=LIMB.format(inertial=inertial, tip=tip))
+    return rpctl.load(write(folder, text))
+
+
+def gaps(robot: Robot, engine: MujocoEngine, rng: np.random.Generator) -> tuple[float, ...]:
+    """Return how far M, h and B of the two are apart at a random state, relative."""
+    dynamics = ReducedDynamics(robot)
+    q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+    terms, size = engine.reduced(q, nu), GibbsAppell(robot).reduced(q, nu).h_size.max()
+    B, M = dynamics.actuation(q), dynamics.inertia(q)
+    assert isinstance(terms, EngineTerms)
+    assert all(np.isfinite(part).all() for part in (terms.M, terms.h, terms.B))
+    return (
+        float(np.abs(terms.M - M).max() / np.abs(M).max()),
+        float(np.abs(terms.h - dynamics.bias(q, nu)).max() / (size or 1.0)),
+        float(np.abs(terms.B - B).max() / np.abs(B).max()),
+    )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_reduced_dynamics_agree(name: str, rng: np.random.Generator) -> None:
+    robot = rpctl.load(name)
+    engine = MujocoEngine(robot)
+    for _ in range(STATES):
+        assert max(gaps(robot, engine, rng)) <= EXACT
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_free_tree_agrees(name: str, rng: np.random.Generator) -> None:
+    robot = rpctl.load(name)
+    engine, oracle, data = MujocoEngine(robot), GibbsAppell(robot), robot.model.createData()
+    for _ in range(STATES):
+        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        M, bias = engine.full(q, v)
+        inertia = pin.crba(robot.model, data, q)
+        forces = pin.nonLinearEffects(robot.model, data, q, v)
+        size = oracle.full(q, v).h_size.max()
+        np.testing.assert_allclose(M, inertia, rtol=0, atol=EXACT * np.abs(inertia).max())
+        np.testing.assert_allclose(bias, forces, rtol=0, atol=EXACT * size)
+
+
+@pytest.mark.parametrize("position", [0.3, -0.2])
+def test_locked_joints_stay_where_they_are_locked(
+    position: float, rng: np.random.Generator
+) -> None:
+    lock = {"shoulder_joint": 2.0 * position, "telescope_joint": abs(position)}
+    robot = rpctl.load("mixed_chain", lock=lock)
+    assert max(gaps(robot, MujocoEngine(robot), rng)) <= EXACT
+
+
+def test_links_that_mujoco_refuses_are_fused_and_told(tiago: Robot) -> None:
+    engine = MujocoEngine(tiago)
+    assert len(engine.refused) == len(engine.fused) == 2
+    for side, refused, fused in zip(("left", "right"), engine.refused, engine.fused, strict=True):
+        link = tiago.description.link[f"base_antenna_{side}_link"]
+        assert refused.startswith(f'link "{link.name}" (line {link.line}): inertia is not positive')
+        assert fused.startswith(f'link "{link.name}" is made one body with "base_footprint"')
+
+
+def test_a_sound_robot_has_nothing_to_tell(paper: Robot) -> None:
+    engine = MujocoEngine(paper)
+    assert (engine.refused, engine.fused) == ((), ())
+
+
+@pytest.mark.parametrize(
+    ("inertial", "tip", "blamed"),
+    [(SOUND, FLAT, "tip"), (FLAT, SOUND, "stub"), (SOUND, NEGATIVE, "tip"), ("", SOUND, None)],
+)
+def test_a_body_that_is_sound_as_a_whole_goes(
+    tmp_path: Path, rng: np.random.Generator, inertial: str, tip: str, blamed: str | None
+) -> None:
+    robot = with_limb(tmp_path, inertial, tip)
+    engine = MujocoEngine(robot)
+    assert max(gaps(robot, engine, rng)) <= EXACT
+    assert [text.split('"')[1] for text in engine.refused] == ([blamed] if blamed else [])
+
+
+@pytest.mark.parametrize(("inertial", "tip"), [(WORSE, WORSE), (FLAT, ""), ("", WORSE)])
+def test_a_body_that_is_unphysical_as_a_whole_is_refused_by_name(
+    tmp_path: Path, inertial: str, tip: str
+) -> None:
+    robot = with_limb(tmp_path, inertial, tip)
+    with pytest.raises(EngineRefused) as refusal:
+        MujocoEngine(robot)
+    for name, part in (("stub", inertial), ("tip", tip)):
+        assert (f'link "{name}" (line' in str(refusal.value)) == bool(part)
+    assert "triangle rule" in str(refusal.value)
+    assert isinstance(refusal.value, RpctlError)
+
+
+def test_a_joint_that_moves_no_mass_of_its_own_is_refused_by_name(tmp_path: Path) -> None:
+    """Pinocchio can do without it, for what the next joint carries has a mass."""
+    next_joint = LIMB.format(inertial=SOUND, tip="").replace('"base"', '"tip"')
+    next_joint = next_joint.replace("tip", "hand").replace("stub", "palm").replace("elbow", "wrist")
+    next_joint = next_joint.replace('parent link="hand"', 'parent link="tip"', 1)
+    text = platform(SET_A, extra=LIMB.format(inertial="", tip="") + next_joint)
+    robot = rpctl.load(write(tmp_path, text))
+    with pytest.raises(EngineRefused, match=r"mass and inertia of moving bodies.*'stub'"):
+        MujocoEngine(robot)
+
+
+def heavier(robot: Robot) -> Robot:
+    xml = robot.description.xml.replace('<mass value="3.6"/>', '<mass value="3.600001"/>')
+    return described(robot, xml)
+
+
+def turned_axis(robot: Robot) -> Robot:
+    xml = robot.description.xml.replace('axis xyz="0.36 0.48 0.8"', 'axis xyz="0.360001 0.48 0.8"')
+    return described(robot, xml)
+
+
+def moved_joint(robot: Robot) -> Robot:
+    xml = robot.description.xml.replace('xyz="-0.001 -0.167 0.06"', 'xyz="-0.001 -0.167001 0.06"')
+    return described(robot, xml)
+
+
+def described(robot: Robot, xml: str) -> Robot:
+    assert xml != robot.description.xml
+    description = dataclasses.replace(robot.description, xml=xml)
+    return dataclasses.replace(robot, description=description)
+
+
+def larger_wheel(robot: Robot) -> Robot:
+    left, right = robot.drive.wheels
+    wheels = (dataclasses.replace(left, radius=left.radius * (1 + 1e-6)), right)
+    return dataclasses.replace(robot, drive=dataclasses.replace(robot.drive, wheels=wheels))
+
+
+def moved_point(robot: Robot) -> Robot:
+    x, y = robot.drive.point
+    return dataclasses.replace(robot, drive=dataclasses.replace(robot.drive, point=(x, y + 1e-6)))
+
+
+@pytest.mark.parametrize("change", [heavier, turned_axis, moved_joint, larger_wheel, moved_point])
+def test_another_robot_is_noticed(
+    mixed_chain: Robot,
+    rng: np.random.Generator,
+    change: Callable[[Robot], Robot],
+) -> None:
+    """The engine reads the URDF's text and the drive by itself, here a part in 1e6 off."""
+    difference = max(gaps(mixed_chain, MujocoEngine(change(mixed_chain)), rng))
+    assert 1e-9 < difference < 1e-3
+
+
+def test_the_drift_of_the_basis_matters(
+    mixed_chain: Robot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In MuJoCo's world-frame base speeds S turns with the robot: without Ṡν it disagrees."""
+    engine = MujocoEngine(mixed_chain)
+    solve = mujoco_engine._solve
+
+    def without_drift(rows: Array, wanted: Array) -> Array:
+        return solve(rows, wanted if wanted.ndim == 2 else np.zeros_like(wanted))
+
+    monkeypatch.setattr(mujoco_engine, "_solve", without_drift)
+    assert gaps(mixed_chain, engine, rng)[1] > 1e-6
+
+
+@pytest.mark.parametrize("module", [mujoco_engine, mujoco_model])
+def test_it_asks_neither_pinocchio_nor_the_dynamics(module: object) -> None:
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
+    imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    assert not any(name.startswith(("pinocchio", "rpctl.dynamics")) for name in imported)
+    called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert not called & {"model", "crba", "rnea", "forwardKinematics", "createData"}
+
+
+@pytest.mark.parametrize(
+    ("version", "enough"), [("3.13.0", False), ("3.14.0", True), ("4.0.0", True)]
+)
+def test_an_old_mujoco_does_not_count(
+    monkeypatch: pytest.MonkeyPatch, version: str, enough: bool
+) -> None:
+    monkeypatch.setattr(metadata, "version", lambda _: version)
+    assert mujoco_engine.installed() == enough
+
+
+def test_mujoco_is_imported_only_when_an_engine_is_made() -> None:
+    code = (
+        "import sys; from rpctl.equivalence import mujoco_engine as e; "
+        "assert e.installed(); print(*sys.modules)"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "mujoco" not in told.stdout.split()
