@@ -1,14 +1,27 @@
-"""The certificate of three robots: an independent derivation agrees to rounding."""
+"""The certificate of every robot of the catalogue: independent derivations agree to rounding."""
+
+import time
 
 import rpctl
+from rpctl.robot.catalog import names
 
 
 def main() -> None:
-    for name in ("paper", "mixed_chain", "tiago"):
-        certificate = rpctl.verify(rpctl.load(name), samples=20)
+    start = time.perf_counter()
+    for name in names():
+        try:
+            certificate = rpctl.verify(rpctl.load(name), samples=100)
+        except rpctl.RpctlError as error:
+            print(f"{name:16} not modelled: {str(error).partition('.urdf: ')[2] or error}")
+            continue
         worst = certificate.worst
         verdict = "verified" if certificate.passed else "NOT verified"
-        print(f"{name:12} {verdict}: {worst.name} is {worst.residual:.1e} of {worst.limit:.0e}")
+        compared = sum(check.passed is not None for check in certificate.checks)
+        print(
+            f"{name:16} {verdict}, {compared} checks; nearest to its limit: {worst.name} "
+            f"against {worst.against}, {worst.residual:.0e} of {worst.limit:.0e}"
+        )
+    print(f"{time.perf_counter() - start:.0f} s")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rpctl.robot.drive import detect
+from rpctl.robot.load import load
+from rpctl.robot.model import Robot
+from rpctl.robot.urdf import read
+
 WHEEL = """
   <link name="{side}_wheel">
     <inertial>
@@ -87,6 +92,21 @@ def platform(parameters: Mapping[str, float], *, right_sign: int = 1, extra: str
   </link>{wheels}{extra}
 </robot>
 """
+
+
+def four_wheels(folder: Path, kind: str) -> Robot:
+    """Return a robot on four fixed wheels: a skid-steer or a mecanum drive, with an arm joint."""
+    rear = platform(SET_A)
+    rear = rear[rear.index('<link name="left_wheel">') : rear.index("</robot>")]
+    rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
+    rear = rear.replace('origin xyz="0 ', 'origin xyz="-0.9 ')
+    arm = """<link name="arm"><inertial><origin xyz="0.2 0.1 0.3"/><mass value="3"/>
+      <inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+      <joint name="arm_joint" type="revolute"><parent link="base"/><child link="arm"/>
+      <origin xyz="0.1 0.05 0.4" rpy="0.3 0.2 0"/><axis xyz="0 0 1"/>
+      <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
+    path = write(folder, platform(SET_A, right_sign=-1, extra=rear + arm), f"{kind}.urdf")
+    return load(path, drive=detect(read(path), {}, kind))
 
 
 SET_A = {"m_c": 30.0, "I_c": 15.625, "d": 0.3, "m_w": 1.0, "I_s": 0.005, "I_d": 0.0025}

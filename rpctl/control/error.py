@@ -33,19 +33,28 @@ def tracking_error(robot: Robot, reference: ReferenceState, q: Array) -> Array:
 def error_rate(e: Array, reference: ReferenceState, nu: Array) -> Array:
     """Return ė (3 + n_joints,) when the robot moves with ν; [MS21, Eq. 10].
 
-    ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω; a joint's is the difference
-    of rates. A fixed base has no base error.
+    ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω for a base with an axle; a
+    holonomic one adds its and the reference's speed to the left. A joint's is the difference of
+    rates. A fixed base has no base error.
     """
     joints = len(e) - BASE_ERRORS
     rate = np.zeros(len(e))
     if len(nu) > joints:
-        v, omega = nu[0], nu[1]
-        v_r, omega_r = reference.nu[0], reference.nu[1]
-        rate[0] = v_r * math.cos(e[2]) - v + e[1] * omega
-        rate[1] = v_r * math.sin(e[2]) - e[0] * omega
+        cos, sin = math.cos(e[2]), math.sin(e[2])
+        vx, vy, omega = base_velocity(nu, joints)
+        vx_r, vy_r, omega_r = base_velocity(reference.nu, joints)
+        rate[0] = vx_r * cos - vy_r * sin - vx + e[1] * omega
+        rate[1] = vx_r * sin + vy_r * cos - vy - e[0] * omega
         rate[2] = omega_r - omega
     rate[BASE_ERRORS:] = (reference.nu - nu)[len(nu) - joints :]
     return rate
+
+
+def base_velocity(nu: Array, joints: int) -> tuple[float, float, float]:
+    """Return the base's speed forward and left (m/s) and its turning rate (rad/s) out of ν."""
+    if len(nu) == joints + 2:
+        return float(nu[0]), 0.0, float(nu[1])
+    return float(nu[0]), float(nu[1]), float(nu[2])
 
 
 def wrap(angle: float) -> float:

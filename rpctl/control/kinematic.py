@@ -47,7 +47,8 @@ class PaperKinematic:
         q̇_d = q̇_r + (q_r − q)/h
 
     with s = sgn ω_r. On the output's zero the lateral error obeys ẋ2 = −β |ω_r| x2: a straight
-    line leaves it as it is.
+    line leaves it as it is. A holonomic base has three inputs, so x1, x2 and x3 are outputs
+    themselves, and the same prediction drives each of them to zero.
 
     Attributes:
         horizon: Prediction time h, s.
@@ -71,8 +72,10 @@ class PaperKinematic:
         nu_d, nu_d_dot = np.empty(len(nu)), np.empty(len(nu))
         nu_d[base:] = reference.nu[base:] + e[BASE_ERRORS:] / self.horizon
         nu_d_dot[base:] = reference.nu_dot[base:] + rate[BASE_ERRORS:] / self.horizon
-        if base:
+        if base == 2:
             nu_d[:2], nu_d_dot[:2] = self._base(reference, e[:3], rate[:3])
+        elif base:
+            nu_d[:3], nu_d_dot[:3] = self._holonomic(reference, e[:3], rate[:3])
         return Command(nu_d, nu_d_dot)
 
     def _base(
@@ -100,6 +103,24 @@ class PaperKinematic:
             + (x_dot[0] - b * x_dot[1] - b_rate * x[1]) / horizon
         )
         return (v_d, omega_d), (a_d, alpha_d)
+
+    def _holonomic(
+        self, reference: ReferenceState, x: Array, x_dot: Array
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return (vx_d, vy_d, ω_d) and their derivatives: outputs are x1, x2, x3 themselves."""
+        horizon = self.horizon
+        vx_r, vy_r, omega_r = reference.nu[:3]
+        ax_r, ay_r, alpha_r = reference.nu_dot[:3]
+        cos, sin, turn = math.cos(x[2]), math.sin(x[2]), x_dot[2]
+        omega_d, alpha_d = omega_r + x[2] / horizon, alpha_r + x_dot[2] / horizon
+        ahead, left = vx_r * cos - vy_r * sin, vx_r * sin + vy_r * cos
+        ahead_rate = ax_r * cos - ay_r * sin - left * turn
+        left_rate = ax_r * sin + ay_r * cos + ahead * turn
+        vx_d = ahead + x[1] * omega_d + x[0] / horizon
+        vy_d = left - x[0] * omega_d + x[1] / horizon
+        ax_d = ahead_rate + x_dot[1] * omega_d + x[1] * alpha_d + x_dot[0] / horizon
+        ay_d = left_rate - x_dot[0] * omega_d - x[0] * alpha_d + x_dot[1] / horizon
+        return (vx_d, vy_d, omega_d), (ax_d, ay_d, alpha_d)
 
     def _sign(self, omega_r: float, alpha_r: float) -> tuple[float, float]:
         """Return s and ṡ; the sign's own jump has no derivative to speak of."""

@@ -16,16 +16,18 @@ RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v i
 def selection(robot: Robot) -> Array:
     """Return W (dof, nv), constant: ν = W v picks the quasi-velocities out of a velocity.
 
-    For a differential drive the first two rows are the forward speed of P and the turning rate;
-    the others pick the arm's joint rates.
+    For a drive with a fixed axle the first two rows are the forward speed of P and the turning
+    rate, for a holonomic one the first three are the base's speeds; the others pick the arm's.
     """
     W = np.zeros((robot.dof, robot.nv))
     base = len(robot.drive.base_speeds)
-    if robot.drive.type == "differential":
+    if robot.drive.has_axle:
         px, py = robot.drive.point
         fx, fy = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
         W[0, :BASE_NV] = fx, fy, fy * px - fx * py
         W[1, 2] = 1.0
+    elif base:
+        W[:base, :BASE_NV] = np.eye(BASE_NV)
     for row, joint in enumerate(robot.joints, start=base):
         W[row, robot.velocity_index(joint.name)] = 1.0
     return W

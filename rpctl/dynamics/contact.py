@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, contact_point
+from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, contact_point, layout
 from rpctl.dynamics.stance import NARROW, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
 from rpctl.errors import RpctlError
@@ -21,7 +21,7 @@ from rpctl.robot.description import Array
 FRICTION = 0.7  # of rubber on a dry indoor floor
 LIFT_OFF = 1e-3  # of the weight: below it a contact bears nothing to speak of
 RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
-SHARED = 1e-6  # entry of the null space's projector from which two rows share one force
+ROLLER = 1e-9  # sine of the angle to forward from which a wheel's own force has a lateral part
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Contacts:
         notes: What keeps loads and margins from being defined or unique, in sentences.
         points: Contacts (n, 2) with all joints at 0 or frozen, in the root link's frame, m.
         supports: Those of the contacts that are not wheels.
-        signs: ±1 (n_wheels, 1): turns the rows of A to the robot's forward and left.
+        along: Map (n_wheels, rows) from λ to the wheels' forces forward.
+        across: Map (n_axles, rows) from λ to the axles' forces to the left.
         share: Incidence of wheels and axles (n_wheels, n_axles), 0 or 1.
         floor: Load below which a contact bears nothing to speak of, N.
         multipliers: Least-norm map (rows, nv) from Aᵀλ to λ; None where A depends on q.
@@ -54,7 +55,8 @@ class Contacts:
     notes: tuple[str, ...]
     points: Array
     supports: Supports = field(repr=False)
-    signs: Array = field(repr=False)
+    along: Array = field(repr=False)
+    across: Array = field(repr=False)
     share: Array = field(repr=False)
     floor: float = field(repr=False)
     multipliers: Array | None = field(repr=False)
@@ -106,10 +108,10 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     supports = find_supports(robot)
     wheels = tuple(wheel.joint for wheel in robot.drive.wheels)
     names = wheels + tuple(part.name for part in supports.parts)
-    points, signs = _points(dynamics, supports, q)
+    points = _points(dynamics, supports, q)
     points.setflags(write=False)
     A = dynamics.constraint(q)
-    axles = shared_axles(A, len(wheels))
+    axles, along, across = _force_maps(dynamics, len(A), q)
     moves = any(part.joint != ROOT_JOINT for part in supports.parts) or not dynamics.constant
     balanced = not supports.unknown and width(points) > NARROW
     return Contacts(
@@ -121,7 +123,8 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
         notes=_notes(names, supports, balanced),
         points=points,
         supports=supports,
-        signs=signs,
+        along=along,
+        across=across,
         share=np.array([[float(w in axle) for axle in axles] for w in range(len(wheels))]),
         multipliers=_multipliers(A) if dynamics.constant else None,
         floor=LIFT_OFF * robot.mass * float(np.linalg.norm(robot.model.gravity.linear)),
@@ -151,9 +154,8 @@ def ground_reaction(
     solve = contacts.multipliers
     if solve is None:
         solve = _multipliers(dynamics.constraint(q))
-    count = len(contacts.signs)
-    along, across = ((solve @ residual)[-2 * count :].reshape(count, 2) * contacts.signs).T
-    lateral = across @ contacts.share
+    multipliers = solve @ residual
+    along, lateral = contacts.along @ multipliers, contacts.across @ multipliers
     fx, fy, fz, nx, ny, _ = wrench.tolist()
     z, floor = dynamics.robot.drive.ground, contacts.floor
     moments = np.array([fz, z * fx - ny, z * fy + nx])
@@ -164,12 +166,12 @@ def ground_reaction(
     if not contacts.balanced:
         nothing = np.empty(0)
         return GroundReaction(force, along, lateral, nothing, zmp, None, nothing)
-    stance = contacts.stance or make_stance(_points(dynamics, contacts.supports, q)[0])
+    stance = contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
     margin = float((stance.inward @ local + stance.offset).min())
     if fz < floor:
         margin = -abs(margin)  # the ground would have to pull
     load = loads(stance, moments, margin)
-    slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:count], floor))
+    slip = _slip_ratio(contacts, along, lateral, np.maximum(load[: len(along)], floor))
     return GroundReaction(force, along, lateral, load, zmp, margin, slip)
 
 
@@ -180,51 +182,53 @@ def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -
     return np.asarray(np.hypot(along / load, sideways) / contacts.friction)
 
 
-def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> tuple[Array, Array]:
-    """Return the contacts (n, 2) in the root link's frame, m, and the wheels' signs (n_wheels, 1).
-
-    The sign is 1 where the axle points to the robot's left.
-    """
+def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
+    """Return the contacts (n, 2) in the root link's frame, m."""
     robot, data = dynamics.robot, dynamics.placements(q)
     root = data.oMi[ROOT_JOINT]
-    points, signs = [], []
-    left = np.array([-math.sin(robot.drive.heading), math.cos(robot.drive.heading), 0.0])
-    for wheel in robot.drive.wheels:
-        point, axle = contact_point(robot, data, wheel)
-        points.append(root.actInv(point)[:2])
-        own = carried_by_root(robot, wheel)  # the rows of A are along the heading, not the axle
-        across = left if own else root.rotation.T @ axle
-        signs.append([math.copysign(1.0, float(across @ left))])
-    points += [
+    wheels = [root.actInv(contact_point(robot, data, w)[0])[:2] for w in robot.drive.wheels]
+    others = [
         root.actInv(data.oMi[part.joint].act(np.array(part.point)))[:2] for part in supports.parts
     ]
-    return np.array(points), np.array(signs)
+    return np.array(wheels + others)
+
+
+def _force_maps(
+    dynamics: ReducedDynamics, rows: int, q: Array
+) -> tuple[tuple[tuple[int, ...], ...], Array, Array]:
+    """Return the axles and the maps (n_wheels, rows), (n_axles, rows) from λ to the forces.
+
+    An ordinary wheel on the root link shares its lateral force with all such wheels, for only P is
+    kept from moving sideways. A roller's one force has both parts.
+    """
+    robot, placed = dynamics.robot, layout(dynamics.robot)
+    wheels, heading = robot.drive.wheels, robot.drive.heading
+    turn = np.array(
+        [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
+    )
+    along = np.zeros((len(wheels), rows))
+    axles, across = [], []
+    data = dynamics.placements(q)
+    signs = {}
+    for index, wheel in enumerate(wheels):
+        forward, left = turn @ wheel.direction
+        if not carried_by_root(robot, wheel):  # its rows follow its axle
+            axle = data.oMi[ROOT_JOINT].rotation.T @ contact_point(robot, data, wheel)[1]
+            forward = signs[index] = math.copysign(1.0, float(turn[1] @ axle[:2]))
+            left = 0.0
+        along[index, placed.along[index]] = forward
+        if abs(left) > ROLLER:
+            axles.append((index,))
+            across.append(left * np.eye(rows)[placed.along[index]])
+    for row, shared in placed.across:
+        axles.append(shared)
+        across.append(signs.get(shared[0], 1.0) * np.eye(rows)[row])
+    return tuple(axles), along, np.array(across)
 
 
 def _multipliers(A: Array) -> Array:
     """Return the map (rows, nv) from Aᵀλ to the λ of least norm."""
     return np.asarray(np.linalg.pinv(A.T, rcond=RANK_MARGIN), dtype=float)
-
-
-def shared_axles(A: Array, wheels: int) -> tuple[tuple[int, ...], ...]:
-    """Return the wheels (indices) that share a lateral force.
-
-    Such forces can change against each other and leave Aᵀλ as it is: their rows are coupled in
-    the projector 1 − A A⁺ onto the null space of Aᵀ.
-
-    Args:
-        A: Constraint matrix (rows, nv), its last rows two a wheel: along and across.
-        wheels: Number of wheels.
-    """
-    null = np.eye(len(A)) - A @ np.linalg.pinv(A, rcond=RANK_MARGIN)
-    rows = np.arange(len(A) - 2 * wheels + 1, len(A), 2)
-    coupled = np.abs(null[np.ix_(rows, rows)]) > SHARED
-    axles: list[tuple[int, ...]] = []
-    for wheel in range(wheels):
-        if not any(wheel in axle for axle in axles):
-            others = (int(w) for w in np.flatnonzero(coupled[wheel]) if w != wheel)
-            axles.append((wheel, *others))
-    return tuple(axles)
 
 
 def _notes(names: tuple[str, ...], supports: Supports, balanced: bool) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +19,12 @@ UP = np.array([0.0, 0.0, 1.0])
 def constraint(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return the constraint matrix A(q), rows possibly redundant.
 
-    Two rows a wheel, the velocity of its material contact point along and across its rolling
-    direction: v_c + ω × (−r ẑ), with c its centre and ω its angular velocity ([MS21, Eq. 1-5]'s
-    rolling conditions for any wheel). Wheels that the root link carries share one axle through P,
-    across the drive's heading: files round their angles and places, and two axles a hair apart
-    would let the base move nowhere. One row a mimic joint. A fixed base locks its three speeds.
+    A wheel's rows are of the velocity of its material contact point, v_c + ω × (−r ẑ), with c its
+    centre and ω its angular velocity ([MS21, Eq. 1-5]'s rolling conditions for any wheel). A wheel
+    that the root link carries has one row, along :attr:`Wheel.direction`; that P does not move
+    sideways is one more row for all of them, as files round the angles and places of wheels, and
+    two axles a hair apart would let the base move nowhere. Any other wheel has two rows, along
+    and across its rolling direction. Mimic joints have one row each, a fixed base has three.
 
     Args:
         robot: The robot.
@@ -46,13 +48,12 @@ def constraint(robot: Robot, data: pin.Data, q: Array) -> Array:
         turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # turn @ ω = ω × (x, y, z)
         contact = J[:3] + turn @ J[3:]
         if carried_by_root(robot, wheel):
-            forward, left = _heading(robot)
-            across = np.zeros(robot.nv)
-            across[:BASE_NV] = *left, left @ [-robot.drive.point[1], robot.drive.point[0]]
-            along = forward @ (data.oMi[ROOT_JOINT].rotation[:2, :2].T @ contact[:2])
-            rows.append(np.array([along, across]))
+            local = data.oMi[ROOT_JOINT].rotation[:2, :2].T @ contact[:2]
+            rows.append((np.array(wheel.direction) @ local)[None])
         else:
             rows.append(_directions(axle) @ contact)
+    if robot.drive.has_axle:
+        rows.append(_axle_row(robot))
     return np.vstack(rows)
 
 
@@ -73,7 +74,7 @@ def constraint_drift(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
         pin.forwardKinematics(model, data, q, v, np.zeros(robot.nv))
     for wheel in robot.drive.wheels:
         if carried_by_root(robot, wheel):
-            drift.append(np.zeros(2))  # in the root's axes nothing of these rows moves
+            drift.append(np.zeros(1))  # in the root's axes nothing of this row moves
             continue
         joint = model.getJointId(wheel.joint)
         axle, centre = _axle(data, joint, wheel)
@@ -89,6 +90,8 @@ def constraint_drift(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
         change += np.cross(alpha, down)
         turning = _direction_rates(axle, np.cross(omega, axle))
         drift.append(_directions(axle) @ change + turning @ rate)
+    if robot.drive.has_axle:
+        drift.append(np.zeros(1))
     return np.concatenate(drift)
 
 
@@ -97,10 +100,43 @@ def carried_by_root(robot: Robot, wheel: Wheel) -> bool:
     return bool(robot.model.parents[robot.model.getJointId(wheel.joint)] == ROOT_JOINT)
 
 
-def _heading(robot: Robot) -> Array:
-    """Return forward and left (2, 2) in the root link's axes."""
-    cos, sin = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
-    return np.array([[cos, sin], [-sin, cos]])
+def _axle_row(robot: Robot) -> Array:
+    """Return the row (1, nv) of P's speed to the left."""
+    drive = robot.drive
+    left = np.array([-math.sin(drive.heading), math.cos(drive.heading)])
+    row = np.zeros((1, robot.nv))
+    row[0, :BASE_NV] = *left, left @ [-drive.point[1], drive.point[0]]
+    return row
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which rows of A are whose.
+
+    Attributes:
+        along: Row of each wheel, along its direction.
+        across: Row of each lateral force, and the wheels (indices) that share it.
+    """
+
+    along: tuple[int, ...]
+    across: tuple[tuple[int, tuple[int, ...]], ...]
+
+
+def layout(robot: Robot) -> Layout:
+    """Return which rows of :func:`constraint` are whose."""
+    row = len(robot.mimics) + (BASE_NV if robot.drive.type == "fixed" else 0)
+    along, across, shared = [], [], []
+    for index, wheel in enumerate(robot.drive.wheels):
+        along.append(row)
+        row += 1
+        if carried_by_root(robot, wheel):
+            shared.append(index)
+        else:
+            across.append((row, (index,)))
+            row += 1
+    if robot.drive.has_axle:
+        across.append((row, tuple(shared)))
+    return Layout(tuple(along), tuple(across))
 
 
 def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:

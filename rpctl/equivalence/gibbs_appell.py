@@ -74,12 +74,12 @@ class Motion:
 class Rates:
     """The rates of joints as rows of u, and what the motion adds to their accelerations.
 
-    ``forward`` (3,) is the direction in which wheels on the root link roll.
+    ``R`` (3, 3) is the rotation of the root link, whose axes wheels' directions are given in.
     """
 
     rows: dict[str, Array]
     drifts: dict[str, Any]
-    forward: Array
+    R: Array
 
 
 class GibbsAppell:
@@ -109,7 +109,7 @@ class GibbsAppell:
         a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
         rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.model.names[2:]}
         root = Motion(R, J_w @ v, J_w, J_v, np.zeros(3), a)
-        rates = Rates(rows, dict.fromkeys(rows, 0.0), R @ self.tree.forward)
+        rates = Rates(rows, dict.fromkeys(rows, 0.0), R)
         return self.terms(self._positions(q), v, root, rates)
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
@@ -126,18 +126,23 @@ class GibbsAppell:
         """
         n, drive, scalars = self.robot.dof, self.robot.drive, self.scalars
         J_w, J_v, a = scalars.zeros((3, n)), scalars.zeros((3, n)), scalars.zeros(3)
-        if drive.type == "differential":
+        one = scalars.number(1.0, "number", "")
+        if drive.has_axle:
             forward = R @ self.tree.forward
             P = R @ self.tree.point  # from the root link's origin
             v, turn = nu[0], nu[1]
-            J_w[2, 1] = scalars.number(1.0, "number", "")
+            J_w[2, 1] = one
             J_v[:, 0], J_v[:, 1] = forward, -cross(UP, P)
             a = v * turn * cross(UP, forward) - turn**2 * cross(UP, cross(UP, P))
+        elif drive.base_speeds:
+            J_w[2, 2] = one
+            J_v[:, 0], J_v[:, 1] = R[:, 0], R[:, 1]
+            a = cross(nu[2] * UP, R[:, 0] * nu[0] + R[:, 1] * nu[1])
         identity = scalars.identity(n)[len(drive.base_speeds) :]
         rows = dict(zip((joint.name for joint in self.robot.joints), identity, strict=True))
         omega = J_w @ np.asarray(nu)
         root = Motion(R, omega, J_w, J_v, scalars.zeros(3), a)
-        return root, Rates(rows, dict.fromkeys(rows, 0 * nu[0]), R @ self.tree.forward)
+        return root, Rates(rows, dict.fromkeys(rows, 0 * nu[0]), R)
 
     def terms(self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates) -> Terms:
         """Return the equations from G's Hessian and gradient, summed over the links."""
@@ -245,28 +250,28 @@ class GibbsAppell:
     ) -> tuple[Array, Any]:
         """Return the rate of a joint that is not part of u, as a row of u, and its drift."""
         if hinge.name in self.tree.wheels:
-            return self._rolling(hinge, carrier, axis, u, rates.forward)
+            return self._rolling(hinge, carrier, axis, u, rates.R)
         followed, factor = hinge.follows, hinge.factor
         row = rates.rows.get(followed, self.scalars.zeros(len(u)))
         return factor * row, factor * rates.drifts.get(followed, 0 * u[0])
 
     def _rolling(
-        self, hinge: Hinge, carrier: Motion, axle: Array, u: Array, forward: Array
+        self, hinge: Hinge, carrier: Motion, axle: Array, u: Array, R: Array
     ) -> tuple[Array, Any]:
-        """Return a wheel's rate and drift from rolling along t, the forward direction.
+        """Return a wheel's rate and drift from its contact, which stands still along d.
 
-        t · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
+        d · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
         """
-        radius, offset = self.tree.wheels[hinge.name]
-        down = -radius * UP
-        lever = forward @ cross(axle, down)
-        J_c, a_c = carrier.at(offset * axle)
+        wheel = self.tree.wheels[hinge.name]
+        d, down = R @ wheel.direction, -wheel.radius * UP
+        lever = d @ cross(axle, down)
+        J_c, a_c = carrier.at(wheel.offset * axle)
         J_contact = J_c + cross(carrier.J_w, down)
-        row = -(forward @ J_contact) / lever
+        row = -(d @ J_contact) / lever
         spin = (row @ u) * axle
         change = a_c + cross(carrier.alpha + cross(carrier.omega, spin), down)
-        sideways = cross(carrier.omega, forward) @ (J_contact @ u + cross(spin, down))
-        return row, -(forward @ change + sideways) / lever
+        turning = cross(carrier.omega, d) @ (J_contact @ u + cross(spin, down))
+        return row, -(d @ change + turning) / lever
 
     def _heading(self, q: Array) -> Array:
         return FLOATS.rotation(UP, math.atan2(q[3], q[2]))

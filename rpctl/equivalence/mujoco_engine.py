@@ -65,22 +65,19 @@ class MujocoEngine:
         fused: What was done about them: made one body with the links fixed to them.
 
     Raises:
-        EngineRefused: A moving body is unphysical even as a whole; its links are named. Or the
-            drive is neither differential nor fixed.
+        EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._mujoco: Any = import_module("mujoco")
         self._robot = robot
-        if robot.drive.type not in ("differential", "fixed"):
-            raise EngineRefused(f'{robot.name}: its drive, "{robot.drive.type}", is not done here')
         tree = MujocoModel(robot)
         self.refused, self.fused = tree.refused, tree.fused
         self._model, self._root, self._joints = tree.mjm, tree.root, tree.joints
         self._data = self._mujoco.MjData(self._model)
         base = 3 if robot.drive.type == "fixed" else 0
-        rolling = len(robot.drive.wheels) + 1 if robot.drive.wheels else 0
-        self._constraints = rolling + base + len(robot.mimics)
+        self._rolling = len(robot.drive.wheels) + robot.drive.has_axle
+        self._constraints = self._rolling + base + len(robot.mimics)
         self._always = self._constant_rows()
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
@@ -142,29 +139,38 @@ class MujocoEngine:
     def _rows(self, kind: Any) -> Array:
         """Return [A; W], or its rate, as far as Jacobians ``kind`` make it; zero elsewhere.
 
-        One row a wheel: the velocity of its contact point, v_c + ω × (−r ẑ), along the forward
-        direction. Two rows for P: its velocity to the left, and its forward speed.
+        One row a wheel: the velocity of its contact point, v_c + ω × (−r ẑ), along the direction
+        in which it stands still. With an axle two rows for P: its velocity to the left, and its
+        forward speed; else one each for the base's velocity along its own axes.
         """
         rows = np.zeros((self._constraints + self._robot.dof, self._robot.nv))
-        if self._robot.drive.type == "differential":
-            forward, left = self._directions()
-            *wheels, P = self._points(kind)
-            for at, contact in enumerate(wheels):
-                rows[at] = forward @ contact
-            rows[len(wheels)] = left @ P
-            rows[self._constraints] = forward @ P
+        for at, direction, point in self._directed(self._points(kind)):
+            rows[at] = direction @ point
         return rows
 
     def _turning(self, v: Array) -> Array:
-        """Return what the turning of forward and left adds to the rate of :meth:`_rows` times v."""
+        """Return what the turning of the directions adds to the rate of :meth:`_rows` times v."""
         drift = np.zeros(self._constraints + self._robot.dof)
-        if self._robot.drive.type == "differential":
-            forward, left = self._directions()
-            *wheels, P = (J @ v for J in self._points(self._mujoco.mj_jac))
-            drift[: len(wheels)] = [v[2] * left @ contact for contact in wheels]
-            drift[len(wheels)] = -v[2] * forward @ P
-            drift[self._constraints] = v[2] * left @ P
+        points = [J @ v for J in self._points(self._mujoco.mj_jac)]
+        for at, direction, velocity in self._directed(points):
+            drift[at] = v[2] * np.cross(-DOWN, direction) @ velocity
         return drift
+
+    def _directed(self, points: list[Array]) -> list[tuple[int, Array, Array]]:
+        """Return (row, direction (3,) in the world, point's entry) of every row that turns."""
+        drive, R = self._robot.drive, self._data.xmat[self._root].reshape(3, 3)
+        *contacts, P = points
+        found = [
+            (at, R @ [*wheel.direction, 0.0], contact)
+            for at, (wheel, contact) in enumerate(zip(drive.wheels, contacts, strict=True))
+        ]
+        first = self._constraints
+        if drive.has_axle:
+            ahead = R @ [math.cos(drive.heading), math.sin(drive.heading), 0.0]
+            return [*found, (self._rolling - 1, np.cross(-DOWN, ahead), P), (first, ahead, P)]
+        if drive.base_speeds:
+            return [*found, (first, R[:, 0], P), (first + 1, R[:, 1], P)]
+        return found
 
     def _points(self, kind: Any) -> list[Array]:
         """Return J or J̇ (3, nv) of each wheel's contact point, then of P."""
@@ -185,17 +191,11 @@ class MujocoEngine:
         kind(self._model, self._data, linear, angular, point, body)
         return linear, angular
 
-    def _directions(self) -> tuple[Array, Array]:
-        """Return the forward direction and the left one (3,) in the world."""
-        angle = self._data.qpos[2] + self._robot.drive.heading
-        forward = np.array([math.cos(angle), math.sin(angle), 0.0])
-        return forward, np.cross(-DOWN, forward)
-
     def _constant_rows(self) -> Array:
         """Return the rows of [A; W] that no motion changes: mimics, a held base, turn, joints."""
         robot = self._robot
         rows = np.zeros((self._constraints + robot.dof, robot.nv))
-        at = len(robot.drive.wheels) + 1 if robot.drive.wheels else 0
+        at = self._rolling
         if robot.drive.type == "fixed":
             rows[at : at + 3, :3] = np.eye(3)
             at += 3
@@ -203,8 +203,8 @@ class MujocoEngine:
             rows[row, self._joints[joint.name]] = 1.0
             if joint.mimic is not None and joint.mimic.joint in self._joints:
                 rows[row, self._joints[joint.mimic.joint]] -= joint.mimic.multiplier
-        if robot.drive.type == "differential":
-            rows[self._constraints + 1, 2] = 1.0
+        if robot.drive.base_speeds:
+            rows[self._constraints + len(robot.drive.base_speeds) - 1, 2] = 1.0
         first = self._constraints + len(robot.drive.base_speeds)
         for row, joint in enumerate(robot.joints, start=first):
             rows[row, self._joints[joint.name]] = 1.0

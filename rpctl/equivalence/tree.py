@@ -83,6 +83,15 @@ class Hinge:
     factor: Any
 
 
+@dataclass(frozen=True)
+class Rolling:
+    """A wheel: its radius, its centre along the axle, and where its contact stands still (3,)."""
+
+    radius: Any
+    offset: Any
+    direction: Array
+
+
 class Tree:
     """The links with inertia and the joints below each link, by the links' names.
 
@@ -108,9 +117,10 @@ class Tree:
         (self.root,) = self.below.keys() - {hinge.child for hinge in hinges}
         drive, number = robot.drive, scalars.number
         self.wheels = {
-            wheel.joint: (
-                number(wheel.radius, "length", f"radius of {wheel.joint}"),
-                number(wheel.offset, "length", f"offset of {wheel.joint}"),
+            wheel.joint: Rolling(
+                radius=number(wheel.radius, "length", f"radius of {wheel.joint}"),
+                offset=number(wheel.offset, "length", f"offset of {wheel.joint}"),
+                direction=scalars.numbers((*wheel.direction, 0.0), "direction", ""),
             )
             for wheel in drive.wheels
         }

@@ -78,12 +78,14 @@ class PathReference:
         rate: Pace of the path, units of its parameter a second.
         arm: The arm's motion.
         ramp: Duration of the soft start, s.
+        holonomic: Whether ν has a speed to the left, which is 0 along the path.
     """
 
     path: paths.Path | None
     rate: float
     arm: Waves
     ramp: float
+    holonomic: bool = False
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the reference at time ``t`` (s)."""
@@ -92,8 +94,9 @@ class PathReference:
             return ReferenceState(np.zeros(3), joints, rates, accelerations)
         s, ds, dds = paths.soft_clock(t, self.rate, self.ramp)
         point = self.path(s)
-        base = np.array([point.speed, point.turn])
-        base_rate = np.array([point.speed_rate, point.turn_rate])
+        left = (0.0,) if self.holonomic else ()
+        base = np.array([point.speed, *left, point.turn])
+        base_rate = np.array([point.speed_rate, *left, point.turn_rate])
         return ReferenceState(
             pose=point.pose,
             joints=joints,
@@ -129,4 +132,4 @@ def reference_by_name(robot: Robot, name: str) -> PathReference:
         raise UnknownNameError("reference", name, BASE_PATHS)
     make, rate = BASE_PATHS[name]
     path = make() if robot.drive.base_speeds else None
-    return PathReference(path, rate, waves(robot), RAMP)
+    return PathReference(path, rate, waves(robot), RAMP, len(robot.drive.base_speeds) == 3)

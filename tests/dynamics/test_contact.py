@@ -17,10 +17,9 @@ from rpctl.dynamics.contact import (
     GroundReaction,
     find_contacts,
     ground_reaction,
-    shared_axles,
 )
 from rpctl.robot.description import Array
-from tests.robots import SET_A, ball, cargo, platform, write
+from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
 from tests.view.samples import write_cart
 
 ROUNDING = 1e-12  # relative to the largest entry
@@ -249,7 +248,6 @@ def test_signs_of_the_wheels_axes_do_not_matter(tmp_path: Path) -> None:
 
 
 def test_an_axle_has_one_lateral_force(robot: Robot) -> None:
-    """Known from the null space of Aᵀ: a lateral force of one wheel against the other's."""
     contacts = contacts_of(ReducedDynamics(robot))
     assert contacts.axles == ((0, 1),)
     assert contacts.balanced
@@ -258,20 +256,20 @@ def test_an_axle_has_one_lateral_force(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("steer", "axles"), [(0.5, ((0, 1), (2,))), (0.0, ((0, 1), (2,))), (None, ((0, 1),))]
+    ("kind", "axles"), [("skid-steer", ((0, 1, 2, 3),)), ("mecanum", ((0,), (1,), (2,), (3,)))]
 )
-def test_wheels_off_the_axle_have_lateral_forces_of_their_own(
-    steer: float | None, axles: tuple[tuple[int, ...], ...]
+def test_wheels_that_share_a_lateral_force(
+    tmp_path: Path, kind: str, axles: tuple[tuple[int, ...], ...]
 ) -> None:
-    """A tricycle's A by hand: v = (x, y, turn, three wheels), front wheel steered by an angle."""
-    wheels = [(0.0, 0.5, 0.0), (0.0, -0.5, 0.0)] + ([] if steer is None else [(1.0, 0.0, steer)])
-    A = np.zeros((2 * len(wheels), 3 + len(wheels)))
-    for i, (x, y, angle) in enumerate(wheels):
-        cos, sin = math.cos(angle), math.sin(angle)
-        A[2 * i, :3] = cos, sin, x * sin - y * cos
-        A[2 * i, 3 + i] = -0.1
-        A[2 * i + 1, :3] = -sin, cos, x * cos + y * sin
-    assert shared_axles(A, len(wheels)) == axles
+    contacts = contacts_of(ReducedDynamics(four_wheels(tmp_path, kind)))
+    assert contacts.axles == axles
+
+
+def test_rollers_carry_the_robot(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Each force lies along its roller, so its part to the left is the wheel's own."""
+    robot = four_wheels(tmp_path, "mecanum")
+    test_newton_and_euler_of_the_whole_robot(robot, rng)
+    test_the_forces_move_the_whole_tree(robot, rng)
 
 
 def test_an_inconstant_basis_gives_the_same_forces(paper: Robot, rng: np.random.Generator) -> None:

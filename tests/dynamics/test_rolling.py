@@ -30,15 +30,21 @@ def contact_velocities(robot: Robot, q: Array, v: Array) -> Array:
 
 
 def test_rows_are_the_contact_points_velocity(robot: Robot, rng: np.random.Generator) -> None:
-    data = robot.model.createData()
+    """One row a wheel, along the heading, and one that P does not move sideways."""
+    data, step = robot.model.createData(), 1e-6
     for _ in range(10):
         q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
-        rows = (constraint(robot, data, q) @ v).reshape(-1, 2)
+        *along, across = constraint(robot, data, q) @ v
+        heading = robot.base_pose(q)[2]
+        forward = np.array([np.cos(heading), np.sin(heading), 0.0])
         moved = contact_velocities(robot, q, v)
-        np.testing.assert_allclose(
-            np.linalg.norm(rows, axis=1), np.linalg.norm(moved[:, :2], axis=1), atol=1e-8
-        )
+        np.testing.assert_allclose(along, moved @ forward, atol=1e-8)
         np.testing.assert_allclose(moved[:, 2], 0.0, atol=1e-8)
+        ahead, behind = (
+            robot.base_pose(pin.integrate(robot.model, q, s * v))[:2] for s in (step, -step)
+        )
+        left = np.array([-forward[1], forward[0]])
+        assert across == pytest.approx((ahead - behind) @ left / (2 * step), abs=1e-7)
 
 
 def test_the_drift_is_the_rows_rate(robot: Robot, rng: np.random.Generator) -> None:

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from rpctl import ReducedDynamics, Robot
 from rpctl.dynamics.rolling import constraint, constraint_drift
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
 
 
-def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator) -> None:
-    """M v̇ + b = B τ + Aᵀ λ and A v̇ = −Ȧ v, with two rows of A that say the same."""
+def doubled(robot: Robot) -> Robot:
+    """Return a robot whose left wheel is listed twice: two rows of A say the same."""
+    left, right = robot.drive.wheels
+    drive = dataclasses.replace(robot.drive, wheels=(left, right, left))
+    return dataclasses.replace(robot, drive=drive)
+
+
+@pytest.mark.parametrize("redundant", [False, True])
+def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator, redundant: bool) -> None:
+    """M v̇ + b = B τ + Aᵀ λ and A v̇ = −Ȧ v, whatever the rank of A."""
+    robot = doubled(robot) if redundant else robot
     dynamics, data = ReducedDynamics(robot), robot.model.createData()
     for _ in range(5):
         q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
         v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
         motion = constrained_motion(robot, q, v, tau)
         A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
-        assert np.linalg.matrix_rank(A) == len(A) - 1
+        assert np.linalg.matrix_rank(A) == len(A) - redundant
         slip = A @ motion.v_dot + drift
         assert np.abs(slip).max() < 1e-10 * max(1.0, np.abs(motion.v_dot).max())
         left = pin.rnea(robot.model, data, q, v, motion.v_dot)
@@ -39,6 +51,7 @@ def test_the_constraint_does_no_work(robot: Robot, rng: np.random.Generator) -> 
 def test_pinocchio_agrees_where_rows_are_independent(
     robot: Robot, rng: np.random.Generator
 ) -> None:
+    robot = doubled(robot)
     dynamics = ReducedDynamics(robot)
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
     v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
