@@ -1,0 +1,1 @@
+"""Closed forms: the reduced equations as text, LaTeX, Python and C."""

@@ -1,0 +1,185 @@
+"""The reduced equations as source code that needs nothing of this package: C99 or Python."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+
+from rpctl.derive.program import Node, Program, program
+from rpctl.robot.model import Robot
+
+INLINE = 60  # characters; a longer expression gets a line of its own
+LOOSE, TIGHT, ATOM = 1, 2, 3  # how firmly an expression holds together: sums, products, the rest
+LINEAR = ("v", "vx", "vy")  # speeds of the base in m/s
+NAME_LENGTH = 40  # of the identifiers made from a robot's name
+
+C_FORWARD = """
+/* nu_dot = M^-1 (B tau - h), by Cholesky's M = L L'. Returns 0, or 1 where M is not positive
+   definite; nu_dot is then left as it was. */
+int {name}_forward(const double *q, const double *nu, const double *tau, double *nu_dot)
+{{
+  double M[{n} * {n}], h[{n}], B[{n} * {m}], x[{n}];
+  int i, j, k;
+  {name}_dynamics(q, nu, M, h, B);
+  for (i = 0; i < {n}; i++) {{
+    x[i] = -h[i];
+    for (j = 0; j < {m}; j++) x[i] += B[{m} * i + j] * tau[j];
+    for (j = 0; j <= i; j++) {{
+      double sum = M[{n} * i + j];
+      for (k = 0; k < j; k++) sum -= M[{n} * i + k] * M[{n} * j + k];
+      if (i == j && !(sum > 0.0)) return 1;
+      M[{n} * i + j] = i == j ? sqrt(sum) : sum / M[{n} * j + j];
+    }}
+    for (k = 0; k < i; k++) x[i] -= M[{n} * i + k] * x[k];
+    x[i] /= M[{n} * i + i];
+  }}
+  for (i = {n} - 1; i >= 0; i--) {{
+    for (k = i + 1; k < {n}; k++) x[i] -= M[{n} * k + i] * x[k];
+    x[i] /= M[{n} * i + i];
+  }}
+  for (i = 0; i < {n}; i++) nu_dot[i] = x[i];
+  return 0;
+}}
+"""
+
+PYTHON_FORWARD = '''
+
+def {name}_forward(q, nu, tau):
+    """Return nu_dot = M^-1 (B tau - h), by Cholesky's M = L L'."""
+    M, h, B = {name}_dynamics(q, nu)
+    n, x = {n}, []
+    for i in range(n):
+        for j in range(i + 1):
+            total = M[i][j] - sum(M[i][k] * M[j][k] for k in range(j))
+            M[i][j] = sqrt(total) if i == j else total / M[j][j]
+        force = sum(b * effort for b, effort in zip(B[i], tau)) - h[i]
+        x.append((force - sum(M[i][k] * x[k] for k in range(i))) / M[i][i])
+    for i in reversed(range(n)):
+        x[i] = (x[i] - sum(M[k][i] * x[k] for k in range(i + 1, n))) / M[i][i]
+    return x
+'''
+
+
+def c_source(robot: Robot) -> str:
+    """Return C99 with no dependency but ``math.h``.
+
+    It has ``NAME_dynamics(q, nu, M, h, B)``, which fills row-major M (dof, dof), h (dof,) and
+    B (dof, n_act) of M ν̇ + h = B τ, and ``NAME_forward(q, nu, tau, nu_dot)``.
+    """
+    steps, name = program(robot), identifier(robot.name)
+    n, m = robot.dof, len(robot.actuators)
+    lines = ["/*", *(f" * {line}".rstrip() for line in _header(robot, steps)), " */"]
+    lines += ["#include <math.h>", "", f"void {name}_dynamics(const double *q, const double *nu,"]
+    lines += [" " * len(f"void {name}_dynamics(") + "double *M, double *h, double *B)", "{"]
+    given, values = _written(steps)
+    lines += [f"  const double {symbol} = {text};" for symbol, text in given]
+    kinds = {node[0] for node in steps.nodes}
+    lines += [f"  (void){unused};" for unused in ("q", "nu") if unused not in kinds]
+    for i in range(n):
+        mirrored = [f"M[{n * j + i}]" for j in range(i)]
+        entries = mirrored + [values(node) for node in steps.M[i][i:]]
+        lines += [f"  M[{n * i + j}] = {text};" for j, text in enumerate(entries)]
+    lines += [f"  h[{i}] = {values(node)};" for i, node in enumerate(steps.h)]
+    flat = [node for row in steps.B for node in row]
+    lines += [f"  B[{k}] = {values(node)};" for k, node in enumerate(flat)]
+    return "\n".join([*lines, "}", ""]) + C_FORWARD.format(name=name, n=n, m=m)
+
+
+def python_source(robot: Robot) -> str:
+    """Return Python that imports ``math`` alone.
+
+    It has ``NAME_dynamics(q, nu)``, which returns M (dof, dof), h (dof,) and B (dof, n_act) of
+    M ν̇ + h = B τ as lists, and ``NAME_forward(q, nu, tau)``.
+    """
+    steps, name = program(robot), identifier(robot.name)
+    lines = ['"""', *_header(robot, steps), '"""', "", "from math import cos, sin, sqrt", "", ""]
+    lines += [f"def {name}_dynamics(q, nu):", '    """Return M, h and B as lists."""']
+    given, values = _written(steps)
+    lines += [f"    {symbol} = {text}" for symbol, text in given]
+    lines += [f"    M = [[0.0] * {robot.dof} for _ in range({robot.dof})]"]
+    for i, row in enumerate(steps.M):
+        for j in range(i, robot.dof):
+            mirror = f"M[{j}][{i}] = " if i != j else ""
+            lines.append(f"    M[{i}][{j}] = {mirror}{values(row[j])}")
+    lines += ["    h = [", *(f"        {values(node)}," for node in steps.h), "    ]", "    B = ["]
+    lines += [f"        [{', '.join(map(values, row))}]," for row in steps.B]
+    lines += ["    ]", "    return M, h, B", ""]
+    return "\n".join(lines) + PYTHON_FORWARD.format(name=name, n=robot.dof)
+
+
+def identifier(name: str) -> str:
+    """Return a robot's name as an identifier of C and of Python; names come from any file."""
+    word = re.sub(r"[^A-Za-z0-9_]", "_", name)[:NAME_LENGTH]
+    return word if re.match(r"[A-Za-z]", word) else f"robot_{word.lstrip('_')}".rstrip("_")
+
+
+def comment(text: str) -> str:
+    """Return a name with nothing in it that could end a comment or a string."""
+    return re.sub(r"[^A-Za-z0-9_ .:+-]", "_", text)
+
+
+def _header(robot: Robot, steps: Program) -> Iterator[str]:
+    """Yield what the code is of: the robot, the order of its coordinates and their units."""
+    kinds = {joint.name: joint.kind for joint in robot.description.joints}
+
+    def listed(symbol: str, names: Sequence[str], units: tuple[str, str]) -> Iterator[str]:
+        for k, name in enumerate(names):
+            linear = name in LINEAR or kinds.get(name) == "prismatic"
+            yield f"  {symbol}[{k}]  {comment(name)}  [{units[0] if linear else units[1]}]"
+
+    yield f"{comment(robot.name)}: M nu_dot + h = B tau, derived by the Gibbs-Appell equations."
+    yield f"M ({robot.dof} x {robot.dof}) and B ({robot.dof} x {len(robot.actuators)}) row by row."
+    yield "SI units; gravity is 9.81 m/s2 along -z. v (forward) or vx, vy, and omega are speeds of"
+    yield "the base in its own axes; nothing depends on its place, nor on angles not listed."
+    yield ""
+    yield from listed("q", steps.positions, ("m", "rad"))
+    yield from listed("nu", robot.quasi_velocities, ("m/s", "rad/s"))
+    yield from listed("tau", robot.actuators, ("N", "N m"))
+
+
+def _written(steps: Program) -> tuple[list[tuple[str, str]], Callable[[int], str]]:
+    """Return the assignments of named steps, and the text of any node after them.
+
+    What is used once and short is written where it is used.
+    """
+    uses = Counter(a for node in steps.nodes for a in _operands(node))
+    uses.update(node for row in steps.M for node in row)
+    uses.update([*steps.h, *(node for row in steps.B for node in row)])
+    texts: list[tuple[str, int]] = []
+    given: list[tuple[str, str]] = []
+    for k, node in enumerate(steps.nodes):
+        text, hold = _text(node, texts)
+        if node[0] not in ("q", "nu", "number") and (uses[k] > 1 or len(text) > INLINE):
+            given.append((f"x{len(given)}", text))
+            text, hold = given[-1][0], ATOM
+        texts.append((text, hold))
+    return given, lambda node: texts[node][0]
+
+
+def _operands(node: Node) -> tuple[int, ...]:
+    return () if node[0] in ("q", "nu", "number") else tuple(node[1:])
+
+
+def _text(node: Node, texts: Sequence[tuple[str, int]]) -> tuple[str, int]:
+    """Return a node's expression and how firmly it holds together.
+
+    A sum or product on the right keeps its parentheses, so that rounding is the same everywhere.
+    """
+    kind, operands = node[0], node[1:]
+    if kind in ("q", "nu"):
+        return f"{kind}[{operands[0]}]", ATOM
+    if kind == "number":
+        return repr(operands[0]), ATOM if operands[0] >= 0.0 else LOOSE
+    if kind in ("sin", "cos"):
+        return f"{kind}({texts[operands[0]][0]})", ATOM
+    if len(operands) == 1:
+        return f"-{_held(texts[operands[0]], ATOM)}", LOOSE
+    hold = LOOSE if kind in "+-" else TIGHT
+    left, right = (texts[a] for a in operands)
+    return f"{_held(left, hold)} {kind} {_held(right, hold + 1)}", hold
+
+
+def _held(expression: tuple[str, int], needed: int) -> str:
+    text, hold = expression
+    return text if hold >= needed else f"({text})"

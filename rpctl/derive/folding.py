@@ -1,0 +1,146 @@
+"""A tree with as few bodies and joints as the motion needs: what is rigid becomes one body."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rpctl.equivalence.tree import FLOATS, Body, Hinge, Rolling, Scalars, Tree
+from rpctl.robot.description import Array
+from rpctl.robot.model import Robot
+
+ROUNDING = 4e-16  # of a rotation's entries; one so near to 0 or ±1 is that
+SYMMETRY = 1e-13  # relative; the inertia of a round wheel turns with it by no more
+
+
+@dataclass
+class _Rigid:
+    """Links that move as one: what they weigh, in the axes of the first, and what hangs on them."""
+
+    bodies: list[Body] = field(default_factory=list)
+    hinges: list[Hinge] = field(default_factory=list)
+
+
+def fold(robot: Robot, scalars: Scalars) -> Tree:
+    """Return a robot's tree with every fixed or locked joint folded away.
+
+    Args:
+        robot: The robot.
+        scalars: What the numbers become; they are folded as floats before.
+    """
+    tree = Tree(robot, FLOATS)
+    parts = _collect(robot, tree)
+    folded, numbers = copy.copy(tree), scalars.numbers
+    folded.bodies = {name: _scalar_body(_joined(part), scalars) for name, part in parts.items()}
+    folded.below = {
+        name: [_scalar_hinge(hinge, scalars) for hinge in part.hinges]
+        for name, part in parts.items()
+    }
+    folded.moving = [hinge.name for part in parts.values() for hinge in part.hinges]
+    folded.wheels = {
+        name: Rolling(
+            radius=scalars.number(wheel.radius, "length", ""),
+            offset=scalars.number(wheel.offset, "length", ""),
+            direction=numbers(_snapped(wheel.direction), "direction", ""),
+        )
+        for name, wheel in tree.wheels.items()
+    }
+    folded.forward = numbers(_snapped(tree.forward), "direction", "")
+    folded.point = numbers(tree.point, "length", "")
+    return folded
+
+
+def idle_joints(robot: Robot) -> frozenset[str]:
+    """Return the joints whose angle the dynamics do not depend on: each turns one round body.
+
+    Round means: its centre of mass is on the joint's axis, and its inertia is the same about all
+    directions across it. The wheels of most robots are.
+    """
+    parts = _collect(robot, Tree(robot, FLOATS))
+    hinges = [hinge for part in parts.values() for hinge in part.hinges]
+    return frozenset(
+        hinge.name
+        for hinge in hinges
+        if hinge.kind != "prismatic"
+        and not parts[hinge.child].hinges
+        and _round(_joined(parts[hinge.child]), hinge.axis)
+    )
+
+
+def _collect(robot: Robot, tree: Tree) -> dict[str, _Rigid]:
+    """Return the rigid parts by their first link, from the root outwards."""
+    parts = {tree.root: _Rigid()}
+    edge = [(tree.root, tree.root, np.eye(3), np.zeros(3))]
+    while edge:
+        link, first, R, p = edge.pop()
+        part, body = parts[first], tree.bodies.get(link)
+        if body is not None:
+            part.bodies.append(replace(body, com=p + R @ body.com, R=R @ body.R))
+        for hinge in tree.below[link]:
+            origin, turn = p + R @ hinge.p, R @ hinge.R
+            if hinge.kind != "fixed" and hinge.name not in robot.locked:
+                part.hinges.append(replace(hinge, p=origin, R=_snapped(turn)))
+                parts[hinge.child] = _Rigid()
+                edge.append((hinge.child, hinge.child, np.eye(3), np.zeros(3)))
+                continue
+            position = robot.locked.get(hinge.name, 0.0)
+            if hinge.kind == "prismatic":
+                origin = origin + turn @ (position * hinge.axis)
+            elif hinge.kind != "fixed":
+                turn = turn @ FLOATS.rotation(hinge.axis, position)
+            edge.append((hinge.child, first, turn, origin))
+    return parts
+
+
+def _joined(part: _Rigid) -> Body:
+    """Return the one body, its inertia about its centre of mass in the part's axes."""
+    mass = sum(body.mass for body in part.bodies)
+    if not mass:
+        return Body(0.0, np.zeros(3), np.eye(3), np.zeros((3, 3)))
+    com = sum((body.mass * body.com for body in part.bodies), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for body in part.bodies:
+        arm = body.com - com
+        inertia += body.R @ body.inertia @ body.R.T
+        inertia += body.mass * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))
+    return Body(mass, _clean(com), np.eye(3), _clean(0.5 * (inertia + inertia.T)))
+
+
+def _round(body: Body, axis: Array) -> bool:
+    across = body.com - (body.com @ axis) * axis
+    if np.abs(across).max() > SYMMETRY * max(1.0, float(np.abs(body.com).max())):
+        return False
+    turn = FLOATS.rotation(axis, 1.0)
+    change = turn @ body.inertia @ turn.T - body.inertia
+    return bool(np.abs(change).max() <= SYMMETRY * np.abs(body.inertia).max())
+
+
+def _scalar_body(body: Body, scalars: Scalars) -> Body:
+    return Body(
+        mass=scalars.number(body.mass, "mass", ""),
+        com=scalars.numbers(body.com, "length", ""),
+        R=scalars.numbers(body.R, "direction", ""),
+        inertia=scalars.numbers(body.inertia, "inertia", ""),
+    )
+
+
+def _scalar_hinge(hinge: Hinge, scalars: Scalars) -> Hinge:
+    return replace(
+        hinge,
+        p=scalars.numbers(_clean(hinge.p), "length", ""),
+        R=scalars.numbers(hinge.R, "direction", ""),
+        axis=scalars.numbers(_snapped(hinge.axis), "direction", ""),
+        factor=scalars.number(hinge.factor, "number", ""),
+    )
+
+
+def _snapped(directions: Array) -> Array:
+    nearest = np.round(directions)
+    return np.where(np.abs(directions - nearest) <= ROUNDING, nearest, directions) + 0.0
+
+
+def _clean(values: Array) -> Array:
+    """Return values with those that are rounding beside the largest made 0."""
+    return np.where(np.abs(values) <= ROUNDING * np.abs(values).max(), 0.0, values)

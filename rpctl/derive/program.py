@@ -1,0 +1,143 @@
+"""The reduced equations of a robot of any size as a short list of scalar steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi
+import numpy as np
+
+from rpctl.derive.casadi_scalar import CASADI, Element
+from rpctl.derive.folding import fold, idle_joints
+from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
+from rpctl.robot.model import Robot
+
+Node = tuple[Any, ...]  # (operation, operands): indices of nodes, a number, or an input's place
+
+INFIX = {casadi.OP_ADD: "+", casadi.OP_SUB: "-", casadi.OP_MUL: "*", casadi.OP_DIV: "/"}
+CALLS = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+
+
+@dataclass(frozen=True)
+class Program:
+    """Steps that compute M, h and B; every step is a node, no two are the same.
+
+    Attributes:
+        positions: Joints whose positions the results depend on, and every joint of the arm.
+        nodes: ``("q", i)``, ``("nu", i)``, ``("number", value)``, ``("sin" | "cos" | "-", a)`` or
+            ``("+" | "-" | "*" | "/", a, b)``, operands before what needs them.
+        M: Node of each entry (dof, dof).
+        h: Node of each entry (dof,).
+        B: Node of each entry (dof, n_act).
+    """
+
+    positions: tuple[str, ...]
+    nodes: tuple[Node, ...]
+    M: tuple[tuple[int, ...], ...]
+    h: tuple[int, ...]
+    B: tuple[tuple[int, ...], ...]
+
+
+def program(robot: Robot) -> Program:
+    """Derive M ν̇ + h = B τ with CasADi's symbols and list its steps ([MS21, Eq. 1-5]).
+
+    Rigid parts are folded into one body each before, and the angle of a round wheel is left out.
+    """
+    oracle = GibbsAppell(robot, CASADI)
+    oracle.tree = fold(robot, CASADI)
+    names = tuple(name for name in oracle.tree.moving if name not in _mimicked(robot))
+    q, nu = casadi.SX.sym("q", len(names)), casadi.SX.sym("nu", robot.dof)
+    terms = _terms(oracle, names, q, nu)
+    n = robot.dof
+    upper = [(i, j) for i in range(n) for j in range(i, n)]
+    entries = [terms.M[i, j] for i, j in upper] + [*terms.h, *terms.B.ravel()]
+    outputs = casadi.vertcat(*(Element(entry).sx for entry in entries))
+    function = casadi.Function("terms", [q, nu], [casadi.cse(outputs)])
+    nodes, results = _numbered(function, len(entries))
+    M = np.zeros((n, n), dtype=int)
+    for (i, j), node in zip(upper, results, strict=False):
+        M[i, j] = M[j, i] = node
+    h, B = results[len(upper) : len(upper) + n], results[len(upper) + n :]
+    return _pruned(robot, names, nodes, M.tolist(), h, np.reshape(B, terms.B.shape).tolist())
+
+
+def _mimicked(robot: Robot) -> dict[str, Any]:
+    return {joint.name: joint.mimic for joint in robot.mimics}
+
+
+def _terms(oracle: GibbsAppell, names: Sequence[str], q: Any, nu: Any) -> Terms:
+    robot = oracle.robot
+    positions = {name: Element.of(q[i]) for i, name in enumerate(names)}
+    positions |= dict.fromkeys(idle_joints(robot), Element(0.0))
+    positions |= {name: Element(value) for name, value in robot.locked.items()}
+    for name, mimic in _mimicked(robot).items():
+        positions[name] = mimic.multiplier * positions[mimic.joint] + mimic.offset
+    u = np.array([Element.of(nu[i]) for i in range(robot.dof)], dtype=object)
+    root, rates = oracle.rolling_root(CASADI.identity(3), u)
+    return oracle.terms(positions, u, root, rates)
+
+
+def _numbered(function: Any, size: int) -> tuple[list[Node], list[int]]:
+    """Return the nodes of a CasADi function, equal ones merged, and those of its outputs."""
+    nodes: list[Node] = []
+    known: dict[Node, int] = {}
+
+    def node(*key: Any) -> int:
+        if key[0] in ("+", "*"):
+            key = (key[0], *sorted(key[1:]))
+        if key not in known:
+            known[key] = len(nodes)
+            nodes.append(key)
+        return known[key]
+
+    slots: dict[int, int] = {}
+    outputs = [node("number", 0.0)] * size
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, (out, *_) = function.instruction_input(k), function.instruction_output(k) or [0]
+        if operation == casadi.OP_OUTPUT:
+            outputs[function.instruction_output(k)[1]] = slots[inputs[0]]
+        elif operation == casadi.OP_INPUT:
+            slots[out] = node("q" if inputs[0] == 0 else "nu", inputs[1])
+        elif operation == casadi.OP_CONST:
+            slots[out] = node("number", float(function.instruction_constant(k)) + 0.0)
+        else:
+            slots[out] = _operation(operation, [slots[i] for i in inputs], node)
+    return nodes, outputs
+
+
+def _operation(operation: int, operands: list[int], node: Any) -> int:
+    """Return the node of one of CasADi's operations, in the few that code is written with."""
+    a = operands[0]
+    if operation in INFIX:
+        return int(node(INFIX[operation], *operands))
+    if operation in CALLS:
+        return int(node(CALLS[operation], a))
+    if operation == casadi.OP_NEG:
+        return int(node("-", a))
+    if operation == casadi.OP_SQ:
+        return int(node("*", a, a))
+    if operation == casadi.OP_TWICE:
+        return int(node("*", node("number", 2.0), a))
+    raise AssertionError(f"the recursion has no CasADi operation {operation}")
+
+
+def _pruned(
+    robot: Robot,
+    names: Sequence[str],
+    nodes: list[Node],
+    M: list[list[int]],
+    h: list[int],
+    B: list[list[int]],
+) -> Program:
+    """Return the program without the inputs that nothing depends on; the arm's always stay."""
+    read = {node[1] for node in nodes if node[0] == "q"}
+    arm = {joint.name for joint in robot.joints}
+    order = [name for name in robot.actuators if name in names]
+    order = [name for name in order if name in arm or names.index(name) in read]
+    order += [name for i, name in enumerate(names) if i in read and name not in order]
+    place = {names.index(name): k for k, name in enumerate(order)}
+    moved = tuple(("q", place[node[1]]) if node[0] == "q" else node for node in nodes)
+    return Program(tuple(order), moved, tuple(map(tuple, M)), tuple(h), tuple(map(tuple, B)))
