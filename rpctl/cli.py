@@ -55,6 +55,14 @@ LockOption = Annotated[
         help="Freeze joints, by name or pattern, at a position (rad or m; default 0). Repeatable.",
     ),
 ]
+DensityOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="KG_PER_M3",
+        help="Estimate the inertias that the file lacks from the links' shapes.",
+    ),
+]
+StrictOption = Annotated[bool, typer.Option("--strict", help="Take warnings as errors.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
 ]
@@ -80,10 +88,14 @@ def _guarded(command: Command) -> Command:
 @app.command("inspect", epilog="Example: rpctl inspect tiago --lock 'head_*'")
 @_guarded
 def inspect_command(
-    robot: RobotArgument, lock: LockOption = None, as_json: JsonOption = False
+    robot: RobotArgument,
+    lock: LockOption = None,
+    density: DensityOption = None,
+    strict: StrictOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
-    loaded = _load(robot, lock)
+    loaded = _load(robot, lock, density, strict)
     if as_json:
         _print_json(facts(loaded))
     else:
@@ -95,6 +107,8 @@ def inspect_command(
 def verify_command(
     robot: RobotArgument,
     lock: LockOption = None,
+    density: DensityOption = None,
+    strict: StrictOption = False,
     samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
     engines: Annotated[
@@ -108,7 +122,7 @@ def verify_command(
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = _certify(_load(robot, lock), samples, seed, wanted)
+    certificate = _certify(_load(robot, lock, density, strict), samples, seed, wanted)
     if html is not None:
         from rpctl.view.certificate import write_certificate
 
@@ -121,6 +135,31 @@ def verify_command(
         raise typer.Exit(CHECK_FAILED)
 
 
+@app.command("derive", epilog="Example: rpctl derive paper --format latex > paper.tex")
+@_guarded
+def derive_command(
+    robot: RobotArgument,
+    lock: LockOption = None,
+    density: DensityOption = None,
+    strict: StrictOption = False,
+    form: Annotated[
+        str, typer.Option("--format", metavar="text|latex|python|c", help="What to write.")
+    ] = "text",
+    parameters: Annotated[
+        bool, typer.Option("--parameters", help="Keep masses and lengths as symbols.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the reduced equations in closed form: to read, to publish, or as code."""
+    from rpctl.derive.write import derive  # SymPy and CasADi load only once needed
+
+    text = derive(_load(robot, lock, density, strict), form, parameters)
+    if as_json:
+        _print_json({"robot": robot, "format": form, "text": text})
+    else:
+        typer.echo(text, nl=False)
+
+
 @app.command(
     "track", epilog="Example: rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1"
 )
@@ -128,6 +167,8 @@ def verify_command(
 def track_command(
     robot: RobotArgument,
     lock: LockOption = None,
+    density: DensityOption = None,
+    strict: StrictOption = False,
     reference: Annotated[
         str, typer.Option(metavar="line|reverse|spin|circle|eight", help="Path of the base.")
     ] = "eight",
@@ -160,7 +201,7 @@ def track_command(
     """
     error = _triple(initial_error)
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
-    loaded = _load(robot, lock)
+    loaded = _load(robot, lock, density, strict)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
@@ -230,7 +271,9 @@ def _root(
     pass
 
 
-def _load(source: str, lock: list[str] | None) -> Robot:
+def _load(
+    source: str, lock: list[str] | None, density: float | None = None, strict: bool = False
+) -> Robot:
     positions = {}
     for item in lock or []:
         name, given, position = item.partition("=")
@@ -240,7 +283,7 @@ def _load(source: str, lock: list[str] | None) -> Robot:
             raise RpctlError(
                 f"--lock {item}: {position!r} is not a number; write NAME=0.1"
             ) from None
-    return load(source, lock=positions)
+    return load(source, lock=positions, density=density, strict=strict)
 
 
 def _certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:

@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 
+MAX_SHOWN = 50  # findings that one message lists
+MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
+
 
 class RpctlError(Exception):
     """Base of every error that rpctl raises on purpose."""
@@ -27,6 +30,9 @@ class Finding:
     line: int | None
     message: str
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", one_line(self.message))
+
 
 class DescriptionError(RpctlError):
     """A robot description that cannot be used.
@@ -39,7 +45,10 @@ class DescriptionError(RpctlError):
     def __init__(self, path: object, findings: Iterable[Finding]) -> None:
         self.path = str(path)
         self.findings = tuple(findings)
-        super().__init__("\n".join(format_finding(self.path, f) for f in self.findings))
+        lines = [format_finding(self.path, finding) for finding in self.findings[:MAX_SHOWN]]
+        if len(self.findings) > MAX_SHOWN:
+            lines.append(f"{self.path}: and {len(self.findings) - MAX_SHOWN} more")
+        super().__init__("\n".join(lines))
 
 
 class UnknownNameError(RpctlError):
@@ -81,3 +90,13 @@ def format_finding(path: str, finding: Finding) -> str:
     """Return ``file:line: severity: message``."""
     place = path if finding.line is None else f"{path}:{finding.line}"
     return f"{place}: {finding.severity}: {finding.message}"
+
+
+def one_line(text: str) -> str:
+    """Return a text on one line of bounded length; what does not print is escaped."""
+    if len(text) > MAX_MESSAGE:
+        half = MAX_MESSAGE // 2
+        text = f"{text[:half]} ... {text[-half:]}"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

@@ -56,6 +56,9 @@ def show_robot(robot: Robot) -> None:
     grid.add_row("[dim]dof", f"{known['dof']} quasi-velocities: "
                  + escape(", ".join(known["quasi_velocities"])))  # fmt: skip
     grid.add_row("[dim]end effector", escape(known["end_effector"] or "none"))
+    if known["estimated_links"]:
+        estimated = ", ".join(known["estimated_links"])
+        grid.add_row("[dim]estimated", escape(f"mass and inertia of {estimated}"))
     if known["locked"]:
         grid.add_row("[dim]locked", escape(", ".join(known["locked"])))
     if known["mimics"]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from rpctl.robot.drive import detect
+from rpctl.robot.detect import detect
+from rpctl.robot.drive_file import DriveSpec
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 from rpctl.robot.urdf import read
@@ -106,7 +107,7 @@ def four_wheels(folder: Path, kind: str) -> Robot:
       <origin xyz="0.1 0.05 0.4" rpy="0.3 0.2 0"/><axis xyz="0 0 1"/>
       <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
     path = write(folder, platform(SET_A, right_sign=-1, extra=rear + arm), f"{kind}.urdf")
-    return load(path, drive=detect(read(path), {}, kind))
+    return load(path, drive=detect(read(path), {}, DriveSpec(kind)))
 
 
 SET_A = {"m_c": 30.0, "I_c": 15.625, "d": 0.3, "m_w": 1.0, "I_s": 0.005, "I_d": 0.0025}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -60,6 +61,32 @@ def test_inspect_locks() -> None:
 def test_limits_that_are_not_there_are_null(tmp_path: Path) -> None:
     told = run_json("inspect", str(write(tmp_path, platform(SET_A))))
     assert told["drive"]["wheels"][0]["effort"] is None
+
+
+def test_strict_takes_warnings_as_errors(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(SET_A).replace('xyz="0 1 0"', 'xyz="0 2 0"', 1))
+    assert run_json("inspect", str(path))["findings"][0]["severity"] == "warning"
+    for command in ("inspect", "verify", "track"):
+        code, out, err = run(command, str(path), "--strict")
+        assert (code, out) == (2, "")
+        assert err.startswith(f"{path}:") and ": error: axis of joint" in err
+
+
+def test_density_estimates_what_the_file_lacks(tmp_path: Path) -> None:
+    text = platform(SET_A)
+    wheel = text[text.index('<link name="left_wheel">') : text.index("<collision>")]
+    path = write(tmp_path, text.replace(wheel, '<link name="left_wheel">', 1))
+    code, _, err = run("inspect", str(path))
+    assert code == 2
+    assert 'link "left_wheel" has no <inertial>' in err
+    assert "--density KG_PER_M3" in err
+    told = run_json("inspect", str(path), "--density", "1000")
+    assert told["estimated_links"] == ["left_wheel"]
+    assert told["mass"] == pytest.approx(30 + 1 + 1000 * 0.04 * math.pi * 0.15**2)
+    assert "estimated" in run("inspect", str(path), "--density", "1000")[1]
+    assert run_json("verify", str(path), "--density", "1000", "--samples", "2")["passed"]
+    code, _, err = run("verify", str(path), "--density", "-1")
+    assert (code, err.strip()) == (2, "density is -1; give kg/m3, as 1000 for water")
 
 
 def test_verify_tells_each_check() -> None:
@@ -178,7 +205,7 @@ def test_robots_lists_the_catalogue() -> None:
     assert "mixed_chain" in run("robots")[1]
 
 
-@pytest.mark.parametrize("command", ["inspect", "verify", "track", "view", "robots"])
+@pytest.mark.parametrize("command", ["inspect", "verify", "derive", "track", "view", "robots"])
 def test_help_has_an_example(command: str) -> None:
     code, out, _ = run(command, "--help")
     assert code == 0
@@ -201,3 +228,31 @@ def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert "Traceback" not in err
     assert not out.exists()
+
+
+def test_derive_writes_each_format() -> None:
+    _, text, _ = run("derive", "paper")
+    assert "M13 = -S1*p1" in text
+    assert "\\begin{document}" in run("derive", "paper", "--format", "latex")[1]
+    assert "#include <math.h>" in run("derive", "paper", "--format", "c")[1]
+    assert "def paper_dynamics" in run("derive", "paper", "--format", "python")[1]
+    assert "kg" in run("derive", "paper", "--parameters")[1]
+    assert run_json("derive", "paper")["text"].strip() == text.strip()
+
+
+def test_derive_says_what_is_too_large() -> None:
+    code, _, err = run("derive", "tiago")
+    assert code == 2
+    assert "use --format c or python" in err
+    assert run("derive", "paper", "--format", "pdf")[0] == 2
+
+
+def test_a_certificate_can_be_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "certificate.html"
+    assert (
+        run("verify", "paper", "--samples", "2", "--engines", "none", "--html", str(page))[0] == 0
+    )
+    text = page.read_text(encoding="utf-8")
+    assert "Gibbs-Appell" in text
+    assert "verified" in text
+    assert "https:" not in text

@@ -43,7 +43,8 @@ class Link:
     """A link: mass (kg), centre of mass (m) and inertia (kg·m²) in its own frame.
 
     ``mass`` is None where the file has no ``<inertial>``; ``inertia`` (3, 3) is about the centre
-    of mass, with the axes of the link's frame.
+    of mass, with the axes of the link's frame. ``estimated`` tells that they are not the file's
+    but come from the shapes, at a density that the user gave.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Link:
     inertia: Array
     visuals: tuple[Shape, ...]
     collisions: tuple[Shape, ...]
+    estimated: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class Description:
     Attributes:
         path: The file.
         name: The robot's name.
-        xml: The document, comments left out, as both parsers downstream read it.
+        xml: The document as every engine downstream reads it: inertias and joints, no shapes.
         sha256: Digest of the file's bytes.
         root: Name of the root link.
         findings: Warnings and remarks (errors raise instead).

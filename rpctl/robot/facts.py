@@ -40,6 +40,7 @@ def facts(robot: Robot) -> dict[str, Any]:
         "nq": robot.nq,
         "nv": robot.nv,
         "mass": robot.mass,
+        "estimated_links": [link.name for link in robot.description.links if link.estimated],
         "drive": {
             "type": drive.type,
             "wheels": wheels,

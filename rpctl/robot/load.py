@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
-
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
+from rpctl.robot.build import build, check
+from rpctl.robot.density import fill
 from rpctl.robot.description import Description, Joint
-from rpctl.robot.drive import FIXED, Drive, detect
+from rpctl.robot.detect import detect
+from rpctl.robot.drive import FIXED, Drive
+from rpctl.robot.mesh_checks import check_meshes
 from rpctl.robot.model import Robot
 from rpctl.robot.urdf import read
-
-SINGULAR = 1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
 
 
 def load(
@@ -25,6 +24,8 @@ def load(
     drive: Drive | None = None,
     lock: Iterable[str] | Mapping[str, float] = (),
     end_effector: str | None = None,
+    density: float | None = None,
+    strict: bool = False,
 ) -> Robot:
     """Load a robot.
 
@@ -34,6 +35,9 @@ def load(
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
             position}`` (rad or m). They add to those that the catalogue freezes.
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
+        density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
+            None leaves these links massless, or refuses them where a joint moves nothing else.
+        strict: Whether warnings are errors.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -42,12 +46,22 @@ def load(
     """
     path, entry = _resolve(source)
     description = read(path)
+    if density is not None:
+        description = fill(description, density)
     locked = _locked(description, entry.lock if entry else (), lock)
+    findings = (
+        *description.findings,
+        *check_meshes(description),
+        *_massless_movers(description, locked),
+        *_ignored_losses(description),
+    )
+    if strict:
+        _refuse_doubts(path, findings)
+    check(description, locked)
     if drive is None:
         fixed = entry is not None and entry.base == "fixed"
         drive = FIXED if fixed else detect(description, locked)
-    model, findings = _build(description, locked)
-    _require_inertia(description, model)
+    model = build(description, locked)
     wheels = {wheel.joint for wheel in drive.wheels}
     joints = tuple(
         joint
@@ -68,8 +82,15 @@ def load(
         locked=locked,
         joints=joints,
         end_effector=end_effector or _tip(description, joints),
-        findings=description.findings + findings,
+        findings=findings,
     )
+
+
+def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:
+    """Raise every warning as an error."""
+    doubts = [replace(f, severity="error") for f in findings if f.severity == "warning"]
+    if doubts:
+        raise DescriptionError(path, doubts)
 
 
 def _resolve(source: str | Path) -> tuple[Path, catalog.Entry | None]:
@@ -102,90 +123,31 @@ def _locked(
     return locked
 
 
-def _build(
-    description: Description, locked: dict[str, float]
-) -> tuple[pin.Model, tuple[Finding, ...]]:
-    """Return the model with a planar root and the locked joints frozen, and what was noticed."""
-    _require_mass(description, locked)
-    full = pin.buildModelFromXML(description.xml, pin.JointModelPlanar())
-    if not locked:  # buildReducedModel refuses a link and a joint of one name; do without it
-        return full, _ignored_losses(description)
-    at = pin.neutral(full)
-    for name, position in locked.items():
-        joint = full.joints[full.getJointId(name)]
-        two = joint.nq == 2
-        at[joint.idx_q : joint.idx_q + joint.nq] = (
-            (math.cos(position), math.sin(position)) if two else (position,)
-        )
-    model = pin.buildReducedModel(full, [full.getJointId(name) for name in locked], at)
-    return model, _ignored_losses(description)
-
-
-def _ignored_losses(description: Description) -> tuple[Finding, ...]:
+def _ignored_losses(description: Description) -> list[Finding]:
     lossy = [j for j in description.joints if j.moving and (j.damping or j.friction)]
     if not lossy:
-        return ()
+        return []
     text = f"damping and friction of {len(lossy)} joints are left out: rigid bodies, no losses"
-    return (Finding("info", lossy[0].line, text),)
+    return [Finding("info", lossy[0].line, text)]
 
 
-def _require_mass(description: Description, locked: dict[str, float]) -> None:
-    """Refuse a joint that moves no mass: the inertia matrix would be singular.
-
-    Raises:
-        DescriptionError: Naming each such joint and the links that lack an inertia.
-    """
-    faults = []
-    for joint in description.joints:
-        if not joint.moving or joint.name in locked:
-            continue
-        carried, edge = [], [joint.child]
-        while edge:
-            link = edge.pop()
-            carried.append(link)
-            edge.extend(below.child for below in description.child_joints[link])
-        masses = [description.link[name].mass for name in carried]
-        if any(masses):
-            continue
-        first = description.link[joint.child]
-        lacking = "has no <inertial>" if first.mass is None else "has no mass"
-        faults.append(
-            Finding(
-                "error",
-                first.line,
-                f'link "{first.name}" {lacking}, yet joint "{joint.name}" moves it; give its '
-                "<inertial> (mass, centre of mass, inertia), or freeze the joint with --lock "
-                f"{joint.name}",
-            )
+def _massless_movers(description: Description, locked: Mapping[str, float]) -> list[Finding]:
+    """Note links that joints move, whose mass the file does not give, and that others outweigh."""
+    moved = [
+        description.link[joint.child]
+        for joint in description.joints
+        if joint.moving and joint.name not in locked
+    ]
+    return [
+        Finding(
+            "warning",
+            link.line,
+            f'link "{link.name}" moves but has no <inertial>; it is taken as massless, give it'
+            + (" or estimate it with --density" if link.collisions or link.visuals else ""),
         )
-    if not any(link.mass for link in description.links):
-        root = description.link[description.root]
-        text = "no link has a mass; dynamics need <inertial> elements"
-        faults.insert(0, Finding("error", root.line, text))
-    if faults:
-        raise DescriptionError(description.path, faults)
-
-
-def _require_inertia(description: Description, model: pin.Model) -> None:
-    """Refuse a robot whose inertia matrix is not positive definite: its forces say no motion.
-
-    Raises:
-        DescriptionError: Naming the joint that can move without a force.
-    """
-    M = pin.crba(model, model.createData(), pin.neutral(model))
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(scale[:, None] * M * scale)
-    if values[0] > SINGULAR:
-        return
-    index = int(np.abs(vectors[:, 0]).argmax())
-    names = ("root", *model.names[2:])
-    joint = next(n for n, j in zip(names, model.joints[1:], strict=True) if index < j.idx_v + j.nv)
-    line = description.joint[joint].line if joint in description.joint else None
-    text = (
-        f'the inertia matrix is not positive definite: joint "{joint}" moves links of no or '
-        "negative inertia; correct their <inertial>"
-    )
-    raise DescriptionError(description.path, [Finding("error", line, text)])
+        for link in moved
+        if link.mass is None
+    ]
 
 
 def _tip(description: Description, joints: tuple[Joint, ...]) -> str | None:

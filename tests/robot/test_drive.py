@@ -96,5 +96,5 @@ def test_two_axles_are_too_many(tmp_path: Path) -> None:
     rear = GOOD[GOOD.index('<link name="left_wheel">') : GOOD.index("</robot>")]
     rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
     rear = rear.replace('xyz="0 ', 'xyz="-0.5 ').replace("-0.5 1 0", "0 1 0")
-    with pytest.raises(DriveError, match="2 pairs of wheels share an axle"):
+    with pytest.raises(DriveError, match="2 pairs of wheels on one axle"):
         load(tmp_path, platform(SET_A, extra=rear))

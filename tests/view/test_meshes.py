@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rpctl.view.meshes import MeshError, read, resolve
+from rpctl.robot.mesh_files import read
+from rpctl.robot.mesh_paths import MeshError, resolve
 
 TEAPOT = """<?xml version="1.0"?>{doctype}
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -123,9 +124,10 @@ def test_dae_is_in_metres_with_its_colour_and_no_texture(tmp_path: Path) -> None
 
 def test_dae_with_entities_is_refused(tmp_path: Path) -> None:
     doctype = '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>'
-    (tmp_path / "a.dae").write_text(TEAPOT.format(doctype=doctype))
-    with pytest.raises(MeshError, match="refused"):
-        read(tmp_path / "a.dae")
+    for encoding in ("utf-8", "utf-16"):
+        (tmp_path / "a.dae").write_text(TEAPOT.format(doctype=doctype), encoding=encoding)
+        with pytest.raises(MeshError, match="refused"):
+            read(tmp_path / "a.dae")
 
 
 def test_obj_opens_no_file_but_the_mtl_beside_it(

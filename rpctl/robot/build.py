@@ -1,0 +1,228 @@
+"""A description as a ``pinocchio.Model``, and the proof that forces tell its motion."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.errors import DescriptionError, Finding
+from rpctl.robot.caps import cap, raised
+from rpctl.robot.description import Array, Description, Joint
+
+SINGULAR = 1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
+POSTURES = 3  # configurations at which M is tried: the neutral one and random ones
+SEED = 20210601  # of the random ones
+REACH = 1.0  # m or rad; how far from neutral an unlimited joint is tried
+WAY_OUT = "--density KG_PER_M3"
+MAX_TOLD = 300  # characters of what an engine prints that a message repeats
+
+
+def check(description: Description, locked: Mapping[str, float]) -> None:
+    """Refuse what no model can be built of, before anything that takes time.
+
+    Args:
+        description: The robot.
+        locked: Frozen joints and their positions (rad or m).
+
+    Raises:
+        DescriptionError: Too many joints move, joints move no mass, or names clash.
+    """
+    _require_few(description, locked)
+    _require_mass(description, locked)
+    _require_own_names(description, locked)
+
+
+def build(description: Description, locked: Mapping[str, float]) -> pin.Model:
+    """Return the model with a planar root and the locked joints frozen.
+
+    Args:
+        description: The robot; :func:`check` has accepted it.
+        locked: Frozen joints and their positions (rad or m).
+
+    Raises:
+        DescriptionError: Its forces do not tell its motion, or Pinocchio refuses it.
+    """
+    with _captured_stderr() as told:
+        try:
+            model = _model(description, locked)
+        except Exception as error:  # whatever the engine raises, the file is to blame
+            reason = f"{error} {told()}".strip()[:MAX_TOLD]
+            text = f"Pinocchio refuses this robot: {reason}; correct or simplify it"
+            raise DescriptionError(description.path, [Finding("error", None, text)]) from None
+    _require_unique(description, model)
+    _require_dynamics(description, model)
+    return model
+
+
+def _model(description: Description, locked: Mapping[str, float]) -> pin.Model:
+    full = pin.buildModelFromXML(description.xml, pin.JointModelPlanar())
+    if not locked:  # buildReducedModel refuses a link and a joint of one name; do without it
+        return full
+    at = pin.neutral(full)
+    for name, position in locked.items():
+        joint = full.joints[full.getJointId(name)]
+        two = joint.nq == 2
+        at[joint.idx_q : joint.idx_q + joint.nq] = (
+            (math.cos(position), math.sin(position)) if two else (position,)
+        )
+    return pin.buildReducedModel(full, [full.getJointId(name) for name in locked], at)
+
+
+@contextmanager
+def _captured_stderr() -> Iterator[Callable[[], str]]:
+    """Keep what C code prints off the user's stderr; yields a function that returns it."""
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no stderr
+        yield lambda: ""
+        return
+    with tempfile.TemporaryFile() as file:
+
+        def told() -> str:
+            file.seek(0)
+            return " ".join(file.read(4 * MAX_TOLD).decode("utf-8", "replace").split())
+
+        os.dup2(file.fileno(), 2)
+        try:
+            yield told
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _require_few(description: Description, locked: Mapping[str, float]) -> None:
+    """Refuse more degrees of freedom than Pinocchio's memory allows."""
+    free = [j for j in description.joints if j.moving and j.name not in locked]
+    most = cap("MAX_MOVING_JOINTS")
+    if len(free) > most:
+        text = (
+            f"{len(free)} moving joints, where {most} are the limit (memory grows with their "
+            f"cube); freeze some with --lock, or {raised('MAX_MOVING_JOINTS')}"
+        )
+        raise DescriptionError(description.path, [Finding("error", free[most].line, text)])
+
+
+def _require_own_names(description: Description, locked: Mapping[str, float]) -> None:
+    """Refuse a link and a joint of one name where joints are locked: Pinocchio cannot."""
+    shared = [j for j in description.joints if j.name in description.link] if locked else []
+    faults = [
+        Finding("error", j.line, f'a link and a joint are called "{j.name}"; rename one, '
+                "for joints of such a robot cannot be locked")
+        for j in shared
+    ]  # fmt: skip
+    if faults:
+        raise DescriptionError(description.path, faults)
+
+
+def _require_mass(description: Description, locked: Mapping[str, float]) -> None:
+    """Refuse a joint that moves no mass: the inertia matrix would be singular.
+
+    Raises:
+        DescriptionError: Naming each such joint and the links that lack an inertia.
+    """
+    faults = []
+    if not any(link.mass for link in description.links):
+        root = description.link[description.root]
+        text = "no link has a mass; give the links <inertial> elements, or estimate them with "
+        faults.append(Finding("error", root.line, f"{text}{WAY_OUT}"))
+    carries = _carries_mass(description)
+    for joint in description.joints:
+        if not joint.moving or joint.name in locked or carries[joint.child]:
+            continue
+        first = description.link[joint.child]
+        lacking = "has no <inertial>" if first.mass is None else "has no mass"
+        fix = "give its <inertial> (mass, centre of mass, inertia)"
+        if first.mass is None and (first.collisions or first.visuals):
+            fix = f"{fix}, estimate it with {WAY_OUT}"
+        text = f'link "{first.name}" {lacking}, yet joint "{joint.name}" moves it; {fix}'
+        faults.append(Finding("error", first.line, f"{text}, or freeze it: --lock {joint.name}"))
+    if faults:
+        raise DescriptionError(description.path, faults)
+
+
+def _carries_mass(description: Description) -> dict[str, bool]:
+    """Return, by link, whether it or anything below it has a mass."""
+    order, edge = [], [description.root]
+    while edge:
+        order.append(edge.pop())
+        edge.extend(joint.child for joint in description.child_joints[order[-1]])
+    carries: dict[str, bool] = {}
+    for name in reversed(order):
+        below = (carries[joint.child] for joint in description.child_joints[name])
+        carries[name] = bool(description.link[name].mass) or any(below)
+    return carries
+
+
+def _require_unique(description: Description, model: pin.Model) -> None:
+    """Refuse a model whose joints are not those of the file, one for each name."""
+    names = list(model.names[2:])
+    if len(set(names)) == len(names) and set(names) <= description.joint.keys():
+        return
+    text = "Pinocchio reads other joints than the file names; give every joint its own name"
+    raise DescriptionError(description.path, [Finding("error", None, text)])
+
+
+def _require_dynamics(description: Description, model: pin.Model) -> None:
+    """Refuse a robot whose inertia matrix is not positive definite: its forces say no motion.
+
+    Raises:
+        DescriptionError: Naming the joint that can move without a force.
+    """
+    data, rng = model.createData(), np.random.default_rng(SEED)
+    for q in _postures(description, model, rng):
+        v = rng.normal(size=model.nv)
+        M = pin.crba(model, data, q)
+        diagonal = np.diag(M)
+        if not np.isfinite(M).all() or diagonal.min() <= 0:
+            index = int(np.argmin(np.where(np.isfinite(diagonal), diagonal, -np.inf)))
+            raise _no_dynamics(description, model, index)
+        scale = 1.0 / np.sqrt(diagonal)
+        values, vectors = np.linalg.eigh(scale[:, None] * M * scale)
+        if not values[0] > SINGULAR:
+            raise _no_dynamics(description, model, int(np.abs(vectors[:, 0]).argmax()))
+        rates = pin.aba(model, data, q, v, np.zeros(model.nv))
+        if not np.isfinite(rates).all():
+            raise _no_dynamics(description, model, int(np.argmin(np.isfinite(rates))))
+
+
+def _postures(
+    description: Description, model: pin.Model, rng: np.random.Generator
+) -> Iterator[Array]:
+    """Yield the neutral configuration and random ones within the limits."""
+    yield pin.neutral(model)
+    for _ in range(POSTURES - 1):
+        q = pin.neutral(model)
+        for name, joint in zip(model.names[2:], list(model.joints)[2:], strict=True):
+            position = rng.uniform(*_reach(description.joint[name]))
+            two = joint.nq == 2
+            q[joint.idx_q : joint.idx_q + joint.nq] = (
+                (math.cos(position), math.sin(position)) if two else position
+            )
+        yield q
+
+
+def _reach(joint: Joint) -> tuple[float, float]:
+    low = joint.lower if math.isfinite(joint.lower) else min(-REACH, joint.upper - REACH)
+    high = joint.upper if math.isfinite(joint.upper) else max(REACH, joint.lower + REACH)
+    return low, max(low, high)
+
+
+def _no_dynamics(description: Description, model: pin.Model, index: int) -> DescriptionError:
+    names = ("root", *model.names[2:])
+    joints = list(model.joints)[1:]
+    joint = next(n for n, j in zip(names, joints, strict=True) if index < j.idx_v + j.nv)
+    line = description.joint[joint].line if joint in description.joint else None
+    text = (
+        f'the inertia matrix is not positive definite: joint "{joint}" moves links of no or '
+        "negative inertia; correct their <inertial>"
+    )
+    return DescriptionError(description.path, [Finding("error", line, text)])

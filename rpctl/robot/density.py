@@ -1,0 +1,223 @@
+"""Inertias that a file lacks, estimated from its shapes at one density."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from rpctl.errors import Finding, RpctlError
+from rpctl.robot.description import Array, Description, Link, Shape
+from rpctl.robot.findings import excerpt
+from rpctl.robot.inertial import AXES
+from rpctl.robot.mesh_files import read
+from rpctl.robot.mesh_paths import MeshError, MeshPaths
+
+DENSEST = 1e6  # kg/m3; more is a wrong unit
+LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A homogeneous body: volume (m³), centroid (3,) (m), second moment (3, 3) (m⁵).
+
+    The second moment is the inertia at density 1, about the centroid.
+    """
+
+    volume: float
+    centroid: Array
+    moment: Array
+
+    def placed(self, pose: Array) -> Solid:
+        """Return the body moved by a pose (4, 4)."""
+        R = pose[:3, :3]
+        return Solid(self.volume, R @ self.centroid + pose[:3, 3], R @ self.moment @ R.T)
+
+
+def fill(description: Description, density: float) -> Description:
+    """Return a description whose links without <inertial> have those of their shapes.
+
+    Collision shapes count, visual ones where there are none; shapes that overlap count twice.
+    Links with an <inertial> stay as they are.
+
+    Args:
+        description: The robot.
+        density: kg/m³.
+
+    Raises:
+        RpctlError: The density is not positive, or absurd.
+    """
+    if not 0.0 < density <= DENSEST:
+        raise RpctlError(f"density is {density:g}; give kg/m3, as 1000 for water")
+    estimator = _Estimator(description, density)
+    links = tuple(estimator.link(link) for link in description.links)
+    filled = {link.name: link for link in links if link.estimated}
+    return replace(
+        description,
+        links=links,
+        xml=_with_inertials(description.xml, filled),
+        findings=description.findings + tuple(estimator.findings),
+    )
+
+
+class _Estimator:
+    """Estimates links, and collects what there is to say of them."""
+
+    def __init__(self, description: Description, density: float) -> None:
+        self.findings: list[Finding] = []
+        self._paths = MeshPaths(description.path)
+        self._density = density
+        self._moved = {joint.child for joint in description.joints if joint.moving}
+
+    def link(self, link: Link) -> Link:
+        """Return the link with the inertia of its shapes, or as it is."""
+        if link.mass is not None:
+            return link
+        shapes, kind = link.collisions or link.visuals, "collision" if link.collisions else "visual"
+        solids = [solid for shape in shapes if (solid := self._solid(link, shape)) is not None]
+        if not solids:
+            if link.name in self._moved:
+                self._warn(
+                    link.line,
+                    f'link "{link.name}" has no <inertial> and no shape to estimate it from; '
+                    "give one of them",
+                )
+            return link
+        whole = _sum(solids)
+        mass = self._density * whole.volume
+        text = (
+            f'link "{link.name}" has no <inertial>; estimated: {mass:.4g} kg from {len(solids)} '
+            f"{kind} shape{'s' * (len(solids) > 1)} at {self._density:g} kg/m3"
+        )
+        self.findings.append(Finding("info", link.line, text))
+        for array in (whole.centroid, inertia := self._density * whole.moment):
+            array.setflags(write=False)
+        return replace(link, mass=mass, com=whole.centroid, inertia=inertia, estimated=True)
+
+    def _solid(self, link: Link, shape: Shape) -> Solid | None:
+        if shape.kind == "mesh":
+            return self._mesh(link, shape)
+        solid = PRIMITIVES[shape.kind](*shape.size)
+        return solid.placed(shape.origin) if solid.volume > LEAST_VOLUME else None
+
+    def _mesh(self, link: Link, shape: Shape) -> Solid | None:
+        name = f'mesh "{excerpt(shape.mesh or "")}" of link "{link.name}"'
+        try:
+            solid, closed = _mesh_solid(shape, self._paths)
+        except MeshError as error:
+            self._warn(shape.line, f"{name} gives no estimate: {error}")
+            return None
+        if not closed:
+            text = f"{name} is not watertight; its convex hull is taken, close the mesh"
+            self._warn(shape.line, text)
+        return solid.placed(shape.origin)
+
+    def _warn(self, line: int, message: str) -> None:
+        self.findings.append(Finding("warning", line, message))
+
+
+def _box(x: float, y: float, z: float) -> Solid:
+    volume = x * y * z
+    return _centred(volume, volume / 12.0 * np.array([y * y + z * z, z * z + x * x, x * x + y * y]))
+
+
+def _sphere(radius: float) -> Solid:
+    volume = 4.0 / 3.0 * math.pi * radius**3
+    return _centred(volume, np.full(3, 0.4 * volume * radius**2))
+
+
+def _cylinder(radius: float, length: float) -> Solid:
+    volume = math.pi * radius**2 * length
+    across = volume * (radius**2 / 4.0 + length**2 / 12.0)
+    return _centred(volume, np.array([across, across, 0.5 * volume * radius**2]))
+
+
+def _capsule(radius: float, length: float) -> Solid:
+    """Return a cylinder along z with two half balls at its ends."""
+    tube, ball = _cylinder(radius, length), _sphere(radius)
+    # A half ball's centroid lies 3/8 r above its flat face.
+    step = length**2 / 4.0 + 3.0 * length * radius / 8.0
+    across = tube.moment[0, 0] + ball.moment[0, 0] + ball.volume * step
+    along = tube.moment[2, 2] + ball.moment[2, 2]
+    return _centred(tube.volume + ball.volume, np.array([across, across, along]))
+
+
+PRIMITIVES: dict[str, Callable[..., Solid]] = {
+    "box": _box,
+    "sphere": _sphere,
+    "cylinder": _cylinder,
+    "capsule": _capsule,
+}
+
+
+def _centred(volume: float, moments: Array) -> Solid:
+    return Solid(volume, np.zeros(3), np.diag(moments))
+
+
+def _mesh_solid(shape: Shape, paths: MeshPaths) -> tuple[Solid, bool]:
+    """Return the body that a mesh encloses, in the shape's frame, and whether it is closed.
+
+    Raises:
+        MeshError: There is no such mesh, or it encloses nothing.
+    """
+    import trimesh  # here, for its import takes longer than loading a robot
+
+    vertices, faces, count = [], [], 0
+    for surface in read(paths.resolve(shape.mesh or "")):
+        vertices.append(surface.vertices)
+        faces.append(surface.faces + count)
+        count += len(surface.vertices)
+    mesh = trimesh.Trimesh(np.concatenate(vertices) * shape.size, np.concatenate(faces))
+    closed = bool(mesh.is_watertight and mesh.is_winding_consistent)
+    try:
+        body = mesh if closed else mesh.convex_hull
+        sign = math.copysign(1.0, body.volume)  # a mirrored mesh is inside out
+        properties = body.mass_properties
+        solid = Solid(
+            sign * float(properties["volume"]),
+            np.array(properties["center_mass"], dtype=float),
+            sign * np.array(properties["inertia"], dtype=float),
+        )
+    except Exception as error:  # hulls of flat or degenerate meshes fail in many ways
+        raise MeshError(f"it encloses no volume ({type(error).__name__})") from error
+    finite = np.isfinite(solid.moment).all() and np.isfinite(solid.centroid).all()
+    if not finite or not solid.volume > LEAST_VOLUME:
+        raise MeshError("it encloses no volume; give the link a shape that does")
+    return solid, closed
+
+
+def _sum(solids: list[Solid]) -> Solid:
+    """Return several bodies as one, by the parallel-axis rule."""
+    volume = sum(solid.volume for solid in solids)
+    centroid = sum((s.volume * s.centroid for s in solids), np.zeros(3)) / volume
+    moment = np.zeros((3, 3))
+    for solid in solids:
+        d = solid.centroid - centroid
+        moment += solid.moment + solid.volume * (d @ d * np.eye(3) - np.outer(d, d))
+    return Solid(volume, centroid, moment)
+
+
+def _with_inertials(xml: str, filled: dict[str, Link]) -> str:
+    """Return the document with the estimates as <inertial> elements, to the last digit."""
+    root = etree.fromstring(xml)
+    for element in root.findall("link"):
+        link = filled.get(element.get("name"))
+        if link is None:
+            continue
+        inertial: Any = etree.SubElement(element, "inertial")
+        etree.SubElement(
+            inertial, "origin", xyz=" ".join(map(repr, link.com.tolist())), rpy="0 0 0"
+        )
+        etree.SubElement(inertial, "mass", value=repr(link.mass))
+        entries = {f"i{axes}": repr(float(link.inertia[_index(axes)])) for axes in AXES}
+        etree.SubElement(inertial, "inertia", **entries)
+    return str(etree.tostring(root, encoding="unicode"))
+
+
+def _index(axes: str) -> tuple[int, int]:
+    """Return row and column of an entry such as ``"xy"``."""
+    return "xyz".index(axes[0]), "xyz".index(axes[1])

@@ -1,0 +1,168 @@
+"""Joints of a URDF as records."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from rpctl.robot.description import MOVING_KINDS, Array, Joint, Mimic
+from rpctl.robot.findings import Findings, excerpt, parse_numbers
+from rpctl.robot.origin import read_origin
+
+KNOWN_KINDS = (*MOVING_KINDS, "fixed")
+LIMITED_KINDS = ("revolute", "prismatic")
+UNIT = 1e-3  # an axis whose length differs from 1 by more is noted; below it is rounding
+LEAST_AXIS = 1e-6  # a shorter axis is none
+FARTHEST = {"revolute": 1e4, "prismatic": 1e3}  # rad, m; a limit beyond it stands for none
+WEAKEST = 1e-9  # of the same units; a limit below it, such as 0, is none
+STRONGEST = 1e9  # N·m, N, rad/s or m/s; a limit beyond it stands for none
+UNLIMITED = 1e16  # what other readers, who want a finite number, are told
+
+
+def read_joint(findings: Findings, element: Any) -> Joint:
+    """Return the record of a <joint>."""
+    name, kind = element.get("name", ""), element.get("type", "")
+    _require_kind(findings, element, name, kind)
+    lower, upper, effort, velocity = _read_limits(findings, element, name, kind)
+    dynamics = findings.only(element, "dynamics")
+    return Joint(
+        name=name,
+        line=element.sourceline,
+        kind=kind,
+        parent=_read_end(findings, element, name, "parent"),
+        child=_read_end(findings, element, name, "child"),
+        origin=read_origin(findings, element),
+        axis=_read_axis(findings, element, name, kind),
+        lower=lower,
+        upper=upper,
+        effort=effort,
+        velocity=velocity,
+        mimic=_read_mimic(findings, element, name),
+        damping=0.0 if dynamics is None else findings.number(dynamics, "damping", "0"),
+        friction=0.0 if dynamics is None else findings.number(dynamics, "friction", "0"),
+    )
+
+
+def _require_kind(findings: Findings, element: Any, name: str, kind: str) -> None:
+    if kind in KNOWN_KINDS:
+        return
+    if kind in ("floating", "planar"):
+        fix = "rpctl places the base itself; make it fixed, or remove the joint and its parent"
+        findings.error(element, f'joint "{name}" is {kind}; {fix}')
+    elif not kind:
+        findings.error(element, f'joint "{name}" has no type; use one of {", ".join(KNOWN_KINDS)}')
+    else:
+        told = f'joint "{name}" has type "{excerpt(kind)}"'
+        findings.error(element, f"{told}; use one of {', '.join(KNOWN_KINDS)}")
+
+
+def _read_end(findings: Findings, element: Any, name: str, end: str) -> str:
+    reference = findings.only(element, end)
+    link = "" if reference is None else reference.get("link", "")
+    if not link:
+        findings.error(element, f'joint "{name}" has no <{end} link="...">; add it')
+    return link
+
+
+def _read_axis(findings: Findings, element: Any, name: str, kind: str) -> Array:
+    given = findings.only(element, "axis")
+    axis = findings.numbers(given, "xyz", 3, "1 0 0")
+    length = math.hypot(*axis)
+    if kind in MOVING_KINDS:
+        if given is None:
+            given = etree.SubElement(element, "axis", xyz="1 0 0")  # some readers have another
+        elif length <= LEAST_AXIS and not _faulty(findings, given):
+            findings.error(
+                given, f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
+            )
+        elif abs(length - 1.0) > UNIT and length > LEAST_AXIS:
+            findings.warn(
+                given,
+                f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector',
+            )
+            given.set("xyz", " ".join(repr(value / length) for value in axis))
+    unit = np.array(axis) / length if length > LEAST_AXIS else np.zeros(3)
+    unit.setflags(write=False)
+    return unit
+
+
+def _faulty(findings: Findings, element: Any) -> bool:
+    """Whether the last finding is an error of this element."""
+    last = findings.items[-1] if findings.items else None
+    return last is not None and last.severity == "error" and f"<{element.tag} " in last.message
+
+
+def _read_mimic(findings: Findings, element: Any, name: str) -> Mimic | None:
+    mimic = findings.only(element, "mimic")
+    if mimic is None:
+        return None
+    multiplier = findings.number(mimic, "multiplier", "1")
+    offset = findings.number(mimic, "offset", "0")
+    if not mimic.get("joint"):
+        findings.error(mimic, f'<mimic> of joint "{name}" has no attribute "joint"; name the joint')
+    if multiplier == 0:
+        findings.warn(mimic, f'joint "{name}" mimics with multiplier 0: it never moves; '
+                      "make it fixed, or correct the multiplier")  # fmt: skip
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
+
+
+def _read_limits(findings: Findings, element: Any, name: str, kind: str) -> tuple[float, ...]:
+    """Return lower, upper, effort and velocity; infinite where the file gives none."""
+    limit = findings.only(element, "limit")
+    lower, upper, effort, velocity = -math.inf, math.inf, math.inf, math.inf
+    if limit is None and kind in LIMITED_KINDS:
+        text = f'joint "{name}" has no <limit>; it is taken as unlimited, give lower and upper'
+        findings.warn(element, text)
+    if limit is not None:
+        effort, velocity = (_read_size(findings, limit, name, k) for k in ("effort", "velocity"))
+        if kind in LIMITED_KINDS:
+            lower, upper = _read_range(findings, limit, name, kind)
+    limits = {"lower": lower, "upper": upper, "effort": effort, "velocity": velocity}
+    if kind in LIMITED_KINDS or (limit is not None and kind in MOVING_KINDS):
+        limit = etree.SubElement(element, "limit") if limit is None else limit
+        for key, value in limits.items():  # other readers refuse a <limit> that is not complete
+            limit.set(key, repr(min(max(value, -UNLIMITED), UNLIMITED)))
+    return lower, upper, effort, velocity
+
+
+def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[float, float]:
+    lower, upper = (_extended(findings, limit, key, "0") for key in ("lower", "upper"))
+    if lower > upper:
+        text = f'joint "{name}" has lower {lower:g} > upper {upper:g}; swap the two'
+        findings.error(limit, text)
+    elif lower == upper:
+        text = f'joint "{name}" cannot move: lower and upper are {lower:g}; give its range'
+        findings.warn(limit, text)
+    far = FARTHEST[kind]
+    for key, value in (("lower", lower), ("upper", upper)):
+        if far < abs(value) < math.inf:
+            text = f'{key} limit {value:g} of joint "{name}" is out of reach; taken as unlimited'
+            findings.warn(limit, f"{text}, give rad or m")
+    return (lower if lower >= -far else -math.inf), (upper if upper <= far else math.inf)
+
+
+def _read_size(findings: Findings, limit: Any, name: str, attribute: str) -> float:
+    """Return an effort or velocity limit; inf where the file gives none."""
+    size = _extended(findings, limit, attribute, "inf")
+    if size <= -WEAKEST:
+        text = f'{attribute} limit {size:g} of joint "{name}" is negative; {-size:g} is used'
+        findings.warn(limit, text)
+    elif size < WEAKEST:
+        text = f'{attribute} limit of joint "{name}" is {size:g}; it is taken as not given'
+        findings.warn(limit, text)
+    return abs(size) if WEAKEST <= abs(size) <= STRONGEST else math.inf
+
+
+def _extended(findings: Findings, limit: Any, attribute: str, default: str) -> float:
+    """Return a number that may be infinite or huge, as limits are in the wild."""
+    text = limit.get(attribute, "").strip() or default
+    if text.lower().lstrip("+-") in ("inf", "infinity"):
+        return float(text)
+    try:
+        return parse_numbers(text, 1)[0]
+    except ValueError as fault:
+        findings.error(limit, f'<limit {attribute}="{excerpt(text)}"> {fault}')
+        return 0.0

@@ -1,0 +1,65 @@
+"""Meshes that a robot names and cannot show, told when it is loaded."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from rpctl.errors import Finding
+from rpctl.robot.description import Description
+from rpctl.robot.findings import excerpt
+from rpctl.robot.mesh_paths import MeshError, MeshPaths
+
+IMAGES = re.compile(rb"<init_from>\s*([^<]*?)\s*</init_from>")
+LIBRARY = 2**16  # bytes of a DAE that are searched for textures; its images come first
+
+
+def check_meshes(description: Description) -> list[Finding]:
+    """Return a warning for each mesh that is missing, refused, or names a texture out of reach.
+
+    Meshes do not change a robot's dynamics, so none of these is an error. Several meshes with one
+    fault, such as a package that is not there, share one warning at the first one's line.
+    """
+    first: dict[str, int] = {}
+    for link in description.links:
+        for shape in (*link.visuals, *link.collisions):
+            if shape.mesh is not None:
+                first.setdefault(shape.mesh, shape.line)
+    if not first:
+        return []
+    paths = MeshPaths(description.path)
+    faults: dict[str, list[str]] = {}
+    for mesh in first:
+        try:
+            fault = _texture_fault(paths.resolve(mesh), paths)
+        except MeshError as error:
+            fault = str(error)
+        if fault:
+            faults.setdefault(fault, []).append(mesh)
+    return [
+        Finding("warning", first[meshes[0]], f"{_listed(meshes)}: {fault}")
+        for fault, meshes in faults.items()
+    ]
+
+
+def _listed(meshes: list[str]) -> str:
+    others = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
+    return f'mesh "{excerpt(meshes[0])}"{others}'
+
+
+def _texture_fault(mesh: Path, paths: MeshPaths) -> str | None:
+    """Return what is wrong with the textures that a DAE names; None where nothing is."""
+    if mesh.suffix.lower() != ".dae":
+        return None
+    try:
+        with mesh.open("rb") as file:
+            beginning = file.read(LIBRARY)
+    except OSError as error:
+        return f"{error.strerror or error}; make it readable"
+    for name in IMAGES.findall(beginning):
+        texture = name.decode("utf-8", "replace")
+        if texture and paths.leaves(texture, mesh.parent):
+            return (
+                f'its texture "{excerpt(texture)}" lies out of reach and is left out; put it beside'
+            )
+    return None

@@ -1,0 +1,213 @@
+"""Inertias estimated from shapes: those of the textbook, and the same in every engine."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+import rpctl
+from rpctl.errors import DescriptionError, RpctlError
+from rpctl.robot.description import Link
+from rpctl.robot.urdf import read
+from tests.robot.corpus import BASE
+
+ARM = """<inertial><mass value="2"/>
+      <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.04"/></inertial>"""
+FINGER = """<inertial><mass value="0.1"/>
+      <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>"""
+RHO = 800.0
+PLACE = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
+
+
+def shaped(folder: Path, *shapes: str, tag: str = "collision", place: str = "") -> Path:
+    """Write the base file, its arm with shapes in place of an inertia."""
+    parts = (f"<{tag}>{place}<geometry>{shape}</geometry></{tag}>" for shape in shapes)
+    path = folder / "robot.urdf"
+    path.write_text(BASE.replace(ARM, "".join(parts)), encoding="utf-8")
+    return path
+
+
+def estimate(folder: Path, *shapes: str, tag: str = "collision", place: str = "") -> Link:
+    path = shaped(folder, *shapes, tag=tag, place=place)
+    return rpctl.load(path, density=RHO).description.link["arm"]
+
+
+BOXES = {
+    "box": ('<box size="0.3 0.2 0.1"/>', 0.006, np.array([0.05, 0.1, 0.13]) / 12),
+    "sphere": ('<sphere radius="0.1"/>', 4e-3 / 3 * math.pi, np.full(3, 0.4 * 0.01)),
+    "cylinder": (
+        '<cylinder radius="0.1" length="0.5"/>',
+        0.005 * math.pi,
+        np.array([0.01 / 4 + 0.25 / 12, 0.01 / 4 + 0.25 / 12, 0.005]),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BOXES)
+def test_primitives_have_the_inertia_of_the_textbook(kind: str, tmp_path: Path) -> None:
+    shape, volume, per_mass = BOXES[kind]
+    link = estimate(tmp_path, shape)
+    assert link.estimated
+    assert link.mass == pytest.approx(RHO * volume, rel=1e-14)
+    np.testing.assert_allclose(link.inertia, RHO * volume * np.diag(per_mass), rtol=1e-13)
+    np.testing.assert_allclose(link.com, 0)
+
+
+def test_a_capsule_is_integrated(tmp_path: Path) -> None:
+    r, length = 0.1, 0.5
+    link = estimate(tmp_path, f'<capsule radius="{r}" length="{length}"/>')
+    z, weight = np.polynomial.legendre.leggauss(60)
+    mass, along, across = 0.0, 0.0, 0.0
+    ends = (-length / 2 - r, -length / 2, length / 2, length / 2 + r)
+    for low, high in pairwise(ends):
+        height = 0.5 * (high - low) * z + 0.5 * (high + low)
+        beyond = np.maximum(np.abs(height) - length / 2, 0.0)
+        radius2 = r**2 - beyond**2
+        slices = RHO * math.pi * radius2 * weight * 0.5 * (high - low)
+        mass += slices.sum()
+        along += (slices * radius2 / 2).sum()
+        across += (slices * (radius2 / 4 + height**2)).sum()
+    assert link.mass == pytest.approx(mass, rel=1e-12)
+    np.testing.assert_allclose(np.diag(link.inertia), [across, across, along], rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", ["1 1 1", "1000 1 0.01", "-1 1 1"])
+def test_a_box_mesh_is_a_box(scale: str, tmp_path: Path) -> None:
+    factors = np.array([float(word) for word in scale.split()])
+    mesh = trimesh.creation.box(np.array([0.3, 0.2, 0.1]) / factors)
+    mesh.export(tmp_path / "box.stl")
+    mesh.export(tmp_path / "box.obj", digits=17)
+    there = f'<mesh filename="box.obj" scale="{scale}"/>'
+    ours = estimate(tmp_path, there, place=PLACE)
+    theirs = estimate(tmp_path, BOXES["box"][0], place=PLACE)
+    assert ours.mass is not None
+    assert ours.mass == pytest.approx(theirs.mass, rel=1e-9)
+    np.testing.assert_allclose(ours.com, theirs.com, rtol=1e-9)
+    np.testing.assert_allclose(ours.inertia, theirs.inertia, rtol=1e-9, atol=1e-9)
+    single = estimate(tmp_path, f'<mesh filename="box.stl" scale="{scale}"/>', place=PLACE)
+    np.testing.assert_allclose(single.inertia, theirs.inertia, rtol=1e-6, atol=1e-6)
+
+
+def test_a_round_mesh_comes_near_its_sphere(tmp_path: Path) -> None:
+    trimesh.creation.icosphere(4, radius=0.1).export(tmp_path / "ball.ply")
+    ours = estimate(tmp_path, '<mesh filename="ball.ply"/>')
+    theirs = estimate(tmp_path, BOXES["sphere"][0])
+    assert ours.mass == pytest.approx(theirs.mass, rel=5e-3)
+    assert trimesh.creation.icosphere(4).is_watertight
+
+
+def test_shapes_add_up_and_move(tmp_path: Path) -> None:
+    """A box is two half boxes; a turned one has a turned inertia about the moved centre."""
+    whole = estimate(tmp_path, '<box size="0.4 0.2 0.1"/>')
+    text = shaped(tmp_path, '<box size="0.2 0.2 0.1"/>', '<box size="0.2 0.2 0.1"/>').read_text()
+    for x in ("-0.1", "0.1"):
+        placed = f'<collision><origin xyz="{x} 0 0"/><geometry><box'
+        text = text.replace("<collision><geometry><box", placed, 1)
+    (tmp_path / "halves.urdf").write_text(text)
+    halves = rpctl.load(tmp_path / "halves.urdf", density=RHO).description.link["arm"]
+    assert halves.mass == pytest.approx(whole.mass, rel=1e-14)
+    np.testing.assert_allclose(halves.inertia, whole.inertia, rtol=1e-13, atol=1e-16)
+    moved = estimate(tmp_path, '<box size="0.4 0.2 0.1"/>', place=PLACE)
+    np.testing.assert_allclose(moved.com, [0.1, -0.2, 0.3], rtol=1e-14)
+    R = pin.rpy.rpyToMatrix(0.4, 0.5, -0.6)
+    np.testing.assert_allclose(moved.inertia, R @ whole.inertia @ R.T, rtol=1e-12, atol=1e-15)
+
+
+def test_an_open_mesh_is_taken_as_its_hull_and_told(tmp_path: Path) -> None:
+    mesh = trimesh.creation.box((0.3, 0.2, 0.1))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 1)
+    mesh.export(tmp_path / "open.stl")
+    path = shaped(tmp_path, '<mesh filename="open.stl"/>')
+    robot = rpctl.load(path, density=RHO)
+    (told,) = (f for f in robot.findings if f.severity == "warning")
+    assert 'mesh "open.stl" of link "arm" is not watertight; its convex hull' in told.message
+    assert told.line == robot.description.link["arm"].collisions[0].line
+    assert robot.description.link["arm"].mass == pytest.approx(RHO * 0.006, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "told"),
+    [
+        ("none.stl", "no such file"),
+        ("../../etc/passwd", "refused"),
+        ("flat.stl", "encloses no volume"),
+        ("noise.stl", "not readable|holds no triangles"),
+    ],
+)
+def test_a_mesh_that_gives_no_estimate_is_told(mesh: str, told: str, tmp_path: Path) -> None:
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(tmp_path / "flat.stl")
+    (tmp_path / "noise.stl").write_bytes(b"\x00" * 100)
+    path = shaped(tmp_path, f'<mesh filename="{mesh}"/>')
+    robot = rpctl.load(path, density=RHO)
+    messages = [f.message for f in robot.findings if "gives no estimate" in f.message]
+    assert any(part in messages[0] for part in told.split("|"))
+    assert robot.description.link["arm"].mass is None
+
+
+def test_visual_shapes_serve_where_there_is_no_collision(tmp_path: Path) -> None:
+    link = estimate(tmp_path, BOXES["box"][0], tag="visual")
+    assert link.mass == pytest.approx(RHO * 0.006)
+
+
+def test_what_the_file_gives_is_never_touched(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_text(BASE, encoding="utf-8")
+    plain, filled = read(path), rpctl.load(path, density=RHO).description
+    assert filled.xml == plain.xml
+    assert [link.mass for link in filled.links] == [link.mass for link in plain.links]
+    assert not any(link.estimated for link in filled.links)
+
+
+def test_a_mass_of_zero_is_given_too(tmp_path: Path) -> None:
+    zero = """<inertial><mass value="0"/>
+      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>"""
+    box = f"<collision><geometry>{BOXES['box'][0]}</geometry></collision>"
+    path = tmp_path / "robot.urdf"
+    path.write_text(BASE.replace(ARM, zero + box), encoding="utf-8")
+    assert rpctl.load(path, density=RHO).description.link["arm"].mass == 0
+
+
+def test_every_engine_sees_the_estimate(tmp_path: Path) -> None:
+    text = BASE.replace(
+        ARM, f"<collision>{PLACE}<geometry>{BOXES['box'][0]}</geometry></collision>"
+    )
+    text = text.replace(FINGER, f"<visual><geometry>{BOXES['cylinder'][0]}</geometry></visual>")
+    path = tmp_path / "robot.urdf"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        rpctl.load(path)
+    line = text[: text.index('<link name="finger">')].count("\n") + 1
+    told = str(caught.value)
+    assert f'{path}:{line}: error: link "finger" has no <inertial>' in told
+    assert "give its <inertial> (mass, centre of mass, inertia), estimate it with --density" in told
+    robot = rpctl.load(path, density=RHO)
+    assert robot.mass == pytest.approx(32 + RHO * (0.006 + 0.005 * math.pi))
+    shoulder = robot.model.inertias[robot.model.getJointId("shoulder")]
+    arm = robot.description.link["arm"]
+    assert shoulder.mass == arm.mass
+    np.testing.assert_allclose(shoulder.lever, arm.com, rtol=1e-14)
+    np.testing.assert_allclose(shoulder.inertia, arm.inertia, rtol=1e-13)
+    certificate = rpctl.verify(robot, 5)
+    assert certificate.passed
+    assert len([f for f in robot.findings if "has no <inertial>; estimated: " in f.message]) == 2
+
+
+def test_a_massless_mover_is_doubted_where_others_have_a_mass(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_text(BASE.replace(ARM, ""), encoding="utf-8")
+    (told,) = rpctl.load(path).findings
+    assert 'link "arm" moves but has no <inertial>; it is taken as massless' in told.message
+    messages = [f.message for f in rpctl.load(path, density=RHO).findings]
+    assert any("no shape to estimate it from" in message for message in messages)
+
+
+@pytest.mark.parametrize("density", [0.0, -1.0, math.nan, math.inf, 1e300])
+def test_a_density_is_positive_and_finite(density: float) -> None:
+    with pytest.raises(RpctlError, match=r"density is .*; give kg/m3"):
+        rpctl.load("paper", density=density)

@@ -1,0 +1,203 @@
+"""Files made to harm: refused in bounded time and memory, with one clear message."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import rpctl
+from rpctl.errors import DescriptionError, RpctlError
+from rpctl.robot import caps
+from rpctl.robot.urdf import read
+from tests.robot.corpus import BASE
+from tests.robot.test_fuzz import patience
+
+SECRET = "root:x:0:0"
+LAUGHS = "<!ENTITY a0 'ha'>" + "".join(
+    f"<!ENTITY a{i} '{f'&a{i - 1};' * 10}'>" for i in range(1, 12)
+)
+LINK = '<link name="l{0}"/>'
+JOINT = '<joint name="j{0}" type="{1}"><parent link="l{2}"/><child link="l{0}"/></joint>'
+MASS = """<inertial><mass value="1"/>
+  <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>""".replace("\n", " ")
+
+
+def chain(count: int, kind: str = "fixed") -> str:
+    """Return a robot of links in one row, which is as deep as it has links."""
+    links = (f'<link name="l{i}">{MASS}</link>' for i in range(count))
+    joints = (JOINT.format(i, kind, i - 1) for i in range(1, count))
+    return f'<robot name="r">{"".join(links)}{"".join(joints)}</robot>'
+
+
+def star(count: int) -> str:
+    links = (LINK.format(i) for i in range(count))
+    joints = (JOINT.format(i, "fixed", 0) for i in range(1, count))
+    return f'<robot name="r">{"".join(links)}{"".join(joints)}</robot>'
+
+
+HOSTILE = {
+    "billion laughs": (
+        f'<!DOCTYPE r [{LAUGHS}]><robot name="&a11;"><link name="a"/></robot>',
+        "its entities are never read",
+    ),
+    "external entity": (
+        '<!DOCTYPE r [<!ENTITY e SYSTEM "file:///etc/passwd">]><robot name="&e;"/>',
+        "its entities are never read",
+    ),
+    "external document type": (
+        '<!DOCTYPE r SYSTEM "http://localhost:1/x.dtd"><robot name="a"/>',
+        "a DOCTYPE is not part of URDF",
+    ),
+    "parameter entities": (
+        '<!-- x --><!DOCTYPE r [<!ENTITY % p SYSTEM "/dev/zero"> %p;]><robot name="a"/>',
+        "its entities are never read",
+    ),
+    "entity without a document type": (BASE.replace('"30"', '"&e;"'), "Entity 'e' not defined"),
+    "100 MB of blanks": (" " * 100 * 2**20, "the file is over 33554432 bytes"),
+    "31 MB of blanks": (" " * 31 * 2**20 + "x", 'it begins with "x"'),
+    "depth 100000": (
+        '<robot name="r">' + "<link>" * 100_000 + "</link>" * 100_000 + "</robot>",
+        "elements are nested over 256 deep",
+    ),
+    "100000 links": (star(100_000), "100000 links, where 2000 are the limit; if it is meant, set"),
+    "a row of 100000 links": (chain(100_000), "100000 links, where 2000 are the limit"),
+    "an attribute of 11 MB": (
+        BASE.replace('"30"', f'"{"1" * 11 * 2**20}"'),
+        "a tag or text is over 10 MB",
+    ),
+    "a number of 9 MB": (BASE.replace('"30"', f'"{"1" * 9 * 2**20}"'), "is not a number"),
+    "a million attributes": (
+        "<robot " + " ".join(f"a{i}='1'" for i in range(10**6)) + "/>",
+        "",
+    ),
+    "1000 undeclared prefixes": (
+        BASE.replace("<visual>", "".join(f"<p{i}:a/>" for i in range(1000)) + "<visual>"),
+        "Namespace prefix p20",
+    ),
+    "300000 shapes": (
+        f'<robot name="r"><link name="l0">{"<visual/>" * 300_000}</link></robot>',
+        "300002 elements, where 100000 are the limit",
+    ),
+    "100000 unknown elements": (
+        f"<robot name='r'>{''.join(f'<liink{i}/>' for i in range(99_000))}<link name='l'/></robot>",
+        "no link has a mass",
+    ),
+    "1900 mimics in a row": (
+        star(1900).replace('type="fixed">', 'type="continuous"><mimic joint="j{}"/>').format(
+            *range(2, 1901)),
+        "mimics through a chain of over 20",
+    ),
+    "unclosed comments": ("<robot>" + "<!--" * 10**6, "truncated"),
+    "500 moving joints": (chain(501, "continuous"), "500 moving joints, where 150 are the limit"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused_soon(name: str, tmp_path: Path) -> None:
+    text, told = HOSTILE[name]
+    path = tmp_path / "hostile.urdf"
+    path.write_text(text, encoding="utf-8")
+    begin = time.perf_counter()
+    with patience(10), pytest.raises(RpctlError) as caught:
+        rpctl.load(path)
+    assert time.perf_counter() - begin < 10
+    assert caught.value.exit_code == 2
+    assert told in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert SECRET not in str(caught.value)
+    assert len(str(caught.value)) < 10_000
+
+
+def test_a_huge_file_is_told_within_a_gigabyte(tmp_path: Path) -> None:
+    path = tmp_path / "huge.urdf"
+    path.write_text(chain(100_000), encoding="utf-8")
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "rpctl", "inspect", str(path)],
+        capture_output=True, text=True, check=False, timeout=60,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (2**30, 2**30)),
+    )  # fmt: skip
+    assert time.perf_counter() - begin < 10
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"{path}:1: error: 100000 links")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_deep_robot_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "deep.urdf"
+    path.write_text(chain(2000), encoding="utf-8")
+    description = read(path)
+    assert len(description.chain("l1999")) == 1999
+    with patience(10), pytest.raises(RpctlError, match="no differential drive"):
+        rpctl.load(path)
+
+
+@pytest.mark.parametrize("name", ["fifo", "/dev/zero", "folder"])
+def test_what_is_no_file_is_not_read(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if name == "fifo":
+        os.mkfifo(path)
+    elif name == "folder":
+        path.mkdir()
+    with patience(5), pytest.raises(DescriptionError, match=r"not a regular file|Is a directory"):
+        rpctl.load(path)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000 + ".urdf", "a\0.urdf", "no/such.urdf", "./"])
+def test_paths_that_lead_nowhere_are_told(name: str) -> None:
+    with pytest.raises(DescriptionError, match="give a URDF file or a name"):
+        rpctl.load(name)
+
+
+def test_caps_can_be_raised_and_lowered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(BASE, encoding="utf-8")
+    for name, told in (
+        ("MAX_LINKS", "5 links, where 4 are the limit"),
+        ("MAX_BYTES", "the file is over 4 bytes"),
+    ):
+        monkeypatch.setenv(f"RPCTL_{name}", "4")
+        with pytest.raises(DescriptionError, match=f"{told}.*RPCTL_{name}"):
+            rpctl.load(path)
+        monkeypatch.delenv(f"RPCTL_{name}")
+    monkeypatch.setenv("RPCTL_MAX_MOVING_JOINTS", "2")
+    with pytest.raises(DescriptionError, match="4 moving joints, where 2 are the limit"):
+        rpctl.load(path)
+    assert rpctl.load(path, lock=["shoulder", "grip"]).dof == 2
+    monkeypatch.setenv("RPCTL_MAX_LINKS", "many")
+    with pytest.raises(RpctlError, match="'many' is no positive integer"):
+        rpctl.load(path)
+    monkeypatch.setenv("RPCTL_MAX_LINKS", "99999999")
+    assert caps.cap("MAX_LINKS") == 99999999
+
+
+def test_what_pinocchio_refuses_is_told_without_its_noise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(BASE, encoding="utf-8")
+    monkeypatch.setattr(
+        "rpctl.robot.urdf._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
+    )
+    with pytest.raises(DescriptionError, match=r"error: Pinocchio refuses this robot: .*; correct"):
+        rpctl.load(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_name_of_a_link_and_a_joint_cannot_be_locked(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    text = BASE.replace('name="shoulder"', 'name="arm"')
+    path.write_text(text, encoding="utf-8")
+    assert rpctl.load(path).dof == 4
+    line = text[: text.index('<joint name="arm"')].count("\n") + 1
+    with pytest.raises(
+        DescriptionError, match=f':{line}: error: a link and a joint are called "arm"'
+    ):
+        rpctl.load(path, lock=["grip"])

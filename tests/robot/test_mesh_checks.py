@@ -1,0 +1,99 @@
+"""Meshes that a robot cannot show are told when it is loaded, with their lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import trimesh
+
+import rpctl
+from rpctl.errors import DescriptionError
+from tests.robot.corpus import BASE
+
+BOX = '<box size="0.5 0.4 0.2"/>'
+LINE = BASE[: BASE.index(BOX)].count("\n") + 1
+DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></library_images></COLLADA>"
+
+
+def with_mesh(tmp_path: Path, name: str) -> Path:
+    folder = tmp_path / "ws" / "bot" / "urdf"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder.parent / "package.xml").write_text("<package/>")
+    path = folder / "bot.urdf"
+    path.write_text(BASE.replace(BOX, f'<mesh filename="{name}"/>'), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("none.stl", "no such file; put it there"),
+        ("package://bot/none.stl", "no such file"),
+        ("package://nobody/a.stl", 'package "nobody" was not found; add it to ROS_PACKAGE_PATH'),
+        ("package://", "package:// without the name of a package"),
+        ("../../etc/passwd", "refused: it lies outside the folders"),
+        ("../../../../../../../../etc/passwd", "refused: it lies outside the folders"),
+        ("/etc/passwd", "refused: it lies outside the folders"),
+        ("package://bot/../../../etc/passwd", "refused: it lies outside the folders"),
+        ("file:///etc/passwd", "refused: only package:// and paths"),
+        ("http://example.org/a.stl", "refused: only package:// and paths"),
+        ("$(find bot)/a.stl", "refused: a mesh ends in|no such file"),
+        ("bot.urdf", "refused: a mesh ends in .stl"),
+        ("a" * 5000 + ".stl", "refused: no file has such a name"),
+    ],
+)  # fmt: skip
+def test_meshes_out_of_reach_are_told(name: str, told: str, tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, name)
+    (finding,) = rpctl.load(path).findings
+    assert (finding.severity, finding.line) == ("warning", LINE)
+    assert finding.message.startswith('mesh "')
+    assert any(part in finding.message for part in told.split("|"))
+    with pytest.raises(DescriptionError, match=f":{LINE}: error: mesh"):
+        rpctl.load(path, strict=True)
+
+
+@pytest.mark.parametrize(
+    "name", ["a.stl", "../a.stl", "package://bot/a.stl", "package://bot/urdf/a.stl"]
+)
+def test_meshes_in_their_place_are_no_matter(name: str, tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, name)
+    for folder in (path.parent, path.parents[1]):
+        trimesh.creation.box((1, 1, 1)).export(folder / "a.stl")
+    assert rpctl.load(path, strict=True).findings == ()
+
+
+def test_a_folder_whose_name_begins_alike_is_another(tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, "../../bot_private/a.stl")
+    (tmp_path / "ws" / "bot_private").mkdir()
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "ws" / "bot_private" / "a.stl")
+    (finding,) = rpctl.load(path).findings
+    assert "refused: it lies outside the folders" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("texture", "fine"),
+    [
+        ("wood.png", True),
+        ("../wood.png", True),
+        ("", True),
+        ("../../../secret.png", False),
+        ("/etc/passwd", False),
+        ("file:///home/me/wood.png", False),
+        (r"C:\wood.png", False),
+    ],
+)
+def test_textures_out_of_reach_are_told(texture: str, fine: bool, tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, "a.dae")
+    (path.parent / "a.dae").write_text(DAE.format(texture))
+    told = [f.message for f in rpctl.load(path).findings]
+    assert told == [] if fine else "lies out of reach and is left out" in told[0]
+
+
+def test_one_fault_of_many_meshes_is_told_once(tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, "package://nobody/0.stl")
+    visual = '<visual><geometry><mesh filename="package://nobody/{}.stl"/></geometry></visual>'
+    more = "".join(visual.format(i) for i in range(1, 30))
+    path.write_text(path.read_text().replace("<visual>", f"{more}<visual>", 1))
+    (finding,) = rpctl.load(path).findings
+    assert 'mesh "package://nobody/1.stl" and 29 more: package "nobody"' in finding.message
