@@ -55,6 +55,13 @@ LockOption = Annotated[
         help="Freeze joints, by name or pattern, at a position (rad or m; default 0). Repeatable.",
     ),
 ]
+DriveOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TYPE|FILE",
+        help="differential, skid-steer, mecanum, fixed, or a drive file (TOML).",
+    ),
+]
 DensityOption = Annotated[
     float | None,
     typer.Option(
@@ -90,12 +97,13 @@ def _guarded(command: Command) -> Command:
 def inspect_command(
     robot: RobotArgument,
     lock: LockOption = None,
+    drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
-    loaded = _load(robot, lock, density, strict)
+    loaded = _load(robot, drive, lock, density, strict)
     if as_json:
         _print_json(facts(loaded))
     else:
@@ -107,6 +115,7 @@ def inspect_command(
 def verify_command(
     robot: RobotArgument,
     lock: LockOption = None,
+    drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
     samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
@@ -122,7 +131,7 @@ def verify_command(
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = _certify(_load(robot, lock, density, strict), samples, seed, wanted)
+    certificate = _certify(_load(robot, drive, lock, density, strict), samples, seed, wanted)
     if html is not None:
         from rpctl.view.certificate import write_certificate
 
@@ -140,6 +149,7 @@ def verify_command(
 def derive_command(
     robot: RobotArgument,
     lock: LockOption = None,
+    drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
     form: Annotated[
@@ -153,7 +163,7 @@ def derive_command(
     """Write the reduced equations in closed form: to read, to publish, or as code."""
     from rpctl.derive.write import derive  # SymPy and CasADi load only once needed
 
-    text = derive(_load(robot, lock, density, strict), form, parameters)
+    text = derive(_load(robot, drive, lock, density, strict), form, parameters)
     if as_json:
         _print_json({"robot": robot, "format": form, "text": text})
     else:
@@ -167,6 +177,7 @@ def derive_command(
 def track_command(
     robot: RobotArgument,
     lock: LockOption = None,
+    drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
     reference: Annotated[
@@ -201,7 +212,7 @@ def track_command(
     """
     error = _triple(initial_error)
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
-    loaded = _load(robot, lock, density, strict)
+    loaded = _load(robot, drive, lock, density, strict)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
@@ -272,7 +283,7 @@ def _root(
 
 
 def _load(
-    source: str, lock: list[str] | None, density: float | None = None, strict: bool = False
+    source: str, drive: str | None, lock: list[str] | None, density: float | None, strict: bool
 ) -> Robot:
     positions = {}
     for item in lock or []:
@@ -283,7 +294,7 @@ def _load(
             raise RpctlError(
                 f"--lock {item}: {position!r} is not a number; write NAME=0.1"
             ) from None
-    return load(source, lock=positions, density=density, strict=strict)
+    return load(source, drive, positions, density, strict=strict)
 
 
 def _certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:

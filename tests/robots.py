@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rpctl.description.urdf import read
 from rpctl.robot.detect import detect
 from rpctl.robot.drive_file import DriveSpec
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
-from rpctl.robot.urdf import read
 
 WHEEL = """
   <link name="{side}_wheel">

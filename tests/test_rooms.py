@@ -11,8 +11,8 @@ from pathlib import Path
 import rpctl
 
 PACKAGE = Path(rpctl.__file__).parent
-ROOMS = ["errors", "files", "robot", "dynamics", "equivalence", "derive", "reference", "control"]
-ROOMS += ["simulation", "view", "show", "cli"]
+ROOMS = ["errors", "files", "description", "robot", "dynamics", "equivalence", "derive"]
+ROOMS += ["reference", "control", "simulation", "view", "show", "cli"]
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 
@@ -46,7 +46,7 @@ def test_data_flows_one_way() -> None:
 
 
 def test_only_the_view_imports_meshcat() -> None:
-    heavy = {"meshcat": ["view"], "matplotlib": ["view"], "trimesh": ["view", "robot"]}
+    heavy = {"meshcat": ["view"], "matplotlib": ["view"], "trimesh": ["view", "description"]}
     wrong = [
         f"{file}: {module}"
         for file, room, module in imports()

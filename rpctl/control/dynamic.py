@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from rpctl.control.kinematic import Command, require_positive
+from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError
-from rpctl.robot.description import Array
 
 
 class DynamicLaw(Protocol):

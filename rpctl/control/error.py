@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 BASE_ERRORS = 3  # x1, x2, x3: longitudinal, lateral, heading

@@ -9,9 +9,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from rpctl.control.error import BASE_ERRORS, error_rate
+from rpctl.description.records import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import ReferenceState
-from rpctl.robot.description import Array
 
 
 class Command(NamedTuple):

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.equivalence.tree import FLOATS, Body, Hinge, Rolling, Scalars, Tree
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 ROUNDING = 4e-16  # of a rotation's entries; one so near to 0 or ±1 is that

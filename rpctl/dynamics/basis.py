@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.errors import SingularBasisError
-from rpctl.robot.description import Array
 from rpctl.robot.model import BASE_NV, Robot
 
 RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v is undetermined

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
+from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, contact_point, layout
 from rpctl.dynamics.stance import NARROW, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
 from rpctl.errors import RpctlError
-from rpctl.robot.description import Array
 
 FRICTION = 0.7  # of rubber on a dry indoor floor
 LIFT_OFF = 1e-3  # of the weight: below it a contact bears nothing to speak of
@@ -207,7 +207,8 @@ def _force_maps(
         [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
     )
     along = np.zeros((len(wheels), rows))
-    axles, across = [], []
+    axles: list[tuple[int, ...]] = []
+    across = []
     data = dynamics.placements(q)
     signs = {}
     for index, wheel in enumerate(wheels):

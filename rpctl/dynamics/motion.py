@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.robot.description import Array
 
 
 class Step(NamedTuple):

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
+from rpctl.description.records import Array
 from rpctl.dynamics.basis import basis, basis_drift, selection
 from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift
 from rpctl.errors import ActuationError, RpctlError
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction

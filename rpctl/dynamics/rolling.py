@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 from rpctl.robot.drive import Wheel
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -125,7 +125,9 @@ class Layout:
 def layout(robot: Robot) -> Layout:
     """Return which rows of :func:`constraint` are whose."""
     row = len(robot.mimics) + (BASE_NV if robot.drive.type == "fixed" else 0)
-    along, across, shared = [], [], []
+    along: list[int] = []
+    across: list[tuple[int, tuple[int, ...]]] = []
+    shared: list[int] = []
     for index, wheel in enumerate(robot.drive.wheels):
         along.append(row)
         row += 1

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 
 NARROW = 5e-3  # m: contacts this near to one line do not hold a balance
 RESOLVED = 1e-9  # of the load: a smaller share is rounding

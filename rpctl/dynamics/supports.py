@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.dynamics.reduced import ROOT_JOINT
-from rpctl.robot.description import Array, Joint, Link, Shape
+from rpctl.description.records import Array, Joint, Link, Shape
+from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.robot.model import Robot
 
 TOUCH = 5e-3  # m: a shape this close to the ground touches it (URDFs are drawn to millimetres)

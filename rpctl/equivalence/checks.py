@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from rpctl.description.records import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
-from rpctl.robot.description import Array
 from rpctl.robot.model import BASE_NV, Robot
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.equivalence.tree import FLOATS, Body, Hinge, Scalars, Tree
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 Vector = Array | Sequence[Any]

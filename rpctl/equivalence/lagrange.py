@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve, qr
 
+from rpctl.description.records import Array
 from rpctl.dynamics.rolling import constraint, constraint_drift
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 RANK_MARGIN = 1e-9  # of the largest: below it a row of A, seen through M⁻¹, repeats others

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
 from rpctl.errors import RpctlError
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 __all__ = ["EngineRefused", "EngineTerms", "MujocoEngine", "installed"]

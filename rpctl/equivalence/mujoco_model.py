@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from rpctl.description.records import Array
 from rpctl.errors import RpctlError
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 
 OWN = "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 from rpctl.robot.model import Robot
 
 

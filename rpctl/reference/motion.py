@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpctl.description.records import Array, Joint
 from rpctl.errors import UnknownNameError
 from rpctl.reference import paths
-from rpctl.robot.description import Array, Joint
 from rpctl.robot.model import Robot
 
 SPEED_SHARE = 0.5  # of a joint's velocity limit: what an arm reference uses at most

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 
 
 class PathPoint(NamedTuple):

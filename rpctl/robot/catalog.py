@@ -21,7 +21,7 @@ class Entry:
         file: Path below ``urdf/`` (own robots) or below example-robot-data's ``robots/``.
         summary: One line.
         own: Whether the robot is one of the project's.
-        base: ``"wheeled"`` or ``"fixed"``.
+        drive: Type of the drive, where nothing in the file tells it.
         lock: Joint name patterns that are frozen unless the user says otherwise.
     """
 
@@ -29,8 +29,13 @@ class Entry:
     file: str
     summary: str
     own: bool = False
-    base: str = "wheeled"
+    drive: str | None = None
     lock: tuple[str, ...] = ()
+
+    @property
+    def base(self) -> str:
+        """``"wheeled"`` or ``"fixed"``."""
+        return "fixed" if self.drive == "fixed" else "wheeled"
 
     @property
     def path(self) -> Path:
@@ -43,7 +48,7 @@ class Entry:
 
 
 def _arm(name: str, file: str, summary: str) -> Entry:
-    return Entry(name, file, summary, base="fixed")
+    return Entry(name, file, summary, drive="fixed")
 
 
 ENTRIES = (
@@ -69,9 +74,16 @@ ENTRIES = (
         lock=("hand_*", "suspension_*", "caster_*"),
     ),
     Entry(
-        "tiago_pro", "tiago_pro_description/robots/tiago_pro.urdf", "four mecanum wheels, two arms"
+        "tiago_pro",
+        "tiago_pro_description/robots/tiago_pro.urdf",
+        "four mecanum wheels, torso lift, two 7R arms",
+        drive="mecanum",
     ),
-    Entry("pr2", "pr2_description/urdf/pr2.urdf", "four steered casters, two arms"),
+    _arm(
+        "pr2",
+        "pr2_description/urdf/pr2.urdf",
+        "torso lift, two 7R arms; its file fixes the casters",
+    ),
     _arm("panda", "panda_description/urdf/panda.urdf", "7R arm with gripper"),
     _arm("ur3", "ur_description/urdf/ur3_robot.urdf", "6R arm"),
     _arm("ur5", "ur_description/urdf/ur5_robot.urdf", "6R arm"),

@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
+from rpctl.description.records import Array, Description, Joint, Shape
 from rpctl.errors import DriveError, UnknownNameError
-from rpctl.robot.description import Array, Description, Joint, Shape
 from rpctl.robot.drive import FIXED, Drive, Wheel
 from rpctl.robot.drive_file import DriveSpec, suggest
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 BASE_SPEEDS = {
     "differential": ("v", "omega"),
@@ -67,6 +69,15 @@ class Drive:
     def has_axle(self) -> bool:
         """Whether P moves along the heading only."""
         return self.base_speeds == ("v", "omega")
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> Drive:
+        """Return the drive that ``dataclasses.asdict`` took apart, lists for tuples or not."""
+        wheels = (
+            Wheel(**{**w, "axis": tuple(w["axis"]), "direction": tuple(w["direction"])})
+            for w in values["wheels"]
+        )
+        return Drive(**{**values, "wheels": tuple(wheels), "point": tuple(values["point"])})
 
 
 FIXED = Drive("fixed")

@@ -7,36 +7,38 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from rpctl.description.density import fill
+from rpctl.description.mesh_checks import check_meshes
+from rpctl.description.records import Description, Joint
+from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
-from rpctl.robot.density import fill
-from rpctl.robot.description import Description, Joint
 from rpctl.robot.detect import detect
-from rpctl.robot.drive import FIXED, Drive
-from rpctl.robot.mesh_checks import check_meshes
+from rpctl.robot.drive import Drive
+from rpctl.robot.drive_file import TYPES, DriveSpec, read_drive
 from rpctl.robot.model import Robot
-from rpctl.robot.urdf import read
 
 
 def load(
     source: str | Path,
-    drive: Drive | None = None,
+    drive: Drive | str | Path | None = None,
     lock: Iterable[str] | Mapping[str, float] = (),
-    end_effector: str | None = None,
     density: float | None = None,
+    end_effector: str | None = None,
     strict: bool = False,
 ) -> Robot:
     """Load a robot.
 
     Args:
         source: A URDF path or a catalogue name (``rpctl robots``).
-        drive: The drive; None finds it.
+        drive: The drive, its type (``"differential"``, ``"skid-steer"``, ``"mecanum"``,
+            ``"fixed"``), or a drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
             position}`` (rad or m). They add to those that the catalogue freezes.
-        end_effector: Link to track; None takes the end of the longest chain of moving joints.
         density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
             None leaves these links massless, or refuses them where a joint moves nothing else.
+        end_effector: Link to track; None takes the end of the longest chain of moving joints.
         strict: Whether warnings are errors.
 
     Raises:
@@ -58,9 +60,9 @@ def load(
     if strict:
         _refuse_doubts(path, findings)
     check(description, locked)
-    if drive is None:
-        fixed = entry is not None and entry.base == "fixed"
-        drive = FIXED if fixed else detect(description, locked)
+    if not isinstance(drive, Drive):
+        told = entry.drive if drive is None and entry else drive
+        drive = detect(description, locked, None if told is None else _specification(told))
     model = build(description, locked)
     wheels = {wheel.joint for wheel in drive.wheels}
     joints = tuple(
@@ -83,7 +85,17 @@ def load(
         joints=joints,
         end_effector=end_effector or _tip(description, joints),
         findings=findings,
+        density=density,
     )
+
+
+def _specification(told: str | Path) -> DriveSpec:
+    """Return what the name of a type, or a drive file, says of the drive."""
+    if isinstance(told, str) and not Path(told).suffix and "/" not in told:
+        if told not in TYPES:
+            raise UnknownNameError("drive", told, TYPES)
+        return DriveSpec(told)
+    return read_drive(told)
 
 
 def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
+from rpctl.description.records import Array, Description, Joint
 from rpctl.errors import Finding, RpctlError, UnknownNameError
-from rpctl.robot.description import Array, Description, Joint
 from rpctl.robot.drive import Drive
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
@@ -33,6 +33,7 @@ class Robot:
         joints: The arm: moving joints that are neither wheels nor mimics, in file order.
         end_effector: Link whose pose is tracked, or None for a robot without an arm.
         findings: What was noticed in the description and the model.
+        density: Density from which missing inertias were estimated, kg/m³, or None.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Robot:
     joints: tuple[Joint, ...] = field(repr=False)
     end_effector: str | None
     findings: tuple[Finding, ...] = field(repr=False)
+    density: float | None = None
 
     @cached_property
     def quasi_velocities(self) -> tuple[str, ...]:
@@ -53,7 +55,7 @@ class Robot:
     @cached_property
     def actuators(self) -> tuple[str, ...]:
         """Names of τ: the wheels' joints, left before right, then the arm's."""
-        wheels = tuple(wheel.joint for wheel in self.drive.wheels)
+        wheels = tuple(wheel.joint for wheel in self.drive.wheels if wheel.driven)
         return wheels + tuple(joint.name for joint in self.joints)
 
     @property
@@ -191,8 +193,11 @@ class Robot:
         for name in self.model.names[2:]:
             joint = self.description.joint[name]
             reach = 1.0 if joint.kind == "prismatic" else math.pi
-            low = joint.lower if math.isfinite(joint.lower) else -reach
-            high = joint.upper if math.isfinite(joint.upper) else reach
+            low, high = joint.lower, joint.upper
+            if math.isinf(low):
+                low = min(-reach, high - reach)
+            if math.isinf(high):
+                high = max(reach, low + reach)
             positions[name] = float(rng.uniform(low, high))
         return self.configuration(x, y, float(rng.uniform(-math.pi, math.pi)), positions)
 
@@ -204,6 +209,6 @@ class Robot:
 
 def _home(joint: Joint) -> float:
     if math.isinf(joint.lower) or math.isinf(joint.upper):
-        return 0.0
+        return float(np.clip(0.0, joint.lower, joint.upper))
     margin = HOME_MARGIN * (joint.upper - joint.lower)
     return float(np.clip(0.0, joint.lower + margin, joint.upper - margin))

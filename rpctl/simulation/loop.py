@@ -15,13 +15,13 @@ from scipy.integrate import cumulative_trapezoid
 from rpctl.control.dynamic import DynamicLaw, PaperDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.kinematic import KinematicLaw, PaperKinematic, require_positive
+from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
-from rpctl.robot.description import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.plant import advance
 from rpctl.simulation.run import Run
@@ -101,6 +101,8 @@ def track(
         source=robot.source,
         urdf_sha256=robot.description.sha256,
         locked=dict(robot.locked),
+        drive=dataclasses.asdict(robot.drive),
+        density=robot.density,
         quasi_velocities=robot.quasi_velocities,
         actuators=robot.actuators,
         joint_names=tuple(joint.name for joint in joints),

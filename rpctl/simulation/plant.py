@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
-from rpctl.robot.description import Array
 
 
 def advance(

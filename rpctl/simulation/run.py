@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.lib.npyio import NpzFile
 
+from rpctl.description.records import Array
 from rpctl.errors import RunFileError
 from rpctl.files import write_atomically
-from rpctl.robot.description import Array
+from rpctl.robot.drive import Drive
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
@@ -60,6 +61,8 @@ class Run:
         source: What the robot was loaded from.
         urdf_sha256: Digest of its URDF.
         locked: Its frozen joints.
+        drive: Its drive, as a dict.
+        density: Density from which its missing inertias were estimated, kg/m³, or None.
         quasi_velocities: Names of ν.
         actuators: Names of τ.
         joint_names: Names of the arm's joints.
@@ -108,6 +111,8 @@ class Run:
     source: str
     urdf_sha256: str
     locked: Mapping[str, float]
+    drive: Mapping[str, Any]
+    density: float | None
     quasi_velocities: tuple[str, ...]
     actuators: tuple[str, ...]
     joint_names: tuple[str, ...]
@@ -178,7 +183,9 @@ class Run:
         Raises:
             RunFileError: Its URDF has changed since.
         """
-        robot = load(self.source, lock=self.locked, end_effector=self.end_effector)
+        robot = load(
+            self.source, Drive.from_dict(self.drive), self.locked, self.density, self.end_effector
+        )
         if robot.description.sha256 != self.urdf_sha256:
             raise RunFileError(
                 f"{robot.description.path}: the URDF has changed since the run; track it again"

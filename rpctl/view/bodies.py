@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from rpctl.robot.description import Array, Link, Shape
+from rpctl.description.mesh_files import Surface, read
+from rpctl.description.mesh_paths import MeshError, resolve
+from rpctl.description.records import Array, Link, Shape
 from rpctl.robot.model import Robot
-from rpctl.view.meshes import MeshError, Surface, read, resolve
 from rpctl.view.shading import Shaded, shade, simplify
 
 TRIANGLES = 45_000  # of a whole robot: it stays recognisable, and its report small

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rpctl.description.records import Array
 from rpctl.files import write_atomically
-from rpctl.robot.description import Array
 from rpctl.simulation.run import Run
 from rpctl.view.plot_style import (
     DARK,

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.view import stage, wire

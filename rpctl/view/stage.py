@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 from rpctl.view import trails, wire
 
 BASE_COLOUR = 0x0072B2  # Okabe-Ito blue: the base's actual path, in the plots as in the scene

@@ -12,9 +12,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot
 from rpctl.control.error import tracking_error
+from rpctl.description.records import Array
 from rpctl.dynamics.motion import rk4_step
 from rpctl.reference.motion import reference_by_name
-from rpctl.robot.description import Array
 
 State = tuple[ReducedDynamics, Array, Array, Array]
 

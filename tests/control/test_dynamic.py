@@ -10,9 +10,9 @@ from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlErr
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.error import tracking_error
 from rpctl.control.kinematic import Command
+from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState
-from rpctl.robot.description import Array
 
 LAW = PaperDynamic(horizon_dyn=0.1)
 

@@ -14,9 +14,9 @@ from scipy.special import sici
 from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
 from rpctl.control.error import error_rate, tracking_error
 from rpctl.control.kinematic import kinematic_by_name
+from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState, reference_by_name
-from rpctl.robot.description import Array
 from tests.control.unicycle import follow, sampled_step, steady
 
 LAW = PaperKinematic(horizon=0.4, beta=1.5)

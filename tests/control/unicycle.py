@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from rpctl.control.error import error_rate
 from rpctl.control.kinematic import KinematicLaw
+from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState
-from rpctl.robot.description import Array
 
 
 def steady(v: float, omega: float) -> ReferenceState:

@@ -20,7 +20,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.derive.codegen import c_source, comment, identifier, python_source
 from rpctl.derive.program import program
 from rpctl.derive.write import derive
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 from tests.random_robots import random_robot
 from tests.robots import SET_A, platform, write
 

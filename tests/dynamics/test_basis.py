@@ -12,9 +12,9 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, Wheel
+from rpctl.description.records import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.errors import SingularBasisError
-from rpctl.robot.description import Array
 from tests.robots import CASTER, SET_A, platform, write
 
 ROLLER = Wheel("roller_joint", radius=0.05, source="test", axis=(0.0, 1.0, 0.0))

@@ -12,13 +12,13 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
+from rpctl.description.records import Array
 from rpctl.dynamics.contact import (
     Contacts,
     GroundReaction,
     find_contacts,
     ground_reaction,
 )
-from rpctl.robot.description import Array
 from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
 from tests.view.samples import write_cart
 

@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from rpctl import ReducedDynamics, Robot
+from rpctl.description.records import Array
 from rpctl.dynamics import motion
 from rpctl.dynamics.motion import rk4_step
-from rpctl.robot.description import Array
 
 TAU = np.array([2.0, 3.0, 1.0, -1.0])
 NU = np.array([0.8, 1.5, -0.4, 0.3])

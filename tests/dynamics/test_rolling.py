@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from rpctl import Robot
+from rpctl.description.records import Array
 from rpctl.dynamics.rolling import constraint, constraint_drift, contact_point
-from rpctl.robot.description import Array
 
 
 def contact_velocities(robot: Robot, q: Array, v: Array) -> Array:

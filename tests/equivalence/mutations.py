@@ -16,10 +16,10 @@ import pinocchio as pin
 
 import rpctl
 from rpctl import Robot
+from rpctl.description.records import Array
 from rpctl.dynamics import rolling
 from rpctl.dynamics.basis import selection
 from rpctl.equivalence.certificate import Check
-from rpctl.robot.description import Array
 from rpctl.robot.drive import Wheel
 from tests.equivalence.planting import (
     Plant,

@@ -11,12 +11,13 @@ constraint count although the speeds across it are zero.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl import ReducedDynamics, Robot
-from rpctl.robot.description import Array
+from rpctl.description.records import Array
 
 STEP = 1e-5
 
@@ -65,9 +66,10 @@ def test_they_give_the_reduced_bias(paper: Robot, rng: np.random.Generator) -> N
         for k in range(n):
             slope = 0.5 * speeds @ derivative(mass, x, X[:, k]) @ speeds
             bracket = np.zeros(paper.nv)
+            fields = partial(frame, paper, S)
             for s in range(n):
-                forth = derivative(lambda y, s=s: frame(paper, S, y)[:, s], x, X[:, k])
-                back = derivative(lambda y, k=k: frame(paper, S, y)[:, k], x, X[:, s])
+                forth = derivative(fields, x, X[:, k])[:, s]
+                back = derivative(fields, x, X[:, s])[:, k]
                 bracket += nu[s] * (forth - back)
             bias[k] = momentum_rate[k] - slope + np.linalg.solve(X, bracket) @ momentum
         np.testing.assert_allclose(bias, dynamics.bias(chart(paper, x), nu), atol=1e-6)

@@ -11,13 +11,13 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, verify
+from rpctl.description.records import Array
 from rpctl.equivalence.checks import draw_state
 from rpctl.equivalence.gibbs_appell import GibbsAppell
-from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.description import Array
+from rpctl.robot.catalog import names
 from tests.robots import SET_A, platform, write
 
-ROBOTS = [entry.name for entry in ENTRIES if entry.name not in ("tiago_pro", "pr2")]
+ROBOTS = names()
 
 
 @pytest.mark.parametrize("name", ROBOTS)

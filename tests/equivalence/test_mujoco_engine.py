@@ -16,11 +16,11 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
+from rpctl.description.records import Array
 from rpctl.equivalence import mujoco_engine, mujoco_model
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine
 from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.description import Array
 from tests.robots import SET_A, platform, write
 
 if not mujoco_engine.installed():

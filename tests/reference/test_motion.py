@@ -11,13 +11,13 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.description.records import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import BASE_PATHS, reference_by_name
-from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.description import Array
+from rpctl.robot.catalog import names
 
-ROBOTS = [entry.name for entry in ENTRIES if entry.name not in ("tiago_pro", "pr2")]
+ROBOTS = names()
 STEP = 1e-6
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import pytest
 
 import rpctl
-from rpctl.errors import DriveError, UnknownNameError
-from rpctl.robot.catalog import ENTRIES, find
-
-NOT_YET = {"tiago_pro", "pr2"}  # mecanum wheels and steered casters
+from rpctl.errors import UnknownNameError
+from rpctl.robot.catalog import ENTRIES, find, names
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
@@ -16,18 +14,20 @@ def test_every_entry_has_a_file(entry: rpctl.robot.catalog.Entry) -> None:
     assert entry.path.is_file()
 
 
-@pytest.mark.parametrize("name", sorted({e.name for e in ENTRIES} - NOT_YET))
+@pytest.mark.parametrize("name", names())
 def test_robots_load(name: str) -> None:
     robot = rpctl.load(name)
     assert robot.name == name
-    assert robot.drive.type == ("fixed" if find(name).base == "fixed" else "differential")
-    assert robot.dof == len(robot.actuators)
+    assert robot.drive.type == (find(name).drive or "differential")
+    assert robot.dof <= len(robot.actuators)
 
 
-@pytest.mark.parametrize("name", sorted(NOT_YET))
-def test_other_drives_are_refused_by_name(name: str) -> None:
-    with pytest.raises(DriveError, match=r"\.urdf: "):
-        rpctl.load(name)
+def test_a_mecanum_robot_is_holonomic() -> None:
+    robot = rpctl.load("tiago_pro")
+    assert robot.quasi_velocities[:3] == ("vx", "vy", "omega")
+    assert [w.joint.removeprefix("wheel_") for w in robot.drive.wheels] == [
+        "front_left_joint", "front_right_joint", "rear_left_joint", "rear_right_joint",
+    ]  # fmt: skip
 
 
 def test_an_unknown_name_suggests_the_nearest() -> None:

@@ -22,9 +22,9 @@ from rpctl import (
 )
 from rpctl.control.dynamic import DynamicLaw
 from rpctl.control.kinematic import Command
+from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.errors import DivergedError
-from rpctl.robot.description import Array
 from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)

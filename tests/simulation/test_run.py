@@ -56,7 +56,8 @@ def altered(run: Run, path: Path, meta: Mapping[str, object], **arrays: Any) -> 
     with np.load(path, allow_pickle=False) as stored:
         entries = {name: stored[name] for name in stored}
     told = json.loads(str(entries[META])) | meta
-    entries[META] = np.array(json.dumps({k: v for k, v in told.items() if v is not None}))
+    left_out = {name for name, value in meta.items() if value is None}
+    entries[META] = np.array(json.dumps({k: v for k, v in told.items() if k not in left_out}))
     entries.update(arrays)
     np.savez(path, **{name: value for name, value in entries.items() if value is not None})
     return path

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from rpctl.robot.description import Shape
-from rpctl.robot.findings import Fault, Findings, excerpt, parse_numbers
-from rpctl.robot.origin import FAR, read_origin
+from rpctl.description.findings import Fault, Findings, excerpt, parse_numbers
+from rpctl.description.origin import FAR, read_origin
+from rpctl.description.records import Shape
 
 Colours = dict[str | None, tuple[float, ...] | None]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rpctl.description.records import rotation, rotation_rpy
+from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError
-from rpctl.robot.description import rotation, rotation_rpy
-from rpctl.robot.urdf import read
 from tests.robots import SET_A, platform, write
 
 GOOD = platform(SET_A)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.robot.description import Link
-from rpctl.robot.findings import Findings
-from rpctl.robot.inertial import read_inertial
-from rpctl.robot.shapes import Colours, read_shapes
+from rpctl.description.findings import Findings
+from rpctl.description.inertial import read_inertial
+from rpctl.description.records import Link
+from rpctl.description.shapes import Colours, read_shapes
 
 CHILDREN = {
     "robot": ("link", "joint", "material", "gazebo", "transmission", "sensor", "ros2_control"),

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import rpctl
+from rpctl.description import caps
+from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, RpctlError
-from rpctl.robot import caps
-from rpctl.robot.urdf import read
-from tests.robot.corpus import BASE
-from tests.robot.test_fuzz import patience
+from tests.description.corpus import BASE
+from tests.description.test_fuzz import patience
 
 SECRET = "root:x:0:0"
 LAUGHS = "<!ENTITY a0 'ha'>" + "".join(
@@ -184,7 +184,7 @@ def test_what_pinocchio_refuses_is_told_without_its_noise(
     path = tmp_path / "r.urdf"
     path.write_text(BASE, encoding="utf-8")
     monkeypatch.setattr(
-        "rpctl.robot.urdf._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
+        "rpctl.description.urdf._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
     )
     with pytest.raises(DescriptionError, match=r"error: Pinocchio refuses this robot: .*; correct"):
         rpctl.load(path)

@@ -12,10 +12,10 @@ import pytest
 import trimesh
 
 import rpctl
+from rpctl.description.records import Link
+from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, RpctlError
-from rpctl.robot.description import Link
-from rpctl.robot.urdf import read
-from tests.robot.corpus import BASE
+from tests.description.corpus import BASE
 
 ARM = """<inertial><mass value="2"/>
       <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.04"/></inertial>"""

@@ -19,7 +19,7 @@ import rpctl
 from rpctl.cli import app
 from rpctl.errors import RpctlError
 from rpctl.robot import catalog
-from tests.robot.mutations import damage
+from tests.description.mutations import damage
 
 PATIENCE = 5  # s, for one file
 QUICK = {"paper": 200, "mixed_chain": 60, "tiago": 40}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rpctl.robot.mesh_files import read
-from rpctl.robot.mesh_paths import MeshError, resolve
+from rpctl.description.mesh_files import read
+from rpctl.description.mesh_paths import MeshError, resolve
 
 TEAPOT = """<?xml version="1.0"?>{doctype}
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

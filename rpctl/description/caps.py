@@ -29,4 +29,4 @@ def cap(name: str) -> int:
 
 def raised(name: str) -> str:
     """Return how to raise a cap, as the end of a message."""
-    return f"if it is meant, set RPCTL_{name} in the environment (rpctl.robot.caps.{name})"
+    return f"if it is meant, set RPCTL_{name} in the environment (rpctl.description.caps.{name})"

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from rpctl.robot.description import MOVING_KINDS, Array, Joint, Mimic
-from rpctl.robot.findings import Findings, excerpt, parse_numbers
-from rpctl.robot.origin import read_origin
+from rpctl.description.findings import Findings, excerpt, parse_numbers
+from rpctl.description.origin import read_origin
+from rpctl.description.records import MOVING_KINDS, Array, Joint, Mimic
 
 KNOWN_KINDS = (*MOVING_KINDS, "fixed")
 LIMITED_KINDS = ("revolute", "prismatic")

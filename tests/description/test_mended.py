@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from tests.robot.corpus import BASE, CASES, MARK
+from tests.description.corpus import BASE, CASES, MARK
 
 PLAIN = BASE.replace('<?xml version="1.0" encoding="UTF-8"?>\n', "")
 FINE = {

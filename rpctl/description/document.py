@@ -7,9 +7,9 @@ from typing import Any
 
 from lxml import etree
 
-from rpctl.robot.encoding import Refusal, decode
-from rpctl.robot.findings import Findings, excerpt
-from rpctl.robot.foreign import foreign_bytes, foreign_root, foreign_text
+from rpctl.description.encoding import Refusal, decode
+from rpctl.description.findings import Findings, excerpt
+from rpctl.description.foreign import foreign_bytes, foreign_root, foreign_text
 
 BLANKS = re.compile(r"\s*")
 ROOT = re.compile(r"<([^\s<>/!?\"'=]+)")

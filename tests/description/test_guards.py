@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import rpctl
+from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, Finding
-from rpctl.robot.urdf import read
-from tests.robot.corpus import BASE, CASES, Case
+from tests.description.corpus import BASE, CASES, Case
 
 
 def findings(path: Path) -> tuple[Finding, ...]:

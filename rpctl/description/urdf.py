@@ -8,16 +8,16 @@ from typing import Any
 
 from lxml import etree
 
+from rpctl.description.caps import cap, raised
+from rpctl.description.document import parse_document
+from rpctl.description.elements import note_misspelt, read_link
+from rpctl.description.encoding import Refusal
+from rpctl.description.findings import Findings
+from rpctl.description.joints import read_joint
+from rpctl.description.records import Description, Joint, Link
+from rpctl.description.shapes import read_colour
+from rpctl.description.tree import check_names, check_tree, resolve_mimics
 from rpctl.errors import DescriptionError, Finding
-from rpctl.robot.caps import cap, raised
-from rpctl.robot.description import Description, Joint, Link
-from rpctl.robot.document import parse_document
-from rpctl.robot.elements import note_misspelt, read_link
-from rpctl.robot.encoding import Refusal
-from rpctl.robot.findings import Findings
-from rpctl.robot.joints import read_joint
-from rpctl.robot.shapes import read_colour
-from rpctl.robot.tree import check_names, check_tree, resolve_mimics
 
 ENGINES_READ = {  # what dynamics need; engines refuse robots for faults in the rest
     "robot": {"link", "joint", "transmission"},

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from rpctl.robot.description import Joint, Link, Mimic
-from rpctl.robot.findings import ABSURD, Findings
+from rpctl.description.findings import ABSURD, Findings
+from rpctl.description.records import Joint, Link, Mimic
 
 RESERVED = ("universe", "root_joint")  # Pinocchio's own joints
 MAX_CHAIN = 20  # mimics that follow one another

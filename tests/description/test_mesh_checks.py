@@ -9,7 +9,7 @@ import trimesh
 
 import rpctl
 from rpctl.errors import DescriptionError
-from tests.robot.corpus import BASE
+from tests.description.corpus import BASE
 
 BOX = '<box size="0.5 0.4 0.2"/>'
 LINE = BASE[: BASE.index(BOX)].count("\n") + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 
-from rpctl.robot.findings import Findings
+from rpctl.description.findings import Findings
 
 BOMS = (
     (codecs.BOM_UTF32_LE, "utf-32-le"),  # before UTF-16, whose mark is its beginning

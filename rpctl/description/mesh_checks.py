@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from rpctl.description.findings import excerpt
+from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.records import Description
 from rpctl.errors import Finding
-from rpctl.robot.description import Description
-from rpctl.robot.findings import excerpt
-from rpctl.robot.mesh_paths import MeshError, MeshPaths
 
 IMAGES = re.compile(rb"<init_from>\s*([^<]*?)\s*</init_from>")
 LIBRARY = 2**16  # bytes of a DAE that are searched for textures; its images come first

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from rpctl.description.findings import excerpt
+from rpctl.description.inertial import AXES
+from rpctl.description.mesh_files import read
+from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.records import Array, Description, Link, Shape
 from rpctl.errors import Finding, RpctlError
-from rpctl.robot.description import Array, Description, Link, Shape
-from rpctl.robot.findings import excerpt
-from rpctl.robot.inertial import AXES
-from rpctl.robot.mesh_files import read
-from rpctl.robot.mesh_paths import MeshError, MeshPaths
 
 DENSEST = 1e6  # kg/m3; more is a wrong unit
 LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat

@@ -1,0 +1,1 @@
+"""Descriptions: a URDF read strictly, as immutable records."""
