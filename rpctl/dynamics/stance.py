@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from rpctl.description.records import Array
 
 NARROW = 5e-3  # m: contacts this near to one line do not hold a balance
+BVLS = 1e-15  # relative change of the cost at which the active set is taken for final
 RESOLVED = 1e-9  # of the load: a smaller share is rounding
 
 
@@ -88,7 +89,8 @@ def loads(stance: Stance, moments: Array, margin: float) -> Array:
     target = np.zeros(len(stance.free) + 1)
     target[-1] = 1.0
     left = np.vstack([stance.free, -load / moments[0]])
-    residual = left @ nnls(left, target)[0] - target
+    found = lsq_linear(left, target, (0.0, np.inf), method="bvls", tol=BVLS)
+    residual = left @ found.x - target
     if residual[-1] > -RESOLVED:
         return np.asarray(load)
     share = load / moments[0] - stance.free.T @ residual[:-1] / residual[-1]

@@ -91,7 +91,7 @@ def _engine(robot: Robot, engines: Sequence[str]) -> tuple[MujocoEngine | None, 
         return None, ()
     from rpctl.equivalence.mujoco_engine import EngineRefused, MujocoEngine, installed
 
-    note = "not installed: pip install 'rpctl[mujoco]'"
+    note = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
     if installed():
         try:
             return MujocoEngine(robot), ()

@@ -57,6 +57,20 @@ ENTRIES = (
     ),
     Entry("mixed_chain", "mixed_chain.urdf", "off-centre drive, skewed P and R joints", own=True),
     Entry(
+        "skid_steer",
+        "skid_steer.urdf",
+        "skid-steer rover, 2R arm that extends",
+        own=True,
+        drive="skid-steer",
+    ),
+    Entry(
+        "mecanum",
+        "mecanum.urdf",
+        "four mecanum wheels, lift, 4R arm",
+        own=True,
+        drive="mecanum",
+    ),
+    Entry(
         "tiago",
         "tiago_description/robots/tiago.urdf",
         "differential drive, torso lift, 7R arm, fingers locked",
