@@ -13,6 +13,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from rpctl.dynamics.contact import find_contacts
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
@@ -66,6 +68,9 @@ def show_robot(robot: Robot) -> None:
     out.print(grid)
     if known["joints"]:
         out.print(_joint_table(known["joints"]))
+    contacts = find_contacts(ReducedDynamics(robot))
+    for note in contacts.notes if contacts else ():
+        out.print(f"[dim]ground[/] {escape(note)}")
     for finding in robot.findings:
         place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
         style = STYLES[finding.severity]

@@ -60,15 +60,23 @@ class Certificate:
         return max(self.checks, key=lambda check: check.share)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as plain values for JSON; a residual that is no number is None."""
-        checks = []
+        """Return the certificate as plain values for JSON.
+
+        ``checks`` are the comparisons that were made, ``skipped`` those that were not, with the
+        reason as their note. A residual that is no number is None.
+        """
+        made, skipped = [], []
         for check in self.checks:
+            if check.passed is None:
+                skipped.append({"name": check.name, "against": check.against, "note": check.note})
+                continue
             residual = check.residual if math.isfinite(check.residual) else None
-            checks.append({**asdict(check), "residual": residual, "passed": check.passed})
+            made.append({**asdict(check), "residual": residual, "passed": check.passed})
         return {
             "robot": self.robot,
             "passed": self.passed,
             "samples": self.samples,
             "seed": self.seed,
-            "checks": checks,
+            "checks": made,
+            "skipped": skipped,
         }

@@ -90,8 +90,9 @@ ENTRIES = (
     Entry(
         "tiago_pro",
         "tiago_pro_description/robots/tiago_pro.urdf",
-        "four mecanum wheels, torso lift, two 7R arms",
+        "four mecanum wheels, torso lift, two 7R arms, grippers locked",
         drive="mecanum",
+        lock=("gripper_*",),
     ),
     _arm(
         "pr2",

@@ -1,4 +1,4 @@
-"""Detection: which joints of a description are wheels, and what drive they make."""
+"""Detection: what drive the wheels of a description make."""
 
 from __future__ import annotations
 
@@ -8,23 +8,19 @@ from itertools import combinations
 
 import numpy as np
 
-from rpctl.description.records import Array, Description, Joint, Shape
+from rpctl.description.records import Array, Description
 from rpctl.errors import DriveError, UnknownNameError
+from rpctl.robot.advice import why_not
 from rpctl.robot.drive import FIXED, Drive, Wheel
-from rpctl.robot.drive_file import DriveSpec, suggest
-
-AXLE_TILT = 0.02  # sine of the largest angle between a wheel axle and the ground (CAD rounding)
-AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, relative to the track
-SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A joint that could carry a wheel, placed in the root link's frame."""
-
-    joint: Joint
-    origin: Array  # (3,)
-    axle: Array  # (3,)
+from rpctl.robot.drive_file import DriveSpec
+from rpctl.robot.wheels import (
+    Candidate,
+    coaxial,
+    find_candidates,
+    mostly_left,
+    offset_of,
+    radius_of,
+)
 
 
 def detect(
@@ -51,20 +47,20 @@ def detect(
     spec = spec or DriveSpec()
     if spec.type == "fixed":
         return FIXED
-    candidates = _candidates(description, locked)
+    candidates = find_candidates(description, locked)
     if spec.radii is not None:
         candidates = _named(description, candidates, spec.radii)
-    pairs = [pair for pair in combinations(candidates, 2) if _coaxial(*pair)]
+    pairs = [pair for pair in combinations(candidates, 2) if coaxial(*pair)]
     if len(pairs) == 1 and spec.type in (None, "differential"):
         return _differential(description, *pairs[0], spec)
     if len(pairs) == 2 and spec.type in ("skid-steer", "mecanum"):
         return _four_wheels(description, pairs, spec)
-    raise DriveError(_why_not(description, candidates, pairs, spec.type))
+    raise DriveError(why_not(description, candidates, pairs, spec.type))
 
 
 def _named(
-    description: Description, candidates: list[_Candidate], wheels: dict[str, float | None]
-) -> list[_Candidate]:
+    description: Description, candidates: list[Candidate], wheels: dict[str, float | None]
+) -> list[Candidate]:
     """Return the candidates that a specification names.
 
     Raises:
@@ -84,68 +80,12 @@ def _named(
     return [fit[name] for name in wheels]
 
 
-def _candidates(description: Description, locked: dict[str, float]) -> list[_Candidate]:
-    found = []
-    for joint in description.joints:
-        turns = joint.kind == "continuous" or (
-            joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
-        )
-        carriers = description.chain(joint.parent)
-        rigid = all(not j.moving or j.name in locked for j in carriers)
-        if not turns or joint.name in locked or not rigid:
-            continue
-        pose = description.pose(joint.parent, locked) @ joint.origin
-        axle = pose[:3, :3] @ joint.axis
-        if abs(axle[2]) <= AXLE_TILT:
-            found.append(_Candidate(joint, pose[:3, 3], axle))
-    return found
-
-
-def _coaxial(a: _Candidate, b: _Candidate) -> bool:
-    between = b.origin - a.origin
-    distance = float(np.linalg.norm(between))
-    parallel = abs(float(a.axle @ b.axle)) > 1.0 - AXLE_TILT**2
-    apart = float(np.linalg.norm(np.cross(a.axle, between)))
-    return parallel and distance > 0.0 and apart <= AXLE_OFFSET * distance
-
-
-def _why_not(
-    description: Description,
-    candidates: list[_Candidate],
-    pairs: list[tuple[_Candidate, _Candidate]],
-    kind: str | None,
-) -> str:
-    where = f"{description.path}: no {kind or 'differential'} drive"
-    start = "a drive file to start from (--drive FILE):\n"
-    if pairs:
-        listed = "; ".join(f"{a.joint.name} + {b.joint.name}" for a, b in pairs)
-        two = kind in ("skid-steer", "mecanum")
-        wanted = "it has two such axles" if two else "it has one such axle"
-        axles = f"{len(pairs)} pair{'s' * (len(pairs) > 1)} of wheels on one axle ({listed})"
-        names = (c.joint.name for pair in pairs for c in pair)
-        guess = "mecanum" if "mecanum" in description.xml else "skid-steer"
-        advice = suggest(guess if len(pairs) == 2 else "differential", names)
-        return f"{where}: {axles}, where {wanted}; say which it is, {start}{advice}"
-    if candidates:
-        listed = ", ".join(
-            f'"{c.joint.name}" (line {c.joint.line}, axle {np.round(c.axle, 3).tolist()} '
-            f"at {np.round(c.origin, 3).tolist()})"
-            for c in candidates
-        )
-        return f"{where}: no two wheels share one axle; joints on a level axis: {listed}"
-    return (
-        f"{where}: it needs two continuous joints, held rigidly by the root link "
-        f'"{description.root}", about one level axle; make the wheels\' joints '
-        'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
-    )
-
-
 @dataclass(frozen=True)
 class _Axle:
     """A left and a right wheel about one axle: its unit direction to the left, and centres."""
 
-    left: _Candidate
-    right: _Candidate
+    left: Candidate
+    right: Candidate
     across: Array  # (3,)
 
     def middle(self, description: Description) -> Array:
@@ -153,8 +93,8 @@ class _Axle:
         return 0.5 * (_centre(description, self.left) + _centre(description, self.right))
 
 
-def _axle(a: _Candidate, b: _Candidate) -> _Axle:
-    across = a.axle * math.copysign(1.0, _mostly_left(a.axle))
+def _axle(a: Candidate, b: Candidate) -> _Axle:
+    across = a.axle * math.copysign(1.0, mostly_left(a.axle))
     left, right = (a, b) if across @ (a.origin - b.origin) > 0 else (b, a)
     return _Axle(left, right, across)
 
@@ -163,29 +103,29 @@ def _heading(across: Array) -> float:
     return math.atan2(-across[0], across[1]) + 0.0  # no negative zero
 
 
-def _centre(description: Description, candidate: _Candidate) -> Array:
+def _centre(description: Description, candidate: Candidate) -> Array:
     """Return a wheel's centre (3,) in the root link's frame."""
-    return candidate.origin + _offset(description, candidate.joint) * candidate.axle
+    return candidate.origin + offset_of(description, candidate.joint) * candidate.axle
 
 
 def _wheel(
-    description: Description, candidate: _Candidate, direction: float, spec: DriveSpec
+    description: Description, candidate: Candidate, direction: float, spec: DriveSpec
 ) -> Wheel:
     """Return a wheel whose contact stands still along a direction (angle in the root's frame)."""
     given = (spec.radii or {}).get(candidate.joint.name)
-    radius, source = (given, "drive file") if given else _radius(description, candidate)
+    radius, source = (given, "drive file") if given else radius_of(description, candidate)
     x, y, z = candidate.joint.axis.tolist()
     return Wheel(
         joint=candidate.joint.name,
         radius=radius,
         source=source,
         axis=(x, y, z),
-        offset=_offset(description, candidate.joint),
+        offset=offset_of(description, candidate.joint),
         direction=(math.cos(direction), math.sin(direction)),
     )
 
 
-def _differential(description: Description, a: _Candidate, b: _Candidate, spec: DriveSpec) -> Drive:
+def _differential(description: Description, a: Candidate, b: Candidate, spec: DriveSpec) -> Drive:
     axle = _axle(a, b)
     heading = _heading(axle.across)
     wheels = tuple(_wheel(description, c, heading, spec) for c in (axle.left, axle.right))
@@ -202,7 +142,7 @@ def _differential(description: Description, a: _Candidate, b: _Candidate, spec: 
 
 
 def _four_wheels(
-    description: Description, pairs: list[tuple[_Candidate, _Candidate]], spec: DriveSpec
+    description: Description, pairs: list[tuple[Candidate, Candidate]], spec: DriveSpec
 ) -> Drive:
     """Return a skid-steer drive about the middle of its wheels, or a mecanum drive.
 
@@ -230,46 +170,4 @@ def _four_wheels(
         heading=heading if kind == "skid-steer" else 0.0,
         track=float(np.linalg.norm((centres[0] - centres[1])[:2])),
         ground=float(middle[2]) - sum(wheel.radius for wheel in wheels) / 4,
-    )
-
-
-def _mostly_left(axle: Array) -> float:
-    """Positive when the axle points left of forward; forward is +x, or +y for an axle along x."""
-    return float(axle[1]) if abs(axle[1]) > AXLE_TILT else -float(axle[0])
-
-
-def _round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, str]]:
-    """Return the shapes of a wheel that are round about its axle, collision before visual."""
-    link = description.link[joint.child]
-    shapes = [(s, "collision") for s in link.collisions] + [(s, "visual") for s in link.visuals]
-    return [
-        (shape, role)
-        for shape, role in shapes
-        if shape.kind == "sphere"
-        or (
-            shape.kind in ("cylinder", "capsule")
-            and np.linalg.norm(np.cross(shape.origin[:3, 2], joint.axis)) <= SHAPE_TILT
-        )
-    ]
-
-
-def _offset(description: Description, joint: Joint) -> float:
-    """Return how far along the axle the wheel's centre lies from the joint's origin."""
-    shapes = _round_shapes(description, joint)
-    return float(shapes[0][0].origin[:3, 3] @ joint.axis) if shapes else 0.0
-
-
-def _radius(description: Description, candidate: _Candidate) -> tuple[float, str]:
-    shapes = _round_shapes(description, candidate.joint)
-    if shapes:
-        widest, role = max(shapes, key=lambda item: item[0].size[0])
-        return widest.size[0], f"{role} {widest.kind}, line {widest.line}"
-    height = float(candidate.origin[2])
-    if height > 0.0:
-        return height, f'axle height over the root link "{description.root}"'
-    joint = candidate.joint
-    raise DriveError(
-        f'{description.path}:{joint.line}: the radius of wheel "{joint.child}" is not known: no '
-        "cylinder or sphere among its shapes, and its axle is not above the root link; give the "
-        'link a <collision> with <cylinder radius="..." length="..."/> along the axle'
     )

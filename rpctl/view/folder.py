@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,12 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
     except OSError as error:
         raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
     run.save(folder / RUN)
-    scene = build_scene(run.load_robot(), run)
+    robot = run.load_robot()
+    scene = build_scene(robot, run)
+    estimated = sum(link.estimated for link in robot.description.links)
+    if estimated:
+        note = f"the inertias of {estimated} links are estimates at {run.density:g} kg/m³"
+        scene = replace(scene, notes=(note, *scene.notes))
     summary = summarize(run)
     save_tracking_figure(run, folder / FIGURE)
     write_report(run, folder / REPORT, scene=scene, summary=summary)

@@ -100,6 +100,9 @@ def _certificate(certificate: Mapping[str, Any] | None) -> str:
         return ""
     passed = bool(certificate["passed"])
     rows = [(check["name"], residual(check)) for check in certificate["checks"]]
+    rows += [
+        (check["name"], f"{check['against']}: {check['note']}") for check in certificate["skipped"]
+    ]
     samples, seed = certificate.get("samples"), certificate.get("seed")
     about = f"Worst of {samples} random states, seed {seed}."
     mark = badge(passed, "verified" if passed else "not equivalent")

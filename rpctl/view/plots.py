@@ -189,7 +189,13 @@ def _tip_error(axes: Axes, run: Run, theme: Theme) -> None:
 
 
 def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
-    for name, colour, label in (("v", theme.base, "v, m/s"), ("omega", theme.tip, "ω, rad/s")):
+    speeds = (
+        ("v", theme.base, "v, m/s"),
+        ("vx", theme.base, "vx, m/s"),
+        ("vy", theme.third, "vy, m/s"),
+        ("omega", theme.tip, "ω, rad/s"),
+    )
+    for name, colour, label in speeds:
         if name in run.quasi_velocities:
             i = run.quasi_velocities.index(name)
             axes.plot(_thin(run.t), _thin(run.nu[:, i]), color=colour, lw=1.1, label=label)

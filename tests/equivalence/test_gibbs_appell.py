@@ -5,13 +5,17 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import casadi
 import numpy as np
 import pinocchio as pin
+import sympy as sp
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.derive.casadi_scalar import CASADI, Element
 from rpctl.equivalence import gibbs_appell
 from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.tree import Scalars
 from tests import closed_form
 
 
@@ -67,3 +71,49 @@ def test_mimic_joints_follow() -> None:
     finger = panda.description.link["panda_leftfinger"].mass
     assert finger is not None
     assert terms.M[-1, -1] == 2 * finger
+
+
+def test_symbols_differentiate_to_what_floats_sum(paper: Robot) -> None:
+    """The same recursion over SymPy symbols: G's Hessian and gradient in ν̇ are M and h."""
+    speeds, rates = sp.symbols("v omega a b"), sp.symbols("v_dot omega_dot a_dot b_dot")
+    theta1, eta = sp.symbols("theta1 eta")
+    exact = Scalars(
+        lambda value, kind, label: sp.nsimplify(round(value, 12), rational=True), sp.cos, sp.sin
+    )
+    oracle = GibbsAppell(paper, exact)
+    positions = dict.fromkeys(oracle.tree.moving, sp.Integer(0))
+    positions |= {"arm_revolute_joint": theta1, "arm_prismatic_joint": eta}
+    here = oracle.rolling_root(exact.identity(3), speeds)
+    G = sp.expand(oracle.function(positions, speeds, rates, *here))
+    M = sp.hessian(G, rates)
+    h = sp.Matrix([sp.diff(G, rate) for rate in rates]).subs(dict.fromkeys(rates, 0))
+    terms = oracle.terms(positions, speeds, *oracle.rolling_root(exact.identity(3), speeds))
+    assert sp.simplify(M - sp.Matrix(terms.M)) == sp.zeros(4, 4)
+    assert sp.simplify(h - sp.Matrix(terms.h)) == sp.zeros(4, 1)
+    nu = np.array([0.8, 0.5, -0.4, 0.3])
+    at = {theta1: 0.7, eta: 0.6, **dict(zip(speeds, nu, strict=True))}
+    numbers = np.array(M.subs(at).evalf(), dtype=float)
+    np.testing.assert_allclose(numbers, closed_form.inertia(0.7, 0.6), atol=1e-12)
+    numbers = np.array(h.subs(at).evalf(), dtype=float).ravel()
+    np.testing.assert_allclose(numbers, closed_form.bias(0.7, 0.6, nu), atol=1e-12)
+
+
+def test_casadi_symbols_give_the_same_numbers(mixed_chain: Robot, rng: np.random.Generator) -> None:
+    oracle = GibbsAppell(mixed_chain, CASADI)
+    n, names = mixed_chain.dof, oracle.tree.moving
+    speeds, angles = casadi.SX.sym("nu", n), casadi.SX.sym("q", len(names))
+    u = np.empty(n, dtype=object)
+    u[:] = [Element.of(speeds[i]) for i in range(n)]
+    positions = {name: Element.of(angles[i]) for i, name in enumerate(names)}
+    terms = oracle.terms(positions, u, *oracle.rolling_root(CASADI.identity(3), u))
+    M = casadi.vertcat(*(casadi.horzcat(*(entry.sx for entry in row)) for row in terms.M))
+    h = casadi.vertcat(*(entry.sx for entry in terms.h))
+    function = casadi.Function("terms", [angles, speeds], [M, h])
+    dynamics = ReducedDynamics(mixed_chain)
+    for _ in range(5):
+        q, nu = mixed_chain.random_configuration(rng), rng.normal(size=n)
+        at = [mixed_chain.joint_position(q, name) for name in names]
+        found = [np.array(value) for value in function(at, nu)]
+        truth = dynamics.inertia(q), dynamics.bias(q, nu)[:, None]
+        for value, expected in zip(found, truth, strict=True):
+            np.testing.assert_allclose(value, expected, atol=1e-12 * np.abs(expected).max())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -83,13 +84,28 @@ def test_a_spinning_lidar_is_no_wheel(tmp_path: Path) -> None:
 
 
 def test_wheels_on_fixed_joints_are_told(tmp_path: Path) -> None:
-    with pytest.raises(DriveError, match='type="continuous"'):
+    with pytest.raises(DriveError) as caught:
         load(tmp_path, GOOD.replace('type="continuous"', 'type="fixed"'))
+    for joint in ("left_joint", "right_joint"):
+        assert f'"{joint}" (line' in str(caught.value)
+    assert 'type="continuous" with <axis xyz="0 1 0"/>' in str(caught.value)
 
 
 def test_wheels_at_right_angles_to_their_axle_are_told(tmp_path: Path) -> None:
-    with pytest.raises(DriveError, match=r'no two wheels share one axle.*"left_joint" \(line'):
-        load(tmp_path, GOOD.replace("0 1 0", "1 0 0"))
+    """What it says to write is right, in the joint's own frame."""
+    wrong = GOOD.replace("0 1 0", "1 0 0")
+    wrong = wrong.replace('xyz="0 0.75 0.15"', 'xyz="0 0.75 0.15" rpy="0 0 1.5707963267948966"')
+    wrong = wrong.replace("1 0 0", "0 1 0", 1)
+    with pytest.raises(DriveError, match=r'no two wheels share one axle.*"left_joint" \(line') as e:
+        load(tmp_path, wrong)
+    left, right = re.findall(r'<axis xyz="([^"]*)"/>', str(e.value))
+    assert (left, right) == ("1 0 0", "0 1 0")
+
+
+def test_a_file_without_wheels_is_told(tmp_path: Path) -> None:
+    lone = GOOD[: GOOD.index('<link name="left_wheel">')] + "</robot>"
+    with pytest.raises(DriveError, match="or say --drive fixed for an arm"):
+        load(tmp_path, lone)
 
 
 def test_two_axles_are_too_many(tmp_path: Path) -> None:

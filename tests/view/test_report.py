@@ -96,6 +96,7 @@ def test_names_from_files_cannot_become_markup(
             "samples": EVIL,
             "seed": 0,
             "checks": [{"name": EVIL, "residual": 1.0, "limit": 0.1, "passed": False}],
+            "skipped": [{"name": EVIL, "against": EVIL, "note": EVIL}],
         },
     )
     path = write_report(evil, tmp_path / "report.html", robot=paper)
@@ -142,7 +143,8 @@ def test_panel_tells_what_failed(paper_run: Run) -> None:
         {"name": "inertia", "residual": 1e-15, "limit": 1e-12, "passed": True},
         {"name": "bias", "residual": 2e-3, "limit": 1e-12, "passed": False},
     ]
-    certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks}
+    skipped = [{"name": "bias", "against": "MuJoCo", "note": "not installed"}]
+    certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks, "skipped": skipped}
     broken = {"joint": "elbow", "limit": "effort", "value": 12.0, "allowed": 10.0}
     summary = {
         "rms_base_error": 0.0123,
