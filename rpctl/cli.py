@@ -19,9 +19,18 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.files import to_json
+from rpctl.options import (
+    DensityOption,
+    DriveOption,
+    JsonOption,
+    LockOption,
+    RobotArgument,
+    StrictOption,
+    load_robot,
+    read_triple,
+)
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.facts import facts
-from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 from rpctl.show import (
     certificate_line,
@@ -44,35 +53,6 @@ app = typer.Typer(
 CHECK_FAILED, INTERRUPTED = 1, 130
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-
-RobotArgument = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="A URDF file, or a name listed by `rpctl robots`.")
-]
-LockOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME[=POSITION]",
-        help="Freeze joints, by name or pattern, at a position (rad or m; default 0). Repeatable.",
-    ),
-]
-DriveOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="TYPE|FILE",
-        help="differential, skid-steer, mecanum, fixed, or a drive file (TOML).",
-    ),
-]
-DensityOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="KG_PER_M3",
-        help="Estimate the inertias that the file lacks from the links' shapes.",
-    ),
-]
-StrictOption = Annotated[bool, typer.Option("--strict", help="Take warnings as errors.")]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
-]
 
 
 def _guarded(command: Command) -> Command:
@@ -103,7 +83,7 @@ def inspect_command(
     as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
-    loaded = _load(robot, drive, lock, density, strict)
+    loaded = load_robot(robot, drive, lock, density, strict)
     if as_json:
         _print_json(facts(loaded))
     else:
@@ -131,7 +111,7 @@ def verify_command(
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = _certify(_load(robot, drive, lock, density, strict), samples, seed, wanted)
+    certificate = _certify(load_robot(robot, drive, lock, density, strict), samples, seed, wanted)
     if html is not None:
         from rpctl.view.certificate import write_certificate
 
@@ -163,7 +143,7 @@ def derive_command(
     """Write the reduced equations in closed form: to read, to publish, or as code."""
     from rpctl.derive.write import derive  # SymPy and CasADi load only once needed
 
-    text = derive(_load(robot, drive, lock, density, strict), form, parameters)
+    text = derive(load_robot(robot, drive, lock, density, strict), form, parameters)
     if as_json:
         _print_json({"robot": robot, "format": form, "text": text})
     else:
@@ -210,9 +190,9 @@ def track_command(
 
     Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
     """
-    error = _triple(initial_error)
+    error = read_triple(initial_error)
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
-    loaded = _load(robot, drive, lock, density, strict)
+    loaded = load_robot(robot, drive, lock, density, strict)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
@@ -282,32 +262,9 @@ def _root(
     pass
 
 
-def _load(
-    source: str, drive: str | None, lock: list[str] | None, density: float | None, strict: bool
-) -> Robot:
-    positions = {}
-    for item in lock or []:
-        name, given, position = item.partition("=")
-        try:
-            positions[name] = float(position) if given else 0.0
-        except ValueError:
-            raise RpctlError(
-                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
-            ) from None
-    return load(source, drive, positions, density, strict=strict)
-
-
 def _certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:
     with progress_bar("verify") as advance:
         return verify(robot, samples, seed, engines, lambda done: advance(done, samples))
-
-
-def _triple(text: str) -> tuple[float, ...]:
-    try:
-        x, y, theta = (float(word) for word in text.split(","))
-    except ValueError:
-        raise RpctlError(f"--initial-error {text}: give three numbers, as 0.1,-0.1,0.1") from None
-    return x, y, theta
 
 
 def _print_json(value: object) -> None:

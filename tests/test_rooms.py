@@ -12,7 +12,7 @@ import rpctl
 
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["errors", "files", "description", "robot", "dynamics", "equivalence", "derive"]
-ROOMS += ["reference", "control", "simulation", "view", "show", "cli"]
+ROOMS += ["reference", "control", "simulation", "view", "show", "options", "cli"]
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 

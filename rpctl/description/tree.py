@@ -90,7 +90,7 @@ def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tu
             resolved.append(replace(joint, mimic=None))
             continue
         element = elements[joint.name].find("mimic")
-        fault, mimic = _followed(joint, by_name)
+        fault, mimic = _followed(joint, joint.mimic, by_name)
         if fault:
             findings.error(element, f'joint "{joint.name}" {fault}')
         elif mimic != joint.mimic:
@@ -103,10 +103,9 @@ def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tu
     return tuple(resolved)
 
 
-def _followed(joint: Joint, by_name: dict[str, Joint]) -> tuple[str, Mimic]:
-    """Return what is wrong with a mimic, or nothing, and the free joint it follows in the end."""
-    mimic, seen = joint.mimic, [joint.name]
-    assert mimic is not None
+def _followed(joint: Joint, mimic: Mimic, by_name: dict[str, Joint]) -> tuple[str, Mimic]:
+    """Return what is wrong with a joint's mimic, or nothing, and what it follows in the end."""
+    seen = [joint.name]
     while True:
         followed = by_name.get(mimic.joint)
         if followed is None:

@@ -44,8 +44,8 @@ def read_drive(path: str | Path) -> DriveSpec:
         raise _refused(path, [f"{error.strerror or error}; give a drive file"]) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise _refused(path, [f"not TOML: {error}; a drive file is TOML"]) from None
-    faults: list[str] = []
-    faults += [f'"{key}" is not known; a drive file has type and [[wheel]]' for key in data.keys() - {"type", "wheel"}]  # fmt: skip  # noqa: E501
+    extra = data.keys() - {"type", "wheel"}
+    faults = [f'"{key}" is not known; a drive file has type and [[wheel]]' for key in extra]
     kind = data.get("type")
     if kind not in TYPES:
         faults.append(f"type is {kind!r}; use one of {', '.join(TYPES)}")

@@ -1,0 +1,73 @@
+"""The options that commands share, and what they mean."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from rpctl.errors import RpctlError
+from rpctl.robot.load import load
+from rpctl.robot.model import Robot
+
+RobotArgument = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="A URDF file, or a name listed by `rpctl robots`.")
+]
+LockOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME[=POSITION]",
+        help="Freeze joints, by name or pattern, at a position (rad or m; default 0). Repeatable.",
+    ),
+]
+DriveOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TYPE|FILE",
+        help="differential, skid-steer, mecanum, fixed, or a drive file (TOML).",
+    ),
+]
+DensityOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="KG_PER_M3",
+        help="Estimate the inertias that the file lacks from the links' shapes.",
+    ),
+]
+StrictOption = Annotated[bool, typer.Option("--strict", help="Take warnings as errors.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
+]
+
+
+def load_robot(
+    source: str, drive: str | None, lock: list[str] | None, density: float | None, strict: bool
+) -> Robot:
+    """Return the robot that the options name.
+
+    Raises:
+        RpctlError: An option is wrong, or the robot cannot be loaded.
+    """
+    positions = {}
+    for item in lock or []:
+        name, given, position = item.partition("=")
+        try:
+            positions[name] = float(position) if given else 0.0
+        except ValueError:
+            raise RpctlError(
+                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
+            ) from None
+    return load(source, drive, positions, density, strict=strict)
+
+
+def read_triple(text: str) -> tuple[float, ...]:
+    """Return the three numbers of ``X,Y,THETA``.
+
+    Raises:
+        RpctlError: They are not three numbers.
+    """
+    try:
+        x, y, theta = (float(word) for word in text.split(","))
+    except ValueError:
+        raise RpctlError(f"--initial-error {text}: give three numbers, as 0.1,-0.1,0.1") from None
+    return x, y, theta
