@@ -1,0 +1,42 @@
+"""The README's commands and its example run as they are written."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from rpctl.cli import app
+
+TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^\$ rpctl (.*)$", TEXT, flags=re.MULTILINE)
+EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
+
+pytestmark = pytest.mark.slow
+
+
+def test_there_is_something_to_run() -> None:
+    assert len(COMMANDS) >= 6
+    assert len(EXAMPLES) == 1
+
+
+@pytest.mark.parametrize("line", [c for c in COMMANDS if not c.startswith("view")])
+def test_commands(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    command, _, file = line.partition(" > ")
+    result = CliRunner().invoke(app, shlex.split(command))
+    assert result.exit_code == 0, result.output
+    assert result.stdout.strip()
+    assert not file or file.endswith((".tex", ".c"))
+
+
+def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    printed: list[str] = []
+    exec(EXAMPLES[0], {"print": lambda *values: printed.append(" ".join(map(str, values)))})
+    told = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLES[0])
+    assert printed == told
+    assert (tmp_path / "report.html").stat().st_size > 1e6
