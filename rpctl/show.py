@@ -20,7 +20,7 @@ from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
 STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
-MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]", None: "[dim]-[/]"}
+MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
 
 
 def console(stderr: bool = False) -> Console:
@@ -103,27 +103,27 @@ def show_certificate(certificate: Certificate) -> None:
     table.add_column("where")
     for check in certificate.checks:
         where = f"{check.entry} at sample {check.sample}" if check.residual > 0 else ""
-        if check.passed is None:
-            where = check.note
         table.add_row(
             MARKS[check.passed],
             check.name,
             check.against,
-            "-" if check.passed is None else f"{check.residual:.1e}",
+            f"{check.residual:.1e}",
             f"{check.limit:.0e}",
             escape(where),
         )
+    for skipped in certificate.skipped:
+        table.add_row("[dim]-[/]", skipped.name, skipped.against, "-", "-", escape(skipped.note))
     out = console()
     out.print(table)
     for check in certificate.checks:
-        if check.note and check.passed is not None:
+        if check.note:
             out.print(f"[dim]note[/] {check.against}: {escape(check.note)}")
     out.print(certificate_line(certificate))
 
 
 def certificate_line(certificate: Certificate) -> str:
     """Return a certificate in one line of markup."""
-    made = [check for check in certificate.checks if check.passed is not None]
+    made = certificate.checks
     failed = [f"{check.name} against {check.against}" for check in made if not check.passed]
     drawn = f"{certificate.samples} random states, seed {certificate.seed}"
     count = f"{len(made)} checks over {drawn}"

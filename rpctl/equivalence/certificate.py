@@ -14,11 +14,11 @@ class Check:
     Attributes:
         name: What is compared.
         against: With what.
-        residual: Largest deviation over all samples, relative; NaN where nothing was compared.
+        residual: Largest deviation over all samples, relative; infinite if one was no number.
         limit: Largest deviation allowed.
         sample: Index of the random state where it occurred.
         entry: Entry where it occurred, by the names of coordinates.
-        note: Why nothing was compared, or what else there is to say.
+        note: What else there is to say.
     """
 
     name: str
@@ -30,14 +30,23 @@ class Check:
     note: str = ""
 
     @property
-    def passed(self) -> bool | None:
-        """Whether the residual is within the limit; None where nothing was compared."""
-        return None if math.isnan(self.residual) else self.residual <= self.limit
+    def passed(self) -> bool:
+        """Whether the residual is a number within the limit."""
+        return bool(self.residual <= self.limit)
 
     @property
     def share(self) -> float:
-        """Residual over limit; below everything where nothing was compared."""
-        return -1.0 if math.isnan(self.residual) else self.residual / self.limit
+        """Residual over limit."""
+        return self.residual / self.limit
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A comparison that was not made, and why: it neither passed nor failed."""
+
+    name: str
+    against: str
+    note: str
 
 
 @dataclass(frozen=True)
@@ -48,11 +57,12 @@ class Certificate:
     samples: int
     seed: int
     checks: tuple[Check, ...]
+    skipped: tuple[Skipped, ...] = ()
 
     @property
     def passed(self) -> bool:
         """Whether every comparison that was made passed."""
-        return all(check.passed is not False for check in self.checks)
+        return all(check.passed for check in self.checks)
 
     @property
     def worst(self) -> Check:
@@ -60,23 +70,16 @@ class Certificate:
         return max(self.checks, key=lambda check: check.share)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as plain values for JSON.
-
-        ``checks`` are the comparisons that were made, ``skipped`` those that were not, with the
-        reason as their note. A residual that is no number is None.
-        """
-        made, skipped = [], []
+        """Return the certificate as plain values for JSON; an infinite residual is None."""
+        checks = []
         for check in self.checks:
-            if check.passed is None:
-                skipped.append({"name": check.name, "against": check.against, "note": check.note})
-                continue
             residual = check.residual if math.isfinite(check.residual) else None
-            made.append({**asdict(check), "residual": residual, "passed": check.passed})
+            checks.append({**asdict(check), "residual": residual, "passed": check.passed})
         return {
             "robot": self.robot,
             "passed": self.passed,
             "samples": self.samples,
             "seed": self.seed,
-            "checks": made,
-            "skipped": skipped,
+            "checks": checks,
+            "skipped": [asdict(each) for each in self.skipped],
         }

@@ -6,7 +6,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.equivalence.certificate import Certificate, Check, Skipped
 from rpctl.files import write_atomically
 from rpctl.view.panel import badge, residual
 
@@ -59,7 +59,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
         style=style + STYLE,
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
-        rows="\n".join(map(_row, certificate.checks)),
+        rows="\n".join([*map(_row, certificate.checks), *map(_gap, certificate.skipped)]),
     )
     return write_atomically(path, page.encode())
 
@@ -68,4 +68,12 @@ def _row(check: Check) -> str:
     shown = residual({"passed": check.passed, "residual": check.residual, "limit": check.limit})
     where = f"{check.entry}, sample {check.sample}" if check.residual > 0 else ""
     cells = (check.name, check.against, shown, "; ".join(filter(None, (where, check.note))))
-    return "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
+    return _cells(*cells)
+
+
+def _gap(skipped: Skipped) -> str:
+    return _cells(skipped.name, skipped.against, "not compared", skipped.note)
+
+
+def _cells(*texts: str) -> str:
+    return "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in texts) + "</tr>"
