@@ -1,0 +1,172 @@
+"""What a closed loop logs: a row a sample, then the arrays and facts of a ``Run``."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import cumulative_trapezoid
+
+from rpctl.control.kinematic import Command
+from rpctl.description.records import Array
+from rpctl.dynamics.contact import Contacts, ground_reaction
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.reference.end_effector import end_effector_reference
+from rpctl.reference.motion import ReferenceState
+from rpctl.robot.model import Robot
+
+Row = dict[str, Any]
+
+
+class Recorder:
+    """Collects the rows of one run.
+
+    Args:
+        dynamics: The robot's dynamics.
+        contacts: How it stands on the ground, or None for a fixed base.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None) -> None:
+        self._dynamics, self._contacts = dynamics, contacts
+        self._data = dynamics.robot.model.createData()
+        self._rows: list[Row] = []
+
+    def add(
+        self,
+        t: float,
+        q: Array,
+        nu: Array,
+        tau: Array,
+        e: Array,
+        state: ReferenceState,
+        command: Command,
+        work: float,
+    ) -> None:
+        """Add a sample: time (s), motion, efforts, error, reference, command, work so far (J)."""
+        dynamics, robot = self._dynamics, self._dynamics.robot
+        self._rows.append(
+            {
+                "t": t,
+                "q": q,
+                "nu": nu,
+                "tau": tau,
+                "rates": dynamics.actuation(q).T @ nu,
+                "nu_d": command.nu_d,
+                "nu_ref": state.nu,
+                "base": robot.base_pose(q),
+                "base_ref": state.pose,
+                "joints": robot.joint_positions(q),
+                "joints_ref": state.joints,
+                "e": e,
+                "energy": dynamics.energy(q, nu),
+                "work": work,
+                "constraint_residual": _slip(dynamics, q, nu),
+                **_ground(dynamics, self._contacts, q, nu, tau),
+                **_end_effector(robot, self._data, q, state),
+            }
+        )
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the arrays of a Run, read-only, samples first."""
+        log: dict[str, Array] = {
+            key: np.array([row[key] for row in self._rows]) for key in self._rows[0]
+        }
+        for heading in (log["base"][:, 2], log["base_ref"][:, 2]):
+            heading[:] = np.unwrap(heading)
+        log["q_ref"] = _reference_configurations(self._dynamics, log)
+        for array in log.values():
+            array.setflags(write=False)
+        return log
+
+
+def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
+    """Return what a Run tells of its robot."""
+    joints = robot.joints
+    return {
+        "robot": robot.name,
+        "source": robot.source,
+        "urdf_sha256": robot.description.sha256,
+        "locked": dict(robot.locked),
+        "drive": dataclasses.asdict(robot.drive),
+        "density": robot.density,
+        "quasi_velocities": robot.quasi_velocities,
+        "actuators": robot.actuators,
+        "joint_names": tuple(joint.name for joint in joints),
+        "units": tuple("m" if joint.kind == "prismatic" else "rad" for joint in joints),
+        "effort_limits": tuple(robot.effort_limits.tolist()),
+        "velocity_limits": tuple(robot.description.joint[n].velocity for n in robot.actuators),
+        "lower_limits": tuple(joint.lower for joint in joints),
+        "upper_limits": tuple(joint.upper for joint in joints),
+        "end_effector": robot.end_effector,
+        "contacts": contacts.names if contacts else (),
+        "contact_points": tuple(map(tuple, contacts.points.tolist())) if contacts else (),
+        "axles": contacts.axles if contacts else (),
+        "ground_notes": contacts.notes if contacts else (),
+    }
+
+
+def describe(law: object) -> dict[str, Any]:
+    """Return a law's name and settings."""
+    if dataclasses.is_dataclass(law) and not isinstance(law, type):
+        return {"law": type(law).__name__, **dataclasses.asdict(law)}
+    return {"law": getattr(law, "__name__", type(law).__name__)}
+
+
+def _slip(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
+    """Return the largest entry of |A v|: m/s, rad/s."""
+    residual = dynamics.constraint(q) @ (dynamics.basis(q) @ nu)
+    return float(np.abs(residual).max(initial=0.0))
+
+
+def _ground(
+    dynamics: ReducedDynamics, contacts: Contacts | None, q: Array, nu: Array, tau: Array
+) -> dict[str, Any]:
+    nothing = np.empty(0)
+    if contacts is None:
+        names = ("wheel_force", "axle_force", "contact_load", "zmp", "tip_margin", "slip_ratio")
+        return dict.fromkeys(names, nothing)
+    ground = ground_reaction(dynamics, contacts, q, nu, tau)
+    return {
+        "wheel_force": ground.longitudinal,
+        "axle_force": ground.lateral,
+        "contact_load": ground.load,
+        "zmp": ground.zmp,
+        "tip_margin": nothing if ground.tip_margin is None else ground.tip_margin,
+        "slip_ratio": ground.slip_ratio.max() if ground.slip_ratio.size else nothing,
+    }
+
+
+def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState) -> dict[str, Any]:
+    if robot.end_effector is None:
+        return {"ee": np.empty(0), "ee_ref": np.empty(0), "ee_angle": 0.0}
+    actual = robot.end_effector_pose(data, q)
+    wanted = end_effector_reference(robot, data, state)
+    turn = pin.log3(actual.rotation.T @ wanted.rotation)
+    return {
+        "ee": actual.translation,
+        "ee_ref": wanted.translation,
+        "ee_angle": float(np.linalg.norm(turn)),
+    }
+
+
+def _reference_configurations(dynamics: ReducedDynamics, log: dict[str, Array]) -> Array:
+    """Return q (K, nq) of the reference, its wheels turned as far as they would have rolled."""
+    robot = dynamics.robot
+    wheels = robot.actuators[: len(robot.drive.wheels)]
+    configurations = [
+        robot.configuration_at(pose, joints)
+        for pose, joints in zip(log["base_ref"], log["joints_ref"], strict=True)
+    ]
+    rates = np.array(
+        [
+            (dynamics.actuation(q).T @ nu)[: len(wheels)]
+            for q, nu in zip(configurations, log["nu_ref"], strict=True)
+        ]
+    )
+    angles = cumulative_trapezoid(rates, log["t"], axis=0, initial=0.0)
+    for q, turned in zip(configurations, angles, strict=True):
+        for wheel, angle in zip(wheels, turned, strict=True):
+            robot.set_joint(q, wheel, float(angle))
+    return np.array(configurations)
