@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -100,3 +101,13 @@ def one_line(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def require_positive(name: str, value: float) -> None:
+    """Refuse a setting that is not a positive, finite number.
+
+    Raises:
+        RpctlError: Naming the setting.
+    """
+    if not (math.isfinite(value) and value > 0.0):
+        raise RpctlError(f"{name} is {value:g}; give a positive number")

@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from rpctl.control.kinematic import Command, require_positive
+from rpctl.control.kinematic import Command
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import UnknownNameError
+from rpctl.errors import UnknownNameError, require_positive
 
 
 class DynamicLaw(Protocol):

@@ -10,7 +10,7 @@ import numpy as np
 
 from rpctl.control.error import BASE_ERRORS, error_rate
 from rpctl.description.records import Array
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import UnknownNameError, require_positive
 from rpctl.reference.motion import ReferenceState
 
 
@@ -142,13 +142,3 @@ def kinematic_by_name(name: str) -> KinematicLaw:
     if name not in KINEMATIC_LAWS:
         raise UnknownNameError("kinematic law", name, KINEMATIC_LAWS)
     return KINEMATIC_LAWS[name]()
-
-
-def require_positive(name: str, value: float) -> None:
-    """Refuse a setting that is not a positive, finite number.
-
-    Raises:
-        RpctlError: Naming the setting.
-    """
-    if not (math.isfinite(value) and value > 0.0):
-        raise RpctlError(f"{name} is {value:g}; give a positive number")

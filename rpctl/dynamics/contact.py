@@ -16,7 +16,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, contact_point, layout
 from rpctl.dynamics.stance import NARROW, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
-from rpctl.errors import RpctlError
+from rpctl.errors import require_positive
 
 FRICTION = 0.7  # of rubber on a dry indoor floor
 LIFT_OFF = 1e-3  # of the weight: below it a contact bears nothing to speak of
@@ -99,8 +99,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     Raises:
         RpctlError: The friction is not a positive number.
     """
-    if not (math.isfinite(friction) and friction > 0.0):
-        raise RpctlError(f"friction is {friction:g}; give a positive number")
+    require_positive("friction", friction)
     robot = dynamics.robot
     if not robot.drive.wheels:
         return None

@@ -8,7 +8,7 @@ from scipy.linalg.lapack import dposv
 
 from rpctl.description.records import Array
 from rpctl.dynamics.basis import basis, basis_drift, selection
-from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift
+from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, constraint, constraint_drift
 from rpctl.errors import ActuationError, RpctlError
 from rpctl.robot.model import Robot
 
@@ -36,10 +36,7 @@ class ReducedDynamics:
         # Wheels fixed to the base roll along directions fixed in the base, and the planar root's
         # velocity is in the base's axes: A does not depend on q, so S is constant and Ṡ = 0.
         self._S: Array | None = None
-        carriers = (
-            self._model.parents[self._model.getJointId(w.joint)] for w in robot.drive.wheels
-        )
-        if all(carrier == ROOT_JOINT for carrier in carriers):
+        if all(carried_by_root(robot, wheel) for wheel in robot.drive.wheels):
             S = basis(self.constraint(pin.neutral(self._model)), self._W)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)

@@ -73,11 +73,12 @@ def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
     dynamics, oracle = derivations.dynamics, derivations.oracle
     try:
         yield from checks.full_tree(dynamics.robot, oracle, state)
-        yield from checks.reduced(dynamics, oracle, state)
+        terms = oracle.reduced(state.q, state.nu)
+        yield from checks.reduced(dynamics, oracle, terms, state)
         yield from checks.multipliers(dynamics, state)
         yield from checks.consistent(dynamics, state)
         if derivations.mujoco is not None:
-            yield from checks.engine(dynamics, oracle, derivations.mujoco, state)
+            yield from checks.engine(dynamics, terms, derivations.mujoco, state)
     except (RpctlError, np.linalg.LinAlgError) as error:
         yield Check("computed", "finite numbers", np.inf, checks.EXACT, entry=str(error))
 

@@ -9,7 +9,6 @@ from typing import Any
 BASE_SPEEDS = {
     "differential": ("v", "omega"),
     "skid-steer": ("v", "omega"),
-    "omni": ("vx", "vy", "omega"),
     "mecanum": ("vx", "vy", "omega"),
     "fixed": (),
 }
@@ -26,8 +25,7 @@ class Wheel:
         axis: Unit axle (3,) in the wheel joint's frame.
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
         direction: Direction (x, y) in the root link's frame along which the contact point stands
-            still: forward for an ordinary wheel, along the roller for a mecanum or omni wheel.
-        driven: Whether its joint has an actuator.
+            still: forward for an ordinary wheel, along the roller for a mecanum wheel.
     """
 
     joint: str
@@ -36,7 +34,6 @@ class Wheel:
     axis: tuple[float, float, float]
     offset: float = 0.0
     direction: tuple[float, float] = (1.0, 0.0)
-    driven: bool = True
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Drive:
     """How a robot meets the ground.
 
     Attributes:
-        type: ``"differential"``, ``"skid-steer"``, ``"omni"``, ``"mecanum"`` or ``"fixed"``.
+        type: ``"differential"``, ``"skid-steer"``, ``"mecanum"`` or ``"fixed"``.
         wheels: The wheels, front before rear and left before right.
         point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
             skid-steer drive its centre of rotation.

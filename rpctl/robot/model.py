@@ -55,7 +55,7 @@ class Robot:
     @cached_property
     def actuators(self) -> tuple[str, ...]:
         """Names of τ: the wheels' joints, left before right, then the arm's."""
-        wheels = tuple(wheel.joint for wheel in self.drive.wheels if wheel.driven)
+        wheels = tuple(wheel.joint for wheel in self.drive.wheels)
         return wheels + tuple(joint.name for joint in self.joints)
 
     @property

@@ -10,12 +10,12 @@ import numpy as np
 
 from rpctl.control.dynamic import DynamicLaw, PaperDynamic
 from rpctl.control.error import tracking_error
-from rpctl.control.kinematic import KinematicLaw, PaperKinematic, require_positive
+from rpctl.control.kinematic import KinematicLaw, PaperKinematic
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
-from rpctl.errors import DivergedError, RpctlError
+from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
 from rpctl.robot.model import Robot
 from rpctl.simulation.plant import advance
