@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rpctl.control.kinematic import Command
+from rpctl.control.command import Command
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive

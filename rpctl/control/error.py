@@ -3,58 +3,71 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
 
 BASE_ERRORS = 3  # x1, x2, x3: longitudinal, lateral, heading
 
 
-def tracking_error(robot: Robot, reference: ReferenceState, q: Array) -> Array:
+class Tracking(NamedTuple):
+    """A robot beside its reference."""
+
+    state: ReferenceState
+    e: Array  # (3 + n_joints,) x1, x2 (m), x3 (rad), then the joints' errors (rad or m)
+    e_dot: Array  # (3 + n_joints,)
+
+
+def observe(dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array) -> Tracking:
+    """Return a reference with the error of a robot at q (nq,) that moves with ν (dof,)."""
+    e = tracking_error(dynamics.robot, state, q)
+    rates = nu[dynamics.robot.dof - len(dynamics.robot.joints) :]
+    return Tracking(state, e, error_rate(e, state, dynamics.twist(q, nu), rates))
+
+
+def tracking_error(robot: Robot, state: ReferenceState, q: Array) -> Array:
     """Return e (3 + n_joints,): x1, x2 (m), x3 (rad), then the joints' errors (rad or m).
 
     [MS21, Eq. 6-10]: the base's error in the axes of the robot, its heading wrapped into (−π, π];
     so are the errors of unlimited joints.
     """
     pose = robot.base_pose(q)
-    dx, dy = reference.pose[0] - pose[0], reference.pose[1] - pose[1]
+    dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    base = (cos * dx + sin * dy, cos * dy - sin * dx, wrap(reference.pose[2] - pose[2]))
-    joints = reference.joints - robot.joint_positions(q)
+    base = (cos * dx + sin * dy, cos * dy - sin * dx, wrap(state.pose[2] - pose[2]))
+    joints = state.joints - robot.joint_positions(q)
     for index, joint in enumerate(robot.joints):
         if joint.kind == "continuous":
             joints[index] = wrap(joints[index])
     return np.concatenate([base, joints])
 
 
-def error_rate(e: Array, reference: ReferenceState, nu: Array) -> Array:
-    """Return ė (3 + n_joints,) when the robot moves with ν; [MS21, Eq. 10].
+def error_rate(e: Array, state: ReferenceState, twist: Array, joint_rates: Array) -> Array:
+    """Return ė (3 + n_joints,) of a robot that moves.
 
-    ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω for a base with an axle; a
-    holonomic one adds its and the reference's speed to the left. A joint's is the difference of
-    rates. A fixed base has no base error.
+    [MS21, Eq. 10]: ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω; speeds to the
+    left, where base or reference have them, come in likewise.
+
+    Args:
+        e: Tracking error (3 + n_joints,).
+        state: The reference.
+        twist: The robot's twist (3,): P's speed forward and to the left (m/s), turning rate.
+        joint_rates: Rates of its joints (n_joints,), rad/s or m/s.
     """
-    joints = len(e) - BASE_ERRORS
-    rate = np.zeros(len(e))
-    if len(nu) > joints:
-        cos, sin = math.cos(e[2]), math.sin(e[2])
-        vx, vy, omega = base_velocity(nu, joints)
-        vx_r, vy_r, omega_r = base_velocity(reference.nu, joints)
-        rate[0] = vx_r * cos - vy_r * sin - vx + e[1] * omega
-        rate[1] = vx_r * sin + vy_r * cos - vy - e[0] * omega
-        rate[2] = omega_r - omega
-    rate[BASE_ERRORS:] = (reference.nu - nu)[len(nu) - joints :]
-    return rate
-
-
-def base_velocity(nu: Array, joints: int) -> tuple[float, float, float]:
-    """Return the base's speed forward and left (m/s) and its turning rate (rad/s) out of ν."""
-    if len(nu) == joints + 2:
-        return float(nu[0]), 0.0, float(nu[1])
-    return float(nu[0]), float(nu[1]), float(nu[2])
+    cos, sin = math.cos(e[2]), math.sin(e[2])
+    vx, vy, omega = twist
+    vx_r, vy_r, omega_r = state.twist
+    base = (
+        vx_r * cos - vy_r * sin - vx + e[1] * omega,
+        vx_r * sin + vy_r * cos - vy - e[0] * omega,
+        omega_r - omega,
+    )
+    return np.concatenate([base, state.joint_rates - joint_rates])
 
 
 def wrap(angle: float) -> float:

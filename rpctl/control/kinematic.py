@@ -1,37 +1,18 @@
-"""The kinematic predictive law: from the tracking error to the quasi-velocities to ask for."""
+"""The kinematic predictive law of [MS21]: from the tracking error to the speeds to ask for."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from rpctl.control.error import BASE_ERRORS, error_rate
+from rpctl.control.command import Command, KinematicLaw, Twist, command
+from rpctl.control.error import Tracking, observe
 from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
-from rpctl.reference.motion import ReferenceState
-
-
-class Command(NamedTuple):
-    """Quasi-velocities to follow, and their derivative along the actual motion."""
-
-    nu_d: Array  # (dof,)
-    nu_d_dot: Array  # (dof,)
-
-
-class KinematicLaw(Protocol):
-    """Anything that turns a tracking error into a command."""
-
-    def __call__(self, reference: ReferenceState, e: Array, nu: Array) -> Command:
-        """Return the command.
-
-        Args:
-            reference: The reference now.
-            e: Tracking error (3 + n_joints,).
-            nu: Quasi-velocities of the robot (dof,).
-        """
+from rpctl.reference.motion import Reference
 
 
 @dataclass(frozen=True)
@@ -64,27 +45,19 @@ class PaperKinematic:
         """Refuse a horizon that predicts nothing."""
         require_positive("horizon", self.horizon)
 
-    def __call__(self, reference: ReferenceState, e: Array, nu: Array) -> Command:
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
         """Return ν_d and ν̇_d; the latter is exact, not a difference of samples."""
-        joints = len(e) - BASE_ERRORS
-        rate = error_rate(e, reference, nu)
-        base = len(nu) - joints
-        nu_d, nu_d_dot = np.empty(len(nu)), np.empty(len(nu))
-        nu_d[base:] = reference.nu[base:] + e[BASE_ERRORS:] / self.horizon
-        nu_d_dot[base:] = reference.nu_dot[base:] + rate[BASE_ERRORS:] / self.horizon
-        if base == 2:
-            nu_d[:2], nu_d_dot[:2] = self._base(reference, e[:3], rate[:3])
-        elif base:
-            nu_d[:3], nu_d_dot[:3] = self._holonomic(reference, e[:3], rate[:3])
-        return Command(nu_d, nu_d_dot)
+        tracking = observe(dynamics, reference(t), q, nu)
+        law = self.holonomic if dynamics.robot.drive.holonomic else self.unicycle
+        return command(dynamics, tracking, law(tracking), self.horizon)
 
-    def _base(
-        self, reference: ReferenceState, x: Array, x_dot: Array
-    ) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return (v_d, ω_d) and their derivatives."""
-        horizon = self.horizon
-        v_r, omega_r = reference.nu[:2]
-        a_r, alpha_r = reference.nu_dot[:2]
+    def unicycle(self, tracking: Tracking) -> Twist:
+        """Return the twist to ask of a base that cannot move sideways."""
+        horizon, (state, x, x_dot) = self.horizon, tracking
+        v_r, _, omega_r = state.twist
+        a_r, _, alpha_r = state.twist_dot
         sign, sign_rate = self._sign(omega_r, alpha_r)
         b, b_rate = self.beta * sign, self.beta * sign_rate
         cos, sin = math.cos(x[2]), math.sin(x[2])
@@ -102,15 +75,16 @@ class PaperKinematic:
             - b_rate * drift
             + (x_dot[0] - b * x_dot[1] - b_rate * x[1]) / horizon
         )
-        return (v_d, omega_d), (a_d, alpha_d)
+        return Twist(np.array([v_d, 0.0, omega_d]), np.array([a_d, 0.0, alpha_d]))
 
-    def _holonomic(
-        self, reference: ReferenceState, x: Array, x_dot: Array
-    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return (vx_d, vy_d, ω_d) and their derivatives: outputs are x1, x2, x3 themselves."""
-        horizon = self.horizon
-        vx_r, vy_r, omega_r = reference.nu[:3]
-        ax_r, ay_r, alpha_r = reference.nu_dot[:3]
+    def holonomic(self, tracking: Tracking) -> Twist:
+        """Return the twist to ask of a base that moves any way: outputs are x1, x2, x3 themselves.
+
+        A reference that a base with an axle could follow has no speed to the left, others do.
+        """
+        horizon, (state, x, x_dot) = self.horizon, tracking
+        vx_r, vy_r, omega_r = state.twist
+        ax_r, ay_r, alpha_r = state.twist_dot
         cos, sin, turn = math.cos(x[2]), math.sin(x[2]), x_dot[2]
         omega_d, alpha_d = omega_r + x[2] / horizon, alpha_r + x_dot[2] / horizon
         ahead, left = vx_r * cos - vy_r * sin, vx_r * sin + vy_r * cos
@@ -120,7 +94,7 @@ class PaperKinematic:
         vy_d = left - x[0] * omega_d + x[1] / horizon
         ax_d = ahead_rate + x_dot[1] * omega_d + x[1] * alpha_d + x_dot[0] / horizon
         ay_d = left_rate - x_dot[0] * omega_d - x[0] * alpha_d + x_dot[1] / horizon
-        return (vx_d, vy_d, omega_d), (ax_d, ay_d, alpha_d)
+        return Twist(np.array([vx_d, vy_d, omega_d]), np.array([ax_d, ay_d, alpha_d]))
 
     def _sign(self, omega_r: float, alpha_r: float) -> tuple[float, float]:
         """Return s and ṡ; the sign's own jump has no derivative to speak of."""

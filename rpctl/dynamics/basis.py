@@ -22,15 +22,22 @@ def selection(robot: Robot) -> Array:
     W = np.zeros((robot.dof, robot.nv))
     base = len(robot.drive.base_speeds)
     if robot.drive.has_axle:
-        px, py = robot.drive.point
-        fx, fy = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
-        W[0, :BASE_NV] = fx, fy, fy * px - fx * py
-        W[1, 2] = 1.0
+        W[:2, :BASE_NV] = point_velocity(robot)[[0, 2]]
     elif base:
         W[:base, :BASE_NV] = np.eye(BASE_NV)
     for row, joint in enumerate(robot.joints, start=base):
         W[row, robot.velocity_index(joint.name)] = 1.0
     return W
+
+
+def point_velocity(robot: Robot) -> Array:
+    """Return the map (3, 3) from the root link's velocity in its own axes to the twist of P.
+
+    The twist is P's speed along the heading and to its left (m/s), and the turning rate.
+    """
+    px, py = robot.drive.point
+    cos, sin = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
+    return np.array([[cos, sin, sin * px - cos * py], [-sin, cos, cos * px + sin * py], [0, 0, 1]])
 
 
 def basis(A: Array, W: Array) -> Array:

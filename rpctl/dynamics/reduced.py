@@ -7,10 +7,10 @@ import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.description.records import Array
-from rpctl.dynamics.basis import basis, basis_drift, selection
+from rpctl.dynamics.basis import basis, basis_drift, point_velocity, selection
 from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, constraint, constraint_drift
 from rpctl.errors import ActuationError, RpctlError
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
 
 ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
 
@@ -33,6 +33,7 @@ class ReducedDynamics:
         for column, name in enumerate(robot.actuators):
             self._columns[robot.velocity_index(name), column] = 1.0
         self._W = selection(robot)
+        self._to_point = point_velocity(robot)
         # Wheels fixed to the base roll along directions fixed in the base, and the planar root's
         # velocity is in the base's axes: A does not depend on q, so S is constant and Ṡ = 0.
         self._S: Array | None = None
@@ -56,6 +57,10 @@ class ReducedDynamics:
         if self._S is not None:
             return self._S
         return basis(self.constraint(q), self._W)
+
+    def twist(self, q: Array, nu: Array) -> Array:
+        """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
+        return self._to_point @ (self.basis(q)[:BASE_NV] @ nu)
 
     def basis_drift(self, q: Array, nu: Array) -> Array:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡ ν that the motion itself brings."""

@@ -22,15 +22,23 @@ WAVE_PERIODS = (10.0, 8.0, 12.5)  # s; taken in turn, so that neighbouring joint
 
 
 class ReferenceState(NamedTuple):
-    """A reference at one time.
+    """A reference at one time: base and arm, each with first and second derivatives.
 
-    A state has the base's pose and the arm's positions, and ν with its derivative.
+    The twist is P's speed forward and to the left and the turning rate, in the axes of the
+    reference itself; ``twist_dot`` holds the derivatives of these three numbers.
+
+    ``direction`` (3, 3) is a vector along the twist that does not vanish where the reference
+    stands still, and its first two derivatives by time: steered wheels point along it. None where
+    the twist itself is all there is to know.
     """
 
     pose: Array  # (3,) of P: x, y in m, heading in rad
+    twist: Array  # (3,) m/s, m/s, rad/s
+    twist_dot: Array  # (3,) m/s², m/s², rad/s²
     joints: Array  # (n_joints,) rad or m
-    nu: Array  # (dof,) m/s, rad/s
-    nu_dot: Array  # (dof,) m/s², rad/s²
+    joint_rates: Array  # (n_joints,)
+    joint_accelerations: Array  # (n_joints,)
+    direction: Array | None = None
 
 
 Reference = Callable[[float], ReferenceState]
@@ -78,30 +86,27 @@ class PathReference:
         rate: Pace of the path, units of its parameter a second.
         arm: The arm's motion.
         ramp: Duration of the soft start, s.
-        holonomic: Whether ν has a speed to the left, which is 0 along the path.
     """
 
     path: paths.Path | None
     rate: float
     arm: Waves
     ramp: float
-    holonomic: bool = False
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the reference at time ``t`` (s)."""
-        joints, rates, accelerations = self.arm(paths.soft_clock(t, 1.0, self.ramp))
+        arm = self.arm(paths.soft_clock(t, 1.0, self.ramp))
         if self.path is None:
-            return ReferenceState(np.zeros(3), joints, rates, accelerations)
+            return ReferenceState(np.zeros(3), np.zeros(3), np.zeros(3), *arm)
         s, ds, dds = paths.soft_clock(t, self.rate, self.ramp)
         point = self.path(s)
-        left = (0.0,) if self.holonomic else ()
-        base = np.array([point.speed, *left, point.turn])
-        base_rate = np.array([point.speed_rate, *left, point.turn_rate])
+        along, bend, twice = point.direction
         return ReferenceState(
-            pose=point.pose,
-            joints=joints,
-            nu=np.concatenate([base * ds, rates]),
-            nu_dot=np.concatenate([base_rate * ds**2 + base * dds, accelerations]),
+            point.pose,
+            along * ds,
+            bend * ds**2 + along * dds,
+            *arm,
+            direction=np.array([along, bend * ds, twice * ds**2 + bend * dds]),
         )
 
 
@@ -132,4 +137,4 @@ def reference_by_name(robot: Robot, name: str) -> PathReference:
         raise UnknownNameError("reference", name, BASE_PATHS)
     make, rate = BASE_PATHS[name]
     path = make() if robot.drive.base_speeds else None
-    return PathReference(path, rate, waves(robot), RAMP, len(robot.drive.base_speeds) == 3)
+    return PathReference(path, rate, waves(robot), RAMP)

@@ -12,17 +12,15 @@ from rpctl.description.records import Array
 
 
 class PathPoint(NamedTuple):
-    """A point of a path and its derivatives by the path's parameter s.
+    """A point of a path, and the direction of travel there.
 
-    The speed is signed: negative where the robot drives backwards. A path in these terms may turn
-    on the spot and may be run through at any pace, from standstill on, without a division by zero.
+    The direction is the twist by the path's parameter s: speed forward (m, negative where the
+    robot drives backwards), speed to the left, turning (rad). A path in these terms may turn on
+    the spot and may be run through at any pace, from standstill on, without a division by zero.
     """
 
     pose: Array  # (3,) x, y in m, heading in rad
-    speed: float  # forward travel by s, m
-    speed_rate: float  # its derivative by s
-    turn: float  # turning by s, rad
-    turn_rate: float  # its derivative by s
+    direction: Array  # (3, 3): the twist by s, and its first and second derivative by s
 
 
 Path = Callable[[float], PathPoint]
@@ -32,7 +30,7 @@ def line(step: float = 1.0) -> Path:
     """Return a straight line along x; ``step`` m a unit of s, backwards where negative."""
 
     def at(s: float) -> PathPoint:
-        return PathPoint(np.array([step * s, 0.0, 0.0]), step, 0.0, 0.0, 0.0)
+        return PathPoint(np.array([step * s, 0.0, 0.0]), _steady(step, 0.0))
 
     return at
 
@@ -41,7 +39,7 @@ def spin() -> Path:
     """Return a turn on the spot, one radian a unit of s."""
 
     def at(s: float) -> PathPoint:
-        return PathPoint(np.array([0.0, 0.0, s]), 0.0, 0.0, 1.0, 0.0)
+        return PathPoint(np.array([0.0, 0.0, s]), _steady(0.0, 1.0))
 
     return at
 
@@ -51,7 +49,7 @@ def circle(radius: float = 1.0) -> Path:
 
     def at(s: float) -> PathPoint:
         pose = np.array([radius * math.sin(s), radius * (1.0 - math.cos(s)), s])
-        return PathPoint(pose, radius, 0.0, 1.0, 0.0)
+        return PathPoint(pose, _steady(radius, 1.0))
 
     return at
 
@@ -65,30 +63,53 @@ def eight(length: float = 1.5, width: float = 0.75) -> Path:
 
     def at(s: float) -> PathPoint:
         sin, cos, sin2, cos2 = math.sin(s), math.cos(s), math.sin(2 * s), math.cos(2 * s)
-        return _planar(
+        return planar(
             (length * sin, width * sin2),
-            (length * cos, 2 * width * cos2),
-            (-length * sin, -4 * width * sin2),
-            (-length * cos, -8 * width * cos2),
+            complex(length * cos, 2 * width * cos2),
+            complex(-length * sin, -4 * width * sin2),
+            complex(-length * cos, -8 * width * cos2),
+            complex(length * sin, 16 * width * sin2),
         )
 
     return at
 
 
-Pair = tuple[float, float]
+def planar(
+    position: tuple[float, float], d1: complex, d2: complex, d3: complex, d4: complex
+) -> PathPoint:
+    """Return the point of a curve driven forward, heading along it.
 
-
-def _planar(p: Pair, d1: Pair, d2: Pair, d3: Pair) -> PathPoint:
-    """Return the point of a curve driven forward, from its position and three derivatives."""
-    square = d1[0] ** 2 + d1[1] ** 2
+    Args:
+        position: x, y, m.
+        d1: First derivative of x + iy by the curve's parameter, not zero.
+        d2: Second derivative.
+        d3: Third derivative.
+        d4: Fourth derivative.
+    """
+    square, slope = abs(d1) ** 2, 2.0 * _dot(d1, d2)
+    bend = 2.0 * (abs(d2) ** 2 + _dot(d1, d3))
+    across, across_rate = _cross(d1, d2), _cross(d1, d3)
+    across_bend = _cross(d2, d3) + _cross(d1, d4)
     speed = math.sqrt(square)
-    along = d1[0] * d2[0] + d1[1] * d2[1]
-    across = d1[0] * d2[1] - d1[1] * d2[0]
-    across_rate = d1[0] * d3[1] - d1[1] * d3[0]
-    pose = np.array([p[0], p[1], math.atan2(d1[1], d1[0])])
+    speeds = (speed, 0.5 * slope / speed, 0.5 * bend / speed - 0.25 * slope**2 / speed**3)
     turn = across / square
-    turn_rate = across_rate / square - 2.0 * turn * along / square
-    return PathPoint(pose, speed, along / speed, turn, turn_rate)
+    turn_rate = (across_rate - turn * slope) / square
+    turn_bend = (across_bend - 2.0 * turn_rate * slope - turn * bend) / square
+    direction = np.column_stack([speeds, np.zeros(3), (turn, turn_rate, turn_bend)])
+    return PathPoint(np.array([*position, math.atan2(d1.imag, d1.real)]), direction)
+
+
+def _steady(speed: float, turn: float) -> Array:
+    """Return a direction (3, 3) that does not change along the path."""
+    return np.array([[speed, 0.0, turn], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+def _dot(a: complex, b: complex) -> float:
+    return (a.conjugate() * b).real
+
+
+def _cross(a: complex, b: complex) -> float:
+    return (a.conjugate() * b).imag
 
 
 class Tick(NamedTuple):

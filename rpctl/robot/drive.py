@@ -67,6 +67,11 @@ class Drive:
         """Whether P moves along the heading only."""
         return self.base_speeds == ("v", "omega")
 
+    @property
+    def holonomic(self) -> bool:
+        """Whether the base can be asked to move to any side."""
+        return self.base_speeds == ("vx", "vy", "omega")
+
     @staticmethod
     def from_dict(values: Mapping[str, Any]) -> Drive:
         """Return the drive that ``dataclasses.asdict`` took apart, lists for tuples or not."""

@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import DynamicLaw, PaperDynamic
 from rpctl.control.error import tracking_error
-from rpctl.control.kinematic import KinematicLaw, PaperKinematic
+from rpctl.control.kinematic import PaperKinematic
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -93,7 +94,7 @@ def track(
         t = k * control_period
         state = reference(t)
         e = tracking_error(robot, state, q)
-        command = kinematic(state, e, nu)
+        command = kinematic(dynamics, reference, t, q, nu)
         tau = dynamic(dynamics, q, nu, command)
         recorder.add(t, q, nu, tau, e, state, command, work)
         if not np.abs(nu).max() < LOST:
@@ -119,9 +120,9 @@ def track(
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:
     """Return q (nq,) that has the tracking error asked for, arm on its reference."""
-    if state.nu.shape != (robot.dof,):
+    if len(state.joints) != len(robot.joints):
         raise RpctlError(
-            f"the reference has {state.nu.size} quasi-velocities, {robot.name} has {robot.dof}"
+            f"the reference has {len(state.joints)} joints, {robot.name} has {len(robot.joints)}"
         )
     if len(initial_error) != 3 or not all(map(math.isfinite, initial_error)):
         raise RpctlError(f"initial error {initial_error}: give three finite numbers X,Y,THETA")

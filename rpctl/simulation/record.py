@@ -9,12 +9,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import cumulative_trapezoid
 
-from rpctl.control.kinematic import Command
+from rpctl.control.command import Command
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import ReferenceState
+from rpctl.reference.rates import reference_rates
 from rpctl.robot.model import Robot
 
 Row = dict[str, Any]
@@ -54,7 +55,7 @@ class Recorder:
                 "tau": tau,
                 "rates": dynamics.actuation(q).T @ nu,
                 "nu_d": command.nu_d,
-                "nu_ref": state.nu,
+                "nu_ref": reference_rates(robot, state).nu,
                 "base": robot.base_pose(q),
                 "base_ref": state.pose,
                 "joints": robot.joint_positions(q),

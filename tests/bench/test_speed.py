@@ -11,7 +11,6 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 import rpctl
 from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot
-from rpctl.control.error import tracking_error
 from rpctl.description.records import Array
 from rpctl.dynamics.motion import rk4_step
 from rpctl.reference.motion import reference_by_name
@@ -69,8 +68,7 @@ def test_control_sample(benchmark: BenchmarkFixture, state: State) -> None:
     reference = reference_by_name(robot, "eight")
 
     def sample() -> Array:
-        now = reference(7.0)
-        return dynamic(dynamics, q, nu, kinematic(now, tracking_error(robot, now, q), nu))
+        return dynamic(dynamics, q, nu, kinematic(dynamics, reference, 7.0, q, nu))
 
     benchmark(sample)
 

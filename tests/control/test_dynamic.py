@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl.control.command import Command
 from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.error import tracking_error
-from rpctl.control.kinematic import Command
 from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState
@@ -67,12 +66,13 @@ def joint_loop(robot: Robot, horizon: float, horizon_dyn: float, period: float) 
         ReducedDynamics(robot), PaperKinematic(horizon), PaperDynamic(horizon_dyn)
     )  # fmt: skip
     home = robot.home
-    reference = ReferenceState(np.zeros(3), home, np.zeros(4), np.zeros(4))
+    base, still = np.zeros(3), np.zeros(2)
+    state = ReferenceState(base, base, base, home, still, still)
     x, rate = 1e-6, 0.0
     for _ in range(3000):
         q = robot.configuration_at(np.zeros(3), home - np.array([0.0, x]))
         nu = np.array([0.0, 0.0, 0.0, -rate])
-        command = kinematic(reference, tracking_error(robot, reference, q), nu)
+        command = kinematic(dynamics, lambda t: state, 0.0, q, nu)
         tau = dynamic(dynamics, q, nu, command)
         acceleration = -dynamics.forward(q, nu, tau)[3]
         x += period * rate + 0.5 * period**2 * acceleration

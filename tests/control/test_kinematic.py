@@ -12,12 +12,12 @@ from scipy.optimize import minimize
 from scipy.special import sici
 
 from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
-from rpctl.control.error import error_rate, tracking_error
+from rpctl.control.error import Tracking, error_rate
 from rpctl.control.kinematic import kinematic_by_name
 from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState, reference_by_name
-from tests.control.unicycle import follow, sampled_step, steady
+from tests.control.unicycle import asked, follow, sampled_step, steady
 
 LAW = PaperKinematic(horizon=0.4, beta=1.5)
 
@@ -28,37 +28,46 @@ def outputs(e: Array, sign: float, beta: float) -> Array:
 
 
 def predicted_cost(
-    law: PaperKinematic, reference: ReferenceState, e: Array, weights: Array, nu: Array
+    law: PaperKinematic, reference: ReferenceState, e: Array, weights: Array, speeds: Array
 ) -> float:
-    """Return J = ½ Σ wᵢ (zᵢ + h żᵢ)², żᵢ from the error kinematics under the inputs ν."""
-    sign = float(np.sign(reference.nu[1]))
-    ahead = outputs(e + law.horizon * error_rate(e, reference, nu), sign, law.beta)
+    """Return J = ½ Σ wᵢ (zᵢ + h żᵢ)², żᵢ from the error kinematics under the inputs (v, ω)."""
+    sign = float(np.sign(reference.twist[2]))
+    rate = error_rate(e, reference, np.array([speeds[0], 0.0, speeds[1]]), np.empty(0))
+    ahead = outputs(e + law.horizon * rate, sign, law.beta)
     return float(0.5 * weights @ ahead**2)
 
 
-def random_case(rng: np.random.Generator, joints: int) -> tuple[ReferenceState, Array, Array]:
-    n = 2 + joints
-    reference = ReferenceState(
-        np.zeros(3), np.zeros(joints), rng.normal(size=n), rng.normal(size=n)
-    )
-    return reference, rng.normal(size=3 + joints), np.exp(rng.normal(size=n))
+def random_case(rng: np.random.Generator) -> tuple[ReferenceState, Array, Array]:
+    twist, twist_dot = rng.normal(size=(2, 3)) * [1.0, 0.0, 1.0]
+    state = ReferenceState(np.zeros(3), twist, twist_dot, *np.empty((3, 0)))
+    return state, rng.normal(size=3), np.exp(rng.normal(size=2))
 
 
-@pytest.mark.parametrize("joints", [0, 2, 5])
-def test_the_closed_form_minimises_the_cost(joints: int, rng: np.random.Generator) -> None:
+def test_the_closed_form_minimises_the_cost(rng: np.random.Generator) -> None:
     for _ in range(10):
-        reference, e, weights = random_case(rng, joints)
-        n = 2 + joints
+        reference, e, weights = random_case(rng)
         numeric = minimize(
             partial(predicted_cost, LAW, reference, e, weights),
-            np.zeros(n),
+            np.zeros(2),
             method="BFGS",
             options={"gtol": 1e-9},
         )
-        law = LAW(reference, e, np.zeros(n)).nu_d
+        law = asked(LAW.unicycle, reference, e)[[0, 2]]
         np.testing.assert_allclose(law, numeric.x, atol=1e-5 * (1 + np.abs(law).max()))
         # The minimum is zero, so no weight has a say.
         assert predicted_cost(LAW, reference, e, weights, law) < 1e-24
+
+
+def test_the_joints_decay_at_the_horizon(robot: Robot, rng: np.random.Generator) -> None:
+    """q̇_d = q̇_r + (q_r − q)/h, [MS21, Eq. 20]."""
+    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    q = robot.random_configuration(rng)
+    state, n = reference(5.0), len(robot.joints)
+    nu_d = LAW(dynamics, reference, 5.0, q, np.zeros(robot.dof)).nu_d
+    gap = np.remainder(state.joints - robot.joint_positions(q) + math.pi, 2 * math.pi) - math.pi
+    kinds = np.array([joint.kind == "continuous" for joint in robot.joints])
+    gap = np.where(kinds, gap, state.joints - robot.joint_positions(q))
+    np.testing.assert_allclose(nu_d[-n:], state.joint_rates + gap / LAW.horizon, atol=1e-12)
 
 
 def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
@@ -74,12 +83,10 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
             v = dynamics.basis(q) @ nu
 
             def asked(s: float) -> Array:
-                state = reference(t + s)  # noqa: B023 - called within this turn of the loop only
-                e = tracking_error(robot, state, pin.integrate(robot.model, q, s * v))  # noqa: B023
-                return law(state, e, nu).nu_d  # noqa: B023
+                at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
+                return law(dynamics, reference, t + s, at, nu).nu_d  # noqa: B023
 
-            e = tracking_error(robot, reference(t), q)
-            rate = law(reference(t), e, nu).nu_d_dot
+            rate = law(dynamics, reference, t, q, nu).nu_d_dot
             expected = (asked(step) - asked(-step)) / (2 * step)
             np.testing.assert_allclose(rate, expected, atol=1e-6 * (1 + np.abs(rate).max()))
 
@@ -89,7 +96,7 @@ def test_outputs_decay_and_the_lateral_error_follows(omega: float) -> None:
     """On a circle ż = −z/h, and once z is gone ẋ2 = −β |ω_r| x2."""
     reference, e0 = steady(0.5, omega), np.array([0.3, 0.5, 0.8])
     times = np.linspace(0.0, 6.0, 61)
-    errors = follow(LAW, reference, e0, times)
+    errors = follow(LAW.unicycle, reference, e0, times)
     sign = math.copysign(1.0, omega)
     z = np.array([outputs(e, sign, LAW.beta) for e in errors])
     np.testing.assert_allclose(z, np.outer(np.exp(-times / LAW.horizon), z[0]), atol=1e-9)
@@ -97,15 +104,17 @@ def test_outputs_decay_and_the_lateral_error_follows(omega: float) -> None:
     rate = np.polyfit(times[late], np.log(np.abs(errors[late, 1])), 1)[0]
     assert rate == pytest.approx(-LAW.beta * abs(omega), rel=1e-3)
     on_zero = np.array([LAW.beta * sign * 0.2, 0.2, 0.0])
-    nu = LAW(reference, on_zero, np.zeros(2)).nu_d
-    assert error_rate(on_zero, reference, nu)[1] == pytest.approx(-LAW.beta * abs(omega) * 0.2)
+    twist = asked(LAW.unicycle, reference, on_zero)
+    assert error_rate(on_zero, reference, twist, np.empty(0))[1] == pytest.approx(
+        -LAW.beta * abs(omega) * 0.2
+    )
 
 
 @pytest.mark.parametrize("e0", [(0.3, 0.5, 0.8), (-0.2, -0.4, 0.5), (0.1, 0.2, -1.0)])
 def test_a_straight_line_freezes_the_lateral_error(e0: tuple[float, float, float]) -> None:
     """x2(∞) = x2(0) + h v_r Si(x3(0)) − x1(0) x3(0)/2."""
     v_r = 0.6
-    last = follow(LAW, steady(v_r, 0.0), np.array(e0), np.array([0.0, 20.0]))[-1]
+    last = follow(LAW.unicycle, steady(v_r, 0.0), np.array(e0), np.array([0.0, 20.0]))[-1]
     frozen = e0[1] + LAW.horizon * v_r * sici(e0[2])[0] - 0.5 * e0[0] * e0[2]
     assert last[1] == pytest.approx(frozen, abs=1e-8)
     assert abs(last[0]) < 1e-8
@@ -122,7 +131,7 @@ def test_the_sampled_limit_brackets_stability(v: float, omega: float) -> None:
     def amplitude(period: float, steps: int = 4000) -> float:
         e = 1e-6 * np.array([1.0, -0.5, 0.7])
         for _ in range(steps):
-            e = sampled_step(LAW, steady(v, omega), e, period)
+            e = sampled_step(LAW.unicycle, steady(v, omega), e, period)
             if np.abs(e).max() > 1e-3:
                 break
         return float(np.abs(e).max())
@@ -132,11 +141,12 @@ def test_the_sampled_limit_brackets_stability(v: float, omega: float) -> None:
 
 
 def test_the_smooth_sign_tends_to_the_papers(rng: np.random.Generator) -> None:
-    reference, e, _ = random_case(rng, 1)
-    sharp = LAW(reference, e, np.zeros(3))
-    smooth = PaperKinematic(0.4, 1.5, smoothing=1e-6)(reference, e, np.zeros(3))
-    np.testing.assert_allclose(smooth.nu_d, sharp.nu_d, atol=1e-9)
-    np.testing.assert_allclose(smooth.nu_d_dot, sharp.nu_d_dot, atol=1e-8)
+    reference, e, _ = random_case(rng)
+    tracking = Tracking(reference, e, error_rate(e, reference, np.zeros(3), np.empty(0)))
+    sharp = LAW.unicycle(tracking)
+    smooth = PaperKinematic(0.4, 1.5, smoothing=1e-6).unicycle(tracking)
+    np.testing.assert_allclose(smooth.value, sharp.value, atol=1e-9)
+    np.testing.assert_allclose(smooth.rate, sharp.rate, atol=1e-8)
 
 
 @pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])

@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rpctl.control.error import error_rate
-from rpctl.control.kinematic import KinematicLaw
+from rpctl.control.command import Twist
+from rpctl.control.error import Tracking, error_rate
 from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState
+
+NOTHING = np.empty(0)
+Unicycle = Callable[[Tracking], Twist]
 
 
 def steady(v: float, omega: float) -> ReferenceState:
     """Return a reference of constant speeds; the pose does not matter to the errors."""
-    return ReferenceState(np.zeros(3), np.empty(0), np.array([v, omega]), np.zeros(2))
+    twist = np.array([v, 0.0, omega])
+    return ReferenceState(np.zeros(3), twist, np.zeros(3), NOTHING, NOTHING, NOTHING)
 
 
-def follow(law: KinematicLaw, reference: ReferenceState, e: Array, times: Array) -> Array:
+def asked(law: Unicycle, reference: ReferenceState, e: Array) -> Array:
+    """Return the twist (3,) that a law asks of a base at rest."""
+    return law(Tracking(reference, e, error_rate(e, reference, np.zeros(3), NOTHING))).value
+
+
+def follow(law: Unicycle, reference: ReferenceState, e: Array, times: Array) -> Array:
     """Return the errors (len(times), 3) of a base that follows a law without delay."""
 
     def rate(_: float, x: Array) -> Array:
-        return error_rate(x, reference, law(reference, x, np.zeros(2)).nu_d)
+        return error_rate(x, reference, asked(law, reference, x), NOTHING)
 
     solution = solve_ivp(rate, (0.0, times[-1]), e, t_eval=times, rtol=1e-11, atol=1e-13)
     return np.asarray(solution.y.T)
 
 
-def sampled_step(law: KinematicLaw, reference: ReferenceState, e: Array, period: float) -> Array:
+def sampled_step(law: Unicycle, reference: ReferenceState, e: Array, period: float) -> Array:
     """Return the error one period on, the law's speeds held (exact circular arcs)."""
-    v_d, omega_d = law(reference, e, np.zeros(2)).nu_d
+    v_d, _, omega_d = asked(law, reference, e)
     actual = _arc(np.zeros(3), v_d, omega_d, period)
-    v_r, omega_r = reference.nu
+    v_r, _, omega_r = reference.twist
     ahead = _arc(e, v_r, omega_r, period)
     dx, dy, turn = ahead - actual
     cos, sin = math.cos(actual[2]), math.sin(actual[2])

@@ -14,7 +14,8 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.description.records import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import BASE_PATHS, reference_by_name
+from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
+from rpctl.reference.rates import reference_rates
 from rpctl.robot.catalog import names
 
 ROBOTS = names()
@@ -25,6 +26,12 @@ def difference(values: Callable[[float], Array], t: float) -> Array:
     return (values(t + STEP) - values(t - STEP)) / (2 * STEP)
 
 
+def direction(reference: Reference, t: float) -> Array:
+    found = reference(t).direction
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize("name", BASE_PATHS)
 def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, name: str) -> None:
     reference = reference_by_name(mixed_chain, name)
@@ -32,14 +39,19 @@ def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, 
         state = reference(t)
         rate = difference(lambda x: reference(x).pose, t)
         rate[2] = math.remainder(rate[2] * 2 * STEP, 2 * math.pi) / (2 * STEP)
-        v, omega = state.nu[:2]
+        v, _, omega = state.twist
         cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
         np.testing.assert_allclose(rate, [v * cos, v * sin, omega], atol=1e-7)
         joint_rates = difference(lambda x: reference(x).joints, t)
-        np.testing.assert_allclose(joint_rates, state.nu[2:], atol=1e-7)
-        np.testing.assert_allclose(
-            difference(lambda x: reference(x).nu, t), state.nu_dot, atol=1e-6
-        )
+        np.testing.assert_allclose(joint_rates, state.joint_rates, atol=1e-7)
+        slope = difference(lambda x: reference_rates(mixed_chain, reference(x)).nu, t)
+        nu, nu_dot = reference_rates(mixed_chain, state)
+        np.testing.assert_allclose(slope, nu_dot, atol=1e-6)
+        np.testing.assert_array_equal(nu, [v, omega, *state.joint_rates])
+        assert state.direction is not None
+        path = [difference(lambda x: direction(reference, x)[i], t) for i in (0, 1)]  # noqa: B023
+        np.testing.assert_allclose(path, state.direction[1:], atol=2e-6)
+        np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -48,8 +60,8 @@ def test_arms_stay_inside_their_limits(name: str) -> None:
     reference = reference_by_name(robot, "eight")
     for t in np.linspace(0.0, 60.0, 400):
         state = reference(t)
-        rates = state.nu[robot.dof - len(robot.joints) :]
-        for joint, position, rate in zip(robot.joints, state.joints, rates, strict=True):
+        moved = zip(robot.joints, state.joints, state.joint_rates, strict=True)
+        for joint, position, rate in moved:
             assert joint.lower <= position <= joint.upper
             assert abs(rate) <= joint.velocity
 
@@ -63,14 +75,14 @@ def test_every_joint_moves(tiago: Robot) -> None:
 @pytest.mark.parametrize("name", BASE_PATHS)
 def test_it_starts_at_rest_without_an_effort_jump(tiago: Robot, name: str) -> None:
     reference, dynamics = reference_by_name(tiago, name), ReducedDynamics(tiago)
-    start = reference(0.0)
+    start = reference_rates(tiago, reference(0.0))
     assert not start.nu.any()
     assert not start.nu_dot.any()
 
     def effort(t: float) -> Array:
         state = reference(t)
         q = tiago.configuration_at(state.pose, state.joints)
-        return dynamics.efforts(q, dynamics.inverse(q, state.nu, state.nu_dot))
+        return dynamics.efforts(q, dynamics.inverse(q, *reference_rates(tiago, state)))
 
     holding = effort(0.0)
     np.testing.assert_allclose(effort(1e-3), holding, atol=1e-4)
@@ -93,7 +105,7 @@ def test_the_end_effector_is_where_forward_kinematics_says(mixed_chain: Robot) -
 def test_a_fixed_base_moves_its_arm_only() -> None:
     panda = rpctl.load("panda")
     state = reference_by_name(panda, "eight")(5.0)
-    assert state.nu.shape == (panda.dof,)
+    assert reference_rates(panda, state).nu.shape == (panda.dof,)
     assert not state.pose.any()
 
 

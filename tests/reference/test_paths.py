@@ -26,19 +26,19 @@ def test_derivatives_are_those_of_the_pose(name: str) -> None:
         point, ahead, behind = path(s), path(s + STEP), path(s - STEP)
         rate = (ahead.pose - behind.pose) / (2 * STEP)
         heading = np.array([math.cos(point.pose[2]), math.sin(point.pose[2])])
-        np.testing.assert_allclose(rate[:2], point.speed * heading, atol=1e-8)
+        speed, left, turn = point.direction[0]
+        assert left == 0.0
+        np.testing.assert_allclose(rate[:2], speed * heading, atol=1e-8)
         turned = math.remainder(ahead.pose[2] - behind.pose[2], 2 * math.pi) / (2 * STEP)
-        assert turned == pytest.approx(point.turn, abs=1e-8)
-        assert (ahead.speed - behind.speed) / (2 * STEP) == pytest.approx(
-            point.speed_rate, abs=1e-7
-        )
-        assert (ahead.turn - behind.turn) / (2 * STEP) == pytest.approx(point.turn_rate, abs=1e-6)
+        assert turned == pytest.approx(turn, abs=1e-8)
+        changes = (ahead.direction[:2] - behind.direction[:2]) / (2 * STEP)
+        np.testing.assert_allclose(changes, point.direction[1:], atol=2e-6)
 
 
 def test_shapes() -> None:
     np.testing.assert_allclose(circle(0.8)(math.pi).pose, [0.0, 1.6, math.pi], atol=1e-15)
     np.testing.assert_allclose(eight(1.5, 0.75)(math.pi / 2).pose[:2], [1.5, 0.0], atol=1e-15)
-    assert line(-1.0)(2.0).speed == -1.0
+    assert line(-1.0)(2.0).direction[0, 0] == -1.0
     np.testing.assert_array_equal(spin()(2.0).pose, [0.0, 0.0, 2.0])
 
 
