@@ -7,10 +7,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from rpctl.control.error import BASE_ERRORS, Tracking
+from rpctl.control.steering import base_command
+from rpctl.control.twist import Twist
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference
-from rpctl.reference.rates import BASE
 
 
 class Command(NamedTuple):
@@ -37,14 +38,14 @@ class KinematicLaw(Protocol):
         """
 
 
-class Twist(NamedTuple):
-    """A twist of the base to ask for, (3,) as :class:`ReferenceState` has it, and its rate."""
-
-    value: Array
-    rate: Array
-
-
-def command(dynamics: ReducedDynamics, tracking: Tracking, twist: Twist, horizon: float) -> Command:
+def command(
+    dynamics: ReducedDynamics,
+    tracking: Tracking,
+    q: Array,
+    nu: Array,
+    twist: Twist,
+    horizon: float,
+) -> Command:
     """Return the quasi-velocities that give the base a twist and take the arm to its reference.
 
     The joints' errors, predicted to first order over the horizon, vanish: q̇_d = q̇_r + (q_r − q)/h
@@ -53,14 +54,14 @@ def command(dynamics: ReducedDynamics, tracking: Tracking, twist: Twist, horizon
     Args:
         dynamics: The robot's dynamics.
         tracking: Reference and error.
-        twist: The base's twist; what the drive cannot do of it is left out.
+        q: Configuration (nq,).
+        nu: Quasi-velocities of the robot (dof,).
+        twist: The base's twist; see :func:`rpctl.control.steering.base_command` for how steered
+            wheels come by it.
         horizon: Prediction time h, s.
     """
     state, e, e_dot = tracking
-    keep = BASE[len(dynamics.robot.drive.base_speeds)]
+    base, base_rate = base_command(dynamics, state, q, nu, twist, horizon)
     rates = state.joint_rates + e[BASE_ERRORS:] / horizon
     accelerations = state.joint_accelerations + e_dot[BASE_ERRORS:] / horizon
-    return Command(
-        np.concatenate([twist.value[keep], rates]),
-        np.concatenate([twist.rate[keep], accelerations]),
-    )
+    return Command(np.concatenate([base, rates]), np.concatenate([base_rate, accelerations]))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.control.command import Command, KinematicLaw, Twist, command
+from rpctl.control.command import Command, KinematicLaw, command
 from rpctl.control.error import Tracking, observe
+from rpctl.control.twist import Twist
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
@@ -51,7 +52,7 @@ class PaperKinematic:
         """Return ν_d and ν̇_d; the latter is exact, not a difference of samples."""
         tracking = observe(dynamics, reference(t), q, nu)
         law = self.holonomic if dynamics.robot.drive.holonomic else self.unicycle
-        return command(dynamics, tracking, law(tracking), self.horizon)
+        return command(dynamics, tracking, q, nu, law(tracking), self.horizon)
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist to ask of a base that cannot move sideways."""

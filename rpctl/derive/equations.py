@@ -148,7 +148,7 @@ class _Derivation:
             if kinds[name] == "prismatic" and not isinstance(value, Element):
                 positions[name] = self.element(value)
         u = np.array([self.element(rate) for rate in self.rates], dtype=object)
-        root, rates = self.oracle.rolling_root(self.oracle.scalars.identity(3), u)
+        root, rates = self.oracle.rolling_root(self.oracle.scalars.identity(3), positions, u)
         return positions, u, root, rates
 
     def result(self, M: Any, h: Any, B: Any, turns: Any) -> Equations:

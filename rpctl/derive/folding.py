@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rpctl.description.records import Array
-from rpctl.equivalence.tree import FLOATS, Body, Hinge, Rolling, Scalars, Tree
+from rpctl.equivalence.tree import FLOATS, Body, Hinge, Rolling, Scalars, SwivelPart, Tree
 from rpctl.robot.model import Robot
 
 ROUNDING = 4e-16  # of a rotation's entries; one so near to 0 or ±1 is that
@@ -39,14 +39,9 @@ def fold(robot: Robot, scalars: Scalars) -> Tree:
         for name, part in parts.items()
     }
     folded.moving = [hinge.name for part in parts.values() for hinge in part.hinges]
-    folded.wheels = {
-        name: Rolling(
-            radius=scalars.number(wheel.radius, "length", ""),
-            offset=scalars.number(wheel.offset, "length", ""),
-            direction=numbers(_snapped(wheel.direction), "direction", ""),
-        )
-        for name, wheel in tree.wheels.items()
-    }
+    folded.scalars = scalars
+    folded.wheels = {name: _scalar_wheel(wheel, scalars) for name, wheel in tree.wheels.items()}
+    folded.swivels = {name: _scalar_swivel(part, scalars) for name, part in tree.swivels.items()}
     folded.forward = numbers(_snapped(tree.forward), "direction", "")
     folded.point = numbers(tree.point, "length", "")
     return folded
@@ -123,6 +118,29 @@ def _scalar_body(body: Body, scalars: Scalars) -> Body:
         com=scalars.numbers(body.com, "length", ""),
         R=scalars.numbers(body.R, "direction", ""),
         inertia=scalars.numbers(body.inertia, "inertia", ""),
+    )
+
+
+def _scalar_wheel(wheel: Rolling, scalars: Scalars) -> Rolling:
+    return replace(
+        wheel,
+        radius=scalars.number(wheel.radius, "length", ""),
+        offset=scalars.number(wheel.offset, "length", ""),
+        direction=scalars.numbers(_snapped(wheel.direction), "direction", ""),
+        shift=scalars.numbers(wheel.shift, "length", ""),
+        lever=scalars.number(wheel.lever, "length", ""),
+        left=scalars.number(wheel.left, "length", ""),
+    )
+
+
+def _scalar_swivel(part: SwivelPart, scalars: Scalars) -> SwivelPart:
+    return replace(
+        part,
+        pivot=scalars.numbers(part.pivot, "length", ""),
+        ahead=scalars.numbers(_snapped(part.ahead), "direction", ""),
+        sign=scalars.number(part.sign, "number", ""),
+        trail=scalars.number(part.trail, "length", ""),
+        left=scalars.number(part.left, "length", ""),
     )
 
 

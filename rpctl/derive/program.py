@@ -75,7 +75,7 @@ def _terms(oracle: GibbsAppell, names: Sequence[str], q: Any, nu: Any) -> Terms:
     for name, mimic in _mimicked(robot).items():
         positions[name] = mimic.multiplier * positions[mimic.joint] + mimic.offset
     u = np.array([Element.of(nu[i]) for i in range(robot.dof)], dtype=object)
-    root, rates = oracle.rolling_root(CASADI.identity(3), u)
+    root, rates = oracle.rolling_root(CASADI.identity(3), positions, u)
     return oracle.terms(positions, u, root, rates)
 
 

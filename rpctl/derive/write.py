@@ -33,5 +33,10 @@ def derive(robot: Robot, format: str = "text", parameters: bool = False) -> str:
     from rpctl.derive.latex import to_latex
     from rpctl.derive.text import to_text
 
+    if robot.drive.swivels:
+        raise RpctlError(
+            f"{robot.name}: wheels that swivel divide by sines and cosines of their angles, so the "
+            "closed form is too long to read; take the code: --format python or c"
+        )
     form = closed_form(robot, parameters)
     return to_latex(form) if format == "latex" else to_text(form)

@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from rpctl.description.records import Array
+from rpctl.dynamics.rolling import Rolling
 from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
 RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v is undetermined
 
 
-def selection(robot: Robot) -> Array:
+def selection(robot: Robot, rolling: Rolling) -> Array:
     """Return W (dof, nv), constant: ν = W v picks the quasi-velocities out of a velocity.
 
-    For a drive with a fixed axle the first two rows are the forward speed of P and the turning
-    rate, for a holonomic one the first three are the base's speeds; the others pick the arm's.
+    The base's own speeds come first: with a fixed axle the forward speed of P and, unless a wheel
+    is steered, the turning rate; of a holonomic base all three; with steered wheels only, the
+    rolling speed of the first. The steered joints' rates and the arm's follow.
     """
     W = np.zeros((robot.dof, robot.nv))
-    base = len(robot.drive.base_speeds)
-    if robot.drive.has_axle:
-        W[:2, :BASE_NV] = point_velocity(robot)[[0, 2]]
-    elif base:
-        W[:base, :BASE_NV] = np.eye(BASE_NV)
-    for row, joint in enumerate(robot.joints, start=base):
-        W[row, robot.velocity_index(joint.name)] = 1.0
+    drive = robot.drive
+    own = len(drive.base_speeds) - len(drive.steered)
+    if drive.has_axle:
+        W[:own, :BASE_NV] = robot.point_velocity[[0, 2][:own]]
+    elif drive.steered:
+        wheels = drive.carried(drive.steered[0])
+        for wheel in wheels:
+            index = robot.velocity_index(drive.wheels[wheel].joint)
+            W[0, index] = -rolling.constant[rolling.along[wheel], index] / len(wheels)
+    else:
+        W[:own, :BASE_NV] = np.eye(own, BASE_NV)
+    joints = [swivel.joint for swivel in drive.steered] + [joint.name for joint in robot.joints]
+    for row, name in enumerate(joints, start=own):
+        W[row, robot.velocity_index(name)] = 1.0
     return W
-
-
-def point_velocity(robot: Robot) -> Array:
-    """Return the map (3, 3) from the root link's velocity in its own axes to the twist of P.
-
-    The twist is P's speed along the heading and to its left (m/s), and the turning rate.
-    """
-    px, py = robot.drive.point
-    cos, sin = math.cos(robot.drive.heading), math.sin(robot.drive.heading)
-    return np.array([[cos, sin, sin * px - cos * py], [-sin, cos, cos * px + sin * py], [0, 0, 1]])
 
 
 def basis(A: Array, W: Array) -> Array:
@@ -61,6 +59,8 @@ def basis_drift(A: Array, W: Array, drift: Array) -> Array:
 def _solve(A: Array, W: Array, right: Array) -> Array:
     """Solve the consistent system [A; W] X = right."""
     left = np.vstack([A, W])
+    if left.shape[0] == left.shape[1]:
+        return _solve_square(left, right)
     solution, _, rank, singular = np.linalg.lstsq(left, right, rcond=RANK_MARGIN)
     if rank < left.shape[1]:
         raise SingularBasisError(
@@ -76,3 +76,12 @@ def _solve(A: Array, W: Array, right: Array) -> Array:
             "asked for; are the wheels' axles on one line?"
         )
     return np.asarray(solution)
+
+
+def _solve_square(left: Array, right: Array) -> Array:
+    """Solve as many equations as there are velocities, which they determine or do not."""
+    factor, pivots, _ = dgetrf(left)
+    condition, _ = dgecon(factor, np.abs(left).sum(axis=0).max())
+    if not condition > RANK_MARGIN:
+        raise SingularBasisError("the wheels and quasi-velocities determine no one motion")
+    return np.asarray(dgetrs(factor, pivots, right)[0])

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, contact_point, layout
+from rpctl.dynamics.rolling import ROOT_JOINT, contact_point
 from rpctl.dynamics.stance import NARROW, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
 from rpctl.errors import require_positive
@@ -69,9 +69,9 @@ class GroundReaction:
 
     Attributes:
         force: Total force (3,), world axes, N; the third is the load.
-        longitudinal: Force of each wheel along the robot's forward rolling direction (n_wheels,),
-            N.
-        lateral: Force of each axle to the robot's left (n_axles,), N: the sum over its wheels.
+        longitudinal: Force of each wheel along the robot's forward direction (n_wheels,), N; of a
+            wheel that swivels along its own.
+        lateral: Force of each axle to its left (n_axles,), N: the sum over its wheels.
         load: Vertical force of each contact (n,), wheels first, N; negative where it would pull.
         zmp: Zero-moment point (2,) on the ground, world axes, m.
         tip_margin: Distance of the zero-moment point to the nearest edge of the support polygon,
@@ -110,7 +110,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     points = _points(dynamics, supports, q)
     points.setflags(write=False)
     A = dynamics.constraint(q)
-    axles, along, across = _force_maps(dynamics, len(A), q)
+    axles, along, across = _force_maps(dynamics)
     moves = any(part.joint != ROOT_JOINT for part in supports.parts) or not dynamics.constant
     balanced = not supports.unknown and width(points) > NARROW
     return Contacts(
@@ -185,7 +185,7 @@ def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
     """Return the contacts (n, 2) in the root link's frame, m."""
     robot, data = dynamics.robot, dynamics.placements(q)
     root = data.oMi[ROOT_JOINT]
-    wheels = [root.actInv(contact_point(robot, data, w)[0])[:2] for w in robot.drive.wheels]
+    wheels = [root.actInv(contact_point(robot, data, w))[:2] for w in robot.drive.wheels]
     others = [
         root.actInv(data.oMi[part.joint].act(np.array(part.point)))[:2] for part in supports.parts
     ]
@@ -193,36 +193,30 @@ def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
 
 
 def _force_maps(
-    dynamics: ReducedDynamics, rows: int, q: Array
+    dynamics: ReducedDynamics,
 ) -> tuple[tuple[tuple[int, ...], ...], Array, Array]:
     """Return the axles and the maps (n_wheels, rows), (n_axles, rows) from λ to the forces.
 
-    An ordinary wheel on the root link shares its lateral force with all such wheels, for only P is
-    kept from moving sideways. A roller's one force has both parts.
+    Wheels on the root link share their lateral force, for only P is kept from moving sideways; so
+    do those of a swivel and of the swivels that follow it. A roller's one force has both parts.
     """
-    robot, placed = dynamics.robot, layout(dynamics.robot)
-    wheels, heading = robot.drive.wheels, robot.drive.heading
-    turn = np.array(
-        [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
-    )
-    along = np.zeros((len(wheels), rows))
+    drive, rolling = dynamics.robot.drive, dynamics.rolling
+    identity = np.eye(len(rolling.constant))
+    along = np.zeros((len(drive.wheels), len(identity)))
     axles: list[tuple[int, ...]] = []
     across = []
-    data = dynamics.placements(q)
-    signs = {}
-    for index, wheel in enumerate(wheels):
-        forward, left = turn @ wheel.direction
-        if not carried_by_root(robot, wheel):  # its rows follow its axle
-            axle = data.oMi[ROOT_JOINT].rotation.T @ contact_point(robot, data, wheel)[1]
-            forward = signs[index] = math.copysign(1.0, float(turn[1] @ axle[:2]))
-            left = 0.0
-        along[index, placed.along[index]] = forward
+    for index, (wheel, row) in enumerate(zip(drive.wheels, rolling.along, strict=True)):
+        forward, left = 1.0, 0.0  # a wheel that swivels: along its own rolling direction
+        if wheel.swivel is None:
+            turn = math.atan2(wheel.direction[1], wheel.direction[0]) - drive.heading
+            forward, left = math.cos(turn), math.sin(turn)
+        along[index, row] = forward
         if abs(left) > ROLLER:
             axles.append((index,))
-            across.append(left * np.eye(rows)[placed.along[index]])
-    for row, shared in placed.across:
+            across.append(left * identity[row])
+    for row, shared in rolling.across:
         axles.append(shared)
-        across.append(signs.get(shared[0], 1.0) * np.eye(rows)[row])
+        across.append(identity[row])
     return tuple(axles), along, np.array(across)
 
 

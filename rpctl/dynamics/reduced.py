@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.description.records import Array
-from rpctl.dynamics.basis import basis, basis_drift, point_velocity, selection
-from rpctl.dynamics.rolling import ROOT_JOINT, carried_by_root, constraint, constraint_drift
-from rpctl.errors import ActuationError, RpctlError
+from rpctl.dynamics.basis import basis, basis_drift, selection
+from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift, find_rolling
+from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
 ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
@@ -32,16 +34,16 @@ class ReducedDynamics:
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
             self._columns[robot.velocity_index(name), column] = 1.0
-        self._W = selection(robot)
-        self._to_point = point_velocity(robot)
-        # Wheels fixed to the base roll along directions fixed in the base, and the planar root's
-        # velocity is in the base's axes: A does not depend on q, so S is constant and Ṡ = 0.
+        self.rolling = find_rolling(robot)
+        self._W = selection(robot, self.rolling)
+        # Where no wheel swivels, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
         self._S: Array | None = None
-        if all(carried_by_root(robot, wheel) for wheel in robot.drive.wheels):
-            S = basis(self.constraint(pin.neutral(self._model)), self._W)
+        if not robot.drive.swivels:
+            S = basis(self.rolling.constant, self._W)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
             self._S = S
+        self._known: tuple[Array, Array, Array] | None = None  # the last q, its A and its S
         self._constant_allocation: Array | None = None
         self._still = np.zeros(robot.nv)
         self._v = np.zeros(robot.nv)
@@ -50,24 +52,45 @@ class ReducedDynamics:
 
     def constraint(self, q: Array) -> Array:
         """Return A(q) (rows, nv)."""
-        return constraint(self.robot, self._data, q)
+        return self.rolling.constant if self.constant else self._at(q)[0]
 
     def basis(self, q: Array) -> Array:
-        """Return S(q) (nv, dof): v = S ν, A S = 0."""
-        if self._S is not None:
-            return self._S
-        return basis(self.constraint(q), self._W)
+        """Return S(q) (nv, dof): v = S ν, A S = 0.
+
+        Raises:
+            SingularBasisError: At q the steered wheels fix no one motion; their joints are named.
+        """
+        return self._at(q)[1] if self._S is None else self._S
+
+    def _at(self, q: Array) -> tuple[Array, Array]:
+        """Return A and S at q, for a robot whose wheels swivel."""
+        if self._known is None or not np.array_equal(self._known[0], q):
+            A = constraint(self.robot, self.rolling, q)
+            try:
+                S = basis(A, self._W)
+            except SingularBasisError as error:
+                raise SingularBasisError(f"{error}: {self._angles(q)}") from None
+            A.setflags(write=False)
+            S.setflags(write=False)
+            self._known = q.copy(), A, S
+        return self._known[1:]
+
+    def _angles(self, q: Array) -> str:
+        joints = [swivel.joint for swivel in self.robot.drive.swivels]
+        angles = (math.degrees(self.robot.joint_position(q, name)) for name in joints)
+        return ", ".join(f"{n} at {a:.3g}°" for n, a in zip(joints, angles, strict=True))
 
     def twist(self, q: Array, nu: Array) -> Array:
         """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
-        return self._to_point @ (self.basis(q)[:BASE_NV] @ nu)
+        return self.robot.point_velocity @ (self.basis(q)[:BASE_NV] @ nu)
 
     def basis_drift(self, q: Array, nu: Array) -> Array:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡ ν that the motion itself brings."""
         if self._S is not None:
             return self._still
-        drift = constraint_drift(self.robot, self._data, q, self.basis(q) @ nu)
-        return basis_drift(self.constraint(q), self._W, drift)
+        A, S = self._at(q)
+        drift = constraint_drift(self.robot, self.rolling, q, S @ nu)
+        return basis_drift(A, self._W, drift)
 
     def inertia(self, q: Array) -> Array:
         """Return M(q) (dof, dof), symmetric positive definite."""

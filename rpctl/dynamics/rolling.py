@@ -9,95 +9,224 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.description.records import Array
-from rpctl.robot.drive import Wheel
+from rpctl.robot.drive import Swivel, Wheel
 from rpctl.robot.model import BASE_NV, Robot
 
 ROOT_JOINT = 1  # Pinocchio's index of the planar root
 UP = np.array([0.0, 0.0, 1.0])
+QUARTER = 0.5 * math.pi
 
 
-def constraint(robot: Robot, data: pin.Data, q: Array) -> Array:
-    """Return the constraint matrix A(q), rows possibly redundant.
+@dataclass(frozen=True)
+class Turning:
+    """A row whose direction turns with a swivel.
 
-    A wheel's rows are of the velocity of its material contact point, v_c + ω × (−r ẑ), with c its
-    centre and ω its angular velocity ([MS21, Eq. 1-5]'s rolling conditions for any wheel). A wheel
-    that the root link carries has one row, along :attr:`Wheel.direction`; that P does not move
-    sideways is one more row for all of them, as files round the angles and places of wheels, and
-    two axles a hair apart would let the base move nowhere. Any other wheel has two rows, along
-    and across its rolling direction. Mimic joints have one row each, a fixed base has three.
-
-    Args:
-        robot: The robot.
-        data: Pinocchio's workspace; overwritten.
-        q: Configuration (nq,).
-
-    Returns:
-        A (rows, nv); m/s per unit of v for wheels.
+    With p the swivel's pivot, φ its angle, d the direction and ρ the contact seen from p, the
+    contact's velocity along d is d·(v + ω ẑ × p) + k (ω + φ̇), with k = d·(ẑ × ρ) constant.
     """
-    model = robot.model
+
+    row: int
+    swivel: Swivel
+    index: int  # of the swivel in v
+    angle: float  # of d at position 0, in the root link's frame, rad
+    lever: float  # k, m
+
+
+@dataclass(frozen=True)
+class Follower:
+    """The row that keeps three lateral rows l (3,) dependent: d/dt det(l₁, l₂, l₃) = 0."""
+
+    row: int
+    swivels: tuple[Swivel | None, ...]  # None: the fixed axle
+    indices: tuple[int, ...]  # of the swivels in v
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """The rows of A, and which are whose.
+
+    A wheel has one row, along :attr:`Wheel.direction`. That P does not move sideways is one row
+    for all fixed wheels, as files round the angles and places of wheels, and two axles a hair
+    apart would let the base move nowhere. A swivel has one lateral row for all its wheels; one
+    that follows has a row that keeps its axle on the common centre. Mimic joints have one row
+    each, a fixed base has three.
+
+    Attributes:
+        constant: What no motion changes of A (rows, nv).
+        turning: Rows that turn with a swivel.
+        followers: Rows of swivels that follow.
+        along: Row of each wheel.
+        across: Row of each lateral force, and the wheels (indices) that share it.
+    """
+
+    constant: Array
+    turning: tuple[Turning, ...]
+    followers: tuple[Follower, ...]
+    along: tuple[int, ...]
+    across: tuple[tuple[int, tuple[int, ...]], ...]
+
+
+def find_rolling(robot: Robot) -> Rolling:
+    """Return the rolling constraints of a robot."""
+    drive = robot.drive
     rows = [_mimic_rows(robot)]
-    if robot.drive.type == "fixed":
+    if drive.type == "fixed":
         rows.append(np.eye(BASE_NV, robot.nv))
-    if robot.drive.wheels:
-        pin.computeJointJacobians(model, data, q)
-    for wheel in robot.drive.wheels:
-        joint = model.getJointId(wheel.joint)
-        J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)  # (6, nv)
-        axle, centre = _axle(data, joint, wheel)
-        x, y, z = centre - wheel.radius * UP  # the contact point, seen from the joint's origin
-        turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # turn @ ω = ω × (x, y, z)
-        contact = J[:3] + turn @ J[3:]
-        if carried_by_root(robot, wheel):
-            local = data.oMi[ROOT_JOINT].rotation[:2, :2].T @ contact[:2]
-            rows.append((np.array(wheel.direction) @ local)[None])
-        else:
-            rows.append(_directions(axle) @ contact)
-    if robot.drive.has_axle:
+    first = sum(map(len, rows))
+    data = robot.model.createData()
+    pin.computeJointJacobians(robot.model, data, pin.neutral(robot.model))
+    swivels = {swivel.joint: swivel for swivel in drive.swivels}
+    turning = []
+    for row, wheel in enumerate(drive.wheels, start=first):
+        rows.append(_wheel_row(robot, data, wheel)[None])
+        if wheel.swivel is not None:
+            swivel = swivels[wheel.swivel]
+            index = robot.velocity_index(swivel.joint)
+            turning.append(Turning(row, swivel, index, swivel.heading, -wheel.lateral))
+    along = tuple(range(first, first + len(drive.wheels)))
+    row = first + len(drive.wheels)
+    across: dict[int, list[int]] = {}
+    if drive.has_axle:
         rows.append(_axle_row(robot))
-    return np.vstack(rows)
+        across[row] = [i for i, wheel in enumerate(drive.wheels) if wheel.swivel is None]
+        row += 1
+    lateral: dict[str, int] = {}
+    followers = []
+    for swivel in drive.swivels:
+        index, carried = robot.velocity_index(swivel.joint), list(drive.carried(swivel))
+        if swivel.shares is not None:
+            lateral[swivel.joint] = lateral[swivel.shares]
+            across[lateral[swivel.shares]] += carried
+        else:
+            lateral[swivel.joint] = row
+            rows.append(np.zeros((1, robot.nv)))
+            row += 1
+        if swivel.role == "follower":
+            followers.append(_follower(robot, swivel, lateral[swivel.joint]))
+            nearest = min(drive.steered, key=lambda s: math.dist(s.pivot, swivel.pivot))
+            across[lateral[nearest.joint]] += carried
+            continue
+        across.setdefault(lateral[swivel.joint], []).extend(carried)
+        angle = swivel.heading + QUARTER
+        turning.append(Turning(lateral[swivel.joint], swivel, index, angle, swivel.trail))
+    constant = np.vstack(rows)
+    for part in turning:
+        constant[part.row, 2] += part.lever
+        constant[part.row, part.index] += part.swivel.sign * part.lever
+    constant.setflags(write=False)
+    shared = tuple((row, tuple(wheels)) for row, wheels in across.items())
+    return Rolling(constant, tuple(turning), tuple(followers), along, shared)
 
 
-def constraint_drift(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
+def constraint(robot: Robot, rolling: Rolling, q: Array) -> Array:
+    """Return the constraint matrix A(q) (rows, nv); m/s per unit of v for wheels.
+
+    These are [MS21, Eq. 1-5]'s rolling conditions for any wheel: its material contact point stands
+    still along the row's direction.
+    """
+    A = rolling.constant.copy()
+    for part in rolling.turning:
+        cos, sin = _direction(robot, part, q)
+        x, y = part.swivel.pivot
+        A[part.row, 0] += cos
+        A[part.row, 1] += sin
+        A[part.row, 2] += sin * x - cos * y
+    for follower in rolling.followers:
+        rows, slopes = _lateral(robot, follower, q)
+        for i, (index, slope) in enumerate(zip(follower.indices, slopes, strict=True)):
+            if index >= 0:
+                A[follower.row, index] += _det(rows, {i: slope})
+    return A
+
+
+def constraint_drift(robot: Robot, rolling: Rolling, q: Array, v: Array) -> Array:
     """Return Ȧ v (rows,): what A v̇ must cancel; same order as :func:`constraint`.
 
     Args:
         robot: The robot.
-        data: Pinocchio's workspace; overwritten.
+        rolling: Its constraints.
         q: Configuration (nq,).
         v: Velocity (nv,).
     """
+    drift = np.zeros(len(rolling.constant))
+    vx, vy, omega = v[:BASE_NV]
+    for part in rolling.turning:
+        cos, sin = _direction(robot, part, q)
+        x, y = part.swivel.pivot
+        rate = part.swivel.sign * v[part.index]
+        drift[part.row] += rate * (cos * (vy + omega * x) - sin * (vx - omega * y))
+    for follower in rolling.followers:
+        rows, slopes = _lateral(robot, follower, q)
+        rates = [v[index] if index >= 0 else 0.0 for index in follower.indices]
+        for i, rate in enumerate(rates):
+            drift[follower.row] -= _det(rows, {}) * rate**2  # l″ = −l
+            for j in range(i):
+                mixed = _det(rows, {i: slopes[i], j: slopes[j]})
+                drift[follower.row] += 2.0 * mixed * rate * rates[j]
+    return drift
+
+
+def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:
+    """Return a wheel's lowest point (3,), world; ``data`` holds the joints' placements."""
+    placement = data.oMi[robot.model.getJointId(wheel.joint)]
+    return placement.act(wheel.offset * np.array(wheel.axis)) - wheel.radius * UP
+
+
+def _direction(robot: Robot, part: Turning, q: Array) -> tuple[float, float]:
+    angle = part.angle + part.swivel.sign * robot.joint_position(q, part.swivel.joint)
+    return math.cos(angle), math.sin(angle)
+
+
+def _lateral(robot: Robot, follower: Follower, q: Array) -> tuple[list[Array], list[Array]]:
+    """Return three lateral rows l (3,), and their derivatives by the swivels' positions."""
+    rows, slopes = [], []
+    for swivel in follower.swivels:
+        angle, sign, (x, y) = robot.drive.heading, 0.0, robot.drive.point
+        if swivel is not None:
+            position = robot.joint_position(q, swivel.joint)
+            angle, sign, (x, y) = swivel.heading + swivel.sign * position, swivel.sign, swivel.pivot
+        cos, sin = math.cos(angle), math.sin(angle)
+        rows.append(np.array([-sin, cos, cos * x + sin * y]))
+        slopes.append(-sign * np.array([cos, sin, sin * x - cos * y]))
+    return rows, slopes
+
+
+def _det(rows: list[Array], replaced: dict[int, Array]) -> float:
+    a, b, c = (replaced.get(i, row) for i, row in enumerate(rows))
+    return float(
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
+def _follower(robot: Robot, swivel: Swivel, row: int) -> Follower:
+    """Return the constraint of a follower to the two lateral rows that fix the centre."""
+    fixed = (None,) if robot.drive.has_axle else ()
+    swivels = (*fixed, *robot.drive.steered, swivel)
+    indices = (-1 if one is None else robot.velocity_index(one.joint) for one in swivels)
+    return Follower(row, swivels, tuple(indices))
+
+
+def _wheel_row(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:
+    """Return what is constant of a wheel's row (nv,).
+
+    ``data`` holds the joints' placements and Jacobians at the neutral configuration.
+    """
     model = robot.model
-    drift = [np.zeros(len(robot.mimics))]
-    if robot.drive.type == "fixed":
-        drift.append(np.zeros(BASE_NV))
-    if robot.drive.wheels:
-        pin.forwardKinematics(model, data, q, v, np.zeros(robot.nv))
-    for wheel in robot.drive.wheels:
-        if carried_by_root(robot, wheel):
-            drift.append(np.zeros(1))  # in the root's axes nothing of this row moves
-            continue
-        joint = model.getJointId(wheel.joint)
-        axle, centre = _axle(data, joint, wheel)
-        down = -wheel.radius * UP
-        velocity = pin.getVelocity(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
-        acceleration = pin.getClassicalAcceleration(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
-        omega, alpha = velocity.angular, acceleration.angular
-        # The contact point moves along with the wheel's centre, not with the wheel's material.
-        rate = velocity.linear + np.cross(omega, centre) + np.cross(omega, down)
-        change = (
-            acceleration.linear + np.cross(alpha, centre) + np.cross(omega, np.cross(omega, centre))
-        )
-        change += np.cross(alpha, down)
-        turning = _direction_rates(axle, np.cross(omega, axle))
-        drift.append(_directions(axle) @ change + turning @ rate)
-    if robot.drive.has_axle:
-        drift.append(np.zeros(1))
-    return np.concatenate(drift)
-
-
-def carried_by_root(robot: Robot, wheel: Wheel) -> bool:
-    """Return whether a wheel's joint is held by the root link."""
-    return bool(robot.model.parents[robot.model.getJointId(wheel.joint)] == ROOT_JOINT)
+    joint = model.getJointId(wheel.joint)
+    row, direction = np.zeros(robot.nv), np.array([*wheel.direction, 0.0])
+    axle = data.oMi[joint].rotation @ np.array(wheel.axis)
+    if wheel.swivel is not None:
+        forward = direction @ np.cross(axle, UP)
+        row[robot.velocity_index(wheel.joint)] = -math.copysign(wheel.radius, forward)
+        return row
+    J = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)  # (6, nv)
+    contact = wheel.offset * axle - wheel.radius * UP  # seen from the joint's origin
+    row = direction @ (J[:3] + np.cross(J[3:], contact, axisa=0, axisc=0))
+    left = np.array([-math.sin(robot.drive.heading), math.cos(robot.drive.heading), 0.0])
+    row[2] += direction @ np.cross(UP, wheel.shift * left)
+    return np.asarray(row)
 
 
 def _axle_row(robot: Robot) -> Array:
@@ -109,45 +238,6 @@ def _axle_row(robot: Robot) -> Array:
     return row
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Which rows of A are whose.
-
-    Attributes:
-        along: Row of each wheel, along its direction.
-        across: Row of each lateral force, and the wheels (indices) that share it.
-    """
-
-    along: tuple[int, ...]
-    across: tuple[tuple[int, tuple[int, ...]], ...]
-
-
-def layout(robot: Robot) -> Layout:
-    """Return which rows of :func:`constraint` are whose."""
-    row = len(robot.mimics) + (BASE_NV if robot.drive.type == "fixed" else 0)
-    along: list[int] = []
-    across: list[tuple[int, tuple[int, ...]]] = []
-    shared: list[int] = []
-    for index, wheel in enumerate(robot.drive.wheels):
-        along.append(row)
-        row += 1
-        if carried_by_root(robot, wheel):
-            shared.append(index)
-        else:
-            across.append((row, (index,)))
-            row += 1
-    if robot.drive.has_axle:
-        across.append((row, tuple(shared)))
-    return Layout(tuple(along), tuple(across))
-
-
-def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
-    """Return a wheel's lowest point and its unit axle (3,), world; ``data`` holds its placement."""
-    joint = robot.model.getJointId(wheel.joint)
-    axle, centre = _axle(data, joint, wheel)
-    return data.oMi[joint].translation + centre - wheel.radius * UP, axle
-
-
 def _mimic_rows(robot: Robot) -> Array:
     """Return one row a mimic joint: its rate less the multiplier times the followed one's."""
     rows = np.zeros((len(robot.mimics), robot.nv))
@@ -156,23 +246,3 @@ def _mimic_rows(robot: Robot) -> Array:
         if joint.mimic is not None and joint.mimic.joint not in robot.locked:
             row[robot.velocity_index(joint.mimic.joint)] -= joint.mimic.multiplier
     return rows
-
-
-def _axle(data: pin.Data, joint: int, wheel: Wheel) -> tuple[Array, Array]:
-    """Return the axle and the wheel centre's offset from the joint's origin, world axes (3,)."""
-    axle = data.oMi[joint].rotation @ np.array(wheel.axis)
-    return axle, wheel.offset * axle
-
-
-def _directions(axle: Array) -> Array:
-    """Return the rolling direction and the lateral one (2, 3): level, unit, right-handed."""
-    x, y = axle[:2] / math.hypot(axle[0], axle[1])
-    return np.array([[y, -x, 0.0], [x, y, 0.0]])
-
-
-def _direction_rates(axle: Array, axle_rate: Array) -> Array:
-    """Return the time derivative (2, 3) of the directions, for an axle that turns."""
-    lateral = _directions(axle)[1]
-    level_rate = np.array([axle_rate[0], axle_rate[1], 0.0]) / np.hypot(axle[0], axle[1])
-    lateral_rate = level_rate - (lateral @ level_rate) * lateral
-    return np.array([np.cross(lateral_rate, UP), lateral_rate])

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.equivalence.planar import base_motion
 from rpctl.equivalence.tree import FLOATS, Body, Hinge, Scalars, Tree
 from rpctl.robot.model import Robot
 
@@ -97,8 +98,9 @@ class GibbsAppell:
 
     def reduced(self, q: Array, nu: Array) -> Terms:
         """Return the equations in the quasi-velocities, u = ν (dof,), wheels rolling."""
-        root, rates = self.rolling_root(self._heading(q), nu)
-        return self.terms(self._positions(q), nu, root, rates)
+        positions = self._positions(q)
+        root, rates = self.rolling_root(self._heading(q), positions, nu)
+        return self.terms(positions, nu, root, rates)
 
     def full(self, q: Array, v: Array) -> Terms:
         """Return the equations of the free tree, u = v (nv,) as Pinocchio orders it."""
@@ -114,35 +116,34 @@ class GibbsAppell:
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
         """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1]."""
-        root, rates = self.rolling_root(self._heading(q), nu)
-        return float(self.function(self._positions(q), nu, nu_dot, root, rates))
+        positions = self._positions(q)
+        root, rates = self.rolling_root(self._heading(q), positions, nu)
+        return float(self.function(positions, nu, nu_dot, root, rates))
 
-    def rolling_root(self, R: Array, nu: Vector) -> tuple[Motion, Rates]:
-        """Return the root link's motion in ν, and the arm's rates, which are part of ν.
+    def rolling_root(
+        self, R: Array, positions: Mapping[str, Any], nu: Vector
+    ) -> tuple[Motion, Rates]:
+        """Return the root link's motion in ν, and the rates of the arm and of what swivels.
 
         Args:
             R: Rotation (3, 3) of the root link; G does not depend on it.
+            positions: Positions of the joints, by name.
             nu: Quasi-velocities (dof,), of any scalar.
         """
         n, drive, scalars = self.robot.dof, self.robot.drive, self.scalars
-        J_w, J_v, a = scalars.zeros((3, n)), scalars.zeros((3, n)), scalars.zeros(3)
-        one = scalars.number(1.0, "number", "")
-        if drive.has_axle:
-            forward = R @ self.tree.forward
-            P = R @ self.tree.point  # from the root link's origin
-            v, turn = nu[0], nu[1]
-            J_w[2, 1] = one
-            J_v[:, 0], J_v[:, 1] = forward, -cross(UP, P)
-            a = v * turn * cross(UP, forward) - turn**2 * cross(UP, cross(UP, P))
-        elif drive.base_speeds:
-            J_w[2, 2] = one
-            J_v[:, 0], J_v[:, 1] = R[:, 0], R[:, 1]
-            a = cross(nu[2] * UP, R[:, 0] * nu[0] + R[:, 1] * nu[1])
+        speeds = np.asarray(nu)
+        base = base_motion(self.tree, drive, positions, speeds)
+        J_w, J_v = scalars.zeros((3, n)), R[:, :2] @ base.J[:2]
+        J_w[2] = base.J[2]
+        omega, alpha = J_w @ speeds, scalars.zeros(3)
+        alpha[2] = base.drift[2]
+        a = R[:, :2] @ base.drift[:2] + cross(omega, J_v @ speeds)
         identity = scalars.identity(n)[len(drive.base_speeds) :]
         rows = dict(zip((joint.name for joint in self.robot.joints), identity, strict=True))
-        omega = J_w @ np.asarray(nu)
-        root = Motion(R, omega, J_w, J_v, scalars.zeros(3), a)
-        return root, Rates(rows, dict.fromkeys(rows, 0 * nu[0]), R)
+        drifts = dict.fromkeys(rows, 0 * nu[0])
+        rows |= {name: rate.row for name, rate in base.rates.items()}
+        drifts |= {name: rate.drift for name, rate in base.rates.items()}
+        return Motion(R, omega, J_w, J_v, alpha, a), Rates(rows, drifts, R)
 
     def terms(self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates) -> Terms:
         """Return the equations from G's Hessian and gradient, summed over the links."""
@@ -265,7 +266,7 @@ class GibbsAppell:
         wheel = self.tree.wheels[hinge.name]
         d, down = R @ wheel.direction, -wheel.radius * UP
         lever = d @ cross(axle, down)
-        J_c, a_c = carrier.at(wheel.offset * axle)
+        J_c, a_c = carrier.at(wheel.offset * axle + R @ wheel.shift)
         J_contact = J_c + cross(carrier.J_w, down)
         row = -(d @ J_contact) / lever
         spin = (row @ u) * axle

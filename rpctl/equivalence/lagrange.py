@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve, qr
 
 from rpctl.description.records import Array
-from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from rpctl.robot.model import Robot
 
 RANK_MARGIN = 1e-9  # of the largest: below it a row of A, seen through M⁻¹, repeats others
@@ -44,7 +44,7 @@ def constrained_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Constrai
         tau: Actuator efforts (n_act,).
     """
     data = robot.model.createData()
-    A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
+    A, drift = _rows(robot, q, v)
     force = effort_columns(robot) @ tau - pin.nonLinearEffects(robot.model, data, q, v)
     factor = cho_factor(pin.crba(robot.model, data, q))
     free = cho_solve(factor, force)  # without the constraint
@@ -62,7 +62,7 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
     """
     data = robot.model.createData()
-    A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
+    A, drift = _rows(robot, q, v)
     if not len(A):
         return np.asarray(pin.aba(robot.model, data, q, v, effort_columns(robot) @ tau))
     _, triangle, order = qr(A.T, mode="economic", pivoting=True)
@@ -73,6 +73,12 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
         robot.model, data, q, v, generalised, np.ascontiguousarray(A[rows]), drift[rows]
     )
     return np.asarray(acceleration).copy()
+
+
+def _rows(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
+    """Return A (rows, nv) and Ȧ v (rows,)."""
+    rolling = find_rolling(robot)
+    return constraint(robot, rolling, q), constraint_drift(robot, rolling, q, v)
 
 
 def effort_columns(robot: Robot) -> Array:

@@ -12,6 +12,7 @@ MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engin
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from importlib.util import find_spec
@@ -21,7 +22,10 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
+from rpctl.equivalence.planar import Rate, following
+from rpctl.equivalence.tree import FLOATS, Tree
 from rpctl.errors import RpctlError
+from rpctl.robot.drive import Wheel
 from rpctl.robot.model import Robot
 
 __all__ = ["EngineRefused", "EngineTerms", "MujocoEngine", "installed"]
@@ -75,9 +79,10 @@ class MujocoEngine:
         self.refused, self.fused = tree.refused, tree.fused
         self._model, self._root, self._joints = tree.mjm, tree.root, tree.joints
         self._data = self._mujoco.MjData(self._model)
-        base = 3 if robot.drive.type == "fixed" else 0
-        self._rolling = len(robot.drive.wheels) + robot.drive.has_axle
-        self._constraints = self._rolling + base + len(robot.mimics)
+        self._tree = Tree(robot, FLOATS)
+        self._rows_of = self._numbered()
+        held = 3 if robot.drive.type == "fixed" else 0
+        self._constraints = len(robot.drive.wheels) + len(set(self._rows_of.values())) + held
         self._always = self._constant_rows()
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
@@ -108,6 +113,8 @@ class MujocoEngine:
         """
         self._move(q, np.zeros(self._robot.nv))
         rows = self._rows(self._mujoco.mj_jac) + self._always
+        for name, rate in self._following(q, np.zeros(self._robot.nv)):
+            rows[self._rows_of[name]] -= rate.row
         wanted = np.zeros((len(rows), len(nu)))
         wanted[self._constraints :] = np.eye(len(nu))
         S = _solve(rows, wanted)
@@ -115,6 +122,8 @@ class MujocoEngine:
         self._move(q, v)
         drift = self._rows(self._mujoco.mj_jacDot) @ v
         drift += self._turning(v)
+        for name, rate in self._following(q, v):
+            drift[self._rows_of[name]] -= rate.drift
         Sdot_nu = _solve(rows, -drift)
         M = self._inertia()
         h = S.T @ (self._data.qfrc_bias + M @ Sdot_nu)
@@ -139,51 +148,81 @@ class MujocoEngine:
     def _rows(self, kind: Any) -> Array:
         """Return [A; W], or its rate, as far as Jacobians ``kind`` make it; zero elsewhere.
 
-        One row a wheel: the velocity of its contact point, v_c + ω × (−r ẑ), along the direction
-        in which it stands still. With an axle two rows for P: its velocity to the left, and its
-        forward speed; else one each for the base's velocity along its own axes.
+        A wheel's row is the velocity of its contact point, v_c + ω × (−r ẑ), along the direction
+        in which it stands still; one on a swivel, and the swivel's lateral row, are of the place
+        where the swivel's axis meets the ground. With an axle two rows are of P: its velocity to
+        the left, and its forward speed; else one each of the base's velocity along its own axes.
         """
         rows = np.zeros((self._constraints + self._robot.dof, self._robot.nv))
-        for at, direction, point in self._directed(self._points(kind)):
-            rows[at] = direction @ point
+        for at, direction, _, J in self._directed(kind):
+            rows[at] += direction @ J
         return rows
 
     def _turning(self, v: Array) -> Array:
         """Return what the turning of the directions adds to the rate of :meth:`_rows` times v."""
         drift = np.zeros(self._constraints + self._robot.dof)
-        points = [J @ v for J in self._points(self._mujoco.mj_jac)]
-        for at, direction, velocity in self._directed(points):
-            drift[at] = v[2] * np.cross(-DOWN, direction) @ velocity
+        for at, direction, turn, J in self._directed(self._mujoco.mj_jac):
+            drift[at] += (turn @ v) * np.cross(-DOWN, direction) @ (J @ v)
         return drift
 
-    def _directed(self, points: list[Array]) -> list[tuple[int, Array, Array]]:
-        """Return (row, direction (3,) in the world, point's entry) of every row that turns."""
+    def _directed(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
+        """Yield each row, its direction (3,), the turning of that (nv,), J or J̇ (3, nv) of a point."""
         drive, R = self._robot.drive, self._data.xmat[self._root].reshape(3, 3)
-        *contacts, P = points
-        found = [
-            (at, R @ [*wheel.direction, 0.0], contact)
-            for at, (wheel, contact) in enumerate(zip(drive.wheels, contacts, strict=True))
-        ]
-        first = self._constraints
+        turn, first = np.eye(self._robot.nv)[2], self._constraints
+        for at, wheel in enumerate(drive.wheels):
+            if wheel.swivel is None:
+                yield at, R @ [*wheel.direction, 0.0], turn, self._contact(kind, wheel)
+        for swivel in drive.swivels:
+            index = self._joints[swivel.joint]
+            swing = turn + swivel.sign * np.eye(self._robot.nv)[index]
+            angle = swivel.heading + swivel.sign * self._data.qpos[index]
+            ahead = R @ [math.cos(angle), math.sin(angle), 0.0]
+            J = self._base(kind, swivel.pivot)
+            for wheel_row in drive.carried(swivel):
+                yield wheel_row, ahead, swing, J
+            if swivel.role != "follower":
+                yield self._rows_of[swivel.joint], np.cross(-DOWN, ahead), swing, J
+        P = self._base(kind, drive.point)
         if drive.has_axle:
             ahead = R @ [math.cos(drive.heading), math.sin(drive.heading), 0.0]
-            return [*found, (self._rolling - 1, np.cross(-DOWN, ahead), P), (first, ahead, P)]
-        if drive.base_speeds:
-            return [*found, (first, R[:, 0], P), (first + 1, R[:, 1], P)]
-        return found
+            yield self._rows_of["P"], np.cross(-DOWN, ahead), turn, P
+            yield first, ahead, turn, P
+        elif drive.wheels and not drive.steered:
+            yield first, R[:, 0], turn, P
+            yield first + 1, R[:, 1], turn, P
 
-    def _points(self, kind: Any) -> list[Array]:
-        """Return J or J̇ (3, nv) of each wheel's contact point, then of P."""
-        model, data, drive = self._model, self._data, self._robot.drive
-        jacobians = []
-        for wheel in drive.wheels:
-            joint = model.joint(wheel.joint).id
-            centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
-            linear, angular = self._jacobian(kind, centre, model.jnt_bodyid[joint])
-            jacobians.append(linear + np.cross(angular, wheel.radius * DOWN, axisa=0, axisc=0))
-        R = data.xmat[self._root].reshape(3, 3)
-        P = data.xpos[self._root] + R @ np.array([*drive.point, 0.0])
-        return [*jacobians, self._jacobian(kind, P, self._root)[0]]
+    def _contact(self, kind: Any, wheel: Wheel) -> Array:
+        """Return J or J̇ (3, nv) of the contact point of a wheel that the root link holds."""
+        joint, data = self._model.joint(wheel.joint).id, self._data
+        centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
+        linear, angular = self._jacobian(kind, centre, self._model.jnt_bodyid[joint])
+        J = linear + np.cross(angular, wheel.radius * DOWN, axisa=0, axisc=0)
+        left = self._robot.drive.heading + 0.5 * math.pi
+        grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left))
+        return J + self._base(kind, grip) - self._base(kind, (0.0, 0.0))
+
+    def _base(self, kind: Any, place: tuple[float, float]) -> Array:
+        """Return J or J̇ (3, nv) of a place of the root link's frame that moves along with it."""
+        R = self._data.xmat[self._root].reshape(3, 3)
+        point = self._data.xpos[self._root] + R @ np.array([*place, 0.0])
+        return self._jacobian(kind, point, self._root)[0]
+
+    def _following(self, q: Array, v: Array) -> Iterator[tuple[str, Rate]]:
+        """Yield the swivels that follow others, and their rates as rows of v (nv,)."""
+        drive, identity = self._robot.drive, np.eye(self._robot.nv)
+        rates = {s.joint: Rate(identity[self._joints[s.joint]], 0.0) for s in drive.swivels}
+        positions = {name: self._robot.joint_position(q, name) for name in rates}
+        for swivel in drive.followers:
+            yield swivel.joint, following(self._tree, drive, swivel, positions, v, rates)
+
+    def _numbered(self) -> dict[str, int]:
+        """Return the rows of A by what they are of: after the wheels, P, swivels and mimics."""
+        drive = self._robot.drive
+        names = ["P"] if drive.has_axle else []
+        names += [s.joint for s in drive.swivels if s.shares is None]
+        names += [f"mimic {joint.name}" for joint in self._robot.mimics]
+        rows = {name: len(drive.wheels) + k for k, name in enumerate(names)}
+        return rows | {s.joint: rows[s.shares] for s in drive.swivels if s.shares is not None}
 
     def _jacobian(self, kind: Any, point: Array, body: int) -> tuple[Array, Array]:
         """Return J or J̇ (3, nv), linear and angular, of a point (world) fixed in a body."""
@@ -193,21 +232,36 @@ class MujocoEngine:
 
     def _constant_rows(self) -> Array:
         """Return the rows of [A; W] that no motion changes: mimics, a held base, turn, joints."""
-        robot = self._robot
+        robot, drive, turn = self._robot, self._robot.drive, np.eye(self._robot.nv)[2]
         rows = np.zeros((self._constraints + robot.dof, robot.nv))
-        at = self._rolling
-        if robot.drive.type == "fixed":
-            rows[at : at + 3, :3] = np.eye(3)
-            at += 3
-        for row, joint in enumerate(robot.mimics, start=at):
-            rows[row, self._joints[joint.name]] = 1.0
+        speed = self._constraints
+        for swivel in drive.swivels:
+            swing = turn.copy()
+            swing[self._joints[swivel.joint]] = swivel.sign
+            if swivel.role == "follower":
+                rows[self._rows_of[swivel.joint], self._joints[swivel.joint]] = 1.0
+            else:
+                rows[self._rows_of[swivel.joint]] += swivel.trail * swing
+            for at in drive.carried(swivel):
+                wheel = drive.wheels[at]
+                lever = self._tree.wheels[wheel.joint].lever
+                rows[at] -= wheel.lateral * swing
+                rows[at, self._joints[wheel.joint]] = -lever
+                if not drive.has_axle and drive.steered and swivel == drive.steered[0]:
+                    share = lever / len(drive.carried(swivel))
+                    rows[speed, self._joints[wheel.joint]] = share
+        if drive.type == "fixed":
+            rows[:3, :3] = np.eye(3)
+        for joint in robot.mimics:
+            at = self._rows_of[f"mimic {joint.name}"] + 3 * (drive.type == "fixed")
+            rows[at, self._joints[joint.name]] = 1.0
             if joint.mimic is not None and joint.mimic.joint in self._joints:
-                rows[row, self._joints[joint.mimic.joint]] -= joint.mimic.multiplier
-        if robot.drive.base_speeds:
-            rows[self._constraints + len(robot.drive.base_speeds) - 1, 2] = 1.0
-        first = self._constraints + len(robot.drive.base_speeds)
-        for row, joint in enumerate(robot.joints, start=first):
-            rows[row, self._joints[joint.name]] = 1.0
+                rows[at, self._joints[joint.mimic.joint]] -= joint.mimic.multiplier
+        if drive.base_speeds and not drive.steered:
+            rows[self._constraints + len(drive.base_speeds) - 1, 2] = 1.0
+        own = [s.joint for s in drive.steered] + [joint.name for joint in robot.joints]
+        for row, name in enumerate(own, start=len(rows) - len(own)):
+            rows[row, self._joints[name]] = 1.0
         return rows
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.robot.drive import Drive, Swivel, Wheel
 from rpctl.robot.model import Robot
 
 
@@ -85,11 +86,36 @@ class Hinge:
 
 @dataclass(frozen=True)
 class Rolling:
-    """A wheel: its radius, its centre along the axle, and where its contact stands still (3,)."""
+    """A wheel: its radius, its centre along the axle, and where its contact stands still (3,).
+
+    ``shift`` (3,) is where it grips, seen from itself, in the root link's axes. Of a wheel on a
+    swivel, ``lever`` is its radius, negative where its axle points right, and ``left`` the distance
+    of its contact to the left of the swivel's axis.
+    """
 
     radius: Any
     offset: Any
     direction: Array
+    shift: Array
+    swivel: str | None
+    lever: Any
+    left: Any
+
+
+@dataclass(frozen=True)
+class SwivelPart:
+    """A swivel: its pivot (2,) and heading (2,) at position 0 in the root link's axes.
+
+    ``sign`` is −1 where its axis points down, ``trail`` the distance of its contact ahead of it,
+    ``left`` the mean distance of its wheels' contacts to the left of it.
+    """
+
+    joint: str
+    pivot: Array
+    ahead: Array
+    sign: Any
+    trail: Any
+    left: Any
 
 
 class Tree:
@@ -103,7 +129,7 @@ class Tree:
     def __init__(self, robot: Robot, scalars: Scalars) -> None:
         import yourdfpy  # here, for its import takes longer than loading and inspecting a robot
 
-        self._scalars = scalars
+        self.scalars = scalars
         parsed = yourdfpy.URDF.load(
             io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False
         ).robot
@@ -115,32 +141,68 @@ class Tree:
         hinges = [hinge for below in self.below.values() for hinge in below]
         self.moving = [hinge.name for hinge in hinges if hinge.kind != "fixed"]
         (self.root,) = self.below.keys() - {hinge.child for hinge in hinges}
-        drive, number = robot.drive, scalars.number
-        self.wheels = {
-            wheel.joint: Rolling(
-                radius=number(wheel.radius, "length", f"radius of {wheel.joint}"),
-                offset=number(wheel.offset, "length", f"offset of {wheel.joint}"),
-                direction=scalars.numbers((*wheel.direction, 0.0), "direction", ""),
-            )
-            for wheel in drive.wheels
-        }
+        drive = robot.drive
+        self.wheels = {wheel.joint: self._wheel(robot, wheel) for wheel in drive.wheels}
+        self.swivels = {swivel.joint: self._swivel(drive, swivel) for swivel in drive.swivels}
         ahead = (math.cos(drive.heading), math.sin(drive.heading), 0.0)
         self.forward = scalars.numbers(ahead, "direction", "")
         self.point = scalars.numbers((*drive.point, 0.0), "length", "axle midpoint P")
 
+    def heading(self, part: SwivelPart, positions: Mapping[str, Any]) -> Array:
+        """Return the rolling direction (2,) of a swivel, in the root link's axes."""
+        position = positions[part.joint]
+        cos, sin = self.scalars.cos(position), part.sign * self.scalars.sin(position)
+        x, y = part.ahead
+        return np.array([cos * x - sin * y, cos * y + sin * x])
+
+    def leader(self, joint: str) -> tuple[str, Any]:
+        """Return the joint that a mimic follows in the end, and how many times its rate."""
+        leader, factor = self._leader(joint)
+        return leader, self.scalars.number(factor, "number", "")
+
+    def _wheel(self, robot: Robot, wheel: Wheel) -> Rolling:
+        number, left = self.scalars.number, robot.drive.heading + 0.5 * math.pi
+        name, forward = wheel.joint, 1.0
+        if wheel.swivel is not None:
+            axle = robot.description.pose(robot.description.joint[name].child)[:3, :3] @ wheel.axis
+            forward = wheel.direction[0] * axle[1] - wheel.direction[1] * axle[0]
+        grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left), 0.0)
+        return Rolling(
+            radius=number(wheel.radius, "length", f"radius of {name}"),
+            offset=number(wheel.offset, "length", f"offset of {name}"),
+            direction=self.scalars.numbers((*wheel.direction, 0.0), "direction", ""),
+            shift=self.scalars.numbers(grip, "length", f"shift of {name}"),
+            swivel=wheel.swivel,
+            lever=number(math.copysign(wheel.radius, forward), "length", f"radius of {name}"),
+            left=number(wheel.lateral, "length", f"lateral offset of {name}"),
+        )
+
+    def _swivel(self, drive: Drive, swivel: Swivel) -> SwivelPart:
+        number, name = self.scalars.number, swivel.joint
+        offsets = [drive.wheels[wheel].lateral for wheel in drive.carried(swivel)]
+        ahead = (math.cos(swivel.heading), math.sin(swivel.heading))
+        return SwivelPart(
+            joint=name,
+            pivot=self.scalars.numbers(swivel.pivot, "length", f"pivot of {name}"),
+            ahead=self.scalars.numbers(ahead, "direction", ""),
+            sign=number(swivel.sign, "number", ""),
+            trail=number(swivel.trail, "length", f"trail of {name}"),
+            left=number(sum(offsets) / len(offsets), "length", f"lateral offset of {name}"),
+        )
+
     def _body(self, link: Any) -> Body:
-        inertial, numbers = link.inertial, self._scalars.numbers
+        inertial, numbers = link.inertial, self.scalars.numbers
         origin = np.eye(4) if inertial.origin is None else inertial.origin
         inertia = np.zeros((3, 3)) if inertial.inertia is None else inertial.inertia
         return Body(
-            mass=self._scalars.number(float(inertial.mass or 0), "mass", f"mass of {link.name}"),
+            mass=self.scalars.number(float(inertial.mass or 0), "mass", f"mass of {link.name}"),
             com=numbers(origin[:3, 3], "length", f"centre of mass of {link.name}"),
             R=numbers(origin[:3, :3], "direction", ""),
             inertia=numbers(inertia, "inertia", f"inertia of {link.name}"),
         )
 
     def _hinge(self, joint: Any) -> Hinge:
-        numbers = self._scalars.numbers
+        numbers = self.scalars.numbers
         origin = np.eye(4) if joint.origin is None else joint.origin
         axis = np.zeros(3)
         if joint.type != "fixed":
@@ -155,7 +217,7 @@ class Tree:
             R=numbers(origin[:3, :3], "direction", ""),
             axis=numbers(axis, "direction", ""),
             follows=leader,
-            factor=self._scalars.number(factor, "number", ""),
+            factor=self.scalars.number(factor, "number", ""),
         )
 
     def _leader(self, joint: str) -> tuple[str, float]:

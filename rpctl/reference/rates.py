@@ -1,4 +1,4 @@
-"""A reference in quasi-velocities."""
+"""A reference in quasi-velocities, and where it has the steered wheels."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.errors import RpctlError
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
-
-BASE = {0: [], 2: [0, 2], 3: [0, 1, 2]}  # entries of the twist, by the number of base speeds
+from rpctl.robot.steering import angle_of, rolling_row, steer
 
 
 class Rates(NamedTuple):
@@ -21,9 +21,58 @@ class Rates(NamedTuple):
 
 
 def reference_rates(robot: Robot, state: ReferenceState) -> Rates:
-    """Return ν and ν̇ of a reference."""
-    keep = BASE[len(robot.drive.base_speeds)]
-    return Rates(
-        np.concatenate([state.twist[keep], state.joint_rates]),
-        np.concatenate([state.twist_dot[keep], state.joint_accelerations]),
-    )
+    """Return ν and ν̇ of a reference.
+
+    Raises:
+        RpctlError: Wheels are steered, and the reference stands still without a direction.
+    """
+    drive = robot.drive
+    speeds = np.vstack([state.twist, state.twist_dot])  # (2, 3)
+    if drive.has_axle and drive.steered:
+        base = np.hstack([speeds[:, :1], steering(robot, state)[1:]])
+    elif drive.steered:
+        turned = steering(robot, state)
+        base = np.hstack([_rolling_speed(robot, speeds, turned)[:, None], turned[1:]])
+    else:
+        base = speeds[:, [0, 2]] if drive.has_axle else speeds[:, : len(drive.base_speeds)]
+    arm = np.vstack([state.joint_rates, state.joint_accelerations])
+    return Rates(*np.hstack([base, arm]))
+
+
+def steering(robot: Robot, state: ReferenceState) -> Array:
+    """Return positions, rates and accelerations (3, n_steered) of a reference's steered joints.
+
+    Raises:
+        RpctlError: The reference stands still without a direction.
+    """
+    if not robot.drive.steered:
+        return np.zeros((3, 0))
+    return steer(robot.drive, direction(state) @ robot.root_velocity.T)
+
+
+def direction(state: ReferenceState) -> Array:
+    """Return a reference's direction of travel (3, 3); of one that gives none, its twist.
+
+    Raises:
+        RpctlError: It gives none, and stands still.
+    """
+    if state.direction is not None:
+        return state.direction
+    if not state.twist.any():
+        raise RpctlError(
+            "the reference stands still and gives no direction, so steered wheels do not know "
+            "where to point; let it return ReferenceState(..., direction=...)"
+        )
+    return np.vstack([state.twist, state.twist_dot, np.zeros(3)])
+
+
+def _rolling_speed(robot: Robot, speeds: Array, turned: Array) -> Array:
+    """Return the rolling speed of the first steered swivel's wheels and its derivative (2,).
+
+    k·T − y (ω + φ̇), with y the wheels' mean place beside the swivel; along the heading k̇·T = 0.
+    """
+    swivel = robot.drive.steered[0]
+    beside = [robot.drive.wheels[wheel].lateral for wheel in robot.drive.carried(swivel)]
+    row = rolling_row(swivel.pivot, angle_of(swivel, turned[0, 0]))
+    turning = speeds[:, 2] + swivel.sign * turned[1:, 0]
+    return speeds @ robot.root_velocity.T @ row - np.mean(beside) * turning

@@ -8,7 +8,8 @@ import numpy as np
 
 from rpctl.description.records import Array, Description
 from rpctl.robot.drive_file import suggest
-from rpctl.robot.wheels import AXLE_TILT, Candidate, mostly_left
+from rpctl.robot.swivels import Found
+from rpctl.robot.wheels import AXLE_TILT, Candidate, Standing, mostly_left
 
 MANY = 8  # pairs or joints that a message lists
 TOUCH = 5e-3  # m; wheels reach the ground together to within this
@@ -16,48 +17,54 @@ TOUCH = 5e-3  # m; wheels reach the ground together to within this
 
 def why_not(
     description: Description,
-    candidates: list[Candidate],
-    pairs: list[tuple[Candidate, Candidate]],
+    standing: Standing,
+    pairs: tuple[tuple[Candidate, ...], ...],
+    swivels: tuple[Found, ...],
     kind: str | None,
 ) -> str:
     """Return why no drive was found, and what to write to have one.
 
     Args:
         description: The robot.
-        candidates: The joints that could carry wheels.
+        standing: The joints that could carry wheels.
         pairs: Those that share an axle.
+        swivels: The upright joints that carry wheels.
         kind: Type of the drive that was asked for, or None.
     """
-    where = f"{description.path}: no {kind or 'differential'} drive"
+    where = f"{description.path}: no {kind or 'known'} drive"
     start = "a drive file to start from (--drive FILE):\n"
-    if pairs:
-        listed = "; ".join(f"{a.joint.name} + {b.joint.name}" for a, b in pairs[:MANY])
-        two = kind in ("skid-steer", "mecanum")
-        wanted = "it has two such axles" if two else "it has one such axle"
-        axles = f"{len(pairs)} pair{'s' * (len(pairs) > 1)} of wheels on one axle ({listed})"
-        names = dict.fromkeys(c.joint.name for pair in pairs[:MANY] for c in pair)
-        guess = "mecanum" if "mecanum" in description.xml else "skid-steer"
-        advice = suggest(guess if len(pairs) == 2 else "differential", names)
-        return f"{where}: {axles}, where {wanted}; say which it is, {start}{advice}"
-    if candidates:
+    names = [wheel.joint.name for wheel in standing.wheels[:MANY]]
+    roles = {swivel.joint.name: swivel.role for swivel in swivels[:MANY]}
+    if pairs or swivels:
+        listed = "; ".join(" + ".join(w.joint.name for w in pair) for pair in pairs[:MANY])
+        axles = f"{len(pairs)} pair{'s' * (len(pairs) != 1)} of wheels on one axle"
+        axles += f" ({listed})" if pairs else ""
+        turning = [f"{name} ({role})" for name, role in roles.items()]
+        turns = f", wheels on swivels: {', '.join(turning)}" if turning else ""
+        guess = "skid-steer" if len(pairs) > 1 else "differential"
+        guess = "steered" if not pairs else guess
+        advice = suggest(kind or guess, names, roles)
+        return f"{where}: {axles}{turns}; say which it is, {start}{advice}"
+    aloft = "".join(f"; {reason}" for reason in standing.aloft)
+    if standing.wheels:
         listed = ", ".join(
             f'"{c.joint.name}" (line {c.joint.line}, axle {np.round(c.axle, 3).tolist()} '
             f"at {np.round(c.origin, 3).tolist()})"
-            for c in candidates[:MANY]
+            for c in standing.wheels[:MANY]
         )
-        turned = "".join(_turned_axes(candidates))
-        return f"{where}: no two wheels share one axle; joints on a level axis: {listed}{turned}"
-    still = _still_wheels(description)
+        more = "".join(_turned_axes(standing.wheels)) + aloft
+        return f"{where}: no two wheels share one axle; joints on a level axis: {listed}{more}"
+    still = still_wheels(description)
     if still:
         return f"{where}: wheels are held by fixed joints; make {'; '.join(still)}"
     return (
-        f"{where}: it needs two continuous joints, held rigidly by the root link "
-        f'"{description.root}", about one level axle; make the wheels\' joints '
-        'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
+        f"{where}: it needs continuous joints about level axles that reach the ground, held by "
+        f'the root link "{description.root}"; make the wheels\' joints '
+        f'type="continuous" with the axle as <axis>, or say --drive fixed for an arm{aloft}'
     )
 
 
-def _turned_axes(candidates: list[Candidate]) -> list[str]:
+def _turned_axes(candidates: tuple[Candidate, ...]) -> list[str]:
     """Return what to write where the axles of two wheels lie across the line that joins them."""
     advice = []
     for a, b in combinations(candidates, 2):
@@ -73,7 +80,7 @@ def _turned_axes(candidates: list[Candidate]) -> list[str]:
     return advice
 
 
-def _still_wheels(description: Description) -> list[str]:
+def still_wheels(description: Description) -> list[str]:
     """Return what to write for round links on fixed joints that reach as low as any link does."""
     found = []
     for joint in description.joints:

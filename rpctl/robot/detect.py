@@ -1,36 +1,30 @@
-"""Detection: what drive the wheels of a description make."""
+"""Detection: what drive the wheels of a description make, and how one can tell."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from itertools import combinations
+from collections.abc import Mapping
 
-import numpy as np
-
-from rpctl.description.records import Array, Description
+from rpctl.description.records import Description
 from rpctl.errors import DriveError, UnknownNameError
-from rpctl.robot.advice import why_not
-from rpctl.robot.drive import FIXED, Drive, Wheel
+from rpctl.robot.advice import still_wheels, why_not
+from rpctl.robot.assemble import assemble
+from rpctl.robot.drive import FIXED, Drive
 from rpctl.robot.drive_file import DriveSpec
-from rpctl.robot.wheels import (
-    Candidate,
-    coaxial,
-    find_candidates,
-    mostly_left,
-    offset_of,
-    radius_of,
-)
+from rpctl.robot.evidence import Evidence, gather
+from rpctl.robot.wheels import Candidate, find_candidates, parallel
+
+MECANUM = "mecanum"  # nothing but this word tells four such wheels from four ordinary ones
 
 
 def detect(
-    description: Description, locked: dict[str, float], spec: DriveSpec | None = None
+    description: Description, locked: Mapping[str, float], spec: DriveSpec | None = None
 ) -> Drive:
     """Find the drive of a robot.
 
-    A wheel turns without limits about a level axle and is held rigidly by the root link. Two on
-    one axle are a differential drive. Two such axles are a skid-steer or a mecanum drive; nothing
-    in a URDF tells the two apart, so the specification has to.
+    A wheel turns without limits about a level axle, is held by the root link, rigidly or through
+    one upright joint, and reaches the ground. How many of its kind lie on how many lines, and
+    which upright joints steer, tells the drive. Nothing in a URDF tells skid-steer from mecanum
+    wheels but a name; without one the specification has to.
 
     Args:
         description: The robot.
@@ -38,28 +32,92 @@ def detect(
         spec: What the user says of the drive.
 
     Returns:
-        The drive.
+        The drive, with its evidence and its doubts.
 
     Raises:
         DriveError: No wheels fit, or nothing tells which drive they are; every candidate is named.
-        UnknownNameError: A wheel's joint is not known.
+        UnknownNameError: A joint that the specification names is not known.
     """
     spec = spec or DriveSpec()
     if spec.type == "fixed":
         return FIXED
-    candidates = find_candidates(description, locked)
-    if spec.radii is not None:
-        candidates = _named(description, candidates, spec.radii)
-    pairs = [pair for pair in combinations(candidates, 2) if coaxial(*pair)]
-    if len(pairs) == 1 and spec.type in (None, "differential"):
-        return _differential(description, *pairs[0], spec)
-    if len(pairs) == 2 and spec.type in ("skid-steer", "mecanum"):
-        return _four_wheels(description, pairs, spec)
-    raise DriveError(why_not(description, candidates, pairs, spec.type))
+    candidates = find_candidates(description, locked, spec.wheels)
+    if spec.wheels:
+        candidates = _named(description, candidates, spec)
+    if not candidates and spec.type is None and _arm(description):
+        return _fixed(description)
+    evidence = gather(description, locked, candidates, spec)
+    kind = spec.type or _kind(evidence)
+    if kind is None or not _fits(kind, evidence):
+        raise DriveError(
+            why_not(description, evidence.standing, evidence.pairs, evidence.swivels, spec.type)
+        )
+    return assemble(kind, evidence)
+
+
+def _kind(evidence: Evidence) -> str | None:
+    """Return the type of drive that the wheels tell, or None."""
+    fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
+    aligned = all(parallel(fixed[0], wheel) for wheel in fixed)
+    if steered and not fixed:
+        return "steered" if len(steered) > 1 else None
+    if steered:
+        several = "tricycle" if pairs else "bicycle"
+        return (several if len(steered) == 1 else "car-like") if aligned else None
+    if len(fixed) > 2 and not aligned and not _passive(evidence):
+        return "omni"
+    if len(pairs) > 1:
+        return MECANUM if _mentions(evidence, MECANUM) else None
+    return "differential" if pairs else None
+
+
+def _passive(evidence: Evidence) -> bool:
+    """Return whether the wheels off the one pair's axle are left without a drive, as casters."""
+    driven = [w for w in evidence.fixed if w.joint.name in evidence.actuated]
+    return len(evidence.pairs) == 1 and 0 < len(driven) < 3
+
+
+def _fits(kind: str, evidence: Evidence) -> bool:
+    """Return whether there are the wheels that a drive of a type needs."""
+    fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
+    needs = {
+        "differential": len(pairs) == 1 and not steered,
+        "skid-steer": len(pairs) > 1 and not steered,
+        "mecanum": len(pairs) == 2 and len(fixed) == 4 and not steered,
+        "omni": len(fixed) > 2 and not steered,
+        "bicycle": len(fixed) > 0 and len(steered) == 1,
+        "tricycle": len(pairs) > 0 and len(steered) == 1,
+        "car-like": len(fixed) > 0 and len(steered) > 1,
+        "steered": not fixed and len(steered) > 1,
+    }
+    return needs[kind]
+
+
+def _mentions(evidence: Evidence, word: str) -> bool:
+    """Return whether a wheel's names or meshes mention a word."""
+    links = [evidence.description.link[wheel.joint.child] for wheel in evidence.fixed]
+    names = [wheel.joint.name for wheel in evidence.fixed] + [link.name for link in links]
+    names += [shape.mesh or "" for link in links for shape in link.visuals + link.collisions]
+    return any(word in name.lower() for name in (*names, evidence.description.name))
+
+
+def _arm(description: Description) -> bool:
+    """Return whether joints move, and none of the fixed links looks like a wheel."""
+    moving = any(joint.moving for joint in description.joints)
+    return moving and not still_wheels(description)
+
+
+def _fixed(description: Description) -> Drive:
+    doubt = (
+        "no joint could carry a wheel, so the base is taken for fixed; a wheel's joint is "
+        'type="continuous", about a level axis, held by the root link '
+        f'"{description.root}" or by an upright joint of it'
+    )
+    return Drive("fixed", doubts=(doubt,))
 
 
 def _named(
-    description: Description, candidates: list[Candidate], wheels: dict[str, float | None]
+    description: Description, candidates: list[Candidate], spec: DriveSpec
 ) -> list[Candidate]:
     """Return the candidates that a specification names.
 
@@ -67,107 +125,15 @@ def _named(
         UnknownNameError: A joint is not known.
         DriveError: A joint cannot carry a wheel.
     """
-    for name in wheels:
+    for name in spec.wheels:
         if name not in description.joint:
             raise UnknownNameError("wheel joint", name, description.joint)
     fit = {candidate.joint.name: candidate for candidate in candidates}
-    for name in wheels.keys() - fit.keys():
+    for name in spec.wheels.keys() - fit.keys():
         joint = description.joint[name]
         raise DriveError(
             f'{description.path}:{joint.line}: joint "{name}" cannot carry a wheel: it has to be '
-            "continuous, about a level axis, and held rigidly by the root link"
+            "continuous, about a level axis, and held by the root link, rigidly or by one upright "
+            "joint"
         )
-    return [fit[name] for name in wheels]
-
-
-@dataclass(frozen=True)
-class _Axle:
-    """A left and a right wheel about one axle: its unit direction to the left, and centres."""
-
-    left: Candidate
-    right: Candidate
-    across: Array  # (3,)
-
-    def middle(self, description: Description) -> Array:
-        """Return the midpoint (3,) of the wheels' centres."""
-        return 0.5 * (_centre(description, self.left) + _centre(description, self.right))
-
-
-def _axle(a: Candidate, b: Candidate) -> _Axle:
-    across = a.axle * math.copysign(1.0, mostly_left(a.axle))
-    left, right = (a, b) if across @ (a.origin - b.origin) > 0 else (b, a)
-    return _Axle(left, right, across)
-
-
-def _heading(across: Array) -> float:
-    return math.atan2(-across[0], across[1]) + 0.0  # no negative zero
-
-
-def _centre(description: Description, candidate: Candidate) -> Array:
-    """Return a wheel's centre (3,) in the root link's frame."""
-    return candidate.origin + offset_of(description, candidate.joint) * candidate.axle
-
-
-def _wheel(
-    description: Description, candidate: Candidate, direction: float, spec: DriveSpec
-) -> Wheel:
-    """Return a wheel whose contact stands still along a direction (angle in the root's frame)."""
-    given = (spec.radii or {}).get(candidate.joint.name)
-    radius, source = (given, "drive file") if given else radius_of(description, candidate)
-    x, y, z = candidate.joint.axis.tolist()
-    return Wheel(
-        joint=candidate.joint.name,
-        radius=radius,
-        source=source,
-        axis=(x, y, z),
-        offset=offset_of(description, candidate.joint),
-        direction=(math.cos(direction), math.sin(direction)),
-    )
-
-
-def _differential(description: Description, a: Candidate, b: Candidate, spec: DriveSpec) -> Drive:
-    axle = _axle(a, b)
-    heading = _heading(axle.across)
-    wheels = tuple(_wheel(description, c, heading, spec) for c in (axle.left, axle.right))
-    middle = axle.middle(description)
-    centres = [_centre(description, c) for c in (axle.left, axle.right)]
-    return Drive(
-        type="differential",
-        wheels=wheels,
-        point=(float(middle[0]), float(middle[1])),
-        heading=heading,
-        track=float(np.linalg.norm((centres[0] - centres[1])[:2])),
-        ground=float(middle[2]) - 0.5 * (wheels[0].radius + wheels[1].radius),
-    )
-
-
-def _four_wheels(
-    description: Description, pairs: list[tuple[Candidate, Candidate]], spec: DriveSpec
-) -> Drive:
-    """Return a skid-steer drive about the middle of its wheels, or a mecanum drive.
-
-    The rollers that touch the ground of a mecanum drive lie along (1, −1) at the front left and
-    the rear right, along (1, 1) at the other two: seen from above, those on top form an X.
-    """
-    kind = str(spec.type)
-    axles = [_axle(*pair) for pair in pairs]
-    heading = _heading(axles[0].across)
-    forward = np.array([math.cos(heading), math.sin(heading), 0.0])
-    axles.sort(key=lambda axle: -float(axle.middle(description) @ forward))
-    candidates = [c for axle in axles for c in (axle.left, axle.right)]
-    turns = (-1, 1, 1, -1) if kind == "mecanum" else (0, 0, 0, 0)
-    wheels = tuple(
-        _wheel(description, candidate, heading + turn * math.pi / 4, spec)
-        for candidate, turn in zip(candidates, turns, strict=True)
-    )
-    middle = 0.5 * (axles[0].middle(description) + axles[1].middle(description))
-    centres = [_centre(description, c) for c in candidates]
-    P = middle if kind == "skid-steer" else np.zeros(3)
-    return Drive(
-        type=kind,
-        wheels=wheels,
-        point=(float(P[0]), float(P[1])),
-        heading=heading if kind == "skid-steer" else 0.0,
-        track=float(np.linalg.norm((centres[0] - centres[1])[:2])),
-        ground=float(middle[2]) - sum(wheel.radius for wheel in wheels) / 4,
-    )
+    return [fit[name] for name in spec.wheels]

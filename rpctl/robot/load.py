@@ -64,13 +64,13 @@ def load(
         told = entry.drive if drive is None and entry else drive
         drive = detect(description, locked, None if told is None else _specification(told))
     model = build(description, locked)
-    wheels = {wheel.joint for wheel in drive.wheels}
+    rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
     joints = tuple(
         joint
         for joint in description.joints
         if joint.moving
         and joint.mimic is None
-        and joint.name not in wheels
+        and joint.name not in rolling
         and joint.name not in locked
     )
     if end_effector is not None and end_effector not in description.link:

@@ -13,6 +13,7 @@ import pinocchio as pin
 from rpctl.description.records import Array, Description, Joint
 from rpctl.errors import Finding, RpctlError, UnknownNameError
 from rpctl.robot.drive import Drive
+from rpctl.robot.steering import follow, regular
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
 BASE_NV = 3
@@ -30,7 +31,7 @@ class Robot:
         model: ``pinocchio.Model`` with a ``JointModelPlanar`` root, locked joints frozen.
         drive: Its wheels.
         locked: Frozen joints and their positions (rad or m).
-        joints: The arm: moving joints that are neither wheels nor mimics, in file order.
+        joints: The arm: moving joints that are no wheels, swivels or mimics, in file order.
         end_effector: Link whose pose is tracked, or None for a robot without an arm.
         findings: What was noticed in the description and the model.
         density: Density from which missing inertias were estimated, kg/m³, or None.
@@ -54,9 +55,10 @@ class Robot:
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
-        """Names of τ: the wheels' joints, left before right, then the arm's."""
-        wheels = tuple(wheel.joint for wheel in self.drive.wheels)
-        return wheels + tuple(joint.name for joint in self.joints)
+        """Names of τ: the driven wheels' joints, the driven swivels', then the arm's."""
+        wheels = tuple(wheel.joint for wheel in self.drive.wheels if wheel.driven)
+        swivels = tuple(swivel.joint for swivel in self.drive.swivels if swivel.driven)
+        return wheels + swivels + tuple(joint.name for joint in self.joints)
 
     @property
     def dof(self) -> int:
@@ -127,7 +129,8 @@ class Robot:
             x: Position of the root link, m.
             y: Position of the root link, m.
             theta: Heading of the root link, rad.
-            joints: Positions (rad or m) by joint name; 0 for those left out. Mimic joints follow.
+            joints: Positions (rad or m) by joint name; 0 for those left out. Mimic joints follow,
+                and so do the swivels of wheels that others' steering determines.
 
         Raises:
             UnknownNameError: A joint is not among the model's.
@@ -141,6 +144,10 @@ class Robot:
                 multiplier, offset = joint.mimic.multiplier, joint.mimic.offset
                 followed = self.joint_position(q, joint.mimic.joint)
                 self.set_joint(q, joint.name, multiplier * followed + offset)
+        if self.drive.followers:
+            steered = {s.joint: self.joint_position(q, s.joint) for s in self.drive.steered}
+            for name, position in follow(self.drive, steered).items():
+                self.set_joint(q, name, position)
         return q
 
     def set_joint(self, q: Array, joint: str, position: float) -> None:
@@ -167,6 +174,23 @@ class Robot:
         """Return the arm's positions (n_joints,), rad or m; continuous joints in (−π, π]."""
         return np.array([self.joint_position(q, joint.name) for joint in self.joints])
 
+    @cached_property
+    def point_velocity(self) -> Array:
+        """The map (3, 3) from the root link's velocity in its own axes to the twist of P.
+
+        The twist is P's speed along the heading and to its left (m/s), and the turning rate.
+        """
+        px, py = self.drive.point
+        cos, sin = math.cos(self.drive.heading), math.sin(self.drive.heading)
+        return np.array(
+            [[cos, sin, sin * px - cos * py], [-sin, cos, cos * px + sin * py], [0.0, 0.0, 1.0]]
+        )
+
+    @cached_property
+    def root_velocity(self) -> Array:
+        """The map (3, 3) from the twist of P to the root link's velocity in its own axes."""
+        return np.asarray(np.linalg.inv(self.point_velocity), dtype=float)
+
     def base_pose(self, q: Array) -> Array:
         """Return the pose (x, y, θ) of P and of the forward direction in the world; m, rad."""
         cos, sin = q[2], q[3]
@@ -174,32 +198,47 @@ class Robot:
         theta = math.atan2(sin, cos) + self.drive.heading
         return np.array([q[0] + cos * px - sin * py, q[1] + sin * px + cos * py, theta])
 
-    def configuration_at(self, pose: Array, joints: Array) -> Array:
-        """Return q (nq,) for a pose (x, y, θ) of P and arm positions (n_joints,)."""
+    def configuration_at(self, pose: Array, joints: Array, steering: Array | None = None) -> Array:
+        """Return q (nq,) for a pose of P and positions of the joints.
+
+        Args:
+            pose: x, y (m) and heading (rad) of P.
+            joints: Positions of the arm (n_joints,), rad or m.
+            steering: Positions of the steered joints (n_steered,), rad; None for 0.
+        """
         theta = pose[2] - self.drive.heading
         cos, sin = math.cos(theta), math.sin(theta)
         px, py = self.drive.point
         x, y = pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py
-        names = (joint.name for joint in self.joints)
-        return self.configuration(x, y, theta, dict(zip(names, joints, strict=True)))
+        positions = dict(zip((joint.name for joint in self.joints), joints, strict=True))
+        if steering is not None:
+            names = (swivel.joint for swivel in self.drive.steered)
+            positions |= dict(zip(names, steering, strict=True))
+        return self.configuration(x, y, theta, positions)
 
     def random_configuration(self, rng: np.random.Generator) -> Array:
         """Return a random q (nq,): base anywhere within 10 m, joints within their limits.
 
         An unlimited revolute joint is drawn from (−π, π), an unlimited prismatic one from ±1 m.
+        Steering stays away from where it fixes no one motion.
         """
         x, y = rng.uniform(-10.0, 10.0, 2)
-        positions = {}
-        for name in self.model.names[2:]:
-            joint = self.description.joint[name]
-            reach = 1.0 if joint.kind == "prismatic" else math.pi
-            low, high = joint.lower, joint.upper
-            if math.isinf(low):
-                low = min(-reach, high - reach)
-            if math.isinf(high):
-                high = max(reach, low + reach)
-            positions[name] = float(rng.uniform(low, high))
+        names = tuple(self.model.names[2:])
+        positions = {name: self._draw(name, rng) for name in names}
+        while not regular(self.drive, positions):
+            positions |= {s.joint: self._draw(s.joint, rng) for s in self.drive.steered}
         return self.configuration(x, y, float(rng.uniform(-math.pi, math.pi)), positions)
+
+    def _draw(self, name: str, rng: np.random.Generator) -> float:
+        """Return a random position of a joint within its limits."""
+        joint = self.description.joint[name]
+        reach = 1.0 if joint.kind == "prismatic" else math.pi
+        low, high = joint.lower, joint.upper
+        if math.isinf(low):
+            low = min(-reach, high - reach)
+        if math.isinf(high):
+            high = max(reach, low + reach)
+        return float(rng.uniform(low, high))
 
     @cached_property
     def home(self) -> Array:

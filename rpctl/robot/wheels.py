@@ -1,60 +1,183 @@
-"""Wheels one by one: the joints that could carry one, and how large it is."""
+"""Wheels one by one: the joints that could carry one, how large it is, whether it stands."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rpctl.description import mesh_files
+from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Array, Description, Joint, Shape
 from rpctl.errors import DriveError
+from rpctl.robot.drive_file import WheelSpec
 
 AXLE_TILT = 0.02  # sine of the largest angle between a wheel axle and the ground (CAD rounding)
 AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, relative to the track
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
+TOUCH = 5e-3  # m; wheels reach the ground together to within this,
+TOUCH_SHARE = 0.1  # or within this share of the radius, whichever is more
+ALIKE = 2.0  # a wheel of unknown size is at most so much larger than the known or lowest one
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A joint that could carry a wheel, placed in the root link's frame."""
+    """A joint that could carry a wheel, placed in the root link's frame, joints at 0 or locked.
+
+    Attributes:
+        joint: The joint.
+        origin: Its origin (3,), m.
+        axle: Its unit axis (3,).
+        frame: Its rotation (3, 3).
+        swivel: The one moving joint between it and the root link, upright; or None.
+        radius: m; None while it is not known.
+        source: Where the radius came from.
+        offset: Distance of the wheel's centre from the joint's origin along the axle, m.
+    """
 
     joint: Joint
-    origin: Array  # (3,)
-    axle: Array  # (3,)
-    frame: Array  # (3, 3)
+    origin: Array
+    axle: Array
+    frame: Array
+    swivel: Joint | None
+    radius: float | None
+    source: str
+    offset: float
+
+    @property
+    def centre(self) -> Array:
+        """The wheel's centre (3,) in the root link's frame, m."""
+        return self.origin + self.offset * self.axle
+
+    @property
+    def bottom(self) -> float:
+        """Height of its lowest point in the root link's frame, m; NaN without a radius."""
+        return float(self.centre[2]) - (math.nan if self.radius is None else self.radius)
 
 
-def find_candidates(description: Description, locked: dict[str, float]) -> list[Candidate]:
-    """Return the joints that turn without limits about a level axis, held by the root link.
+def find_candidates(
+    description: Description, locked: Mapping[str, float], told: Mapping[str, WheelSpec]
+) -> list[Candidate]:
+    """Return the joints that could carry wheels.
+
+    Such a joint turns without limits about a level axis, and is held by the root link, rigidly or
+    by one upright joint.
 
     Args:
         description: The robot.
         locked: Frozen joints and their positions (rad or m); they hold as fixed ones do.
+        told: What the user says of wheels, by joint.
     """
     found = []
+    paths = MeshPaths(description.path)
     for joint in description.joints:
         turns = joint.kind == "continuous" or (
             joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
         )
-        carriers = description.chain(joint.parent)
-        rigid = all(not j.moving or j.name in locked for j in carriers)
-        if not turns or joint.name in locked or not rigid:
+        if not turns or joint.name in locked or joint.mimic is not None:
             continue
-        pose = description.pose(joint.parent, locked) @ joint.origin
+        carriers = [j for j in description.chain(joint.parent) if j.moving and j.name not in locked]
+        if len(carriers) > 1 or not all(_upright(description, locked, j) for j in carriers):
+            continue
+        pose = description.pose(joint.parent, dict(locked)) @ joint.origin
         axle = pose[:3, :3] @ joint.axis
-        if abs(axle[2]) <= AXLE_TILT:
-            found.append(Candidate(joint, pose[:3, 3], axle, pose[:3, :3]))
+        if abs(axle[2]) > AXLE_TILT:
+            continue
+        radius, source, offset = _size(description, joint, paths)
+        given = told.get(joint.name, WheelSpec()).radius
+        if given is not None:
+            radius, source = given, "drive file"
+        swivel = carriers[0] if carriers else None
+        place = (pose[:3, 3], axle, pose[:3, :3])
+        found.append(Candidate(joint, *place, swivel, radius, source, offset))
     return found
+
+
+def upright_axis(description: Description, locked: Mapping[str, float], joint: Joint) -> Array:
+    """Return a joint's unit axis (3,) in the root link's frame."""
+    pose = description.pose(joint.parent, dict(locked)) @ joint.origin
+    return np.asarray(pose[:3, :3] @ joint.axis)
+
+
+def _upright(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
+    axis = upright_axis(description, locked, joint)
+    return joint.kind != "prismatic" and math.hypot(axis[0], axis[1]) <= AXLE_TILT
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Which candidates stand on the ground.
+
+    Attributes:
+        wheels: Those that do, with their radii.
+        aloft: Why each of the others does not, in sentences.
+        doubts: What was assumed of their sizes, in sentences.
+    """
+
+    wheels: tuple[Candidate, ...]
+    aloft: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def stand(description: Description, candidates: list[Candidate], all_of_them: bool) -> Standing:
+    """Tell which candidates reach the ground, which is where the lowest of them ends.
+
+    A wheel whose size nothing tells has its axle's height over the ground for a radius; where no
+    size is known, the ground is at the root link's origin.
+
+    Args:
+        description: The robot.
+        candidates: Joints that could carry wheels.
+        all_of_them: Whether the user says that all of them are wheels.
+
+    Raises:
+        DriveError: A wheel's radius is not known, and its axle is not above the root link.
+    """
+    known = [c for c in candidates if c.radius is not None]
+    ground = min((c.bottom for c in known), default=0.0)
+    lowest = min((float(c.centre[2]) - ground for c in candidates), default=0.0)
+    widest = max((float(c.radius) for c in known if c.radius is not None), default=lowest)
+    place = "the other wheels' ground" if known else f'the root link "{description.root}"'
+    wheels, aloft, doubts = [], [], []
+    for candidate in candidates:
+        height, name = float(candidate.centre[2]) - ground, candidate.joint.name
+        if candidate.radius is None:
+            if height <= 0.0:
+                raise _unknown_radius(description, candidate.joint)
+            if height > ALIKE * widest and not all_of_them:
+                aloft.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
+                continue
+            source = f"axle height over {place}"
+            doubts.append(
+                f'no shape tells the size of wheel "{name}"{_lost(candidate)}: its radius, '
+                f"{height:.4g} m, is the {source}; give its radius in a drive file if it is another"
+            )
+            candidate = replace(candidate, radius=height, source=source)
+        gap, radius = candidate.bottom - ground, candidate.radius or 0.0
+        if gap > max(TOUCH, TOUCH_SHARE * radius) and not all_of_them:
+            aloft.append(f'"{name}": it ends {gap:.3g} m above the ground: no wheel')
+            continue
+        wheels.append(candidate)
+    return Standing(tuple(wheels), tuple(aloft), tuple(doubts))
+
+
+def _lost(candidate: Candidate) -> str:
+    return f" ({candidate.source})" if candidate.source else ""
 
 
 def coaxial(a: Candidate, b: Candidate) -> bool:
     """Return whether two wheels turn about one line, apart from a file's rounding."""
     between = b.origin - a.origin
     distance = float(np.linalg.norm(between))
-    parallel = abs(float(a.axle @ b.axle)) > 1.0 - AXLE_TILT**2
     apart = float(np.linalg.norm(np.cross(a.axle, between)))
-    return parallel and distance > 0.0 and apart <= AXLE_OFFSET * distance
+    return parallel(a, b) and distance > 0.0 and apart <= AXLE_OFFSET * distance
+
+
+def parallel(a: Candidate, b: Candidate) -> bool:
+    """Return whether two wheels' axles are parallel, apart from a file's rounding."""
+    return abs(float(a.axle @ b.axle)) > 1.0 - AXLE_TILT**2
 
 
 def mostly_left(axle: Array) -> float:
@@ -62,7 +185,12 @@ def mostly_left(axle: Array) -> float:
     return float(axle[1]) if abs(axle[1]) > AXLE_TILT else -float(axle[0])
 
 
-def _round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, str]]:
+def leftward(axle: Array) -> Array:
+    """Return an axle (3,), turned round where it points right."""
+    return axle * math.copysign(1.0, mostly_left(axle))
+
+
+def round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, str]]:
     """Return the shapes of a wheel that are round about its axle, collision before visual."""
     link = description.link[joint.child]
     shapes = [(s, "collision") for s in link.collisions] + [(s, "visual") for s in link.visuals]
@@ -77,28 +205,53 @@ def _round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, s
     ]
 
 
-def offset_of(description: Description, joint: Joint) -> float:
-    """Return how far along the axle the wheel's centre lies from the joint's origin."""
-    shapes = _round_shapes(description, joint)
-    return float(shapes[0][0].origin[:3, 3] @ joint.axis) if shapes else 0.0
+def _size(
+    description: Description, joint: Joint, paths: MeshPaths
+) -> tuple[float | None, str, float]:
+    """Return a wheel's radius (m), where it came from, and its centre's offset along the axle.
 
-
-def radius_of(description: Description, candidate: Candidate) -> tuple[float, str]:
-    """Return a wheel's radius (m) and where it came from.
-
-    Raises:
-        DriveError: Nothing tells it.
+    Without a radius the source says why no mesh tells it.
     """
-    shapes = _round_shapes(description, candidate.joint)
+    shapes = round_shapes(description, joint)
     if shapes:
+        offset = float(shapes[0][0].origin[:3, 3] @ joint.axis)
         widest, role = max(shapes, key=lambda item: item[0].size[0])
-        return widest.size[0], f"{role} {widest.kind}, line {widest.line}"
-    height = float(candidate.origin[2])
-    if height > 0.0:
-        return height, f'axle height over the root link "{description.root}"'
-    joint = candidate.joint
-    raise DriveError(
+        return widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset
+    link = description.link[joint.child]
+    reason = ""
+    for role, shapes_of in (("collision", link.collisions), ("visual", link.visuals)):
+        for shape in shapes_of:
+            if shape.kind != "mesh":
+                continue
+            try:
+                radius, offset = _bounds(shape, joint.axis, paths)
+            except MeshError as error:
+                reason = f'mesh "{shape.mesh}" {error}'
+                continue
+            return radius, f"bounds of the {role} mesh, line {shape.line}", offset
+    return None, reason, 0.0
+
+
+def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[float, float]:
+    """Return how far a mesh reaches from an axis through the joint's origin, and its middle on it.
+
+    The reach is half of the widest extent across the axis, which a tread's lugs do not tilt.
+    """
+    surfaces = mesh_files.read(paths.resolve(str(shape.mesh)))
+    points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
+    points = points @ shape.origin[:3, :3].T + shape.origin[:3, 3]
+    along = points @ axis
+    first = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    first /= np.linalg.norm(first)
+    across = points @ np.column_stack([first, np.cross(axis, first)])
+    radius = 0.5 * float(np.ptp(across, axis=0).max())
+    return radius, 0.5 * float(along.min() + along.max())
+
+
+def _unknown_radius(description: Description, joint: Joint) -> DriveError:
+    return DriveError(
         f'{description.path}:{joint.line}: the radius of wheel "{joint.child}" is not known: no '
-        "cylinder or sphere among its shapes, and its axle is not above the root link; give the "
-        'link a <collision> with <cylinder radius="..." length="..."/> along the axle'
+        "cylinder or sphere among its shapes, no mesh that can be read, and its axle is not above "
+        'the root link; give the link a <collision> with <cylinder radius="..." length="..."/> '
+        "along the axle, or its radius in a drive file"
     )

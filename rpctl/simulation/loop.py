@@ -18,6 +18,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.rates import steering
 from rpctl.robot.model import Robot
 from rpctl.simulation.plant import advance
 from rpctl.simulation.record import Recorder, describe, facts
@@ -132,4 +133,5 @@ def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) 
     theta = state.pose[2] - x3
     cos, sin = math.cos(theta), math.sin(theta)
     x, y = state.pose[0] - cos * x1 + sin * x2, state.pose[1] - sin * x1 - cos * x2
-    return robot.configuration_at(np.array([x, y, theta]), state.joints)
+    wheels = steering(robot, state)[0]
+    return robot.configuration_at(np.array([x, y, theta]), state.joints, wheels)

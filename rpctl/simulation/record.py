@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import cumulative_trapezoid
 
 from rpctl.control.command import Command
 from rpctl.description.records import Array
@@ -15,7 +14,7 @@ from rpctl.dynamics.contact import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.rates import reference_rates
+from rpctl.reference.rates import reference_rates, steering
 from rpctl.robot.model import Robot
 
 Row = dict[str, Any]
@@ -60,6 +59,7 @@ class Recorder:
                 "base_ref": state.pose,
                 "joints": robot.joint_positions(q),
                 "joints_ref": state.joints,
+                "steering_ref": steering(robot, state)[0],
                 "e": e,
                 "energy": dynamics.energy(q, nu),
                 "work": work,
@@ -77,6 +77,7 @@ class Recorder:
         for heading in (log["base"][:, 2], log["base_ref"][:, 2]):
             heading[:] = np.unwrap(heading)
         log["q_ref"] = _reference_configurations(self._dynamics, log)
+        del log["steering_ref"]  # it is part of q_ref
         for array in log.values():
             array.setflags(write=False)
         return log
@@ -153,21 +154,18 @@ def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState)
 
 
 def _reference_configurations(dynamics: ReducedDynamics, log: dict[str, Array]) -> Array:
-    """Return q (K, nq) of the reference, its wheels turned as far as they would have rolled."""
-    robot = dynamics.robot
-    wheels = robot.actuators[: len(robot.drive.wheels)]
-    configurations = [
-        robot.configuration_at(pose, joints)
-        for pose, joints in zip(log["base_ref"], log["joints_ref"], strict=True)
-    ]
-    rates = np.array(
-        [
-            (dynamics.actuation(q).T @ nu)[: len(wheels)]
-            for q, nu in zip(configurations, log["nu_ref"], strict=True)
-        ]
-    )
-    angles = cumulative_trapezoid(rates, log["t"], axis=0, initial=0.0)
-    for q, turned in zip(configurations, angles, strict=True):
-        for wheel, angle in zip(wheels, turned, strict=True):
-            robot.set_joint(q, wheel, float(angle))
+    """Return q (K, nq) of the reference, its wheels and casters turned as they would have been."""
+    robot, drive = dynamics.robot, dynamics.robot.drive
+    turning = [wheel.joint for wheel in drive.wheels]
+    turning += [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    index = [robot.velocity_index(name) for name in turning]
+    turned, configurations = np.zeros(len(turning)), []
+    steps = np.diff(log["t"], append=log["t"][-1:])
+    rows = (log[key] for key in ("base_ref", "joints_ref", "steering_ref", "nu_ref"))
+    for pose, joints, steered, nu, step in zip(*rows, steps, strict=True):
+        q = robot.configuration_at(pose, joints, steered)
+        for name, angle in zip(turning, turned, strict=True):
+            robot.set_joint(q, name, float(angle))
+        configurations.append(q)
+        turned = turned + step * (dynamics.basis(q) @ nu)[index]
     return np.array(configurations)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -11,21 +10,17 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import ReducedDynamics, Robot, Wheel
+from rpctl import ReducedDynamics, Robot
 from rpctl.description.records import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.errors import SingularBasisError
 from tests.robots import CASTER, SET_A, platform, write
 
-ROLLER = Wheel("roller_joint", radius=0.05, source="test", axis=(0.0, 1.0, 0.0))
-
 
 @pytest.fixture
 def caster(tmp_path: Path) -> Robot:
     """A platform whose third wheel swivels: its two rates follow from v and ω."""
-    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=CASTER)))
-    drive = dataclasses.replace(robot.drive, wheels=(*robot.drive.wheels, ROLLER))
-    return dataclasses.replace(robot, drive=drive, joints=())
+    return rpctl.load(write(tmp_path, platform(SET_A, extra=CASTER)))
 
 
 def state(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -42,7 +37,9 @@ def test_basis_solves_constraints_and_selection(
             q, _ = state(one, rng)
             S = dynamics.basis(q)
             assert np.abs(dynamics.constraint(q) @ S).max() < 1e-13 * np.abs(S).max()
-            np.testing.assert_allclose(selection(one) @ S, np.eye(one.dof), atol=1e-13)
+            np.testing.assert_allclose(
+                selection(one, dynamics.rolling) @ S, np.eye(one.dof), atol=1e-13
+            )
 
 
 def test_a_caster_turns_as_a_textbook_says(caster: Robot) -> None:
@@ -102,14 +99,6 @@ def test_reduced_accelerations_are_those_of_lagrange_multipliers(
             v_dot = dynamics.basis(q) @ nu_dot + dynamics.basis_drift(q, nu)
             expected = multiplier_acceleration(one, q, nu, tau)
             np.testing.assert_allclose(v_dot, expected, atol=1e-6 * np.abs(expected).max())
-
-
-def test_a_steered_wheel_that_contradicts_is_refused(caster: Robot) -> None:
-    """With the swivel as a free quasi-velocity, its wheel cannot roll along with v and ω."""
-    swivel = caster.description.joint["swivel"]
-    steered = dataclasses.replace(caster, joints=(swivel,))
-    with pytest.raises(SingularBasisError, match="contradict"):
-        ReducedDynamics(steered).basis(steered.configuration(joints={"swivel": 0.4}))
 
 
 def test_a_base_that_is_free_is_refused() -> None:

@@ -91,7 +91,7 @@ def mimic(factor: float) -> Callable[[Robot], Robot]:
     return changed
 
 
-def ahead(original: Callable[..., Array], *arguments: Any) -> Array:
+def ahead(original: Callable[..., Any], *arguments: Any) -> Any:
     """Move the contact points a little off the wheels' lowest points."""
     up = rolling.UP
     rolling.UP = up + np.array([SMALL, SMALL, 0.0])
@@ -139,8 +139,8 @@ def pushed(original: Callable[..., Array], *arguments: Any) -> Array:
     return drift + SMALL * np.arange(1.0, len(drift) + 1.0)
 
 
-def swapped(original: Callable[..., Array], robot: Robot) -> Array:
-    W = original(robot)
+def swapped(original: Callable[..., Array], *arguments: Any) -> Array:
+    W = original(*arguments)
     W[[-1, -2]] = W[[-2, -1]]
     return W
 
@@ -209,7 +209,7 @@ MUTATIONS: dict[str, Plant] = {
     "A: both wheels' radius": rolling_of(wheels(larger)),
     "A: contact at the top": rolling_of(wheels(upside_down)),
     "A: a wheel's centre": rolling_of(wheels(shifted, 1)),
-    "A: contact ahead of the axle": in_function(rolling.constraint, ahead),
+    "A: contact ahead of the axle": in_function(rolling.find_rolling, ahead),
     "A: mimic ratio": rolling_of(mimic(1.0 + SMALL)),
     "A: mimic sign": rolling_of(mimic(-1.0)),
     "Ȧv: not at rest": in_function(rolling.constraint_drift, pushed),

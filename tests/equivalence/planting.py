@@ -91,19 +91,18 @@ def in_placement(change: Callable[[pin.SE3], pin.SE3]) -> Plant:
 def rolling_of(change: Callable[[Robot], Robot]) -> Plant:
     """Plant another robot's rolling constraint: the equations get it, the oracles do not."""
 
-    def changed(original: Callable[..., Any], robot: Robot, *rest: Any) -> Any:
-        return original(change(robot), *rest)
+    def changed(original: Callable[..., Any], robot: Robot) -> Any:
+        return original(change(robot))
 
-    return in_function(rolling.constraint, changed)
+    return in_function(rolling.find_rolling, changed)
 
 
 def selection_of(**changes: Callable[[Drive], Any]) -> Plant:
     """Plant quasi-velocities of another drive."""
 
-    def changed(original: Callable[..., Any], robot: Robot) -> Any:
+    def changed(original: Callable[..., Any], robot: Robot, *rest: Any) -> Any:
         values = {name: change(robot.drive) for name, change in changes.items()}
-        return original(
-            dataclasses.replace(robot, drive=dataclasses.replace(robot.drive, **values))
-        )
+        drive = dataclasses.replace(robot.drive, **values)
+        return original(dataclasses.replace(robot, drive=drive), *rest)
 
     return in_function(basis.selection, changed)

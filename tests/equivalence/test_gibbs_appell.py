@@ -83,11 +83,13 @@ def test_symbols_differentiate_to_what_floats_sum(paper: Robot) -> None:
     oracle = GibbsAppell(paper, exact)
     positions = dict.fromkeys(oracle.tree.moving, sp.Integer(0))
     positions |= {"arm_revolute_joint": theta1, "arm_prismatic_joint": eta}
-    here = oracle.rolling_root(exact.identity(3), speeds)
-    G = sp.expand(oracle.function(positions, speeds, rates, *here))
+    root, rolling = oracle.rolling_root(exact.identity(3), positions, speeds)
+    G = sp.expand(oracle.function(positions, speeds, rates, root, rolling))
     M = sp.hessian(G, rates)
     h = sp.Matrix([sp.diff(G, rate) for rate in rates]).subs(dict.fromkeys(rates, 0))
-    terms = oracle.terms(positions, speeds, *oracle.rolling_root(exact.identity(3), speeds))
+    terms = oracle.terms(
+        positions, speeds, *oracle.rolling_root(exact.identity(3), positions, speeds)
+    )
     assert sp.simplify(M - sp.Matrix(terms.M)) == sp.zeros(4, 4)
     assert sp.simplify(h - sp.Matrix(terms.h)) == sp.zeros(4, 1)
     nu = np.array([0.8, 0.5, -0.4, 0.3])
@@ -105,7 +107,7 @@ def test_casadi_symbols_give_the_same_numbers(mixed_chain: Robot, rng: np.random
     u = np.empty(n, dtype=object)
     u[:] = [Element.of(speeds[i]) for i in range(n)]
     positions = {name: Element.of(angles[i]) for i, name in enumerate(names)}
-    terms = oracle.terms(positions, u, *oracle.rolling_root(CASADI.identity(3), u))
+    terms = oracle.terms(positions, u, *oracle.rolling_root(CASADI.identity(3), positions, u))
     M = casadi.vertcat(*(casadi.horzcat(*(entry.sx for entry in row)) for row in terms.M))
     h = casadi.vertcat(*(entry.sx for entry in terms.h))
     function = casadi.Function("terms", [angles, speeds], [M, h])

@@ -25,11 +25,12 @@ def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator, redunda
     """M v̇ + b = B τ + Aᵀ λ and A v̇ = −Ȧ v, whatever the rank of A."""
     robot = doubled(robot) if redundant else robot
     dynamics, data = ReducedDynamics(robot), robot.model.createData()
+    rolling = dynamics.rolling
     for _ in range(5):
         q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
         v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
         motion = constrained_motion(robot, q, v, tau)
-        A, drift = constraint(robot, data, q), constraint_drift(robot, data, q, v)
+        A, drift = constraint(robot, rolling, q), constraint_drift(robot, rolling, q, v)
         assert np.linalg.matrix_rank(A) == len(A) - redundant
         slip = A @ motion.v_dot + drift
         assert np.abs(slip).max() < 1e-10 * max(1.0, np.abs(motion.v_dot).max())

@@ -8,7 +8,7 @@ import pytest
 
 import rpctl
 from rpctl.errors import DescriptionError, DriveError, UnknownNameError
-from rpctl.robot.drive_file import read_drive, suggest
+from rpctl.robot.drive_file import WheelSpec, read_drive, suggest
 from tests.robots import SET_A, four_wheels, platform, write
 
 GOOD = """
@@ -52,7 +52,7 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
     [
         ("type = ", "not TOML"),
         ('type = "tank"', "type is 'tank'; use one of differential"),
-        ("", "type is None"),
+        ("", "type is missing; use one of"),
         (GOOD + "colour = 1", 'wheel 2: "colour" is not known'),
         ('colour = 1\ntype = "fixed"', '"colour" is not known; a drive file has'),
         (GOOD.replace("0.2", "-0.2"), "wheel 1: radius is -0.2; give a positive number"),
@@ -89,4 +89,4 @@ def test_a_run_finds_its_drive_again(tmp_path: Path) -> None:
 def test_the_start_is_a_drive_file(tmp_path: Path) -> None:
     spec = read_drive(file(tmp_path, suggest("differential", ["a", "b"])))
     assert spec.type == "differential"
-    assert spec.radii == {"a": None, "b": None}
+    assert spec.wheels == {"a": WheelSpec(), "b": WheelSpec()}

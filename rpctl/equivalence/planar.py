@@ -1,0 +1,219 @@
+"""The planar motion of a base on its wheels, for any scalar: what the wheels make of ν.
+
+A twist T = (x, y, turn) is the root link's velocity in its own axes. A wheel at p that heads along
+d has the rows k = (d, d·(ẑ × p)) and l = (n, n·(ẑ × p)) with n = ẑ × d, the speeds of its place
+along and across its heading; as it turns, k̇ = φ̇ l and l̇ = −φ̇ k. Three rows fix T; the rates of
+all other swivels, and of the wheels on swivels, follow one by one, each with its drift: the part
+of its derivative that ν̇ does not make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.equivalence.tree import SwivelPart, Tree
+from rpctl.robot.drive import Drive, Swivel
+
+
+class Rate(NamedTuple):
+    """A joint's rate as a row of u (n,), and its drift."""
+
+    row: Array
+    drift: Any
+
+
+class Base(NamedTuple):
+    """The root link's twist J ν, the drift of its components, and the rates of joints."""
+
+    J: Array  # (3, n)
+    drift: Array  # (3,)
+    rates: dict[str, Rate]
+
+
+def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array) -> Base:
+    """Return how a base moves when its wheels roll.
+
+    Args:
+        tree: The robot's tree, whose scalars are used.
+        drive: Its drive.
+        positions: Positions of the swivels, by joint.
+        nu: Quasi-velocities (dof,); the base's own speeds, then the steered joints' rates, first.
+    """
+    scalars, n = tree.scalars, len(nu)
+    identity = scalars.identity(n)
+    own = len(drive.base_speeds) - len(drive.steered)
+    rates = {
+        swivel.joint: Rate(identity[own + i], 0 * nu[0]) for i, swivel in enumerate(drive.steered)
+    }
+    for swivel in drive.swivels:
+        if swivel.role == "mimic":
+            leader, factor = tree.leader(swivel.joint)
+            rates[swivel.joint] = Rate(factor * rates[leader].row, 0 * nu[0])
+    J, drift = scalars.zeros((3, n)), scalars.zeros(3)
+    if drive.steered:
+        J, drift = _steered_twist(tree, drive, positions, nu, rates)
+    elif drive.has_axle:
+        J[:2, 0] = tree.forward[:2]
+        J[:, 1] = tree.point[1], -tree.point[0], identity[0, 0]
+    elif drive.wheels:
+        J[:, :3] = identity[:3, :3]
+    for swivel in drive.swivels:
+        if swivel.role == "caster":
+            rates[swivel.joint] = _dragged(tree, swivel.joint, positions, nu, J, drift)
+        elif swivel.role == "follower":
+            rates[swivel.joint] = following(tree, drive, swivel, positions, nu, rates)
+    for wheel in drive.wheels:
+        if wheel.swivel is not None:
+            rates[wheel.joint] = _spun(tree, wheel.joint, positions, nu, J, drift, rates)
+    return Base(J, drift, rates)
+
+
+def _steered_twist(
+    tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array, rates: Mapping[str, Rate]
+) -> tuple[Array, Array]:
+    """Return J (3, n) and the drift of T from K T = U ν.
+
+    K holds two lateral rows and that of the base's speed; the rates of swivels whose contact is
+    off their axis are on the right.
+    """
+    n = len(nu)
+    K, U, K_dot = [], [], []
+    if drive.has_axle:
+        K.append(lateral(tree.forward, tree.point))
+        U.append(tree.scalars.zeros(n))
+        K_dot.append(tree.scalars.zeros(3))
+    for swivel in drive.swivels:
+        if swivel.role not in ("steered", "mimic"):
+            continue
+        part = tree.swivels[swivel.joint]
+        d = tree.heading(part, positions)
+        row = lateral(d, part.pivot) + part.trail * _turn(tree)
+        angle_row = part.sign * rates[swivel.joint].row
+        slope = -(angle_row @ nu) * rolling(d, part.pivot)
+        if swivel.shares is None:
+            K.append(row)
+            U.append(-part.trail * angle_row)
+            K_dot.append(slope)
+        else:
+            K[-1], K_dot[-1] = K[-1] + row, K_dot[-1] + slope
+            U[-1] = U[-1] - part.trail * angle_row
+    first = tree.swivels[drive.steered[0].joint]
+    speed = tree.scalars.identity(n)[0]
+    if drive.has_axle:
+        K.append(rolling(tree.forward, tree.point))
+        U.append(speed)
+        K_dot.append(tree.scalars.zeros(3))
+    else:
+        d = tree.heading(first, positions)
+        angle_row = first.sign * rates[drive.steered[0].joint].row
+        K.append(rolling(d, first.pivot) - first.left * _turn(tree))
+        U.append(speed + first.left * angle_row)
+        K_dot.append((angle_row @ nu) * lateral(d, first.pivot))
+    inverse = _inverse(K)
+    J = inverse @ np.array(U)
+    T = J @ nu
+    return J, inverse @ np.array([-(slope @ T) for slope in K_dot])
+
+
+def _dragged(
+    tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, J: Array, drift: Array
+) -> Rate:
+    """Return the rate of a caster: l·T + trail (ω + φ̇) = 0 at its contact."""
+    part = tree.swivels[joint]
+    d = tree.heading(part, positions)
+    row, trail = lateral(d, part.pivot), part.sign * part.trail
+    turned = -(row @ J + part.trail * J[2]) / trail
+    slope = -part.sign * (turned @ nu) * rolling(d, part.pivot)
+    return Rate(turned, -(row @ drift + part.trail * drift[2] + slope @ (J @ nu)) / trail)
+
+
+def _spun(
+    tree: Tree,
+    joint: str,
+    positions: Mapping[str, Any],
+    nu: Array,
+    J: Array,
+    drift: Array,
+    rates: Mapping[str, Rate],
+) -> Rate:
+    """Return the rate of a wheel on a swivel: its place's speed along its heading, over r."""
+    wheel = tree.wheels[joint]
+    swivel = str(wheel.swivel)
+    part, turned = tree.swivels[swivel], rates[swivel]
+    d = tree.heading(part, positions)
+    row, angle_row = rolling(d, part.pivot), part.sign * turned.row
+    slope = (angle_row @ nu) * lateral(d, part.pivot)
+    spin = row @ J - wheel.left * (J[2] + angle_row)
+    change = row @ drift + slope @ (J @ nu) - wheel.left * (drift[2] + part.sign * turned.drift)
+    return Rate(spin / wheel.lever, change / wheel.lever)
+
+
+def following(
+    tree: Tree,
+    drive: Drive,
+    swivel: Swivel,
+    positions: Mapping[str, Any],
+    nu: Array,
+    rates: Mapping[str, Rate],
+) -> Rate:
+    """Return the rate of a swivel that heads along the velocity V which N = l₁ × l₂ gives it.
+
+    φ = atan2(V_y, V_x), so φ̇ = V × V̇/|V|²; V̇ and the drift of V̈ come from those of N.
+    """
+    rows, slopes = [], []  # l, and k with the row of φ̇
+    if drive.has_axle:
+        rows.append(lateral(tree.forward, tree.point))
+        slopes.append((rolling(tree.forward, tree.point), tree.scalars.zeros(len(nu))))
+    for one in drive.steered:
+        part = tree.swivels[one.joint]
+        d = tree.heading(part, positions)
+        rows.append(lateral(d, part.pivot))
+        slopes.append((rolling(d, part.pivot), part.sign * rates[one.joint].row))
+    (l1, l2), ((k1, row1), (k2, row2)) = rows, slopes
+    rate1, rate2 = row1 @ nu, row2 @ nu
+    N = np.cross(l1, l2)
+    first, second = -np.cross(k1, l2), -np.cross(l1, k2)  # of Ṅ, by φ̇₁ and by φ̇₂
+    N_drift = 2 * rate1 * rate2 * np.cross(k1, k2) - (rate1 * rate1 + rate2 * rate2) * N
+    part = tree.swivels[swivel.joint]
+    V, A, B, D = (_velocity(part, vector) for vector in (N, first, second, N_drift))
+    square = V @ V
+    row = (_cross(V, A) * row1 + _cross(V, B) * row2) / square
+    V_dot = rate1 * A + rate2 * B
+    drift = (_cross(V, D) - 2 * (V @ V_dot) * (row @ nu)) / square
+    return Rate(row / part.sign, drift / part.sign)
+
+
+def rolling(d: Array, place: Array) -> Array:
+    """Return k (3,) of a heading d (2,) at a place (2,)."""
+    return np.array([d[0], d[1], d[1] * place[0] - d[0] * place[1]])
+
+
+def lateral(d: Array, place: Array) -> Array:
+    """Return l (3,) of a heading d (2,) at a place (2,)."""
+    return np.array([-d[1], d[0], d[0] * place[0] + d[1] * place[1]])
+
+
+def _turn(tree: Tree) -> Array:
+    """Return the row (3,) of the turning rate."""
+    return tree.scalars.identity(3)[2]
+
+
+def _velocity(part: SwivelPart, T: Array) -> Array:
+    """Return the velocity (2,) of a swivel's pivot under a twist."""
+    x, y = part.pivot
+    return np.array([T[0] - T[2] * y, T[1] + T[2] * x])
+
+
+def _cross(a: Array, b: Array) -> Any:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def _inverse(rows: list[Array]) -> Array:
+    """Return the inverse (3, 3) of a matrix of three rows, by their cross products."""
+    a, b, c = rows
+    columns = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
+    return columns / (a @ np.cross(b, c))

@@ -1,0 +1,252 @@
+"""From wheels and swivels to a ``Drive``: places, directions, roles, and what drives what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.errors import DriveError
+from rpctl.robot.drive import BASE_SPEEDS, WITH_AXLE, Drive, Swivel, Wheel
+from rpctl.robot.evidence import Evidence
+from rpctl.robot.swivels import Found
+from rpctl.robot.wheels import Candidate, leftward
+
+ROLLER = 0.25 * math.pi  # rad; how rollers of mecanum wheels lie unless a drive file says otherwise
+
+
+def assemble(kind: str, evidence: Evidence) -> Drive:
+    """Return a drive of a type, made of the wheels that were found.
+
+    Args:
+        kind: Its type.
+        evidence: The wheels; they are enough for the type.
+
+    Raises:
+        DriveError: A swivel cannot have the role that the drive has for it.
+    """
+    heading = _heading(kind, evidence)
+    forward = np.array([math.cos(heading), math.sin(heading)])
+    left = np.array([-forward[1], forward[0]])
+    wheels = sorted(
+        evidence.standing.wheels,
+        key=lambda w: (-round(float(w.centre[:2] @ forward), 3), -float(w.centre[:2] @ left)),
+    )
+    driven, doubt = _driven(kind, evidence)
+    point = _point(kind, evidence)
+    track = _track(evidence, left)
+    swivels = _swivels(kind, evidence, forward, driven)
+    records = [
+        _wheel(kind, evidence, wheel, heading, driven, rank) for rank, wheel in enumerate(wheels)
+    ]
+    if kind == "skid-steer" and evidence.spec.track is not None:
+        wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
+        records = [
+            replace(record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left)))
+            for record, wheel in zip(records, wheels, strict=True)
+        ]
+    drive = Drive(
+        type=kind,
+        wheels=tuple(records),
+        point=(float(point[0]), float(point[1])),
+        heading=0.0 if kind not in WITH_AXLE else heading,
+        track=track,
+        ground=float(np.mean([wheel.bottom for wheel in wheels])),
+        swivels=swivels,
+        evidence=_account(kind, evidence),
+        doubts=(*evidence.standing.doubts, *(s.doubt for s in evidence.swivels if s.doubt), *doubt),
+    )
+    _require_steering(evidence, drive)
+    return drive
+
+
+def _heading(kind: str, evidence: Evidence) -> float:
+    """Return the forward direction: across the axle of the fixed wheels, or of steered ones."""
+    line = max(evidence.lines, key=len) if evidence.lines else evidence.steered[0].wheels
+    across = leftward(line[0].axle)
+    return 0.0 if kind == "omni" else math.atan2(-across[0], across[1]) + 0.0  # no negative zero
+
+
+def _point(kind: str, evidence: Evidence) -> Array:
+    """Return P (2,): the middle of the fixed wheels' axles, or the root link's origin."""
+    if kind not in WITH_AXLE:
+        return np.zeros(2)
+    if evidence.spec.point is not None:
+        return np.array(evidence.spec.point)
+    lines = evidence.pairs or evidence.lines
+    return np.mean([_middle(line) for line in lines], axis=0)
+
+
+def _middle(line: tuple[Candidate, ...]) -> Array:
+    """Return the middle (2,) between the outermost wheels of a line."""
+    along = [float(wheel.centre @ line[0].axle) for wheel in line]
+    ends = line[int(np.argmin(along))], line[int(np.argmax(along))]
+    return 0.5 * (ends[0].centre[:2] + ends[1].centre[:2])
+
+
+def _track(evidence: Evidence, left: Array) -> float:
+    """Return how far apart the outermost wheels are, across the forward direction, m."""
+    line = max(evidence.pairs, key=len) if evidence.pairs else evidence.standing.wheels
+    if evidence.pairs:
+        ends = [wheel.centre[:2] for wheel in line]
+        return float(max(np.linalg.norm(a - b) for a in ends for b in ends))
+    return float(np.ptp([float(wheel.centre[:2] @ left) for wheel in line]))
+
+
+def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Return the joints that are driven, and what was assumed to say so.
+
+    The drive file tells; then the transmissions; then effort limits, where some have them; else
+    the fixed wheels drive and the steered ones do not.
+    """
+    wheels, swivels = evidence.standing.wheels, evidence.swivels
+    spec = evidence.spec
+    told = {name: wheel.driven for name, wheel in spec.wheels.items() if wheel.driven is not None}
+    told |= {name: turn.driven for name, turn in spec.swivels.items() if turn.driven is not None}
+    names = [wheel.joint.name for wheel in wheels if not _trailing(evidence, wheel)]
+    limited = {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
+    doubts: tuple[str, ...] = ()
+    if any(name in evidence.actuated for name in names):
+        rolling = {name for name in names if name in evidence.actuated}
+    elif limited and any(name not in limited for name in names):
+        rolling = {name for name in names if name in limited}
+    elif evidence.steered and evidence.fixed:
+        rolling = {wheel.joint.name for wheel in evidence.fixed}
+        doubts = (
+            "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
+            "steered ones not; say driven = true or false of each [[wheel]] in a drive file",
+        )
+    else:
+        rolling = set(names) - _strays(kind, evidence)
+    turning = {s.joint.name for s in swivels if s.role == "steered" and s.joint.mimic is None}
+    driven = {name for name in rolling | turning if told.get(name, True)}
+    return frozenset(driven | {name for name, yes in told.items() if yes}), doubts
+
+
+def _trailing(evidence: Evidence, wheel: Candidate) -> bool:
+    """Return whether a wheel is carried by a caster."""
+    casters = {s.joint.name for s in evidence.swivels if s.role == "caster"}
+    return wheel.swivel is not None and wheel.swivel.name in casters
+
+
+def _strays(kind: str, evidence: Evidence) -> set[str]:
+    """Return the wheels beside a differential drive's axle: they roll along, undriven."""
+    if kind != "differential":
+        return set()
+    return {line[0].joint.name for line in evidence.lines if len(line) == 1}
+
+
+def _wheel(
+    kind: str,
+    evidence: Evidence,
+    wheel: Candidate,
+    heading: float,
+    driven: frozenset[str],
+    rank: int,
+) -> Wheel:
+    """Return the record of a wheel; ``rank`` counts from the front left."""
+    name, radius = wheel.joint.name, wheel.radius or 0.0
+    swivel = next((s for s in evidence.swivels if wheel in s.wheels), None)
+    own = leftward(wheel.axle)
+    direction = math.atan2(-own[0], own[1]) + 0.0
+    if swivel is not None:
+        direction = swivel.heading
+    elif kind == "mecanum":
+        # The rollers on the ground lie along (1, −1) at the front left and the rear right, along
+        # (1, 1) at the other two: seen from above, those on top form an X.
+        told = evidence.spec.wheels.get(name)
+        lie = told.roller if told is not None and told.roller is not None else None
+        direction = heading + (lie if lie is not None else (-ROLLER, ROLLER, ROLLER, -ROLLER)[rank])
+    elif kind in WITH_AXLE and name not in _strays(kind, evidence):
+        direction = heading
+    x, y, z = wheel.joint.axis.tolist()
+    holder = f'"{wheel.swivel.name}"' if wheel.swivel else "the root link"
+    return Wheel(
+        joint=name,
+        radius=radius,
+        source=wheel.source,
+        axis=(x, y, z),
+        offset=wheel.offset,
+        direction=(math.cos(direction), math.sin(direction)),
+        driven=name in driven,
+        swivel=wheel.swivel.name if wheel.swivel else None,
+        lateral=swivel.lateral(wheel) if swivel else 0.0,
+        why=f"turns without limits about a level axle held by {holder}, and reaches the ground",
+    )
+
+
+def _swivels(
+    kind: str, evidence: Evidence, forward: Array, driven: frozenset[str]
+) -> tuple[Swivel, ...]:
+    """Return the records of the swivels, each with its role in the drive."""
+    steered = _leading(kind, evidence, forward)
+    lead = 2 if kind == "steered" else 1
+    leaders = {swivel.joint.name for swivel in steered[:lead]}
+    records = []
+    for swivel in (*steered, *(s for s in evidence.swivels if s.role == "caster")):
+        name, shares, role = swivel.joint.name, None, swivel.role
+        if swivel.joint.mimic is not None:
+            role, shares = "mimic", swivel.joint.mimic.joint
+        elif role == "steered" and name not in leaders:
+            free = evidence.spec.steering == "free"
+            role = "steered" if free else "follower"
+            shares = steered[0].joint.name if free else None
+        records.append(swivel.record(role, name in driven, shares))
+    return tuple(records)
+
+
+def _leading(kind: str, evidence: Evidence, forward: Array) -> list[Found]:
+    """Return the steered swivels, those first whose rates are quasi-velocities.
+
+    Of several axles two wheels one behind the other lead: their axles fix one centre of rotation
+    but where both point at each other, and straight ahead, in bends and on the spot they do not.
+    """
+    left = np.array([-forward[1], forward[0]])
+    steered = sorted(
+        evidence.steered,
+        key=lambda s: (-round(float(s.pivot @ forward), 3), -float(s.pivot @ left)),
+    )
+    steered.sort(key=lambda swivel: swivel.joint.mimic is not None)
+    if kind != "steered":
+        return steered
+    pairs = [(a, b) for i, a in enumerate(steered) for b in steered[i + 1 :]]
+    first, second = max(pairs, key=lambda pair: _apart(pair[0], pair[1], forward))
+    return [first, second, *(s for s in steered if s not in (first, second))]
+
+
+def _apart(a: Found, b: Found, forward: Array) -> float:
+    """Return how much further one swivel is ahead of another than beside it, m."""
+    between = a.pivot - b.pivot
+    ahead = abs(float(between @ forward))
+    return ahead - math.sqrt(max(0.0, float(between @ between) - ahead**2))
+
+
+def _require_steering(evidence: Evidence, drive: Drive) -> None:
+    """Refuse followers whose contact is off their axis: they have no centre to keep to."""
+    for swivel in drive.swivels:
+        shared = swivel.role == "follower" or (drive.type == "steered" and swivel.role != "caster")
+        if shared and swivel.trail:
+            joint = evidence.description.joint[swivel.joint]
+            raise DriveError(
+                f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
+                f"{1e3 * abs(swivel.trail):.3g} mm off its axis, where several steered wheels are "
+                "to share one centre of rotation; put them under the axis, or say role = "
+                '"caster" of its [[swivel]] in a drive file'
+            )
+
+
+def _account(kind: str, evidence: Evidence) -> tuple[str, ...]:
+    """Return how the drive was found, in sentences."""
+    said = []
+    if evidence.spec.type is not None:
+        said.append(f"{kind}: the drive file or option says so")
+    for line in evidence.lines:
+        names = ", ".join(wheel.joint.name for wheel in line)
+        said.append(f"on one line, held by the root link: {names}" if len(line) > 1 else
+                    f"on its own line, held by the root link: {names}")  # fmt: skip
+    said += [f"{s.joint.name}: {s.role}, for {s.why}" for s in evidence.swivels]
+    speeds = ", ".join(BASE_SPEEDS[kind])
+    said.append(f"free speeds of the base itself: {speeds}")
+    return (*said, *evidence.standing.aloft)

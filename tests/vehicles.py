@@ -1,0 +1,120 @@
+"""Robots on every kind of wheel, written for tests: general numbers, an arm joint, odd signs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+ROUND = "1.5707963267948966 0 0"  # turns a cylinder's z axis to y
+
+
+@dataclass
+class Parts:
+    """Links and joints under construction."""
+
+    xml: list[str]
+
+    def link(self, name: str, mass: float, shape: str = "", com: str = "0 0 0") -> None:
+        i = 0.02 * mass
+        self.xml.append(
+            f'<link name="{name}"><inertial><origin xyz="{com}" rpy="0.2 -0.1 0.3"/>'
+            f'<mass value="{mass}"/><inertia ixx="{i}" ixy="{0.1 * i}" ixz="0" iyy="{1.2 * i}" '
+            f'iyz="{-0.05 * i}" izz="{0.9 * i}"/></inertial>{shape}</link>'
+        )
+
+    def joint(
+        self, name: str, kind: str, ends: tuple[str, str], xyz: str, axis: str, more: str = ""
+    ) -> None:
+        limit = '<limit lower="-1.2" upper="1.2" effort="40" velocity="6"/>'
+        self.xml.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{ends[0]}"/>'
+            f'<child link="{ends[1]}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+            f"{limit if kind == 'revolute' else ''}{more}</joint>"
+        )
+
+    def wheel(
+        self, name: str, parent: str, xyz: str, axis: str = "0 1 0", r: float = 0.1, turn: float = 0
+    ) -> None:
+        shape = f'<collision><origin rpy="{pi / 2} 0 {turn}"/><geometry>'
+        shape += f'<cylinder radius="{r}" length="0.04"/></geometry></collision>'
+        self.link(f"{name}_link", 1.0, shape)
+        self.joint(name, "continuous", (parent, f"{name}_link"), xyz, axis)
+
+    def swivel(self, name: str, xyz: str, kind: str, axis: str = "0 0 1", more: str = "") -> None:
+        self.link(f"{name}_fork", 0.6, com="0.01 -0.02 0.03")
+        self.joint(name, kind, ("base", f"{name}_fork"), xyz, axis, more)
+
+
+def start() -> Parts:
+    """Return a base with one arm joint; the ground is at z = 0."""
+    parts = Parts([])
+    parts.link("base", 25.0, com="0.07 -0.03 0.25")
+    parts.link("arm", 3.0, com="0.2 0.1 0.1")
+    parts.joint("arm_joint", "revolute", ("base", "arm"), "0.1 0.05 0.5", "0.36 0.48 0.8")
+    return parts
+
+
+def rear_axle(parts: Parts, x: float = 0.0, b: float = 0.3) -> None:
+    parts.wheel("rear_left", "base", f"{x} {b} 0.1")
+    parts.wheel("rear_right", "base", f"{x} {-b} 0.1", "0 -1 0")
+
+
+def caster(parts: Parts, name: str, x: float, y: float, trail: float, twin: bool) -> None:
+    parts.swivel(name, f"{x} {y} 0.12", "continuous", "0 0 -1")
+    sides = (0.02, -0.02) if twin else (0.004,)
+    for side in sides:
+        roller = f"{name}_roller{'_' if twin else ''}{'lr'[side < 0] if twin else ''}"
+        parts.wheel(roller, f"{name}_fork", f"{-trail} {side} -0.07", r=0.05)
+
+
+def vehicle(kind: str) -> str:
+    """Return the URDF of a robot of a kind; see ``KINDS``."""
+    parts = start()
+    if kind == "casters":
+        rear_axle(parts)
+        for k, (x, y, trail) in enumerate([(0.4, 0.2, 0.06), (0.4, -0.2, 0.05), (-0.3, 0, 0.07)]):
+            caster(parts, f"caster_{k}", x, y, trail, twin=k == 1)
+    elif kind in ("car-like", "parallel"):
+        rear_axle(parts)
+        mimic = '<mimic joint="steer_left" multiplier="0.9"/>' if kind == "parallel" else ""
+        parts.swivel("steer_left", "0.7 0.25 0.1", "revolute")
+        parts.wheel("front_left", "steer_left_fork", "0 0.05 0")
+        parts.swivel("steer_right", "0.7 -0.25 0.1", "revolute", "0 0 -1", mimic)
+        parts.wheel("front_right", "steer_right_fork", "0 -0.05 0", "0 -1 0")
+    elif kind == "tricycle":
+        rear_axle(parts, x=-0.1)
+        parts.swivel("steer", "0.6 0 0.3", "revolute")
+        parts.wheel("front", "steer_fork", "0.03 0.01 -0.2")
+    elif kind == "bicycle":
+        parts.wheel("rear", "base", "0 0 0.1")
+        parts.swivel("steer", "0.8 0 0.3", "revolute", "0 0 -1")
+        parts.wheel("front", "steer_fork", "0 0 -0.2")
+    elif kind in ("steered", "twin"):
+        places = [("fl", 0.4, 0.3), ("fr", 0.4, -0.3), ("rl", -0.35, 0.3), ("rr", -0.35, -0.3)]
+        for k, (name, x, y) in enumerate(places):
+            parts.swivel(f"{name}_steer", f"{x} {y} 0.1", "continuous", f"0 0 {(1, -1)[k % 2]}")
+            if kind == "steered":
+                parts.wheel(f"{name}_wheel", f"{name}_steer_fork", "0 0.02 0", "0 -1 0")
+            else:
+                parts.wheel(f"{name}_l_wheel", f"{name}_steer_fork", "0 0.05 0")
+                parts.wheel(f"{name}_r_wheel", f"{name}_steer_fork", "0 -0.05 0")
+    elif kind == "omni":
+        for k, turn in enumerate((0.0, 2 * pi / 3, -2 * pi / 3)):
+            from math import cos, sin
+
+            x, y = 0.3 * cos(turn), 0.3 * sin(turn)
+            axis = f"{cos(turn)!r} {sin(turn)!r} 0"
+            parts.wheel(f"omni_{k}", "base", f"{x!r} {y!r} 0.1", axis, turn=turn + pi / 2)
+    return f'<robot name="{kind}">{"".join(parts.xml)}</robot>'
+
+
+KINDS = {  # type of the drive, quasi-velocities of the base
+    "casters": ("differential", ("v", "omega")),
+    "car-like": ("car-like", ("v", "steer_left")),
+    "parallel": ("car-like", ("v", "steer_left")),
+    "tricycle": ("tricycle", ("v", "steer")),
+    "bicycle": ("bicycle", ("v", "steer")),
+    "steered": ("steered", ("v", "fl_steer", "rl_steer")),
+    "twin": ("steered", ("v", "fl_steer", "rl_steer")),
+    "omni": ("omni", ("vx", "vy", "omega")),
+}
