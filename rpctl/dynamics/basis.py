@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from rpctl.description.records import Array
 from rpctl.dynamics.rolling import Rolling
@@ -38,8 +39,15 @@ def selection(robot: Robot, rolling: Rolling) -> Array:
     return W
 
 
-def basis(A: Array, W: Array) -> Array:
-    """Return S (nv, dof) with A S = 0 and W S = I.
+class Basis(NamedTuple):
+    """v = S ν, and Ṡ ν = −D Ȧ v."""
+
+    S: Array  # (nv, dof)
+    D: Array  # (nv, rows)
+
+
+def basis(A: Array, W: Array) -> Basis:
+    """Return S with A S = 0 and W S = I, from [A; W] S = [0; I] and [A; W] Ṡν = −[Ȧ; 0] v.
 
     Args:
         A: Constraint matrix (rows, nv); redundant rows are welcome.
@@ -48,40 +56,39 @@ def basis(A: Array, W: Array) -> Array:
     Raises:
         SingularBasisError: A and W together leave a direction of v free, or contradict.
     """
-    return _solve(A, W, np.vstack([np.zeros((len(A), len(W))), np.eye(len(W))]))
+    left, rows = np.vstack([A, W]), len(A)
+    square = left.shape[0] == left.shape[1]
+    inverse = _inverse(left) if square else _pseudoinverse(left)
+    wanted = np.vstack([np.zeros((rows, len(W))), np.eye(len(W))])
+    S = inverse[:, rows:]
+    S = S + inverse @ (wanted - left @ S)  # brings 1e-13 to rounding
+    if np.abs(left @ S - wanted).max() > RANK_MARGIN * max(1.0, float(np.abs(left @ S).max())):
+        raise SingularBasisError(
+            "the rolling constraints contradict each other: no motion has the quasi-velocities "
+            "asked for; are the wheels' axles on one line?"
+        )
+    return Basis(S, inverse[:, :rows])
 
 
-def basis_drift(A: Array, W: Array, drift: Array) -> Array:
-    """Return Ṡ ν (nv,) from [A; W] Ṡν = −[Ȧ; 0] v; ``drift`` is Ȧ v (rows,)."""
-    return _solve(A, W, np.concatenate([-drift, np.zeros(len(W))]))
+def _inverse(left: Array) -> Array:
+    """Return the inverse of as many equations as there are velocities."""
+    try:
+        inverse = np.linalg.inv(left)
+    except np.linalg.LinAlgError:
+        inverse = np.full(left.shape, np.inf)
+    condition = np.abs(left).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
+    if not condition * RANK_MARGIN < 1.0:
+        raise SingularBasisError("the wheels and quasi-velocities determine no one motion")
+    return np.asarray(inverse)
 
 
-def _solve(A: Array, W: Array, right: Array) -> Array:
-    """Solve the consistent system [A; W] X = right."""
-    left = np.vstack([A, W])
-    if left.shape[0] == left.shape[1]:
-        return _solve_square(left, right)
-    solution, _, rank, singular = np.linalg.lstsq(left, right, rcond=RANK_MARGIN)
+def _pseudoinverse(left: Array) -> Array:
+    """Return the pseudoinverse of equations that are redundant, or too few."""
+    U, singular, Vt = np.linalg.svd(left, full_matrices=False)
+    rank = np.count_nonzero(singular > RANK_MARGIN * singular[0])
     if rank < left.shape[1]:
         raise SingularBasisError(
             f"the constraints and quasi-velocities determine {rank} of {left.shape[1]} velocities; "
             "the wheels leave a motion of the base free"
         )
-    # A second pass on what is left brings the solve's 1e-13 to rounding.
-    solution += np.linalg.lstsq(left, right - left @ solution, rcond=RANK_MARGIN)[0]
-    scale = singular[0] * max(1.0, float(np.abs(solution).max()))
-    if np.abs(left @ solution - right).max() > RANK_MARGIN * scale:
-        raise SingularBasisError(
-            "the rolling constraints contradict each other: no motion has the quasi-velocities "
-            "asked for; are the wheels' axles on one line?"
-        )
-    return np.asarray(solution)
-
-
-def _solve_square(left: Array, right: Array) -> Array:
-    """Solve as many equations as there are velocities, which they determine or do not."""
-    factor, pivots, _ = dgetrf(left)
-    condition, _ = dgecon(factor, np.abs(left).sum(axis=0).max())
-    if not condition > RANK_MARGIN:
-        raise SingularBasisError("the wheels and quasi-velocities determine no one motion")
-    return np.asarray(dgetrs(factor, pivots, right)[0])
+    return np.asarray((Vt.T / singular) @ U.T)

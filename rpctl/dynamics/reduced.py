@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.description.records import Array
-from rpctl.dynamics.basis import basis, basis_drift, selection
+from rpctl.dynamics.basis import Basis, basis, selection
 from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift, find_rolling
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
@@ -39,11 +39,11 @@ class ReducedDynamics:
         # Where no wheel swivels, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
         self._S: Array | None = None
         if not robot.drive.swivels:
-            S = basis(self.rolling.constant, self._W)
+            S = basis(self.rolling.constant, self._W).S
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
             self._S = S
-        self._known: tuple[Array, Array, Array] | None = None  # the last q, its A and its S
+        self._known: tuple[Array, Array, Basis] | None = None  # the last q, its A and its S
         self._constant_allocation: Array | None = None
         self._still = np.zeros(robot.nv)
         self._v = np.zeros(robot.nv)
@@ -60,19 +60,19 @@ class ReducedDynamics:
         Raises:
             SingularBasisError: At q the steered wheels fix no one motion; their joints are named.
         """
-        return self._at(q)[1] if self._S is None else self._S
+        return self._at(q)[1].S if self._S is None else self._S
 
-    def _at(self, q: Array) -> tuple[Array, Array]:
+    def _at(self, q: Array) -> tuple[Array, Basis]:
         """Return A and S at q, for a robot whose wheels swivel."""
         if self._known is None or not np.array_equal(self._known[0], q):
             A = constraint(self.robot, self.rolling, q)
             try:
-                S = basis(A, self._W)
+                found = basis(A, self._W)
             except SingularBasisError as error:
                 raise SingularBasisError(f"{error}: {self._angles(q)}") from None
             A.setflags(write=False)
-            S.setflags(write=False)
-            self._known = q.copy(), A, S
+            found.S.setflags(write=False)
+            self._known = q.copy(), A, found
         return self._known[1:]
 
     def _angles(self, q: Array) -> str:
@@ -88,9 +88,8 @@ class ReducedDynamics:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡ ν that the motion itself brings."""
         if self._S is not None:
             return self._still
-        A, S = self._at(q)
-        drift = constraint_drift(self.robot, self.rolling, q, S @ nu)
-        return basis_drift(A, self._W, drift)
+        S, D = self._at(q)[1]
+        return -D @ constraint_drift(self.robot, self.rolling, q, S @ nu)
 
     def inertia(self, q: Array) -> Array:
         """Return M(q) (dof, dof), symmetric positive definite."""

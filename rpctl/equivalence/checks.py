@@ -119,7 +119,7 @@ def consistent(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     step = pace * (S @ nu)
     ahead, behind = (pin.integrate(robot.model, q, s) for s in (step, -step))
     W = selection(robot, dynamics.rolling)
-    ahead_S, behind_S = (basis(dynamics.constraint(at), W) for at in (ahead, behind))
+    ahead_S, behind_S = (basis(dynamics.constraint(at), W).S for at in (ahead, behind))
     S_dot = (ahead_S - behind_S) / (2.0 * pace)
     change = S_dot @ nu - dynamics.basis_drift(q, nu)
     scale = max(1.0, float(np.abs(S @ nu).max()))

@@ -166,7 +166,7 @@ class MujocoEngine:
         return drift
 
     def _directed(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
-        """Yield each row, its direction (3,), the turning of that (nv,), J or J̇ (3, nv) of a point."""
+        """Yield a row, its direction (3,), the turning of it (nv,), J or J̇ (3, nv) of its point."""
         drive, R = self._robot.drive, self._data.xmat[self._root].reshape(3, 3)
         turn, first = np.eye(self._robot.nv)[2], self._constraints
         for at, wheel in enumerate(drive.wheels):

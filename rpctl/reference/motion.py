@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.description.records import Array, Joint
-from rpctl.errors import UnknownNameError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
 from rpctl.robot.model import Robot
+from rpctl.robot.steering import turning_radius
 
 SPEED_SHARE = 0.5  # of a joint's velocity limit: what an arm reference uses at most
 RANGE_SHARE = 0.8  # of the way to the nearer limit: how far an arm reference swings at most
@@ -114,6 +115,8 @@ RAMP = 3.0  # s
 LAP = 20.0  # s; a closed path is run through once in this time, soft start included
 LAP_RATE = 2.0 * math.pi / (LAP - 0.5 * RAMP)
 LINE_RATE = 0.3  # m/s
+BENDS = 101  # places at which a path's curvature is looked at
+EASE = 1.5  # times the tightest bend that the robot can steer: room for corrections
 
 # Name: path, and its pace at full speed.
 BASE_PATHS: dict[str, tuple[Callable[[], paths.Path], float]] = {
@@ -128,13 +131,30 @@ BASE_PATHS: dict[str, tuple[Callable[[], paths.Path], float]] = {
 def reference_by_name(robot: Robot, name: str) -> PathReference:
     """Return one of the named references (``line``, ``reverse``, ``spin``, ``circle``, ``eight``).
 
-    The arm swings about its home posture; a fixed base moves its arm only.
+    The arm swings about its home posture; a fixed base moves its arm only. Circle and eight grow
+    where the robot cannot steer into them as they are.
 
     Raises:
         UnknownNameError: There is no such reference.
+        RpctlError: The base cannot follow it: one that steers does not turn on the spot.
     """
     if name not in BASE_PATHS:
         raise UnknownNameError("reference", name, BASE_PATHS)
     make, rate = BASE_PATHS[name]
-    path = make() if robot.drive.base_speeds else None
+    if not robot.drive.base_speeds:
+        return PathReference(None, rate, waves(robot), RAMP)
+    if name == "spin" and robot.drive.has_axle and robot.drive.steered:
+        raise RpctlError(
+            f"{robot.name} cannot follow a spin: a {robot.drive.type} base does not turn on the "
+            "spot; take line, reverse, circle or eight"
+        )
+    path = paths.scaled(make(), _growth(robot, make()))
     return PathReference(path, rate, waves(robot), RAMP)
+
+
+def _growth(robot: Robot, path: paths.Path) -> float:
+    """Return how many times larger a closed path has to be for a robot to steer along it."""
+    radius = turning_radius(robot.drive, robot.description.joint)
+    along = (path(s).direction[0] for s in np.linspace(0.0, 2.0 * math.pi, BENDS))
+    bend = max(abs(turn) / abs(speed) if speed else 0.0 for speed, _, turn in along)
+    return max(1.0, EASE * bend * radius)

@@ -74,6 +74,19 @@ def eight(length: float = 1.5, width: float = 0.75) -> Path:
     return at
 
 
+def scaled(path: Path, factor: float) -> Path:
+    """Return a path so many times larger, run through at the same pace of its parameter."""
+    if factor == 1.0:
+        return path
+    size = np.array([factor, factor, 1.0])
+
+    def at(s: float) -> PathPoint:
+        pose, direction = path(s)
+        return PathPoint(pose * size, direction * size)
+
+    return at
+
+
 def planar(
     position: tuple[float, float], d1: complex, d2: complex, d3: complex, d4: complex
 ) -> PathPoint:

@@ -32,7 +32,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     left = np.array([-forward[1], forward[0]])
     wheels = sorted(
         evidence.standing.wheels,
-        key=lambda w: (-round(float(w.centre[:2] @ forward), 3), -float(w.centre[:2] @ left)),
+        key=lambda wheel: (
+            _trailing(evidence, wheel),
+            -round(float(wheel.centre[:2] @ forward), 3),
+            -float(wheel.centre[:2] @ left),
+        ),
     )
     driven, doubt = _driven(kind, evidence)
     point = _point(kind, evidence)

@@ -92,7 +92,7 @@ class Drive:
     Attributes:
         type: ``"differential"``, ``"skid-steer"``, ``"car-like"``, ``"tricycle"``,
             ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"`` or ``"fixed"``.
-        wheels: The wheels, front before rear and left before right.
+        wheels: The wheels, front before rear and left before right, those of casters last.
         point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
             skid-steer drive its centre of rotation.
         heading: Angle of the forward direction in the root link's frame, rad.

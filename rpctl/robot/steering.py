@@ -16,9 +16,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.description.records import Array, Joint
 from rpctl.robot.drive import Drive, Swivel
 
+STEEP = 1.3  # rad; nearer to a right angle steering is not asked to go
 REGULAR = 0.1  # of 1: steering nearer to a singular one is not drawn at random
 
 
@@ -118,3 +119,25 @@ def steer(drive: Drive, direction: Array) -> Array:
         position = heading_along(swivel, direction[0]) + offset
         column[:] = position, swivel.sign * rate, swivel.sign * bend
     return found
+
+
+def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
+    """Return the radius (m) of the tightest bend of P that the joints' limits let a base steer.
+
+    0 where it turns on the spot, or where nothing limits the steering.
+
+    Args:
+        drive: The drive.
+        joints: Joints by name.
+    """
+    if not (drive.has_axle and drive.steered):
+        return 0.0
+    ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    radii = []
+    for swivel in drive.steered:
+        joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
+        turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
+        limit = min(float(np.abs(turn).min()), STEEP)
+        radii.append(abs(float(reach @ ahead)) / math.tan(limit) + abs(float(reach @ left)))
+    return max(radii)

@@ -135,7 +135,7 @@ def test_a_free_caster_swivels_its_contact(tmp_path: Path) -> None:
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
     assert contacts is not None
-    assert contacts.names == ("left_joint", "right_joint", "roller")
+    assert contacts.names == ("left_joint", "right_joint", "roller_joint")
     np.testing.assert_allclose(contacts.points[2], [0.44, 0.02], atol=1e-12)
     still = np.zeros(robot.dof)
     for swivel in (0.0, 1.0, -2.0):
@@ -167,13 +167,14 @@ def test_a_support_turns_with_its_carrier(tmp_path: Path) -> None:
 
 
 def test_a_caster_of_meshes_leaves_the_polygon_open(tmp_path: Path) -> None:
-    for lock in ((), ("swivel", "roller_joint")):
-        path = write(tmp_path, platform(SET_A, extra=MESH_CASTER + ball(-0.5)))
-        robot = rpctl.load(path, lock=lock)
-        assert find_supports(robot).unknown == ("roller",)
-        dynamics = ReducedDynamics(robot)
-        contacts = find_contacts(dynamics)
-        assert contacts is not None
-        assert not contacts.balanced
-        (note,) = contacts.notes
-        assert note.startswith("the support polygon is incomplete: roller")
+    path = write(tmp_path, platform(SET_A, extra=MESH_CASTER + ball(-0.5)))
+    locked = rpctl.load(path, lock=("swivel", "roller_joint"))
+    assert find_supports(locked).unknown == ("roller",)
+    contacts = find_contacts(ReducedDynamics(locked))
+    assert contacts is not None
+    assert not contacts.balanced
+    (note,) = contacts.notes
+    assert note.startswith("the support polygon is incomplete: roller")
+    # Free to roll it is a wheel, as large as its axle is high.
+    (roller,) = (wheel for wheel in rpctl.load(path).drive.wheels if wheel.swivel)
+    assert roller.radius == pytest.approx(0.05)

@@ -56,12 +56,12 @@ def test_radius_from_the_axle_height_without_shapes(tmp_path: Path) -> None:
     bare = head + rest.partition("</collision>")[2]
     left = load(tmp_path, bare).drive.wheels[0]
     assert left.radius == SET_A["r"]
-    assert left.source == 'axle height over the root link "base"'
+    assert left.source == "axle height over the other wheels' ground"
 
 
 def test_a_radius_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
-    head, _, rest = GOOD.partition("<collision>")
-    bare = (head + rest.partition("</collision>")[2]).replace('0.75 0.15"/>', '0.75 -0.1"/>')
+    bare = re.sub(r"<collision>.*?</collision>", "", GOOD, flags=re.DOTALL)
+    bare = bare.replace('0.75 0.15"/>', '0.75 -0.1"/>')
     with pytest.raises(DriveError, match=r':\d+: the radius of wheel "left_wheel" is not known'):
         load(tmp_path, bare)
 
