@@ -27,7 +27,7 @@ def check_meshes(description: Description) -> list[Finding]:
                 first.setdefault(shape.mesh, shape.line)
     if not first:
         return []
-    paths = MeshPaths(description.path)
+    paths = MeshPaths(description.path, description.package_dirs)
     faults: dict[str, list[str]] = {}
     for mesh in first:
         try:

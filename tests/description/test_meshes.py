@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from rpctl.description.mesh_files import read
-from rpctl.description.mesh_paths import MeshError, resolve
+from rpctl.description.mesh_paths import MeshError, MeshPaths
 
 TEAPOT = """<?xml version="1.0"?>{doctype}
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -28,6 +28,10 @@ TEAPOT = """<?xml version="1.0"?>{doctype}
 <technique_common><instance_material symbol="ms" target="#m"/></technique_common>
 </bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def resolve(name: str, urdf: Path, *package_dirs: Path) -> Path:
+    return MeshPaths(urdf, package_dirs).resolve(name)
 
 
 @pytest.fixture
