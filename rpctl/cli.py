@@ -67,6 +67,9 @@ def _guarded(command: Command) -> Command:
         except RpctlError as error:
             typer.echo(str(error), err=True)
             raise typer.Exit(error.exit_code) from None
+        except MemoryError:
+            typer.echo("out of memory; is the file or a cap (RPCTL_MAX_...) too large?", err=True)
+            raise typer.Exit(RpctlError.exit_code) from None
         except KeyboardInterrupt:
             typer.echo("interrupted", err=True)
             raise typer.Exit(INTERRUPTED) from None

@@ -219,7 +219,7 @@ def _drop_namespaces(root: Any, findings: Findings) -> None:
         first = f"<{etree.QName(macros[0]).localname}>"
         raise Refusal(
             f"xacro is left unexpanded ({len(macros)} elements, the first is {first}); "
-            "run `xacro FILE > robot.urdf` and give that",
+            "name the file .xacro and it is expanded, or run `xacro FILE > robot.urdf`",
             macros[0].sourceline,
         )
     own = etree.QName(root).namespace

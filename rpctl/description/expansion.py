@@ -58,6 +58,10 @@ def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Fi
         raise _refusal(path, f"this is xacro, and the xacro package is not installed; {INSTALL}")
     answer = _ask(path, package_dirs)
     if "error" in answer:
+        if answer["error"] is None:
+            most = cap("MAX_XACRO_MEMORY")
+            fault = f"its expansion takes over {most} bytes of memory"
+            raise _refusal(path, f"{fault}; {raised('MAX_XACRO_MEMORY')}")
         place = Path(answer.get("file") or path)
         macros = answer.get("macros")
         within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
@@ -90,7 +94,9 @@ def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
         answer: dict[str, Any] = json.loads(done.stdout)
     except ValueError:
         last = done.stderr.strip().rpartition("\n")[2] or f"exit code {done.returncode}"
-        raise _refusal(path, f"its expansion broke off ({last}); correct the file") from None
+        raise _refusal(
+            path, f"its expansion broke off ({last}); run `xacro` on the file yourself"
+        ) from None
     return answer
 
 

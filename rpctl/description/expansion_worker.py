@@ -36,7 +36,10 @@ class NotFound(Exception):
 
 
 def main() -> None:
-    """Answer one request, JSON from stdin to stdout: ``text``, or ``error`` and where it is."""
+    """Answer one request, JSON from stdin to stdout: ``text``, or ``error`` and where it is.
+
+    An error without words is a lack of memory.
+    """
     request = json.load(sys.stdin)
     sys.path[:] = request["path"]
     warnings.simplefilter("ignore")  # of Python, on expressions
@@ -46,7 +49,7 @@ def main() -> None:
         with redirect_stderr(told):
             answer = _expand(request["file"], Packages(*map(tuple, request["packages"])))
     except MemoryError:
-        answer = {"error": "its expansion takes too much memory"}
+        answer = {"error": None}
     answer["told"] = told.getvalue()[:MAX_TOLD]
     sys.stdout.write(json.dumps(answer))
 
