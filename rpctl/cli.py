@@ -15,6 +15,7 @@ from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.kinematic import kinematic_by_name
 from rpctl.description.expansion import expand
+from rpctl.description.packages import require_folders
 from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
@@ -254,7 +255,7 @@ def expand_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
-    text, findings = expand(file, [Path(folder) for folder in package_dir or ()])
+    text, findings = expand(file, require_folders(package_dir or ()))
     for finding in findings:
         typer.echo(format_finding(str(file), finding), err=True)
     if as_json:

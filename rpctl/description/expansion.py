@@ -20,7 +20,8 @@ from rpctl.errors import MAX_SHOWN, DescriptionError, Finding, RpctlError, forma
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
 WARNING = "warning: "  # how xacro begins one; the lines after it tell the place
-# rpctl itself would load Pinocchio; the worker needs but two files of its.
+SPARE = 5  # s that the worker outlives its time, should nobody be left to end it
+# rpctl itself would load Pinocchio; the worker needs but three files of its.
 BOOT = """import sys, types
 rpctl = sys.modules["rpctl"] = types.ModuleType("rpctl")
 rpctl.__path__ = [sys.argv[1]]
@@ -74,14 +75,15 @@ def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Fi
 
 def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
     """Return the worker's answer."""
+    seconds = cap("MAX_XACRO_SECONDS")
     request = {
         "file": str(path.absolute()),
         "packages": astuple(find_packages(path, package_dirs)),
         "path": [entry for entry in sys.path if entry],
         "memory": cap("MAX_XACRO_MEMORY"),
+        "seconds": seconds + SPARE,
     }
     command = [sys.executable, "-I", "-X", "utf8", "-c", BOOT, str(Path(__file__).parents[1])]
-    seconds = cap("MAX_XACRO_SECONDS")
     try:
         done = subprocess.run(
             command, input=json.dumps(request), capture_output=True, encoding="utf-8",
@@ -89,6 +91,9 @@ def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         fault = f"its expansion takes over {seconds} s; {raised('MAX_XACRO_SECONDS')}"
+        raise _refusal(path, fault) from None
+    except OSError as error:
+        fault = f"no process to expand it in could be started ({error.strerror}); {INSTALL}"
         raise _refusal(path, fault) from None
     try:
         answer: dict[str, Any] = json.loads(done.stdout)

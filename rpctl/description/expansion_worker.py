@@ -44,7 +44,7 @@ def main() -> None:
     sys.path[:] = request["path"]
     warnings.simplefilter("ignore")  # of Python, on expressions
     told = io.StringIO()
-    _limit(request["memory"])
+    _limit(request["memory"], request["seconds"])
     try:
         with redirect_stderr(told):
             answer = _expand(request["file"], Packages(*map(tuple, request["packages"])))
@@ -54,12 +54,13 @@ def main() -> None:
     sys.stdout.write(json.dumps(answer))
 
 
-def _limit(memory: int) -> None:
-    """Bound this process's memory (bytes), where the system can."""
+def _limit(memory: int, seconds: int) -> None:
+    """Bound this process's memory (bytes) and processor time (s), where the system can."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
 def _expand(file: str, packages: Packages) -> dict[str, Any]:

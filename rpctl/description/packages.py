@@ -1,15 +1,17 @@
 """Where ROS packages lie: in the folders that the user declares, and around the URDF.
 
-It needs nothing but the standard library: the process that expands xacro imports it, too.
+It needs little but the standard library: the process that expands xacro imports it, too.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from rpctl.errors import RpctlError
 
 DECLARE = "declare the folder that holds it with --package-dir or in ROS_PACKAGE_PATH"
 MANIFEST = "package.xml"
@@ -60,6 +62,21 @@ def find_packages(file: Path, package_dirs: Sequence[Path] = ()) -> Packages:
     roots = [os.path.realpath(f) for f in (folder, *own, *package_dirs, *searched)]
     places = [os.path.abspath(f) for f in (*package_dirs, *around, *searched)]  # noqa: PTH100
     return Packages(tuple(dict.fromkeys(roots)), tuple(dict.fromkeys(places)))
+
+
+def require_folders(package_dirs: Iterable[str | Path]) -> tuple[Path, ...]:
+    """Return the folders that a user declares, absolute.
+
+    Raises:
+        RpctlError: One of them is no folder.
+    """
+    if isinstance(package_dirs, str | Path):
+        package_dirs = (package_dirs,)
+    folders = tuple(Path(folder).absolute() for folder in package_dirs)
+    for folder in folders:
+        if not folder.is_dir():
+            raise RpctlError(f"{folder}: no such folder; give a package, or one that holds some")
+    return folders
 
 
 def inside(file: str, roots: Sequence[str]) -> bool:

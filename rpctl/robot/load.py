@@ -10,9 +10,10 @@ from pathlib import Path
 from rpctl.description.density import fill
 from rpctl.description.expansion import lines_explained
 from rpctl.description.mesh_checks import check_meshes
+from rpctl.description.packages import require_folders
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
-from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError
+from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
 from rpctl.robot.detect import detect
@@ -54,7 +55,7 @@ def load(
         UnknownNameError: A name is not known; the nearest are suggested.
     """
     path, entry = _resolve(source)
-    folders = _folders(package_dirs)
+    folders = require_folders(package_dirs)
     with lines_explained(path):
         return _load(path, entry, drive, lock, density, end_effector, strict, folders)
 
@@ -110,21 +111,6 @@ def _load(
         findings=findings,
         density=density,
     )
-
-
-def _folders(package_dirs: Iterable[str | Path]) -> tuple[Path, ...]:
-    """Return the folders that the user declares, absolute.
-
-    Raises:
-        RpctlError: One of them is no folder.
-    """
-    if isinstance(package_dirs, str | Path):
-        package_dirs = (package_dirs,)
-    folders = tuple(Path(folder).absolute() for folder in package_dirs)
-    for folder in folders:
-        if not folder.is_dir():
-            raise RpctlError(f"{folder}: no such folder; give a package, or one that holds some")
-    return folders
 
 
 def _specification(told: str | Path) -> DriveSpec:

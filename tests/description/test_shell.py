@@ -130,7 +130,7 @@ def test_packages_are_declared(tmp_path: Path) -> None:
         assert rpctl("inspect", path, "--strict", *words, **settings)[0] == 0
     copytree(far, tmp_path / "prefix" / "share")
     assert rpctl("inspect", path, "--strict", AMENT_PREFIX_PATH=str(tmp_path / "prefix"))[0] == 0
-    for command in ("inspect", "verify", "track", "derive"):
+    for command in ("inspect", "verify", "track", "derive", "expand"):
         code, _, err = rpctl(command, path, "--package-dir", tmp_path / "nowhere")
         assert code == 2
         assert (
