@@ -14,16 +14,19 @@ import typer
 from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.kinematic import kinematic_by_name
+from rpctl.description.expansion import expand
+from rpctl.description.packages import require_folders
 from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, format_finding
 from rpctl.files import to_json
 from rpctl.options import (
     DensityOption,
     DriveOption,
     JsonOption,
     LockOption,
+    PackageDirOption,
     RobotArgument,
     StrictOption,
     load_robot,
@@ -65,6 +68,9 @@ def _guarded(command: Command) -> Command:
         except RpctlError as error:
             typer.echo(str(error), err=True)
             raise typer.Exit(error.exit_code) from None
+        except MemoryError:
+            typer.echo("out of memory; is the file or a cap (RPCTL_MAX_...) too large?", err=True)
+            raise typer.Exit(RpctlError.exit_code) from None
         except KeyboardInterrupt:
             typer.echo("interrupted", err=True)
             raise typer.Exit(INTERRUPTED) from None
@@ -80,10 +86,11 @@ def inspect_command(
     drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
+    package_dir: PackageDirOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
-    loaded = load_robot(robot, drive, lock, density, strict)
+    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
     if as_json:
         _print_json(facts(loaded))
     else:
@@ -98,6 +105,7 @@ def verify_command(
     drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
+    package_dir: PackageDirOption = None,
     samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
     engines: Annotated[
@@ -111,7 +119,9 @@ def verify_command(
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = _certify(load_robot(robot, drive, lock, density, strict), samples, seed, wanted)
+    certificate = _certify(
+        load_robot(robot, drive, lock, density, strict, package_dir), samples, seed, wanted
+    )
     if html is not None:
         from rpctl.view.certificate import write_certificate
 
@@ -132,6 +142,7 @@ def derive_command(
     drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
+    package_dir: PackageDirOption = None,
     form: Annotated[
         str, typer.Option("--format", metavar="text|latex|python|c", help="What to write.")
     ] = "text",
@@ -143,7 +154,7 @@ def derive_command(
     """Write the reduced equations in closed form: to read, to publish, or as code."""
     from rpctl.derive.write import derive  # SymPy and CasADi load only once needed
 
-    text = derive(load_robot(robot, drive, lock, density, strict), form, parameters)
+    text = derive(load_robot(robot, drive, lock, density, strict, package_dir), form, parameters)
     if as_json:
         _print_json({"robot": robot, "format": form, "text": text})
     else:
@@ -160,6 +171,7 @@ def track_command(
     drive: DriveOption = None,
     density: DensityOption = None,
     strict: StrictOption = False,
+    package_dir: PackageDirOption = None,
     reference: Annotated[
         str, typer.Option(metavar="line|reverse|spin|circle|eight", help="Path of the base.")
     ] = "eight",
@@ -192,7 +204,7 @@ def track_command(
     """
     error = read_triple(initial_error)
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
-    loaded = load_robot(robot, drive, lock, density, strict)
+    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
@@ -226,12 +238,30 @@ def track_command(
 @_guarded
 def view_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")],
+    package_dir: PackageDirOption = None,
 ) -> None:
     """Serve a run's report on this machine only, until Ctrl-C."""
     from rpctl.view.folder import find_report
     from rpctl.view.live import serve
 
-    serve(find_report(run), lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+    serve(find_report(run, package_dir or ()), lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+
+
+@app.command("expand", epilog="Example: rpctl expand robot.urdf.xacro > robot.urdf")
+@_guarded
+def expand_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .xacro file. It is evaluated.")],
+    package_dir: PackageDirOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
+    text, findings = expand(file, require_folders(package_dir or ()))
+    for finding in findings:
+        typer.echo(format_finding(str(file), finding), err=True)
+    if as_json:
+        _print_json({"file": str(file), "text": text})
+    else:
+        typer.echo(text, nl=False)
 
 
 @app.command("robots", epilog="Example: rpctl robots --json")

@@ -11,7 +11,10 @@ from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
 RobotArgument = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="A URDF file, or a name listed by `rpctl robots`.")
+    str,
+    typer.Argument(
+        metavar="ROBOT", help="A URDF or .xacro file, or a name listed by `rpctl robots`."
+    ),
 ]
 LockOption = Annotated[
     list[str] | None,
@@ -34,6 +37,15 @@ DensityOption = Annotated[
         help="Estimate the inertias that the file lacks from the links' shapes.",
     ),
 ]
+PackageDirOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--package-dir",
+        metavar="DIR",
+        help="Where package:// and $(find ...) look: a package, or a folder that holds some. "
+        "Repeatable.",
+    ),
+]
 StrictOption = Annotated[bool, typer.Option("--strict", help="Take warnings as errors.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
@@ -41,7 +53,12 @@ JsonOption = Annotated[
 
 
 def load_robot(
-    source: str, drive: str | None, lock: list[str] | None, density: float | None, strict: bool
+    source: str,
+    drive: str | None,
+    lock: list[str] | None,
+    density: float | None,
+    strict: bool,
+    package_dirs: list[str] | None,
 ) -> Robot:
     """Return the robot that the options name.
 
@@ -57,7 +74,7 @@ def load_robot(
             raise RpctlError(
                 f"--lock {item}: {position!r} is not a number; write NAME=0.1"
             ) from None
-    return load(source, drive, positions, density, strict=strict)
+    return load(source, drive, positions, density, strict=strict, package_dirs=package_dirs or ())
 
 
 def read_triple(text: str) -> tuple[float, ...]:

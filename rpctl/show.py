@@ -118,6 +118,9 @@ def show_certificate(certificate: Certificate) -> None:
     for check in certificate.checks:
         if check.note:
             out.print(f"[dim]note[/] {check.against}: {escape(check.note)}")
+    if certificate.estimated_links:
+        names = ", ".join(certificate.estimated_links)
+        out.print(f"[yellow]estimated[/] mass and inertia of {escape(names)}")
     out.print(certificate_line(certificate))
 
 

@@ -8,9 +8,12 @@ from rpctl.errors import RpctlError
 
 MAX_BYTES = 32 * 2**20  # of a URDF; the largest public ones are near 1 MB
 MAX_ELEMENTS = 100_000  # of XML; the largest public URDFs have a tenth, and each takes 30 µs
+MAX_ATTRIBUTES = 1_000_000  # of XML; each takes 300 bytes
 MAX_LINKS = 2000  # Pinocchio's time grows with the square of the links
 MAX_MOVING_JOINTS = 150  # Pinocchio's Data grows with their cube: .3 GB at 150, 2 GB at 300
 MAX_MESH_BYTES = 256 * 2**20  # no robot's part is larger
+MAX_XACRO_SECONDS = 30  # that a .xacro may take to expand; the largest public ones take 2
+MAX_XACRO_MEMORY = 2**30  # bytes that its expansion may take
 
 
 def cap(name: str) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 
 from lxml import etree
 
+from rpctl.description.caps import cap, raised
 from rpctl.description.encoding import Refusal, decode
 from rpctl.description.findings import Findings, excerpt
 from rpctl.description.foreign import foreign_bytes, foreign_root, foreign_text
@@ -16,7 +17,10 @@ ROOT = re.compile(r"<([^\s<>/!?\"'=]+)")
 PREFIX = re.compile(r"Namespace prefix (\S+)")
 PLACE = re.compile(r", line \d+, column \d+$")
 MULTI_LINE_TAG = re.compile(r"<[^\s<>/!?][^<>\n]*\n[^<>]*>")
-TAG = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|(<)(?![/!?])", re.DOTALL)
+TAG = re.compile(  # what is never closed is taken to the end, once: else time is its square
+    r"<!--(?:.*?-->|.*)|<!\[CDATA\[(?:.*?\]\]>|.*)|<\?(?:.*?\?>|.*)|(<)(?![/!?])(link\b)?",
+    re.DOTALL,
+)
 MAX_PREFIXES = 20  # undeclared ones that are mended
 MAX_LINE = 65535  # libxml2 counts no further
 UNDECLARED = etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE
@@ -45,6 +49,7 @@ def parse_document(data: bytes, findings: Findings) -> Any:
         raise Refusal(alien)
     text = decode(data, findings)
     start = _root_start(text)
+    _require_few(text, text.count("\n", 0, start) + 1)
     root = _parsed(text, start, findings)
     if MULTI_LINE_TAG.search(text):
         _place_tags(text, root)
@@ -96,6 +101,39 @@ def _after_prolog(text: str) -> int:
             if place == len(text):
                 raise Refusal(f"{TRUNCATED} before its root element, or empty; {WHOLE}")
             return place
+
+
+def _require_few(text: str, line: int) -> None:
+    """Refuse more elements or attributes than memory allows, before the parser takes it.
+
+    Raises:
+        Refusal: There are too many; of a file with too many links these are told.
+    """
+    most = cap("MAX_ELEMENTS")
+    if text.count("<") - text.count("</") > most:  # comments are among them: count anew
+        links = elements = 0
+        for tag in TAG.finditer(text):
+            elements += tag[1] is not None
+            links += tag[2] is not None
+        if elements > most:
+            require_few_links(links, line)
+            fault = f"{elements} elements, where {most} are the limit; {raised('MAX_ELEMENTS')}"
+            raise Refusal(fault, line)
+    most = cap("MAX_ATTRIBUTES")
+    if (many := text.count("=")) > most:
+        fault = f"{many} attributes, where {most} are the limit; {raised('MAX_ATTRIBUTES')}"
+        raise Refusal(fault, line)
+
+
+def require_few_links(count: int, line: int) -> None:
+    """Refuse more links than time allows.
+
+    Raises:
+        Refusal: There are too many.
+    """
+    most = cap("MAX_LINKS")
+    if count > most:
+        raise Refusal(f"{count} links, where {most} are the limit; {raised('MAX_LINKS')}", line)
 
 
 def _parsed(text: str, start: int, findings: Findings) -> Any:
@@ -181,7 +219,7 @@ def _drop_namespaces(root: Any, findings: Findings) -> None:
         first = f"<{etree.QName(macros[0]).localname}>"
         raise Refusal(
             f"xacro is left unexpanded ({len(macros)} elements, the first is {first}); "
-            "run `xacro FILE > robot.urdf` and give that",
+            "name the file .xacro and it is expanded, or run `xacro FILE > robot.urdf`",
             macros[0].sourceline,
         )
     own = etree.QName(root).namespace

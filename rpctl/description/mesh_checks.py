@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 from pathlib import Path
 
@@ -10,8 +11,8 @@ from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Description
 from rpctl.errors import Finding
 
-IMAGES = re.compile(rb"<init_from>\s*([^<]*?)\s*</init_from>")
-LIBRARY = 2**16  # bytes of a DAE that are searched for textures; its images come first
+IMAGES = re.compile(rb"<init_from>\s*(?:<ref>\s*)?([^<]*?)\s*</")
+LIBRARY = 2**16  # bytes of a DAE's library of images that are searched for textures
 
 
 def check_meshes(description: Description) -> list[Finding]:
@@ -27,7 +28,7 @@ def check_meshes(description: Description) -> list[Finding]:
                 first.setdefault(shape.mesh, shape.line)
     if not first:
         return []
-    paths = MeshPaths(description.path)
+    paths = MeshPaths(description.path, description.package_dirs)
     faults: dict[str, list[str]] = {}
     for mesh in first:
         try:
@@ -52,14 +53,22 @@ def _texture_fault(mesh: Path, paths: MeshPaths) -> str | None:
     if mesh.suffix.lower() != ".dae":
         return None
     try:
-        with mesh.open("rb") as file:
-            beginning = file.read(LIBRARY)
-    except OSError as error:
-        return f"{error.strerror or error}; make it readable"
-    for name in IMAGES.findall(beginning):
-        texture = name.decode("utf-8", "replace")
+        named = _images(mesh)
+    except (OSError, ValueError) as error:
+        return f"{getattr(error, 'strerror', None) or error}; make it readable"
+    for texture in named:
         if texture and paths.leaves(texture, mesh.parent):
             return (
                 f'its texture "{excerpt(texture)}" lies out of reach and is left out; put it beside'
             )
     return None
+
+
+def _images(mesh: Path) -> list[str]:
+    """Return the textures that a DAE names; its library of images may stand anywhere in it."""
+    if not mesh.stat().st_size:
+        return []
+    with mesh.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        begin = data.find(b"<library_images")
+        library = data[begin : begin + LIBRARY] if begin >= 0 else b""
+    return [name.decode("utf-8", "replace") for name in IMAGES.findall(library)]

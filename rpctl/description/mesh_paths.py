@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
+from rpctl.description.packages import DECLARE, find_packages, inside
 from rpctl.errors import RpctlError
 
 EXTENSIONS = (".stl", ".dae", ".obj", ".ply", ".glb")
-PACKAGE = "package://"
+PACKAGE, FILE = "package://", "file://"
 MAX_NAME = 1024  # characters of a file's name; systems take 4096 with the folder's
 
 
@@ -16,27 +18,20 @@ class MeshError(RpctlError):
     """A mesh that was refused, was not found, or could not be read."""
 
 
-def resolve(name: str, urdf: Path) -> Path:
-    """Return the file that a URDF names; as :class:`MeshPaths`, for one mesh."""
-    return MeshPaths(urdf).resolve(name)
-
-
 class MeshPaths:
     """Finds the files that one URDF names.
 
-    A file, symlinks followed, lies in the URDF's folder, below the nearest ancestor that holds a
-    ``package.xml``, or in the package that ``package://`` names.
+    A file, symlinks followed, lies in a folder that the URDF may use
+    (:class:`rpctl.description.packages.Packages`), or in the package that ``package://`` names.
 
     Args:
         urdf: The URDF.
+        package_dirs: Folders that the user declares: packages, or folders that hold packages.
     """
 
-    def __init__(self, urdf: Path) -> None:
-        folder = urdf.absolute().parent
-        self._folder = str(folder)
-        self._ancestors = [f for f in (folder, *folder.parents) if f != f.parent]
-        package = [f for f in (folder, *folder.parents) if (f / "package.xml").is_file()][:1]
-        self._roots = tuple(os.path.realpath(root) for root in (folder, *package))
+    def __init__(self, urdf: Path, package_dirs: Sequence[Path] = ()) -> None:
+        self._folder = str(urdf.absolute().parent)
+        self._known = find_packages(urdf, package_dirs)
         self._real_folders: dict[str, str] = {}
         self._packages: dict[str, tuple[str, ...]] = {}
 
@@ -44,7 +39,8 @@ class MeshPaths:
         """Return the file of a mesh.
 
         Args:
-            name: ``package://NAME/rest``, or a path from the URDF's folder.
+            name: ``package://NAME/rest``, or a path from the URDF's folder, or an absolute one,
+                with or without ``file://``.
 
         Raises:
             MeshError: The name is refused, or there is no such file.
@@ -54,12 +50,13 @@ class MeshPaths:
         confined = []
         for path, roots in self._candidates(name):
             file = self._real(path)
-            if _inside(file, roots):
+            if inside(file, roots):
                 confined.append(file)
         if not confined:
             raise MeshError(
                 "refused: it lies outside the folders that the URDF may use (its own, its "
-                "package's, those of package://); move it there"
+                "package's, those of package://); move it there, or declare its folder with "
+                "--package-dir"
             )
         if os.path.splitext(confined[0])[1].lower() not in EXTENSIONS:  # noqa: PTH122 - speed
             raise MeshError(f"refused: a mesh ends in {', '.join(EXTENSIONS)}")
@@ -72,24 +69,29 @@ class MeshPaths:
         """Whether a file that a mesh in ``folder`` names lies outside all the robot's folders."""
         if len(name) > MAX_NAME or not name.isprintable() or ":" in name:
             return True
-        roots = (*self._roots, *(root for roots in self._packages.values() for root in roots))
-        return not _inside(self._real(name if name[:1] == "/" else f"{folder}/{name}"), roots)
+        found = (folder for folders in self._packages.values() for folder in folders)
+        roots = (*self._known.roots, *found)
+        return not inside(self._real(name if name[:1] == "/" else f"{folder}/{name}"), roots)
 
     def _candidates(self, name: str) -> list[tuple[str, tuple[str, ...]]]:
         """Return the paths that a name may mean, each with the folders that confine it."""
         if not name.startswith(PACKAGE):
-            if ":" in name:
+            path = name.removeprefix(FILE) if name.startswith(f"{FILE}/") else name
+            if ":" in path:
                 raise MeshError(
                     "refused: only package:// and paths from the URDF's folder are read; "
                     "write one of these"
                 )
-            return [(f"{self._folder}/{name}" if name[0] != "/" else name, self._roots)]
+            whole = path if path[0] == "/" else f"{self._folder}/{path}"
+            return [(whole, self._known.roots)]
         package, _, rest = name.removeprefix(PACKAGE).partition("/")
+        if package in ("", ".", ".."):
+            raise MeshError("refused: package:// without the name of a package; name it")
         folders = self._packages.get(package)
         if folders is None:
-            folders = self._packages[package] = tuple(_package_folders(package, self._ancestors))
+            folders = self._packages[package] = self._known.find(package)
         if not folders:
-            raise MeshError(f'package "{package}" was not found; add it to ROS_PACKAGE_PATH')
+            raise MeshError(f'package "{package}" was not found; {DECLARE}')
         return [(f"{folder}/{rest}", (folder,)) for folder in folders]
 
     def _real(self, path: str) -> str:
@@ -101,24 +103,3 @@ class MeshPaths:
         if real is None:
             real = self._real_folders[folder] = os.path.realpath(folder or "/")
         return os.path.join(real, leaf)  # noqa: PTH118 - speed
-
-
-def _inside(file: str, roots: tuple[str, ...]) -> bool:
-    return any(file == root or file.startswith(root + os.sep) for root in roots)
-
-
-def _package_folders(package: str, ancestors: list[Path]) -> list[str]:
-    """Return the folders that a package name may mean, the nearest to the URDF first."""
-    if package in ("", ".", ".."):
-        raise MeshError("refused: package:// without the name of a package; name it")
-    folders = []
-    for folder in ancestors:  # the whole disk is no package, nor are its top folders
-        folders += [folder] * (folder.name == package) + [folder / package]
-    for entry in _search_path("ROS_PACKAGE_PATH"):
-        folders += [entry] * (entry.name == package) + [entry / package]
-    folders += [entry / "share" / package for entry in _search_path("AMENT_PREFIX_PATH")]
-    return [os.path.realpath(folder) for folder in folders if folder.is_dir()]
-
-
-def _search_path(variable: str) -> list[Path]:
-    return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]

@@ -114,6 +114,7 @@ class Description:
         sha256: Digest of the file's bytes.
         root: Name of the root link.
         findings: Warnings and remarks (errors raise instead).
+        package_dirs: Folders that the user declares: packages, or folders that hold packages.
     """
 
     path: Path
@@ -124,6 +125,7 @@ class Description:
     links: tuple[Link, ...] = field(repr=False)
     joints: tuple[Joint, ...] = field(repr=False)
     findings: tuple[Finding, ...]
+    package_dirs: tuple[Path, ...] = ()
 
     @cached_property
     def link(self) -> dict[str, Link]:
@@ -147,6 +149,11 @@ class Description:
         for joint in self.joints:
             below[joint.parent].append(joint)
         return {name: tuple(joints) for name, joints in below.items()}
+
+    @property
+    def estimated_links(self) -> tuple[str, ...]:
+        """Names of the links whose mass and inertia are estimates."""
+        return tuple(link.name for link in self.links if link.estimated)
 
     def chain(self, link: str) -> tuple[Joint, ...]:
         """Return the joints from the root down to ``link``."""

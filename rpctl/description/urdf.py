@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lxml import etree
 
 from rpctl.description.caps import cap, raised
-from rpctl.description.document import parse_document
+from rpctl.description.document import parse_document, require_few_links
 from rpctl.description.elements import note_misspelt, read_link
 from rpctl.description.encoding import Refusal
+from rpctl.description.expansion import expand, explanation, is_xacro
 from rpctl.description.findings import Findings
 from rpctl.description.joints import read_joint
 from rpctl.description.records import Description, Joint, Link
 from rpctl.description.shapes import read_colour
+from rpctl.description.source import read_source
 from rpctl.description.tree import check_names, check_tree, resolve_mimics
 from rpctl.errors import DescriptionError, Finding
 
@@ -28,11 +32,12 @@ ENGINES_READ = {  # what dynamics need; engines refuse robots for faults in the 
 ENGINES_READ_OF_MOVING = ENGINES_READ["joint"] | {"axis", "limit", "mimic"}
 
 
-def read(path: str | Path) -> Description:
-    """Read a URDF strictly.
+def read(path: str | Path, package_dirs: Sequence[Path] = ()) -> Description:
+    """Read a URDF strictly, or a .xacro that becomes one.
 
     Args:
         path: The file.
+        package_dirs: Folders that the user declares: packages, or folders that hold packages.
 
     Returns:
         The description, with warnings among its findings.
@@ -40,18 +45,15 @@ def read(path: str | Path) -> Description:
     Raises:
         DescriptionError: The file is missing, is not XML or URDF, or has errors; all that were
             found are named, each with its line.
+        ExpansionError: The .xacro cannot be expanded.
     """
     path = Path(path)
-    fix = "give a URDF file or a name listed by `rpctl robots`"
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise DescriptionError(path, [Finding("error", None, f"not a regular file; {fix}")])
-        with path.open("rb") as file:
-            data = file.read(cap("MAX_BYTES") + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise DescriptionError(path, [Finding("error", None, f"{reason}; {fix}")]) from None
-    return parse(path, data)
+    if not is_xacro(path):
+        return replace(parse(path, read_source(path)), package_dirs=tuple(package_dirs))
+    text, told = expand(path, package_dirs)
+    description = parse(path, text.encode("utf-8"))
+    findings = (*told, *description.findings, explanation(path))
+    return replace(description, package_dirs=tuple(package_dirs), findings=findings)
 
 
 def parse(path: Path, data: bytes) -> Description:
@@ -91,11 +93,7 @@ def _document(data: bytes, findings: Findings) -> Any:
             fix = "give the URDF beside it"
             raise Refusal(f"this is SRDF, what MoveIt adds to a URDF; {fix}", root.sourceline)
         raise Refusal("the robot has no <link>; a URDF has at least one", root.sourceline)
-    elements = int(root.xpath("count(//*)"))
-    for name, many, what in (("MAX_LINKS", count, "links"), ("MAX_ELEMENTS", elements, "elements")):
-        if many > cap(name):
-            text = f"{many} {what}, where {cap(name)} are the limit; {raised(name)}"
-            raise Refusal(text, root.sourceline)
+    require_few_links(count, root.sourceline)
     return root
 
 

@@ -51,13 +51,18 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The outcome of :func:`rpctl.verify`: all checks of one robot."""
+    """The outcome of :func:`rpctl.verify`: all checks of one robot.
+
+    ``estimated_links`` are those whose mass and inertia are estimates: the equations are right
+    for them, they need not be right for the robot.
+    """
 
     robot: str
     samples: int
     seed: int
     checks: tuple[Check, ...]
     skipped: tuple[Skipped, ...] = ()
+    estimated_links: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -82,4 +87,5 @@ class Certificate:
             "seed": self.seed,
             "checks": checks,
             "skipped": [asdict(each) for each in self.skipped],
+            "estimated_links": list(self.estimated_links),
         }

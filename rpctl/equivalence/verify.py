@@ -66,7 +66,8 @@ def verify(
                 found[check.name, check.against] = replace(check, sample=sample)
         if progress is not None:
             progress(sample + 1)
-    return Certificate(robot.name, samples, seed, tuple(found.values()), absent)
+    estimated = robot.description.estimated_links
+    return Certificate(robot.name, samples, seed, tuple(found.values()), absent, estimated)
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:

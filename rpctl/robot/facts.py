@@ -40,7 +40,7 @@ def facts(robot: Robot) -> dict[str, Any]:
         "nq": robot.nq,
         "nv": robot.nv,
         "mass": robot.mass,
-        "estimated_links": [link.name for link in robot.description.links if link.estimated],
+        "estimated_links": robot.description.estimated_links,
         "drive": {
             "type": drive.type,
             "wheels": wheels,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from rpctl.description.density import fill
+from rpctl.description.expansion import lines_explained
 from rpctl.description.mesh_checks import check_meshes
+from rpctl.description.packages import require_folders
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
@@ -27,11 +29,13 @@ def load(
     density: float | None = None,
     end_effector: str | None = None,
     strict: bool = False,
+    package_dirs: Iterable[str | Path] = (),
 ) -> Robot:
     """Load a robot.
 
     Args:
-        source: A URDF path or a catalogue name (``rpctl robots``).
+        source: A URDF path, a .xacro that becomes one (it is evaluated, so trust it), or a
+            catalogue name (``rpctl robots``).
         drive: The drive, its type (``"differential"``, ``"skid-steer"``, ``"mecanum"``,
             ``"fixed"``), or a drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
@@ -40,14 +44,34 @@ def load(
             None leaves these links massless, or refuses them where a joint moves nothing else.
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
         strict: Whether warnings are errors.
+        package_dirs: Packages, or folders that hold packages, where ``package://`` and
+            ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
+            the file come after them.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
+        ExpansionError: A .xacro cannot be expanded.
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
     path, entry = _resolve(source)
-    description = read(path)
+    folders = require_folders(package_dirs)
+    with lines_explained(path):
+        return _load(path, entry, drive, lock, density, end_effector, strict, folders)
+
+
+def _load(
+    path: Path,
+    entry: catalog.Entry | None,
+    drive: Drive | str | Path | None,
+    lock: Iterable[str] | Mapping[str, float],
+    density: float | None,
+    end_effector: str | None,
+    strict: bool,
+    package_dirs: Sequence[Path],
+) -> Robot:
+    """Return the robot in a file; as :func:`load`."""
+    description = read(path, package_dirs)
     if density is not None:
         description = fill(description, density)
     locked = _locked(description, entry.lock if entry else (), lock)

@@ -93,6 +93,7 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
         "locked": dict(robot.locked),
         "drive": dataclasses.asdict(robot.drive),
         "density": robot.density,
+        "package_dirs": tuple(map(str, robot.description.package_dirs)),
         "quasi_velocities": robot.quasi_velocities,
         "actuators": robot.actuators,
         "joint_names": tuple(joint.name for joint in joints),

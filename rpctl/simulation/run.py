@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,7 @@ class Run:
         locked: Its frozen joints.
         drive: Its drive, as a dict.
         density: Density from which its missing inertias were estimated, kg/m³, or None.
+        package_dirs: Folders where its packages lay.
         quasi_velocities: Names of ν.
         actuators: Names of τ.
         joint_names: Names of the arm's joints.
@@ -113,6 +114,7 @@ class Run:
     locked: Mapping[str, float]
     drive: Mapping[str, Any]
     density: float | None
+    package_dirs: tuple[str, ...]
     quasi_velocities: tuple[str, ...]
     actuators: tuple[str, ...]
     joint_names: tuple[str, ...]
@@ -177,14 +179,23 @@ class Run:
             )
         return _checked(path, {**meta, **arrays})
 
-    def load_robot(self) -> Robot:
+    def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
+
+        Args:
+            package_dirs: Where its packages lie now, if not where they lay then.
 
         Raises:
             RunFileError: Its URDF has changed since.
         """
         robot = load(
-            self.source, Drive.from_dict(self.drive), self.locked, self.density, self.end_effector
+            self.source,
+            Drive.from_dict(self.drive),
+            self.locked,
+            self.density,
+            self.end_effector,
+            package_dirs=package_dirs
+            or [folder for folder in self.package_dirs if Path(folder).is_dir()],
         )
         if robot.description.sha256 != self.urdf_sha256:
             raise RunFileError(

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.description.mesh_files import Surface, read
-from rpctl.description.mesh_paths import MeshError, resolve
+from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Array, Link, Shape
 from rpctl.robot.model import Robot
 from rpctl.view.shading import Shaded, shade, simplify
@@ -122,7 +122,9 @@ def _place(
         yield _Placed(frame.parentJoint, pose, key, _primitive(shape), shape.rgba)
         return
     if shape.mesh not in cache:
-        cache[shape.mesh] = read(resolve(shape.mesh, robot.description.path))
+        description = robot.description
+        paths = MeshPaths(description.path, description.package_dirs)
+        cache[shape.mesh] = read(paths.resolve(shape.mesh))
     pose = pose @ np.diag([*shape.size, 1.0])
     for number, surface in enumerate(cache[shape.mesh]):
         rgba = shape.rgba or surface.rgba

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -18,6 +19,7 @@ table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nu
 th { text-align: left; color: var(--soft); font-weight: 600; }
 th, td { padding: 6px 10px; border-bottom: 1px solid var(--line); vertical-align: top; }
 td:nth-child(3) { white-space: nowrap; }
+.estimated { margin: 14px 10px; color: var(--soft); overflow-wrap: anywhere; }
 .wide { overflow-x: auto; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }
 """
@@ -36,7 +38,7 @@ PAGE = """<!doctype html>
 <thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
 <tbody>
 {rows}
-</tbody></table></div></main>
+</tbody></table></div>{estimated}</main>
 </body>
 </html>
 """
@@ -59,9 +61,18 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
         style=style + STYLE,
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
+        estimated=_estimates(certificate.estimated_links),
         rows="\n".join([*map(_row, certificate.checks), *map(_gap, certificate.skipped)]),
     )
     return write_atomically(path, page.encode())
+
+
+def _estimates(links: Sequence[str]) -> str:
+    """Return the sentence on links whose inertias are estimates, or nothing."""
+    if not links:
+        return ""
+    text = f"Estimated, at a density, not given by the URDF: mass and inertia of {', '.join(links)}"
+    return f'<p class="estimated">{escape(text)}.</p>'
 
 
 def _row(check: Check) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +37,6 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
     run.save(folder / RUN)
     robot = run.load_robot()
     scene = build_scene(robot, run)
-    estimated = sum(link.estimated for link in robot.description.links)
-    if estimated:
-        note = f"the inertias of {estimated} links are estimates at {run.density:g} kg/m³"
-        scene = replace(scene, notes=(note, *scene.notes))
     summary = summarize(run)
     save_tracking_figure(run, folder / FIGURE)
     write_report(run, folder / REPORT, scene=scene, summary=summary)
@@ -49,8 +45,12 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
     return summary
 
 
-def find_report(run: Path) -> Path:
+def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
     """Return the report of a run's folder or ``run.npz``; written anew where it is not there.
+
+    Args:
+        run: The folder or file.
+        package_dirs: Where its packages lie now, if not where they lay then.
 
     Raises:
         RunFileError: There is no run, or it cannot be read.
@@ -59,5 +59,5 @@ def find_report(run: Path) -> Path:
     report = folder / REPORT
     if not report.is_file() or not (folder / RUN).is_file():
         loaded = Run.load(folder / RUN if run.is_dir() else run)
-        write_report(loaded, report)
+        write_report(loaded, report, robot=loaded.load_robot(package_dirs))
     return report

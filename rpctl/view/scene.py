@@ -38,7 +38,7 @@ class Scene:
         start: Least and largest coordinates of the robot at the start (2, 3), m.
         follow: Name of the node that a camera follows.
         origin: Position of that node at the start (3,), m.
-        notes: Shapes that are not drawn, and why.
+        notes: Links whose inertias are estimates; shapes that are not drawn, and why.
     """
 
     commands: tuple[bytes, ...]
@@ -95,8 +95,16 @@ def build_scene(robot: Robot, run: Run) -> Scene:
         start=np.stack([first.min(axis=0), first.max(axis=0)]),
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
-        notes=bodies.notes,
+        notes=(*_estimates(robot), *bodies.notes),
     )
+
+
+def _estimates(robot: Robot) -> tuple[str, ...]:
+    """Return the note on links whose inertias are estimates, or nothing."""
+    names = robot.description.estimated_links
+    if not names:
+        return ()
+    return (f"mass and inertia of {', '.join(names)} are estimates at {robot.density:g} kg/m³",)
 
 
 def _frames(t: Array) -> NDArray[np.int64]:

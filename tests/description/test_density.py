@@ -10,11 +10,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from typer.testing import CliRunner
 
 import rpctl
+from rpctl.cli import app
 from rpctl.description.records import Link
 from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, RpctlError
+from rpctl.view.certificate import write_certificate
 from tests.description.corpus import BASE
 
 ARM = """<inertial><mass value="2"/>
@@ -193,9 +196,29 @@ def test_every_engine_sees_the_estimate(tmp_path: Path) -> None:
     assert shoulder.mass == arm.mass
     np.testing.assert_allclose(shoulder.lever, arm.com, rtol=1e-14)
     np.testing.assert_allclose(shoulder.inertia, arm.inertia, rtol=1e-13)
-    certificate = rpctl.verify(robot, 5)
-    assert certificate.passed
+    assert rpctl.verify(robot, 5).passed
     assert len([f for f in robot.findings if "has no <inertial>; estimated: " in f.message]) == 2
+
+
+def test_estimates_are_marked_in_certificate_and_report(tmp_path: Path) -> None:
+    path = shaped(tmp_path, BOXES["box"][0])
+    robot = rpctl.load(path, density=RHO)
+    certificate = rpctl.verify(robot, 2)
+    assert certificate.estimated_links == ("arm",)
+    assert certificate.to_dict()["estimated_links"] == ["arm"]
+    page = write_certificate(certificate, tmp_path / "certificate.html").read_text()
+    assert "Estimated, at a density, not given by the URDF: mass and inertia of arm." in page
+    words = ["verify", str(path), "--density", str(RHO), "--samples", "2"]
+    assert "estimated mass and inertia of arm" in CliRunner().invoke(app, words).stdout
+    run = rpctl.track(robot, "line", 0.1, certificate=certificate)
+    assert run.certificate is not None
+    assert run.certificate["estimated_links"] == ["arm"]
+    report = rpctl.write_report(run, tmp_path / "report.html").read_text()
+    assert "mass and inertia of arm are estimates at 800 kg/m³" in report
+    plain = rpctl.verify(rpctl.load("paper"), 2)
+    assert plain.estimated_links == ()
+    page = write_certificate(plain, tmp_path / "plain.html").read_text()
+    assert "Estimated" not in page
 
 
 def test_a_massless_mover_is_doubted_where_others_have_a_mass(tmp_path: Path) -> None:

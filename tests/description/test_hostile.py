@@ -6,7 +6,6 @@ import os
 import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from rpctl.description import caps
 from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, RpctlError
 from tests.description.corpus import BASE
-from tests.description.test_fuzz import patience
+from tests.description.test_fuzz import PATIENCE, patience
 
 SECRET = "root:x:0:0"
 LAUGHS = "<!ENTITY a0 'ha'>" + "".join(
@@ -61,8 +60,8 @@ HOSTILE = {
     "entity without a document type": (BASE.replace('"30"', '"&e;"'), "Entity 'e' not defined"),
     "100 MB of blanks": (" " * 100 * 2**20, "the file is over 33554432 bytes"),
     "31 MB of blanks": (" " * 31 * 2**20 + "x", 'it begins with "x"'),
-    "depth 100000": (
-        '<robot name="r">' + "<link>" * 100_000 + "</link>" * 100_000 + "</robot>",
+    "depth 90000": (
+        '<robot name="r">' + "<a>" * 90_000 + "</a>" * 90_000 + "</robot>",
         "elements are nested over 256 deep",
     ),
     "100000 links": (star(100_000), "100000 links, where 2000 are the limit; if it is meant, set"),
@@ -84,6 +83,19 @@ HOSTILE = {
         f'<robot name="r"><link name="l0">{"<visual/>" * 300_000}</link></robot>',
         "300002 elements, where 100000 are the limit",
     ),
+    "2 million elements": (
+        f"<robot name='r'>{'<a/>' * 2_000_000}</robot>",
+        "2000001 elements, where 100000 are the limit; if it is meant, set RPCTL_MAX_ELEMENTS",
+    ),
+    "2 million elements of a namespace": (
+        f"<robot name='r' xmlns='u'>{'<a/>' * 2_000_000}</robot>",
+        "2000001 elements, where 100000 are the limit",
+    ),
+    "5 million attributes": (
+        "<robot name='r'>" + f"<link {' '.join(f'a{i}=1' for i in range(99))}/>\n" * 51_000,
+        "5049001 attributes, where 1000000 are the limit; if it is meant, set RPCTL_MAX_ATTRIBUTES",
+    ),
+    "2 million comments": ("<robot name='r'>" + "<!--" * 2_000_000, "Double hyphen within comment"),
     "100000 unknown elements": (
         f"<robot name='r'>{''.join(f'<liink{i}/>' for i in range(99_000))}<link name='l'/></robot>",
         "no link has a mass",
@@ -103,10 +115,8 @@ def test_hostile_files_are_refused_soon(name: str, tmp_path: Path) -> None:
     text, told = HOSTILE[name]
     path = tmp_path / "hostile.urdf"
     path.write_text(text, encoding="utf-8")
-    begin = time.perf_counter()
-    with patience(10), pytest.raises(RpctlError) as caught:
+    with patience(PATIENCE), pytest.raises(RpctlError) as caught:
         rpctl.load(path)
-    assert time.perf_counter() - begin < 10
     assert caught.value.exit_code == 2
     assert told in str(caught.value)
     assert str(path) in str(caught.value)
@@ -114,16 +124,23 @@ def test_hostile_files_are_refused_soon(name: str, tmp_path: Path) -> None:
     assert len(str(caught.value)) < 10_000
 
 
-def test_a_huge_file_is_told_within_a_gigabyte(tmp_path: Path) -> None:
+HUGE = {
+    "wide, fixed": star(100_000),
+    "deep, fixed": chain(100_000),
+    "wide, moving": star(100_000).replace("fixed", "continuous"),
+    "deep, moving": chain(100_000, "continuous"),
+}
+
+
+@pytest.mark.parametrize("name", HUGE)
+def test_a_huge_file_is_told_within_half_a_gigabyte(name: str, tmp_path: Path) -> None:
     path = tmp_path / "huge.urdf"
-    path.write_text(chain(100_000), encoding="utf-8")
-    begin = time.perf_counter()
+    path.write_text(HUGE[name], encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "rpctl", "inspect", str(path)],
-        capture_output=True, text=True, check=False, timeout=60,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (2**30, 2**30)),
+        capture_output=True, text=True, check=False, timeout=PATIENCE,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (2**29, 2**29)),
     )  # fmt: skip
-    assert time.perf_counter() - begin < 10
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith(f"{path}:1: error: 100000 links")
@@ -135,7 +152,7 @@ def test_a_deep_robot_is_read(tmp_path: Path) -> None:
     path.write_text(chain(2000), encoding="utf-8")
     description = read(path)
     assert len(description.chain("l1999")) == 1999
-    with patience(10), pytest.raises(RpctlError, match="no differential drive"):
+    with patience(PATIENCE), pytest.raises(RpctlError, match="no differential drive"):
         rpctl.load(path)
 
 
@@ -146,7 +163,10 @@ def test_what_is_no_file_is_not_read(name: str, tmp_path: Path) -> None:
         os.mkfifo(path)
     elif name == "folder":
         path.mkdir()
-    with patience(5), pytest.raises(DescriptionError, match=r"not a regular file|Is a directory"):
+    with (
+        patience(PATIENCE),
+        pytest.raises(DescriptionError, match=r"not a regular file|Is a directory"),
+    ):
         rpctl.load(path)
 
 

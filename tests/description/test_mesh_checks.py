@@ -13,6 +13,7 @@ from tests.description.corpus import BASE
 
 BOX = '<box size="0.5 0.4 0.2"/>'
 LINE = BASE[: BASE.index(BOX)].count("\n") + 1
+LATE = 2**17  # bytes of geometry before the library of images
 DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></library_images></COLLADA>"
 
 
@@ -30,13 +31,14 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
     [
         ("none.stl", "no such file; put it there"),
         ("package://bot/none.stl", "no such file"),
-        ("package://nobody/a.stl", 'package "nobody" was not found; add it to ROS_PACKAGE_PATH'),
+        ("package://nobody/a.stl", 'package "nobody" was not found; declare the folder'),
         ("package://", "package:// without the name of a package"),
         ("../../etc/passwd", "refused: it lies outside the folders"),
         ("../../../../../../../../etc/passwd", "refused: it lies outside the folders"),
         ("/etc/passwd", "refused: it lies outside the folders"),
         ("package://bot/../../../etc/passwd", "refused: it lies outside the folders"),
-        ("file:///etc/passwd", "refused: only package:// and paths"),
+        ("file:///etc/passwd", "refused: it lies outside the folders"),
+        ("file://etc/passwd", "refused: only package:// and paths"),
         ("http://example.org/a.stl", "refused: only package:// and paths"),
         ("$(find bot)/a.stl", "refused: a mesh ends in|no such file"),
         ("bot.urdf", "refused: a mesh ends in .stl"),
@@ -88,6 +90,18 @@ def test_textures_out_of_reach_are_told(texture: str, fine: bool, tmp_path: Path
     (path.parent / "a.dae").write_text(DAE.format(texture))
     told = [f.message for f in rpctl.load(path).findings]
     assert told == [] if fine else "lies out of reach and is left out" in told[0]
+
+
+@pytest.mark.parametrize("image", ["{}", "<ref>{}</ref>"])
+def test_textures_are_found_wherever_they_are_named(image: str, tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, "a.dae")
+    text = DAE.format(image.format("/etc/passwd"))
+    late = text.replace("<COLLADA>", "<COLLADA><library_geometries/>" + " " * LATE)
+    (path.parent / "a.dae").write_text(late)
+    (finding,) = rpctl.load(path).findings
+    assert 'texture "/etc/passwd" lies out of reach' in finding.message
+    (path.parent / "a.dae").write_text("")
+    assert rpctl.load(path).findings == ()
 
 
 def test_one_fault_of_many_meshes_is_told_once(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from rpctl.description.mesh_files import read
-from rpctl.description.mesh_paths import MeshError, resolve
+from rpctl.description.mesh_paths import MeshError, MeshPaths
 
 TEAPOT = """<?xml version="1.0"?>{doctype}
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -28,6 +28,10 @@ TEAPOT = """<?xml version="1.0"?>{doctype}
 <technique_common><instance_material symbol="ms" target="#m"/></technique_common>
 </bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def resolve(name: str, urdf: Path, *package_dirs: Path) -> Path:
+    return MeshPaths(urdf, package_dirs).resolve(name)
 
 
 @pytest.fixture
@@ -76,6 +80,42 @@ def test_packages_are_found_on_the_search_path(
     assert resolve("package://far/a.stl", tmp_path / "here/bot.urdf") == mesh
 
 
+def test_declared_packages_come_first(package: Path, tmp_path: Path) -> None:
+    for mesh in ("near/other/c.stl", "far/other/c.stl", "far/other/d.stl"):
+        (tmp_path / mesh).parent.mkdir(parents=True, exist_ok=True)
+        trimesh.creation.box((1, 1, 1)).export(tmp_path / mesh)
+    near, far = tmp_path / "near", tmp_path / "far"
+    assert resolve("package://other/c.stl", package) == package.parents[2] / "other/c.stl"
+    assert resolve("package://other/c.stl", package, near) == near / "other/c.stl"
+    assert resolve("package://other/c.stl", package, far, near) == far / "other/c.stl"
+    assert resolve("package://other/d.stl", package, near, far) == far / "other/d.stl"
+    assert resolve("package://other/c.stl", package, near / "other") == near / "other/c.stl"
+    with pytest.raises(MeshError, match="refused"):
+        resolve("package://other/../../outside.stl", package, near)
+
+
+def test_a_package_is_known_by_its_manifest_too(package: Path, tmp_path: Path) -> None:
+    """As one that was unpacked into a folder of another name."""
+    folder = tmp_path / "robot-main"
+    folder.mkdir()
+    trimesh.creation.box((1, 1, 1)).export(folder / "e.stl")
+    with pytest.raises(MeshError, match='package "robot" was not found'):
+        resolve("package://robot/e.stl", package, folder)
+    (folder / "package.xml").write_text("<package><name> robot </name></package>")
+    assert resolve("package://robot/e.stl", package, folder) == folder / "e.stl"
+    assert resolve("package://robot/e.stl", folder / "robot.urdf") == folder / "e.stl"
+
+
+def test_files_of_declared_folders_may_be_named_by_path(package: Path, tmp_path: Path) -> None:
+    mesh = tmp_path / "outside.stl"
+    for name in (str(mesh), f"file://{mesh}", "../../../outside.stl"):
+        with pytest.raises(MeshError, match=r"lies outside the folders.*--package-dir"):
+            resolve(name, package)
+        assert resolve(name, package, tmp_path) == mesh
+    inner = package.parent / "b.stl"
+    assert resolve(f"file://{inner}", package) == inner
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -94,6 +134,7 @@ def test_packages_are_found_on_the_search_path(
         "../meshes/link.stl",
         "notes.txt",
         "b.stl/../notes.txt",
+        "package://bot\0/b.stl",
     ],
 )
 def test_names_outside_the_roots_are_refused(package: Path, name: str) -> None:
