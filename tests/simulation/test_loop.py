@@ -20,8 +20,8 @@ from rpctl import (
     summarize,
     track,
 )
-from rpctl.control.dynamic import DynamicLaw
 from rpctl.control.kinematic import Command
+from rpctl.control.law import DynamicLaw, Efforts
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.errors import DivergedError
@@ -164,7 +164,9 @@ def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
     """Without ν̇_d the same loop is far worse: the derivative is not decoration."""
 
     def without(law: DynamicLaw = PaperDynamic()) -> DynamicLaw:  # noqa: B008
-        def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        def efforts(
+            dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
+        ) -> Efforts | Array:
             still = Command(command.nu_d, np.zeros_like(command.nu_d))
             return law(dynamics, q, nu, still)
 
