@@ -17,10 +17,10 @@ from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 
-IDLE = 1e-6  # weight of efforts that move nothing, against 1 of a predicted error of 1 m/s
-AT_REST = 1e-3  # m/s; a slower base has no direction to keep
-PULLS = 1e-9  # a multiplier beyond it is of a limit that binds, one below of rounding
-MOVES_NOTHING = 1e-12  # N·m or N per unit of acceleration; such an actuator has no say
+JOINT = 1e-6  # weight of a joint's error where the base's is 1: no arm is held up by driving
+IDLE = 1e-9  # weight of efforts that move nothing, in shares of their limits
+AT_REST = 1e-3  # share of the full speed; a slower base has no direction to keep
+NOTHING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,20 @@ class BoundedDynamic:
     limit binds, the minimum is zero and the law is the paper's. Efforts never leave their box;
     bounds on rates and positions that the efforts cannot keep are broken by the least possible.
 
-    W′ is diagonal for the joints. For the base, p_b is taken in speeds of the wheels' contact
-    points, and with d the direction of ν_d + h1 ν̇_d in the same speeds, W′_b is
-    I − (1 − along) d dᵀ: an error along the motion asked for is cheaper than one across it. A robot
-    whose wheels have come to a limit so slows down, v and ω in proportion, and keeps the curvature.
+    The weights matter once a limit binds. They are of p in shares of full speed, which is where the
+    first actuator comes to its velocity limit. Joints have w′ᵢ; the base has
+
+        W′ = √w′ (I − (1 − along) d dᵀ) √w′
+
+    with d the direction of ν_d + h1 ν̇_d, in shares as well: an error along the motion asked for is
+    cheaper than one across it. So a robot whose wheels have come to a limit slows down, v and ω in
+    proportion, and keeps the curvature. By default the base comes before the joints: a joint that
+    its actuator cannot hold does not make the robot drive off under it.
 
     Attributes:
         horizon_dyn: Prediction time h1, s.
         along: Weight of the base's error along its motion, where one across weighs 1.
-        weights: w′ of quasi-velocities by name; 1 for those left out.
+        weights: w′ by name of the quasi-velocity; left out, 1 for the base's and 1e-6 for joints'.
     """
 
     horizon_dyn: float = 0.15
@@ -98,8 +103,12 @@ class BoundedLaw:
         self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
         self._joints = JointLimits(dynamics, control_period, law.horizon_dyn)
         self._base = len(robot.drive.base_speeds)
-        self._wheels = len(robot.drive.wheels)
-        weights = np.array([law.weights.get(name, 1.0) for name in robot.quasi_velocities])
+        fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
+        self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
+        default = dict.fromkeys(robot.drive.base_speeds, 1.0)
+        weights = [
+            law.weights.get(name, default.get(name, JOINT)) for name in robot.quasi_velocities
+        ]
         self._root_weights = np.sqrt(weights)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
@@ -152,48 +161,47 @@ class BoundedLaw:
 
         The other quasi-velocities keep theirs at zero, and every actuator within its limit.
         """
-        cost = gain @ (rows.T / np.square(rows).sum(axis=1))  # (n_act, k)
-        size = np.maximum(np.abs(cost), MOVES_NOTHING)
+        cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), NOTHING))  # (n_act, k)
+        size = np.maximum(np.abs(cost), NOTHING)
         pull = np.sign(cost) * hold[:, None]
         box = self._box[:, None]
         return ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
 
     def _spread(self, B: Array, command: Command) -> Array:
         """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹."""
-        T = np.diag(1.0 / self._root_weights)
-        if self._base:
-            base = slice(self._base)
-            speeds = np.linalg.norm(B[base, : self._wheels], axis=1)  # of the wheels, per unit of ν
-            speeds = np.where(speeds > 0.0, speeds / speeds.max(), 1.0)
-            ahead = speeds * (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base]
-            d = ahead / np.hypot(np.linalg.norm(ahead), AT_REST)
-            cut = 1.0 - np.sqrt(self._law.along)
-            stretch = np.eye(self._base) + cut / (1.0 - cut * (d @ d)) * np.outer(d, d)
-            T[base, base] = stretch / speeds[:, None] @ T[base, base]
+        full = 1.0 / np.abs(B / self._fastest).max(axis=1)  # speed of the first velocity limit
+        T = np.diag(full / self._root_weights)
+        base = slice(self._base)
+        ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
+        d = ahead / np.hypot(np.linalg.norm(ahead), AT_REST)
+        cut = 1.0 - np.sqrt(self._law.along)  # I − cut d dᵀ is the root of I − (1 − along) d dᵀ
+        T[base, base] @= np.eye(len(d)) + cut / (1.0 - cut * (d @ d)) * np.outer(d, d)
         return T
 
     def _within(self, sample: _Sample, B: Array, T: Array) -> Efforts:
         """Return the efforts of least cost within all bounds.
 
-        The unknowns are y, the errors spread out by T, and the efforts that move nothing.
+        The unknowns are y, which T spreads out to p, and the efforts that move nothing. A joint's
+        bound is taken in units of y, so that keeping it is worth the same for every joint.
         """
-        box, unit = self._box, self._unit
-        by_y = sample.gain @ T / (self._law.horizon_dyn * unit[:, None])
+        box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
         idle = null_space(B * unit) / np.sqrt(IDLE)
-        by_x = np.hstack([by_y, idle])  # (n_act, dof + n_idle): τ in units of its limits
-        joints = np.hstack([sample.rows @ T, np.zeros((len(sample.rows), idle.shape[1]))])
-        room = self._law.horizon_dyn * (np.array(sample.bounds[:2]) - sample.acceleration)
+        efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), idle])  # shares of the limits
+        joints = sample.rows @ T / h1
+        size = np.maximum(np.linalg.norm(joints, axis=1), NOTHING)
+        joints = np.hstack([joints / size[:, None], np.zeros((len(joints), idle.shape[1]))])
+        bounds, now = sample.bounds, sample.acceleration
         solution = shortest(
-            by_x,
+            efforts,
             ((-box - sample.tau) / unit, (box - sample.tau) / unit),
             joints,
-            (room[0], room[1]),
+            ((bounds.lower - now) / size, (bounds.upper - now) / size),
         )
-        tau = np.clip(sample.tau + unit * (by_x @ solution.x), -box, box)
-        return Efforts(tau, self._binding(solution.hard, solution.soft, sample.bounds))
+        tau = np.clip(sample.tau + unit * (efforts @ solution.x), -box, box)
+        return Efforts(tau, self._binding(solution.hard, solution.soft, bounds))
 
     def _binding(self, efforts: Array, joints: Array, bounds: JointBounds) -> tuple[Limit, ...]:
-        names = [self._effort_limits[i] for i in np.flatnonzero(np.abs(efforts) > PULLS)]
-        names += [bounds.upper_limits[i] for i in np.flatnonzero(joints > PULLS)]
-        names += [bounds.lower_limits[i] for i in np.flatnonzero(joints < -PULLS)]
+        names = [self._effort_limits[i] for i in np.flatnonzero(efforts)]
+        names += [bounds.upper_limits[i] for i in np.flatnonzero(joints > 0.0)]
+        names += [bounds.lower_limits[i] for i in np.flatnonzero(joints < 0.0)]
         return tuple(names)

@@ -60,7 +60,7 @@ class JointLimits:
         return dynamics.basis(q)[self._rows], dynamics.basis_drift(q, nu)[self._rows]
 
     def bounds(self, q: Array, rate: Array, brakes: tuple[Array, Array]) -> JointBounds:
-        """Return the bounds on ẍ.
+        """Return the bounds on ẍ; none asks more of a joint than its actuator alone can give.
 
         Args:
             q: Configuration (nq,).
@@ -74,8 +74,8 @@ class JointLimits:
         highest = np.minimum(rising, self._fastest)
         lowest = np.minimum(np.maximum(-falling, -self._fastest), highest)
         return JointBounds(
-            (lowest - rate) / self._ahead,
-            (highest - rate) / self._ahead,
+            np.minimum((lowest - rate) / self._ahead, brakes[1]),
+            np.maximum((highest - rate) / self._ahead, -brakes[0]),
             self._limits("lower", falling),
             self._limits("upper", rising),
         )
