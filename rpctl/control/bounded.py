@@ -18,7 +18,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 
 JOINT = 1e-6  # weight of a joint's error where the base's is 1: no arm is held up by driving
-IDLE = 1e-9  # weight of efforts that move nothing, in shares of their limits
+IDLE = 1e-6  # weight of efforts that move nothing, in shares of their limits
 AT_REST = 1e-3  # share of the full speed; a slower base has no direction to keep
 NOTHING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
 
@@ -38,7 +38,7 @@ class BoundedDynamic:
     The weights matter once a limit binds. They are of p in shares of full speed, which is where the
     first actuator comes to its velocity limit. Joints have w′ᵢ; the base has
 
-        W′ = √w′ (I − (1 − along) d dᵀ) √w′
+        W′ = √w′ (I − c d dᵀ)² √w′,    c = 1 − √along,
 
     with d the direction of ν_d + h1 ν̇_d, in shares as well: an error along the motion asked for is
     cheaper than one across it. So a robot whose wheels have come to a limit slows down, v and ω in
@@ -174,8 +174,8 @@ class BoundedLaw:
         base = slice(self._base)
         ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
         d = ahead / np.hypot(np.linalg.norm(ahead), AT_REST)
-        cut = 1.0 - np.sqrt(self._law.along)  # I − cut d dᵀ is the root of I − (1 − along) d dᵀ
-        T[base, base] @= np.eye(len(d)) + cut / (1.0 - cut * (d @ d)) * np.outer(d, d)
+        c = 1.0 - np.sqrt(self._law.along)
+        T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)
         return T
 
     def _within(self, sample: _Sample, B: Array, T: Array) -> Efforts:

@@ -36,7 +36,7 @@ class IntegralDynamic:
         inner: The law that finds the efforts.
     """
 
-    gain: float = 5.0
+    gain: float = 10.0
     inner: BoundedDynamic = field(default_factory=BoundedDynamic)
 
     def __post_init__(self) -> None:
