@@ -177,6 +177,27 @@ def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
     assert worse > 100 * best
 
 
+def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
+    """Settings with ``start`` give each run a law of its own; it is told the control period."""
+    periods = []
+
+    class Counting:
+        def start(self, dynamics: ReducedDynamics, control_period: float) -> DynamicLaw:
+            periods.append(control_period)
+            calls = iter(range(1000))
+
+            def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+                return np.full(len(dynamics.robot.actuators), float(next(calls)))
+
+            return law
+
+    law = Counting()
+    for _ in range(2):
+        run = track(paper, "eight", 0.02, dynamic=law, control_period=0.004)
+        assert run.tau[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert periods == [0.004, 0.004]
+
+
 def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
     laws = PaperKinematic(0.2), PaperDynamic(0.05)
     with pytest.raises(DivergedError, match="diverged"):
