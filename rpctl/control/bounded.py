@@ -17,7 +17,7 @@ from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 
-JOINT = 1e-6  # weight of a joint's error where the base's is 1: no arm is held up by driving
+JOINT = 1e-4  # weight of a joint's error where the base's is 1: no arm is held up by driving
 IDLE = 1e-6  # weight of efforts that move nothing, in shares of their limits
 AT_REST = 1e-3  # share of the full speed; a slower base has no direction to keep
 NOTHING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
@@ -48,7 +48,7 @@ class BoundedDynamic:
     Attributes:
         horizon_dyn: Prediction time h1, s.
         along: Weight of the base's error along its motion, where one across weighs 1.
-        weights: w′ by name of the quasi-velocity; left out, 1 for the base's and 1e-6 for joints'.
+        weights: w′ by name of the quasi-velocity; left out, 1 for the base's and 1e-4 for joints'.
     """
 
     horizon_dyn: float = 0.15
@@ -181,15 +181,15 @@ class BoundedLaw:
     def _within(self, sample: _Sample, B: Array, T: Array) -> Efforts:
         """Return the efforts of least cost within all bounds.
 
-        The unknowns are y, which T spreads out to p, and the efforts that move nothing. A joint's
-        bound is taken in units of y, so that keeping it is worth the same for every joint.
+        The unknowns are y, which T spreads out to p, and the efforts that move nothing. What breaks
+        a joint's bound is h1 times an acceleration, in shares of the joint's full speed.
         """
         box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
-        idle = null_space(B * unit) / np.sqrt(IDLE)
+        idle = null_space(B * unit) / np.sqrt(IDLE) if B.shape[0] < B.shape[1] else B[:, :0]
         efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), idle])  # shares of the limits
-        joints = sample.rows @ T / h1
-        size = np.maximum(np.linalg.norm(joints, axis=1), NOTHING)
-        joints = np.hstack([joints / size[:, None], np.zeros((len(joints), idle.shape[1]))])
+        size = self._joints.full / h1
+        joints = sample.rows @ T / (h1 * size[:, None])
+        joints = np.hstack([joints, np.zeros((len(joints), idle.shape[1]))])
         bounds, now = sample.bounds, sample.acceleration
         solution = shortest(
             efforts,
@@ -202,6 +202,7 @@ class BoundedLaw:
 
     def _binding(self, efforts: Array, joints: Array, bounds: JointBounds) -> tuple[Limit, ...]:
         names = [self._effort_limits[i] for i in np.flatnonzero(efforts)]
-        names += [bounds.upper_limits[i] for i in np.flatnonzero(joints > 0.0)]
-        names += [bounds.lower_limits[i] for i in np.flatnonzero(joints < 0.0)]
+        names += [
+            self._joints.limit(i, bounds, bool(pull > 0.0)) for i, pull in enumerate(joints) if pull
+        ]
         return tuple(names)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.control.law import Limit
 from rpctl.description.records import Array
@@ -18,12 +19,12 @@ FAR = 1e6  # rad or m; a gap beyond it stands for no limit
 
 
 class JointBounds(NamedTuple):
-    """Bounds on the joints' accelerations, and the limit that each of them comes from."""
+    """Bounds on the joints' accelerations, and whether a position is why (or else a rate)."""
 
     lower: Array  # (k,)
     upper: Array  # (k,)
-    lower_limits: tuple[Limit, ...]
-    upper_limits: tuple[Limit, ...]
+    by_lower: NDArray[np.bool_]  # (k,)
+    by_upper: NDArray[np.bool_]  # (k,)
 
 
 class JointLimits:
@@ -49,9 +50,13 @@ class JointLimits:
         joints = [j for j in moving if np.isfinite([j.velocity, j.lower, j.upper]).any()]
         self.names = tuple(joint.name for joint in joints)
         self._rows = [robot.velocity_index(name) for name in self.names]
-        self._robot, self._horizon, self._ahead = robot, horizon, AHEAD * control_period
+        # A joint without position limits may have two entries in q; none of them binds anything.
+        ids = (robot.model.getJointId(name) for name in self.names)
+        self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
+        self._horizon, self._ahead = horizon, AHEAD * control_period
         self._fastest = (1.0 - ROOM) * np.array([joint.velocity for joint in joints])
-        lower, upper = np.array([joint.lower for joint in joints]), [j.upper for j in joints]
+        self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
+        lower, upper = (np.array([getattr(j, end) for j in joints]) for end in ("lower", "upper"))
         room = np.where(np.isfinite(upper - lower), ROOM * (upper - lower), 0.0)
         self._lower, self._upper = lower + room, upper - room
 
@@ -68,17 +73,22 @@ class JointLimits:
             brakes: Largest accelerations (k,) down and up that the efforts can give each joint.
         """
         down, up = (np.clip(BRAKE_SHARE * a, LEAST_BRAKE, HARDEST_BRAKE) for a in brakes)
-        position = np.array([self._robot.joint_position(q, name) for name in self.names])
-        ahead = position + self._ahead * rate
+        ahead = q[self._entries] + self._ahead * rate
         rising, falling = self._stop(self._upper - ahead, down), self._stop(ahead - self._lower, up)
         highest = np.minimum(rising, self._fastest)
         lowest = np.minimum(np.maximum(-falling, -self._fastest), highest)
         return JointBounds(
             np.minimum((lowest - rate) / self._ahead, brakes[1]),
             np.maximum((highest - rate) / self._ahead, -brakes[0]),
-            self._limits("lower", falling),
-            self._limits("upper", rising),
+            falling < self._fastest,
+            rising < self._fastest,
         )
+
+    def limit(self, index: int, bounds: JointBounds, upper: bool) -> Limit:
+        """Return the limit that a joint's upper or lower bound comes from."""
+        by_position = bounds.by_upper[index] if upper else bounds.by_lower[index]
+        kind = ("upper" if upper else "lower") if by_position else "velocity"
+        return Limit(self.names[index], kind)
 
     def _stop(self, gap: Array, brake: Array) -> Array:
         """Return the fastest rate (k,) that can be braked within each gap; beyond it, a retreat."""
@@ -86,7 +96,3 @@ class JointLimits:
         straight = brake * self._horizon**2
         root = np.sqrt(2.0 * brake * np.maximum(gap - 0.5 * straight, 0.5 * straight))
         return np.where(gap < straight, gap / self._horizon, root)
-
-    def _limits(self, kind: str, stop: Array) -> tuple[Limit, ...]:
-        kinds = np.where(stop < self._fastest, kind, "velocity").tolist()
-        return tuple(map(Limit, self.names, kinds))

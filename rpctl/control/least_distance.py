@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.description.records import Array
 from rpctl.errors import SolverError
 
-SOFTNESS = 1e-5  # square of x that one unit of a broken soft bound outweighs
+SOFTNESS = 1e-4  # of x: the square that breaking a soft bound by one is worth; well conditioned
 PRIMAL_TOLERANCE = 1e-9  # of a bound; the solver's own 1e-6 would show in a log
 SOLVED = 1
 

@@ -66,7 +66,7 @@ def weight(law: BoundedDynamic, B: Array, fastest: Array, command: Command) -> A
     full = 1.0 / np.abs(B / fastest).max(axis=1)
     ahead = (command.nu_d + law.horizon_dyn * command.nu_d_dot)[:2] / full[:2]
     d = ahead / np.hypot(np.linalg.norm(ahead), 1e-3)
-    W = 1e-6 * np.eye(len(full))
+    W = 1e-4 * np.eye(len(full))
     squeeze = np.eye(2) - (1.0 - np.sqrt(law.along)) * np.outer(d, d)
     W[:2, :2] = squeeze @ squeeze
     return W / np.outer(full, full)
