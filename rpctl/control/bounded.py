@@ -187,15 +187,15 @@ class BoundedLaw:
         box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
         idle = null_space(B * unit) / np.sqrt(IDLE) if B.shape[0] < B.shape[1] else B[:, :0]
         efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), idle])  # shares of the limits
-        size = self._joints.full / h1
-        joints = sample.rows @ T / (h1 * size[:, None])
+        full = self._joints.full
+        joints = sample.rows @ T / full[:, None]
         joints = np.hstack([joints, np.zeros((len(joints), idle.shape[1]))])
         bounds, now = sample.bounds, sample.acceleration
         solution = shortest(
             efforts,
             ((-box - sample.tau) / unit, (box - sample.tau) / unit),
             joints,
-            ((bounds.lower - now) / size, (bounds.upper - now) / size),
+            (h1 * (bounds.lower - now) / full, h1 * (bounds.upper - now) / full),
         )
         tau = np.clip(sample.tau + unit * (efforts @ solution.x), -box, box)
         return Efforts(tau, self._binding(solution.hard, solution.soft, bounds))
