@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.integral import IntegralDynamic
 from rpctl.control.kinematic import PaperKinematic
+from rpctl.control.law import Efforts, Limit
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.checks import draw_state
@@ -14,16 +17,23 @@ from rpctl.errors import RpctlError
 from rpctl.robot.drive import Drive, Wheel
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from rpctl.robot.vary import scale_limits, scale_masses
 from rpctl.simulation.loop import track
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
 
 __version__ = "0.1.0"
 __all__ = [
+    "BoundedDynamic",
     "Certificate",
     "Drive",
+    "Efforts",
+    "IntegralDynamic",
+    "Limit",
     "PaperDynamic",
     "PaperKinematic",
+    "Plant",
     "ReducedDynamics",
     "Robot",
     "RpctlError",
@@ -31,6 +41,8 @@ __all__ = [
     "Wheel",
     "draw_state",
     "load",
+    "scale_limits",
+    "scale_masses",
     "summarize",
     "track",
     "verify",

@@ -185,7 +185,9 @@ def track_command(
         ),
     ] = "0,0,0",
     kinematic: Annotated[str, typer.Option(metavar="paper", help="Kinematic law.")] = "paper",
-    dynamic: Annotated[str, typer.Option(metavar="paper", help="Dynamic law.")] = "paper",
+    dynamic: Annotated[
+        str, typer.Option(metavar="paper|bounded|integral", help="Dynamic law.")
+    ] = "paper",
     friction: Annotated[
         float, typer.Option(help="Friction coefficient of the wheels, to tell if they would slip.")
     ] = FRICTION,

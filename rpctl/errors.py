@@ -87,6 +87,12 @@ class DivergedError(RpctlError):
     exit_code = 3
 
 
+class SolverError(RpctlError):
+    """A solver gave up on a problem."""
+
+    exit_code = 3
+
+
 def format_finding(path: str, finding: Finding) -> str:
     """Return ``file:line: severity: message``."""
     place = path if finding.line is None else f"{path}:{finding.line}"

@@ -159,6 +159,8 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
         out.print(f"[bold red]limit[/] {escape(broken['joint'])} {broken['limit']}: "
                   f"{broken['value']:.4g} where {broken['allowed']:.4g} is allowed, from "
                   f"{broken['first_time']:.3g} s for {broken['duration']:.2g} s")  # fmt: skip
+    for bound in summary["limits_bound"]:
+        out.print(f"[yellow]limit[/] {escape(bound['told'])}")
     if summary["ground"] is not None:
         unsafe = summary["would_slip"] or summary["would_tip"]
         mark = "[bold red]ground[/]" if unsafe else "ground"

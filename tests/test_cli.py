@@ -151,6 +151,17 @@ def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     assert {broken["limit"] for broken in told["limits_violated"]} >= {"effort"}
 
 
+@pytest.mark.parametrize("dynamic", ["bounded", "integral"])
+def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
+    words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
+    words += ["--dynamic", dynamic, "--out", str(tmp_path)]
+    told = run_json(*words)
+    assert told["limits_violated"] == []
+    assert told["limits_bound"][0]["told"] in run(*words)[1]
+    assert "effort limit bound from 0 s" in told["limits_bound"][0]["told"]
+    assert told["limits_bound"][0]["told"] in (tmp_path / "report.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

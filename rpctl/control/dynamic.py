@@ -1,30 +1,19 @@
-"""The dynamic predictive law: from quasi-velocities to follow to actuator efforts."""
+"""The paper's dynamic law, from quasi-velocities to actuator efforts, and the laws by name."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.command import Command
+from rpctl.control.integral import IntegralDynamic
+from rpctl.control.law import DynamicLaw, Startable
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
-
-
-class DynamicLaw(Protocol):
-    """Anything that turns a command into efforts."""
-
-    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        """Return τ (n_act,).
-
-        Args:
-            dynamics: The robot's dynamics.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            command: What to follow.
-        """
 
 
 @dataclass(frozen=True)
@@ -55,10 +44,14 @@ class PaperDynamic:
         return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
 
 
-DYNAMIC_LAWS = {"paper": PaperDynamic}
+DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw | Startable[DynamicLaw]]] = {
+    "paper": PaperDynamic,
+    "bounded": BoundedDynamic,
+    "integral": IntegralDynamic,
+}
 
 
-def dynamic_by_name(name: str) -> DynamicLaw:
+def dynamic_by_name(name: str) -> DynamicLaw | Startable[DynamicLaw]:
     """Return a dynamic law with its default settings.
 
     Raises:

@@ -71,7 +71,7 @@ def find_candidates(
         told: What the user says of wheels, by joint.
     """
     found = []
-    paths = MeshPaths(description.path)
+    paths = MeshPaths(description.path, description.package_dirs)
     for joint in description.joints:
         turns = joint.kind == "continuous" or (
             joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)

@@ -9,9 +9,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rpctl.control.command import KinematicLaw
-from rpctl.control.dynamic import DynamicLaw, PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.kinematic import PaperKinematic
+from rpctl.control.law import DynamicLaw, Startable, as_efforts, started
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -20,7 +21,7 @@ from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
 from rpctl.reference.rates import steering
 from rpctl.robot.model import Robot
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plant import Plant, advance
 from rpctl.simulation.record import Recorder, describe, facts
 from rpctl.simulation.run import Run
 
@@ -32,13 +33,14 @@ def track(
     reference: str | Reference = "eight",
     duration: float = 20.0,
     initial_error: Sequence[float] = (0.0, 0.0, 0.0),
-    kinematic: KinematicLaw | None = None,
-    dynamic: DynamicLaw | None = None,
+    kinematic: KinematicLaw | Startable[KinematicLaw] | None = None,
+    dynamic: DynamicLaw | Startable[DynamicLaw] | None = None,
     control_period: float = 0.002,
     plant_step: float = 0.002,
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
     friction: float = FRICTION,
+    plant: Plant | None = None,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -59,6 +61,7 @@ def track(
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
+        plant: What the simulated robot has that its controller does not know of; None: nothing.
 
     Returns:
         What was logged.
@@ -74,6 +77,7 @@ def track(
     ):
         require_positive(name, value)
     kinematic, dynamic = kinematic or PaperKinematic(), dynamic or PaperDynamic()
+    plant = plant or Plant()
     settings = {
         "reference": reference if isinstance(reference, str) else type(reference).__name__,
         "duration": duration,
@@ -82,29 +86,36 @@ def track(
         "dynamic": describe(dynamic),
         "control_period": control_period,
         "plant_step": plant_step,
+        "plant": plant.describe(),
     }
     if isinstance(reference, str):
         reference = reference_by_name(robot, reference)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, friction)
-    recorder = Recorder(dynamics, contacts)
+    believed, bias = plant.believed_dynamics(dynamics), plant.bias(robot)
+    recorder = Recorder(dynamics, contacts, bias)
+    kinematic_law = started(kinematic, believed, control_period)
+    dynamic_law = started(dynamic, believed, control_period)
     steps = max(1, round(duration / control_period))
     began = time.perf_counter()
     q, nu, work = _start(robot, reference(0.0), initial_error), np.zeros(robot.dof), 0.0
+    sent = plant.pipeline(dynamics.efforts(q, dynamics.bias(q, nu)), control_period)
     for k in range(steps + 1):
         t = k * control_period
         state = reference(t)
         e = tracking_error(robot, state, q)
-        command = kinematic(dynamics, reference, t, q, nu)
-        tau = dynamic(dynamics, q, nu, command)
-        recorder.add(t, q, nu, tau, e, state, command, work)
+        command = kinematic_law(believed, reference, t, q, nu)
+        efforts = as_efforts(dynamic_law(believed, q, nu, command))
+        sent.append(efforts.tau)
+        tau = sent.popleft()
+        recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
         if not np.abs(nu).max() < LOST:
             raise DivergedError(
                 f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the "
                 "horizons"
             )
         if k < steps:
-            q, nu, done = advance(dynamics, q, nu, tau, control_period, plant_step)
+            q, nu, done = advance(dynamics, q, nu, tau + bias, control_period, plant_step)
             work += done
         if progress is not None:
             progress(k, steps)

@@ -3,13 +3,78 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError
+from rpctl.errors import DivergedError, RpctlError, UnknownNameError
+from rpctl.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What the simulated robot has that its controller does not know of.
+
+    Attributes:
+        tau_bias: Efforts (N·m or N) by actuator that push besides the controller's.
+        delay: Time from a measurement to the efforts it leads to, s; in whole control periods.
+        believed: The robot whose dynamics the controller computes with; None: the simulated one.
+    """
+
+    tau_bias: Mapping[str, float] = field(default_factory=dict)
+    delay: float = 0.0
+    believed: Robot | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no time or no effort."""
+        if not (math.isfinite(self.delay) and self.delay >= 0.0):
+            raise RpctlError(f"delay is {self.delay:g}; give a time in s, 0 or more")
+        for name, bias in self.tau_bias.items():
+            if not math.isfinite(bias):
+                raise RpctlError(f"tau_bias of {name} is {bias:g}; give a finite effort")
+
+    def bias(self, robot: Robot) -> Array:
+        """Return the efforts (n_act,) that push besides the controller's.
+
+        Raises:
+            UnknownNameError: One is of no actuator.
+        """
+        for name in self.tau_bias:
+            if name not in robot.actuators:
+                raise UnknownNameError("actuator", name, robot.actuators)
+        return np.array([self.tau_bias.get(name, 0.0) for name in robot.actuators])
+
+    def believed_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
+        """Return the dynamics that the controller computes with.
+
+        Raises:
+            RpctlError: The robot believed has other coordinates than the simulated one.
+        """
+        if self.believed is None:
+            return dynamics
+        for names in ("quasi_velocities", "actuators"):
+            if getattr(self.believed, names) != getattr(dynamics.robot, names):
+                raise RpctlError(
+                    f"the robot believed, {self.believed.name}, has other {names} than "
+                    f"{dynamics.robot.name}; vary its masses or limits only"
+                )
+        return ReducedDynamics(self.believed)
+
+    def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
+        """Return the efforts on their way at the start: those that hold the robot still."""
+        return deque([hold] * round(self.delay / control_period))
+
+    def describe(self) -> dict[str, Any]:
+        """Return the settings, to be kept with a run."""
+        biases = {f"bias of {name}": float(bias) for name, bias in self.tau_bias.items()}
+        believed = None if self.believed is None else self.believed.name
+        return {**biases, "delay": self.delay, "believed": believed}
 
 
 def advance(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.control.command import Command
+from rpctl.control.law import Limit
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -26,12 +28,14 @@ class Recorder:
     Args:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
+        bias: Efforts (n_act,) that push besides the controller's, N·m or N.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None) -> None:
-        self._dynamics, self._contacts = dynamics, contacts
+    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None, bias: Array) -> None:
+        self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
         self._data = dynamics.robot.model.createData()
         self._rows: list[Row] = []
+        self._limits: list[tuple[Limit, ...]] = []
 
     def add(
         self,
@@ -43,8 +47,13 @@ class Recorder:
         state: ReferenceState,
         command: Command,
         work: float,
+        limits: tuple[Limit, ...],
     ) -> None:
-        """Add a sample: time (s), motion, efforts, error, reference, command, work so far (J)."""
+        """Add a sample: time (s), motion, efforts, error, reference, command, work so far (J).
+
+        Last come the limits that bound the efforts.
+        """
+        self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
         self._rows.append(
             {
@@ -64,13 +73,13 @@ class Recorder:
                 "energy": dynamics.energy(q, nu),
                 "work": work,
                 "constraint_residual": _slip(dynamics, q, nu),
-                **_ground(dynamics, self._contacts, q, nu, tau),
+                **_ground(dynamics, self._contacts, q, nu, tau + self._bias),
                 **_end_effector(robot, self._data, q, state),
             }
         )
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a Run, read-only, samples first."""
+        """Return the arrays of a Run, read-only, samples first, and the limits that ever bound."""
         log: dict[str, Array] = {
             key: np.array([row[key] for row in self._rows]) for key in self._rows[0]
         }
@@ -78,9 +87,12 @@ class Recorder:
             heading[:] = np.unwrap(heading)
         log["q_ref"] = _reference_configurations(self._dynamics, log)
         del log["steering_ref"]  # it is part of q_ref
+        bound = tuple(dict.fromkeys(chain.from_iterable(self._limits)))
+        active = [[float(limit in limits) for limit in bound] for limits in self._limits]
+        log["active_limits"] = np.array(active)
         for array in log.values():
             array.setflags(write=False)
-        return log
+        return {**log, "bound_limits": tuple(map(tuple, bound))}
 
 
 def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
@@ -111,9 +123,11 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
 
 
 def describe(law: object) -> dict[str, Any]:
-    """Return a law's name and settings."""
+    """Return a law's name and settings, those of a law within it as well."""
     if dataclasses.is_dataclass(law) and not isinstance(law, type):
-        return {"law": type(law).__name__, **dataclasses.asdict(law)}
+        settings = {item.name: getattr(law, item.name) for item in dataclasses.fields(law)}
+        inner = {k: describe(v) for k, v in settings.items() if dataclasses.is_dataclass(v)}
+        return {"law": type(law).__name__, **settings, **inner}
     return {"law": getattr(law, "__name__", type(law).__name__)}
 
 

@@ -57,6 +57,7 @@ class Run:
             negative outside; (K, 0) where it is not defined.
         slip_ratio: Largest of the wheels' horizontal force over friction times load (K,); above 1
             a wheel slips; (K, 0) where it is not defined.
+        active_limits: 1 where a limit bound the efforts, else 0 (K, n_bound).
         robot: Name of the robot.
         source: What the robot was loaded from.
         urdf_sha256: Digest of its URDF.
@@ -77,6 +78,7 @@ class Run:
         contact_points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
         axles: Wheels (indices) that share each lateral force.
         ground_notes: What keeps loads and margins from being defined or unique.
+        bound_limits: Joint and kind of each limit that ever bound, as the dynamic law told.
         friction: Coefficient between wheels and ground that ``slip_ratio`` is for.
         settings: Reference, laws, horizons, sample times.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
@@ -108,6 +110,7 @@ class Run:
     zmp: Array
     tip_margin: Array
     slip_ratio: Array
+    active_limits: Array
     robot: str
     source: str
     urdf_sha256: str
@@ -128,6 +131,7 @@ class Run:
     contact_points: tuple[tuple[float, float], ...]
     axles: tuple[tuple[int, ...], ...]
     ground_notes: tuple[str, ...]
+    bound_limits: tuple[tuple[str, str], ...]
     friction: float
     settings: Mapping[str, Any]
     certificate: Mapping[str, Any] | None
@@ -229,6 +233,7 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         "tau": "actuators",
         "rates": "actuators",
         "joints": "joint_names",
+        "active_limits": "bound_limits",
     }
     for array, labels in columns.items():
         if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):

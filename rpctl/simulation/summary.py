@@ -10,6 +10,7 @@ from rpctl.description.records import Array
 from rpctl.simulation.run import Run
 
 FAR = 10.0  # times the grip: beyond, a wheel is all but in the air, and the figure says no more
+KINDS = {"lower": "lower position", "upper": "upper position"}  # in words
 SLACK = 1e-9  # of a limit: touching it is not breaking it
 
 
@@ -18,7 +19,8 @@ def summarize(run: Run) -> dict[str, Any]:
 
     Errors are distances in m, joint errors in each joint's unit; ``settled`` figures are the
     largest over the second half. ``limits_violated`` lists every limit of the URDF that was
-    broken, as :func:`violations` does. A robot without an arm has None for its end
+    broken, as :func:`violations` does, and ``limits_bound`` every one that the dynamic law had to
+    heed, as :func:`bound` does. A robot without an arm has None for its end
     effector; one without effort limits has None for ``max_effort_ratio``. What the ground does is
     in the keys of :func:`ground`.
     """
@@ -50,6 +52,7 @@ def summarize(run: Run) -> dict[str, Any]:
         "max_effort_ratio": float(peaks.max()) if peaks.any() else None,
         "max_effort_joint": run.actuators[int(peaks.argmax())] if peaks.any() else None,
         "limits_violated": violations(run),
+        "limits_bound": bound(run),
         **ground(run),
         "energy_residual": _energy_residual(run),
         "constraint_residual": float(run.constraint_residual.max()),
@@ -106,6 +109,30 @@ def violations(run: Run) -> list[dict[str, Any]]:
     ):
         found += _violation(run, name, "lower", -position, -lower)
         found += _violation(run, name, "upper", position, upper)
+    return found
+
+
+def bound(run: Run) -> list[dict[str, Any]]:
+    """Return the limits that bound the efforts: which, when and where first, for how long.
+
+    ``first_place`` is where P was (x, y), m; ``told`` says it all in one sentence.
+    """
+    found = []
+    for (joint, kind), active in zip(run.bound_limits, run.active_limits.T, strict=True):
+        first, duration = int(np.argmax(active)), float(active.mean() * run.t[-1])
+        x, y = run.base[first, :2].tolist()
+        at, kind_told = float(run.t[first]), KINDS.get(kind, kind)
+        found.append(
+            {
+                "joint": joint,
+                "limit": kind,
+                "first_time": at,
+                "first_place": [x, y],
+                "duration": duration,
+                "told": f"{joint} {kind_told} limit bound from {at:.3g} s, at ({x:.2f}, {y:.2f}) "
+                f"m, {duration:.2g} s in all",
+            }
+        )
     return found
 
 

@@ -76,6 +76,7 @@ def _merits(summary: Mapping[str, Any]) -> str:
         return _section("Tracking error", _rows(rows))
     mark = badge(not broken, "limits broken" if broken else "within limits")
     told = [_violation(each) for each in broken]
+    told += [f"{each['told']}." for each in summary.get("limits_bound", ())]
     if summary.get("ground"):
         told.append(f"On the ground: {summary['ground']}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in told)

@@ -11,6 +11,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 import rpctl
 from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot
+from rpctl.control.command import Command
+from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import started
 from rpctl.description.records import Array
 from rpctl.dynamics.motion import rk4_step
 from rpctl.reference.motion import reference_by_name
@@ -71,6 +74,18 @@ def test_control_sample(benchmark: BenchmarkFixture, state: State) -> None:
         return dynamic(dynamics, q, nu, kinematic(dynamics, reference, 7.0, q, nu))
 
     benchmark(sample)
+
+
+@pytest.mark.benchmark(group="dynamic law of TIAGo")
+@pytest.mark.parametrize("size", [0.01, 10.0], ids=["free", "at limits"])
+@pytest.mark.parametrize("name", ["paper", "bounded", "integral"])
+def test_dynamic_law(
+    benchmark: BenchmarkFixture, tiago: Robot, rng: np.random.Generator, name: str, size: float
+) -> None:
+    dynamics, q = ReducedDynamics(tiago), tiago.configuration_at(np.zeros(3), tiago.home)
+    nu, nu_d, nu_d_dot = size * rng.normal(size=(3, tiago.dof))
+    law = started(dynamic_by_name(name), dynamics, 0.002)
+    benchmark(law, dynamics, q, nu, Command(nu_d, nu_d_dot))
 
 
 @pytest.mark.benchmark(group="closed loop of TIAGo")

@@ -21,7 +21,7 @@ from rpctl import (
     track,
 )
 from rpctl.control.command import Command
-from rpctl.control.dynamic import DynamicLaw
+from rpctl.control.law import DynamicLaw, Efforts
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.errors import DivergedError
@@ -164,7 +164,9 @@ def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
     """Without ν̇_d the same loop is far worse: the derivative is not decoration."""
 
     def without(law: DynamicLaw = PaperDynamic()) -> DynamicLaw:  # noqa: B008
-        def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        def efforts(
+            dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
+        ) -> Efforts | Array:
             still = Command(command.nu_d, np.zeros_like(command.nu_d))
             return law(dynamics, q, nu, still)
 
@@ -173,6 +175,27 @@ def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
     best = summarize(track(paper, "eight", 10.0))["rms_base_error"]
     worse = summarize(track(paper, "eight", 10.0, dynamic=without()))["rms_base_error"]
     assert worse > 100 * best
+
+
+def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
+    """Settings with ``start`` give each run a law of its own; it is told the control period."""
+    periods = []
+
+    class Counting:
+        def start(self, dynamics: ReducedDynamics, control_period: float) -> DynamicLaw:
+            periods.append(control_period)
+            calls = iter(range(1000))
+
+            def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+                return np.full(len(dynamics.robot.actuators), float(next(calls)))
+
+            return law
+
+    law = Counting()
+    for _ in range(2):
+        run = track(paper, "eight", 0.02, dynamic=law, control_period=0.004)
+        assert run.tau[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert periods == [0.004, 0.004]
 
 
 def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:

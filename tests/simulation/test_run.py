@@ -38,6 +38,17 @@ def test_it_comes_back_as_it_was(run: Run, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "run.npz"]
 
 
+def test_limits_that_bound_come_back(paper: Robot, tmp_path: Path) -> None:
+    hard = rpctl.scale_limits(paper, effort=0.1)
+    run = track(hard, "eight", 0.1, (0.5, 0.3, 0.5), dynamic=rpctl.IntegralDynamic())
+    back = Run.load(run.save(tmp_path / "run.npz"))
+    assert back.bound_limits == run.bound_limits
+    assert ("wheel_right_joint", "effort") in back.bound_limits
+    assert back.active_limits.any()
+    np.testing.assert_array_equal(back.active_limits, run.active_limits)
+    assert back.settings["dynamic"]["inner"]["law"] == "BoundedDynamic"
+
+
 def test_no_arm_comes_back_too(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A)))
     back = Run.load(track(robot, "circle", 0.1).save(tmp_path / "run.npz"))

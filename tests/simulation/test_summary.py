@@ -10,7 +10,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot, Run, summarize, track
-from rpctl.simulation.summary import violations
+from rpctl.simulation.summary import bound, violations
 from tests.robots import SET_A, platform, write
 
 
@@ -66,6 +66,25 @@ def test_a_limit_may_be_touched(run: Run) -> None:
     tau = np.zeros_like(run.tau)
     tau[:, 0] = 40.0
     assert violations(dataclasses.replace(run, tau=tau)) == []
+
+
+def test_limits_that_bound_are_told(run: Run) -> None:
+    assert summarize(run)["limits_bound"] == []
+    active = np.zeros((len(run.t), 2))
+    active[100:200, 0] = active[400:500, 0] = active[7, 1] = 1.0
+    names = (("wheel_left_joint", "effort"), ("arm_prismatic_joint", "upper"))
+    base = run.base.copy()
+    base[100, :2] = 1.234, -0.5
+    wheel, slide = bound(
+        dataclasses.replace(run, active_limits=active, bound_limits=names, base=base)
+    )
+    assert (wheel["joint"], wheel["limit"]) == names[0]
+    assert wheel["first_time"] == pytest.approx(run.t[100])
+    assert wheel["first_place"] == [1.234, -0.5]
+    assert wheel["duration"] == pytest.approx(0.4, rel=0.01)
+    told = "wheel_left_joint effort limit bound from 0.2 s, at (1.23, -0.50) m, 0.4 s in all"
+    assert wheel["told"] == told
+    assert slide["told"].startswith("arm_prismatic_joint upper position limit bound from 0.014 s")
 
 
 def test_ground_within_its_margins(run: Run) -> None:

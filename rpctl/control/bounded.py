@@ -1,0 +1,208 @@
+"""The dynamic predictive law within limits: [MS21, Eq. 25] as a quadratic program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space
+
+from rpctl.control.command import Command
+from rpctl.control.joint_limits import JointBounds, JointLimits
+from rpctl.control.law import Efforts, Limit
+from rpctl.control.least_distance import shortest
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import UnknownNameError, require_positive
+
+JOINT = 1e-4  # weight of a joint's error where the base's is 1: no arm is held up by driving
+IDLE = 1e-6  # weight of efforts that move nothing, in shares of their limits
+AT_REST = 1e-3  # share of the full speed; a slower base has no direction to keep
+NOTHING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
+
+
+@dataclass(frozen=True)
+class BoundedDynamic:
+    """The predictive law of [MS21, Eq. 21-26] within the limits of the URDF.
+
+    It minimises the paper's own cost over the box of effort limits,
+
+        J = ½ pᵀ W′ p,    p = ε + h1 ε̇,    |τ| ≤ τ_max,
+
+    and within the bounds of :class:`JointLimits`, which keep joint rates and positions. While no
+    limit binds, the minimum is zero and the law is the paper's. Efforts never leave their box;
+    bounds on rates and positions that the efforts cannot keep are broken by the least possible.
+
+    The weights matter once a limit binds. They are of p in shares of full speed, which is where the
+    first actuator comes to its velocity limit. Joints have w′ᵢ; the base has
+
+        W′ = √w′ (I − c d dᵀ)² √w′,    c = 1 − √along,
+
+    with d the direction of ν_d + h1 ν̇_d, in shares as well: an error along the motion asked for is
+    cheaper than one across it. So a robot whose wheels have come to a limit slows down, v and ω in
+    proportion, and keeps the curvature. By default the base comes before the joints: a joint that
+    its actuator cannot hold does not make the robot drive off under it.
+
+    Attributes:
+        horizon_dyn: Prediction time h1, s.
+        along: Weight of the base's error along its motion, where one across weighs 1.
+        weights: w′ by name of the quasi-velocity; left out, 1 for the base's and 1e-4 for joints'.
+    """
+
+    horizon_dyn: float = 0.15
+    along: float = 1e-2
+    weights: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse settings that leave the minimum open."""
+        require_positive("horizon_dyn", self.horizon_dyn)
+        require_positive("along", self.along)
+        for name, weight in self.weights.items():
+            require_positive(f"the weight of {name}", weight)
+
+    def start(self, dynamics: ReducedDynamics, control_period: float) -> BoundedLaw:
+        """Return the law of one run.
+
+        Raises:
+            UnknownNameError: A weight is of no quasi-velocity of the robot.
+        """
+        return BoundedLaw(self, dynamics, control_period)
+
+
+class _Sample(NamedTuple):
+    """What is asked for at one time, and what stands against it."""
+
+    tau: Array  # (n_act,) that ν̇* takes
+    gain: Array  # (n_act, dof): how τ changes with ν̇
+    rows: Array  # (k, dof): ẍ of the limited joints by ν̇
+    acceleration: Array  # (k,): ẍ under ν̇*
+    bounds: JointBounds  # on ẍ
+
+
+class BoundedLaw:
+    """:class:`BoundedDynamic` on one robot at one control period.
+
+    Args:
+        law: Its settings.
+        dynamics: The robot's dynamics.
+        control_period: s.
+    """
+
+    def __init__(
+        self, law: BoundedDynamic, dynamics: ReducedDynamics, control_period: float
+    ) -> None:
+        robot = dynamics.robot
+        for name in law.weights:
+            if name not in robot.quasi_velocities:
+                raise UnknownNameError("quasi-velocity", name, robot.quasi_velocities)
+        self._law = law
+        self._box = robot.effort_limits
+        self._unit = np.where(np.isfinite(self._box), self._box, 1.0)
+        self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
+        self._joints = JointLimits(dynamics, control_period, law.horizon_dyn)
+        self._base = len(robot.drive.base_speeds)
+        fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
+        self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
+        default = dict.fromkeys(robot.drive.base_speeds, 1.0)
+        weights = [
+            law.weights.get(name, default.get(name, JOINT)) for name in robot.quasi_velocities
+        ]
+        self._root_weights = np.sqrt(weights)
+
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
+        """Return τ (n_act,) and the limits that bind."""
+        return self.efforts(dynamics, q, nu, command, np.zeros_like(nu))
+
+    def wanted(self, nu: Array, command: Command) -> Array:
+        """Return ν̇* (dof,)."""
+        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self._law.horizon_dyn)
+
+    def efforts(
+        self,
+        dynamics: ReducedDynamics,
+        q: Array,
+        nu: Array,
+        command: Command,
+        disturbance: Array,
+    ) -> Efforts:
+        """Return τ (n_act,) and the limits that bind, for a robot that a disturbance accelerates.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: What to follow.
+            disturbance: What ν̇ (dof,) is beyond that of ``dynamics``.
+        """
+        sample = self._sample(dynamics, q, nu, self.wanted(nu, command), disturbance)
+        free = (
+            (np.abs(sample.tau) <= self._box).all()
+            and (sample.acceleration >= sample.bounds.lower).all()
+            and (sample.acceleration <= sample.bounds.upper).all()
+        )
+        if free:
+            return Efforts(sample.tau)
+        B = dynamics.actuation(q)
+        return self._within(sample, B, self._spread(B, command))
+
+    def _sample(
+        self, dynamics: ReducedDynamics, q: Array, nu: Array, nu_dot: Array, disturbance: Array
+    ) -> _Sample:
+        tau = np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot - disturbance)))
+        gain = np.asarray(dynamics.efforts(q, dynamics.inertia(q)))
+        rows, drift = self._joints.rows(dynamics, q, nu)
+        bounds = self._joints.bounds(q, rows @ nu, self._brakes(tau - gain @ nu_dot, gain, rows))
+        return _Sample(tau, gain, rows, rows @ nu_dot + drift, bounds)
+
+    def _brakes(self, hold: Array, gain: Array, rows: Array) -> tuple[Array, Array]:
+        """Return the largest accelerations (k,) of each joint alone, down and up.
+
+        The other quasi-velocities keep theirs at zero, and every actuator within its limit.
+        """
+        cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), NOTHING))  # (n_act, k)
+        size = np.maximum(np.abs(cost), NOTHING)
+        pull = np.sign(cost) * hold[:, None]
+        box = self._box[:, None]
+        return ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
+
+    def _spread(self, B: Array, command: Command) -> Array:
+        """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹."""
+        full = 1.0 / np.abs(B / self._fastest).max(axis=1)  # speed of the first velocity limit
+        T = np.diag(full / self._root_weights)
+        base = slice(self._base)
+        ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
+        d = ahead / np.hypot(np.linalg.norm(ahead), AT_REST)
+        c = 1.0 - np.sqrt(self._law.along)
+        T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)
+        return T
+
+    def _within(self, sample: _Sample, B: Array, T: Array) -> Efforts:
+        """Return the efforts of least cost within all bounds.
+
+        The unknowns are y, which T spreads out to p, and the efforts that move nothing. What breaks
+        a joint's bound is h1 times an acceleration, in shares of the joint's full speed.
+        """
+        box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
+        idle = null_space(B * unit) / np.sqrt(IDLE) if B.shape[0] < B.shape[1] else B[:, :0]
+        efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), idle])  # shares of the limits
+        full = self._joints.full
+        joints = sample.rows @ T / full[:, None]
+        joints = np.hstack([joints, np.zeros((len(joints), idle.shape[1]))])
+        bounds, now = sample.bounds, sample.acceleration
+        solution = shortest(
+            efforts,
+            ((-box - sample.tau) / unit, (box - sample.tau) / unit),
+            joints,
+            (h1 * (bounds.lower - now) / full, h1 * (bounds.upper - now) / full),
+        )
+        tau = np.clip(sample.tau + unit * (efforts @ solution.x), -box, box)
+        return Efforts(tau, self._binding(solution.hard, solution.soft, bounds))
+
+    def _binding(self, efforts: Array, joints: Array, bounds: JointBounds) -> tuple[Limit, ...]:
+        names = [self._effort_limits[i] for i in np.flatnonzero(efforts)]
+        names += [
+            self._joints.limit(i, bounds, bool(pull > 0.0)) for i, pull in enumerate(joints) if pull
+        ]
+        return tuple(names)

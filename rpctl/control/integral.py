@@ -1,0 +1,86 @@
+"""Integral action on top of the law within limits; it does not wind up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rpctl.control.bounded import BoundedDynamic, BoundedLaw
+from rpctl.control.command import Command
+from rpctl.control.law import Efforts
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError, require_positive
+
+
+@dataclass(frozen=True)
+class IntegralDynamic:
+    """The law within limits, plus integral action against what the model does not know.
+
+    Without limits the acceleration asked for is
+
+        ν̇* = ν̇_d − ε/h1 − k (ε + ∫ε/h1),    ε = ν − ν_d,
+
+    whose poles are −1/h1 and −k. The integral is kept as d, the acceleration that the efforts do
+    not explain: with ν̇_m the model's acceleration under the efforts that were applied,
+
+        ḋ = k (ν̇ − ν̇_m − d),    ν̇_m = ν̇_d − ε/h1 − d,
+
+    which is the same law with d = k (ε + ∫ε/h1): ν̇ = ν̇_d + ε̇, so ḋ = k (ε̇ + ε/h1). As efforts at
+    their limits enter ν̇_m as they are, a limit that binds does not wind the integral up; and jumps
+    of ν_d, which no disturbance caused, do not enter it.
+
+    Attributes:
+        gain: k, 1/s.
+        inner: The law that finds the efforts.
+    """
+
+    gain: float = 10.0
+    inner: BoundedDynamic = field(default_factory=BoundedDynamic)
+
+    def __post_init__(self) -> None:
+        """Refuse a gain that integrates nothing."""
+        require_positive("gain", self.gain)
+
+    def start(self, dynamics: ReducedDynamics, control_period: float) -> IntegralLaw:
+        """Return the law of one run, its integral zero.
+
+        Raises:
+            RpctlError: The gain is too large for the control period.
+        """
+        return IntegralLaw(self, dynamics, control_period)
+
+
+class IntegralLaw:
+    """:class:`IntegralDynamic` on one robot at one control period, with the integral so far.
+
+    Args:
+        law: Its settings.
+        dynamics: The robot's dynamics.
+        control_period: s.
+    """
+
+    def __init__(
+        self, law: IntegralDynamic, dynamics: ReducedDynamics, control_period: float
+    ) -> None:
+        if law.gain * control_period > 1.0:
+            raise RpctlError(
+                f"gain {law.gain:g} 1/s is too large for a control period of {control_period:g} s; "
+                f"give at most {1.0 / control_period:g}"
+            )
+        self._gain, self._period = law.gain, control_period
+        self._inner = BoundedLaw(law.inner, dynamics, control_period)
+        self._disturbance = np.zeros(dynamics.robot.dof)  # d
+        self._expected: Array | None = None  # ν now, if d had been right
+
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
+        """Return τ (n_act,) and the limits that bind; the integral advances by one period."""
+        if self._expected is not None:
+            self._disturbance = self._disturbance + self._gain * (nu - self._expected)
+        efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
+        nu_dot = self._inner.wanted(nu, command)
+        if efforts.limits:
+            nu_dot = dynamics.forward(q, nu, efforts.tau) + self._disturbance
+        self._expected = nu + self._period * nu_dot
+        return efforts

@@ -1,0 +1,98 @@
+"""Limits of joint rates and positions, as bounds on what the joints may accelerate now."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.control.law import Limit
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+
+AHEAD = 2.0  # control periods after which a rate is back within its bounds; 1 would be dead-beat
+ROOM = 1e-3  # of a limit, kept free: the prediction is of first order
+BRAKE_SHARE = 0.5  # of what the efforts could do to one joint: others want to brake as well
+LEAST_BRAKE, HARDEST_BRAKE = 0.1, 1e4  # rad/s² or m/s²; where efforts cannot hold, or know no limit
+FAR = 1e6  # rad or m; a gap beyond it stands for no limit
+
+
+class JointBounds(NamedTuple):
+    """Bounds on the joints' accelerations, and whether a position is why (or else a rate)."""
+
+    lower: Array  # (k,)
+    upper: Array  # (k,)
+    by_lower: NDArray[np.bool_]  # (k,)
+    by_upper: NDArray[np.bool_]  # (k,)
+
+
+class JointLimits:
+    """The rate and position limits of all joints that have any: wheels, arm and passive ones.
+
+    A rate ẋ, predicted over T = 2 control periods, is to stay within
+
+        |ẋ + T ẍ| ≤ velocity limit,    −stop(x − lower) ≤ ẋ + T ẍ ≤ stop(upper − x)
+
+    with x at the end of T. stop(g) is the fastest rate that can still be braked within the gap g:
+    g/h1 near the limit, and √(2a (g − ½ a h1²)) from g = a h1² on, where the former would brake
+    harder than a. So a joint that obeys now is able to obey later.
+
+    Args:
+        dynamics: The robot's dynamics.
+        control_period: s.
+        horizon: Time constant h1 of the last approach to a position limit, s.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, control_period: float, horizon: float) -> None:
+        robot = dynamics.robot
+        moving = (robot.description.joint[name] for name in robot.model.names[2:])
+        joints = [j for j in moving if np.isfinite([j.velocity, j.lower, j.upper]).any()]
+        self.names = tuple(joint.name for joint in joints)
+        self._rows = [robot.velocity_index(name) for name in self.names]
+        # A joint without position limits may have two entries in q; none of them binds anything.
+        ids = (robot.model.getJointId(name) for name in self.names)
+        self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
+        self._horizon, self._ahead = horizon, AHEAD * control_period
+        self._fastest = (1.0 - ROOM) * np.array([joint.velocity for joint in joints])
+        self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
+        lower, upper = (np.array([getattr(j, end) for j in joints]) for end in ("lower", "upper"))
+        room = np.where(np.isfinite(upper - lower), ROOM * (upper - lower), 0.0)
+        self._lower, self._upper = lower + room, upper - room
+
+    def rows(self, dynamics: ReducedDynamics, q: Array, nu: Array) -> tuple[Array, Array]:
+        """Return the joints' rows of S (k, dof) and Ṡν (k,): ẋ = rows ν, ẍ = rows ν̇ + drift."""
+        return dynamics.basis(q)[self._rows], dynamics.basis_drift(q, nu)[self._rows]
+
+    def bounds(self, q: Array, rate: Array, brakes: tuple[Array, Array]) -> JointBounds:
+        """Return the bounds on ẍ; none asks more of a joint than its actuator alone can give.
+
+        Args:
+            q: Configuration (nq,).
+            rate: ẋ (k,), rad/s or m/s.
+            brakes: Largest accelerations (k,) down and up that the efforts can give each joint.
+        """
+        down, up = (np.clip(BRAKE_SHARE * a, LEAST_BRAKE, HARDEST_BRAKE) for a in brakes)
+        ahead = q[self._entries] + self._ahead * rate
+        rising, falling = self._stop(self._upper - ahead, down), self._stop(ahead - self._lower, up)
+        highest = np.minimum(rising, self._fastest)
+        lowest = np.minimum(np.maximum(-falling, -self._fastest), highest)
+        return JointBounds(
+            np.minimum((lowest - rate) / self._ahead, brakes[1]),
+            np.maximum((highest - rate) / self._ahead, -brakes[0]),
+            falling < self._fastest,
+            rising < self._fastest,
+        )
+
+    def limit(self, index: int, bounds: JointBounds, upper: bool) -> Limit:
+        """Return the limit that a joint's upper or lower bound comes from."""
+        by_position = bounds.by_upper[index] if upper else bounds.by_lower[index]
+        kind = ("upper" if upper else "lower") if by_position else "velocity"
+        return Limit(self.names[index], kind)
+
+    def _stop(self, gap: Array, brake: Array) -> Array:
+        """Return the fastest rate (k,) that can be braked within each gap; beyond it, a retreat."""
+        gap = np.minimum(gap, FAR)
+        straight = brake * self._horizon**2
+        root = np.sqrt(2.0 * brake * np.maximum(gap - 0.5 * straight, 0.5 * straight))
+        return np.where(gap < straight, gap / self._horizon, root)

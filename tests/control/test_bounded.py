@@ -1,0 +1,266 @@
+"""The law within limits: the paper's where none binds, its constrained minimum where one does."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+import rpctl
+from rpctl import (
+    BoundedDynamic,
+    Limit,
+    PaperDynamic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+    scale_limits,
+    summarize,
+    track,
+)
+from rpctl.control.command import Command
+from rpctl.control.dynamic import dynamic_by_name
+from rpctl.description.records import Array
+from rpctl.errors import UnknownNameError
+from rpctl.simulation.plant import advance
+
+PERIOD = 0.002
+OFF = (0.1, -0.1, 0.1)
+
+
+@pytest.mark.parametrize(
+    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "tiago", "panda"]
+)
+def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
+    robot = scale_limits(rpctl.load(name), effort=1e3)
+    dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
+    law = BoundedDynamic().start(dynamics, PERIOD)
+    for _ in range(10):
+        nu, nu_d, nu_d_dot = 0.02 * rng.normal(size=(3, robot.dof))
+        command = Command(nu_d, nu_d_dot)
+        efforts = law(dynamics, q, nu, command)
+        assert efforts.limits == ()
+        np.testing.assert_array_equal(efforts.tau, PaperDynamic()(dynamics, q, nu, command))
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed_chain", "skid_steer", "mecanum", "tiago"])
+def test_efforts_stay_in_their_box_whatever_is_asked(name: str, rng: np.random.Generator) -> None:
+    robot = rpctl.load(name)
+    dynamics = ReducedDynamics(robot)
+    law = BoundedDynamic().start(dynamics, PERIOD)
+    for size in (1.0, 10.0, 1e3):
+        for _ in range(10):
+            nu, nu_d, nu_d_dot = size * rng.normal(size=(3, robot.dof))
+            q = robot.random_configuration(rng)
+            efforts = law(dynamics, q, nu, Command(nu_d, nu_d_dot))
+            assert (np.abs(efforts.tau) <= robot.effort_limits).all()
+            assert efforts.limits or size == 1.0
+
+
+def weight(law: BoundedDynamic, B: Array, fastest: Array, command: Command) -> Array:
+    """Return W′ as the law's docstring has it, for a base of two speeds before the joints."""
+    full = 1.0 / np.abs(B / fastest).max(axis=1)
+    ahead = (command.nu_d + law.horizon_dyn * command.nu_d_dot)[:2] / full[:2]
+    d = ahead / np.hypot(np.linalg.norm(ahead), 1e-3)
+    W = 1e-4 * np.eye(len(full))
+    squeeze = np.eye(2) - (1.0 - np.sqrt(law.along)) * np.outer(d, d)
+    W[:2, :2] = squeeze @ squeeze
+    return W / np.outer(full, full)
+
+
+def test_it_minimises_the_papers_cost_over_the_box(paper: Robot, rng: np.random.Generator) -> None:
+    """[MS21, Eq. 25] against a bounded least-squares solver that knows nothing of this one."""
+    robot = scale_limits(paper, effort=0.3, velocity=10.0)  # the rates are not to take part
+    dynamics, law = ReducedDynamics(robot), BoundedDynamic()
+    started = law.start(dynamics, PERIOD)
+    fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
+    bound = 0
+    for _ in range(20):
+        nu, nu_d, nu_d_dot = rng.normal(size=(3, robot.dof)) * [1.0, 1.0, 1.0, 0.1]
+        q = robot.configuration(joints={"arm_revolute_joint": 0.3, "arm_prismatic_joint": 0.65})
+        command = Command(nu_d, nu_d_dot)
+        efforts = started(dynamics, q, nu, command)
+        if {limit.kind for limit in efforts.limits} - {"effort"}:
+            continue
+        bound += len(efforts.limits)
+        B = dynamics.actuation(q)
+        W = weight(law, B, fastest, command)
+        root = law.horizon_dyn * np.linalg.cholesky(W).T @ np.linalg.inv(dynamics.inertia(q))
+        wanted = dynamics.inverse(q, nu, nu_d_dot - (nu - nu_d) / law.horizon_dyn)
+        box = robot.effort_limits
+        best = lsq_linear(root @ B, root @ wanted, (-box, box), method="bvls", tol=1e-14)
+        np.testing.assert_allclose(efforts.tau, best.x, atol=1e-4 * box.max())
+        at_limit = np.abs(efforts.tau) > (1.0 - 1e-9) * box
+        assert {limit.joint for limit in efforts.limits} <= set(np.array(robot.actuators)[at_limit])
+    assert bound > 20
+
+
+def test_the_weights_matter_once_a_limit_binds(paper: Robot) -> None:
+    robot = scale_limits(paper, effort=0.02)
+    dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
+    command = Command(np.array([0.3, 0.0, 0.3, 0.1]), np.zeros(4))
+
+    def missed(**weights: float) -> Array:
+        law = BoundedDynamic(weights=weights).start(dynamics, PERIOD)
+        tau = law(dynamics, q, np.zeros(4), command).tau
+        return np.abs(command.nu_d - 0.15 * dynamics.forward(q, np.zeros(4), tau))
+
+    plain, slide = missed(), missed(arm_prismatic_joint=1e4)
+    assert slide[3] < 0.5 * plain[3]
+    assert slide[0] > plain[0]
+
+
+def run_into(
+    robot: Robot, nu_d: Array, seconds: float, start: Array
+) -> tuple[Array, Array, set[Limit]]:
+    """Return positions and rates of the arm under a command that ends at a limit."""
+    dynamics, nu = ReducedDynamics(robot), np.zeros(robot.dof)
+    q = robot.configuration_at(np.zeros(3), start)
+    law = BoundedDynamic().start(dynamics, PERIOD)
+    positions: list[Array] = []
+    rates: list[Array] = []
+    limits: set[Limit] = set()
+    for _ in range(round(seconds / PERIOD)):
+        efforts = law(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))
+        q, nu, _ = advance(dynamics, q, nu, efforts.tau, PERIOD, PERIOD)
+        positions.append(robot.joint_positions(q))
+        rates.append(dynamics.actuation(q).T @ nu)
+        limits |= set(efforts.limits)
+    return np.array(positions), np.array(rates), limits
+
+
+@pytest.mark.parametrize("effort", [1.0, 0.05])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_joints_stop_at_their_limits(paper: Robot, sign: float, effort: float) -> None:
+    robot = scale_limits(paper, effort=effort)
+    nu_d = sign * np.array([0.0, 0.0, 9.0, 9.0])
+    positions, rates, limits = run_into(robot, nu_d, 5.0, robot.home)
+    for joint, position, rate in zip(robot.joints, positions.T, rates[:, 2:].T, strict=True):
+        assert (joint.lower <= position).all(), joint.name
+        assert (position <= joint.upper).all(), joint.name
+        assert (np.abs(rate) <= joint.velocity).all(), joint.name
+        end = joint.upper if sign > 0.0 else joint.lower
+        assert abs(position[-1] - end) < 0.01 * (joint.upper - joint.lower), joint.name
+        assert Limit(joint.name, "upper" if sign > 0.0 else "lower") in limits
+        if effort == 1.0:
+            assert np.abs(rate).max() > 0.98 * joint.velocity, joint.name
+            assert Limit(joint.name, "velocity") in limits
+
+
+def test_outside_its_limits_a_joint_comes_back(paper: Robot) -> None:
+    start = np.array([2.7, 0.30])  # beyond 2.6, below 0.35
+    positions, _, limits = run_into(paper, np.zeros(4), 2.0, start)
+    assert Limit("arm_revolute_joint", "upper") in limits
+    assert Limit("arm_prismatic_joint", "lower") in limits
+    assert 2.5 < positions[-1, 0] <= 2.6
+    assert 0.35 <= positions[-1, 1] < 0.37
+
+
+def clipped(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+    """The paper's law, each effort cut off at its limit."""
+    box = dynamics.robot.effort_limits
+    return np.clip(PaperDynamic()(dynamics, q, nu, command), -box, box)
+
+
+def curvature_error(run: Run) -> float:
+    """Return the rms gap between the curvature driven and the one asked for, wheels at a limit."""
+    wheels = slice(2)
+    at_limit = np.abs(run.tau[:, wheels]) > 0.999 * np.array(run.effort_limits[wheels])
+    at_limit |= np.abs(run.rates[:, wheels]) > 0.99 * np.array(run.velocity_limits[wheels])
+    kept = at_limit.any(axis=1) & (run.nu[:, 0] > 0.05)
+    assert kept.sum() > 20
+    driven = run.nu[kept, 1] / run.nu[kept, 0]
+    return float(np.sqrt(np.mean((driven - run.nu_d[kept, 1] / run.nu_d[kept, 0]) ** 2)))
+
+
+def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None:
+    half = scale_limits(rpctl.load("tiago", lock=["arm_*", "head_*"]), effort=0.5)
+    plain = curvature_error(track(half, "circle", 1.0, OFF, dynamic=clipped))
+    kept = curvature_error(track(half, "circle", 1.0, OFF, dynamic=BoundedDynamic()))
+    assert kept < 0.1 < plain
+    weak = scale_limits(paper, effort=0.1)
+    plain = curvature_error(track(weak, "circle", 1.0, (0.5, 0.3, 0.5), dynamic=clipped))
+    kept = curvature_error(track(weak, "circle", 1.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
+    assert kept < 0.05 * plain
+
+
+def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
+    slow = scale_limits(paper, velocity=0.3)
+    apart = track(slow, "circle", 4.0, dynamic=BoundedDynamic(along=1.0))
+    kept = track(slow, "circle", 4.0, dynamic=BoundedDynamic())
+    assert curvature_error(kept) < 0.05 * curvature_error(apart)
+    assert {limit["limit"] for limit in summarize(kept)["limits_bound"]} == {"velocity"}
+
+
+def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None:
+    """TIAGo's shoulder takes 30 N·m to hold; with 19.5 it sinks, and the base tracks on."""
+    half = scale_limits(tiago, effort=0.5)
+    free = summarize(track(tiago, "eight", 3.0, OFF))
+    told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))
+    assert told["limits_violated"] == []
+    assert {"joint": "arm_2_joint", "limit": "effort"}.items() <= told["limits_bound"][1].items()
+    assert told["rms_base_error"] == pytest.approx(free["rms_base_error"], rel=1e-2)
+    assert summarize(track(half, "eight", 0.5, OFF))["limits_violated"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dynamic", ["bounded", "integral"])
+def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
+    half = scale_limits(tiago, effort=0.5)
+    law = dynamic_by_name(dynamic)
+    assert summarize(track(half, "eight", 20.0, OFF, dynamic=law))["limits_violated"] == []
+
+
+def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
+    hard = scale_limits(paper, effort=0.1, velocity=0.3)
+    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5)))["limits_violated"]
+    assert {(b["joint"], b["limit"]) for b in broken} >= {
+        ("wheel_right_joint", "effort"),
+        ("wheel_right_joint", "velocity"),
+    }
+    told = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
+    assert told["limits_violated"] == []
+    assert {b["limit"] for b in told["limits_bound"]} >= {"effort", "velocity"}
+
+
+def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generator) -> None:
+    """B wide: the least effort may be out of the box where another, as good, is inside."""
+    robot = rpctl.load("mecanum")
+    joints = tuple(
+        dataclasses.replace(j, effort=0.2) if j.name == robot.actuators[0] else j
+        for j in robot.description.joints
+    )
+    robot = dataclasses.replace(
+        robot, description=dataclasses.replace(robot.description, joints=joints)
+    )
+    dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
+    nu, nu_d = np.zeros(robot.dof), np.zeros(robot.dof)
+    nu_d[:3] = 0.1, 0.02, 0.0
+    command = Command(nu_d, np.zeros(robot.dof))
+    paper_tau = PaperDynamic()(dynamics, q, nu, command)
+    efforts = BoundedDynamic().start(dynamics, PERIOD)(dynamics, q, nu, command)
+    force = dynamics.actuation(q) @ (efforts.tau - paper_tau)
+    assert (np.abs(efforts.tau) <= robot.effort_limits).all()
+    np.testing.assert_allclose(force, 0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"horizon_dyn": 0.0}, "horizon_dyn is 0"),
+        ({"along": -1.0}, "along is -1"),
+        ({"weights": {"v": 0.0}}, "the weight of v is 0"),
+    ],
+)
+def test_settings_without_a_minimum_are_refused(settings: dict[str, Any], told: str) -> None:
+    with pytest.raises(RpctlError, match=told):
+        BoundedDynamic(**settings)
+
+
+def test_a_weight_of_nothing_is_told(paper: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="quasi-velocity 'omga' is not known; did you mean"):
+        BoundedDynamic(weights={"omga": 2.0}).start(ReducedDynamics(paper), PERIOD)

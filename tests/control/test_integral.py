@@ -1,0 +1,103 @@
+"""Integral action: its poles, what it removes, and that no limit winds it up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpctl import (
+    BoundedDynamic,
+    IntegralDynamic,
+    PaperDynamic,
+    Plant,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    scale_limits,
+    summarize,
+    track,
+)
+from rpctl.control.command import Command
+from rpctl.control.law import DynamicLaw, Startable, as_efforts, started
+from rpctl.description.records import Array
+from rpctl.simulation.plant import advance
+
+
+def follow(
+    robot: Robot,
+    law: DynamicLaw | Startable[DynamicLaw],
+    nu_d: Array,
+    bias: Array,
+    seconds: float,
+    period: float = 0.001,
+) -> Array:
+    """Return ν (K, dof) of a robot that follows a constant command from rest."""
+    dynamics, nu = ReducedDynamics(robot), np.zeros(robot.dof)
+    q = robot.configuration_at(np.zeros(3), robot.home)
+    efforts = started(law, dynamics, period)
+    log = [nu]
+    for _ in range(round(seconds / period)):
+        tau = as_efforts(efforts(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
+        q, nu, _ = advance(dynamics, q, nu, tau + bias, period, period)
+        log.append(nu)
+    return np.array(log)
+
+
+def test_its_poles_are_those_of_the_design(paper: Robot) -> None:
+    """A constant disturbance a from t = 0 gives ε = a (e^{−kt} − e^{−t/h1}) / (1/h1 − k)."""
+    bias = np.array([1.0, 1.0, 0.0, 0.0])
+    law = IntegralDynamic(gain=4.0)
+    error = follow(paper, law, np.zeros(4), bias, 2.0)
+    dynamics, q = ReducedDynamics(paper), paper.configuration_at(np.zeros(3), paper.home)
+    push = np.linalg.solve(dynamics.inertia(q), dynamics.actuation(q) @ bias)
+    t, fast = np.arange(len(error)) * 0.001, 1.0 / 0.15
+    shape = (np.exp(-4.0 * t) - np.exp(-fast * t)) / (fast - 4.0)
+    np.testing.assert_allclose(error, np.outer(shape, push), atol=2e-3 * np.abs(push).max())
+
+
+def test_without_a_disturbance_it_is_the_papers_law(paper: Robot) -> None:
+    nu_d = np.array([0.4, 0.3, 0.2, 0.05])
+    plain = follow(paper, PaperDynamic(), nu_d, np.zeros(4), 1.0)
+    integral = follow(paper, IntegralDynamic(), nu_d, np.zeros(4), 1.0)
+    np.testing.assert_allclose(integral, plain, atol=2e-3)
+
+
+def test_efforts_at_their_limits_do_not_wind_it_up(paper: Robot) -> None:
+    """Seconds at the limit leave no trace: the motion is that of the law without integral."""
+    weak, nu_d = scale_limits(paper, effort=0.02), np.array([0.8, 0.0, 0.0, 0.0])
+    plain = follow(weak, BoundedDynamic(), nu_d, np.zeros(4), 6.0, 0.002)
+    integral = follow(weak, IntegralDynamic(), nu_d, np.zeros(4), 6.0, 0.002)
+    assert plain[1000, 0] < 0.75  # 2 s at the limit, still not there
+    assert integral[:, 0].max() < 0.8 * (1.0 + 1e-3)
+    np.testing.assert_allclose(integral, plain, atol=2e-3)
+
+
+def test_a_bias_is_removed_even_from_the_limit_on(paper: Robot) -> None:
+    """A bias that takes a third of what the wheels have is learnt while they saturate."""
+    weak, nu_d = scale_limits(paper, effort=0.02), np.array([0.4, 0.0, 0.0, 0.0])
+    bias = np.array([-0.25, -0.25, 0.0, 0.0])
+    error = follow(weak, IntegralDynamic(), nu_d, bias, 8.0, 0.002)[-1] - nu_d
+    assert np.abs(error[:2]).max() < 1e-4
+    error = follow(weak, BoundedDynamic(), nu_d, bias, 8.0, 0.002)[-1] - nu_d
+    assert abs(error[0]) > 5e-3
+
+
+def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
+    plant = Plant(tau_bias={"wheel_left_joint": 2.0})
+    plain = summarize(track(paper, "eight", 8.0, plant=plant))
+    integral = summarize(track(paper, "eight", 8.0, dynamic=IntegralDynamic(), plant=plant))
+    assert plain["settled_base_error"] > 0.05
+    assert integral["settled_base_error"] < 0.01 * plain["settled_base_error"]
+
+
+def test_a_gain_faster_than_the_sampling_is_told(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match=r"gain 200 1/s is too large .* give at most 100"):
+        IntegralDynamic(gain=200.0).start(ReducedDynamics(paper), 0.01)
+    with pytest.raises(RpctlError, match="gain is 0; give a positive number"):
+        IntegralDynamic(gain=0.0)
+
+
+def test_every_run_starts_with_an_empty_integral(paper: Robot) -> None:
+    law, plant = IntegralDynamic(), Plant(tau_bias={"wheel_left_joint": 2.0})
+    first, second = (track(paper, "circle", 0.3, dynamic=law, plant=plant) for _ in range(2))
+    np.testing.assert_array_equal(first.tau, second.tau)
