@@ -13,7 +13,7 @@ import typer
 
 from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.kinematic import kinematic_by_name
+from rpctl.control.laws import kinematic_by_name
 from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
