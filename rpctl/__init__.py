@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.feedback_linearization import FeedbackLinearization
+from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
+from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.checks import draw_state
@@ -22,12 +25,15 @@ __version__ = "0.1.0"
 __all__ = [
     "Certificate",
     "Drive",
+    "FeedbackLinearization",
+    "Kanayama",
     "PaperDynamic",
     "PaperKinematic",
     "ReducedDynamics",
     "Robot",
     "RpctlError",
     "Run",
+    "UnifiedKinematic",
     "Wheel",
     "draw_state",
     "load",

@@ -45,10 +45,10 @@ class FeedbackLinearization(BaseLaw):
         slowest: v₀, m/s; 0 for the law as it stands.
     """
 
-    horizon: float = 0.4
+    horizon: float = 0.65
     kp: float = 1.0
     kd: float = 2.0
-    slowest: float = 0.1
+    slowest: float = 0.2
 
     def __post_init__(self) -> None:
         """Refuse gains that do not close the loop."""
@@ -78,8 +78,9 @@ class FeedbackLinearization(BaseLaw):
             + self.kd * (a_r * sin + v_r * cos * turn)
             + self.kp * x_dot[1]
         )
-        size = v**2 + self.slowest**2
-        inverse, slope = v / size, (self.slowest**2 - v**2) / size**2
+        slow = abs(v) < self.slowest
+        inverse = v / self.slowest**2 if slow else 1.0 / v
+        slope = 1.0 / self.slowest**2 if slow else -1.0 / v**2
         return Twist(
             np.array([v, 0.0, u2 * inverse]),
             np.array([u1, 0.0, u2_rate * inverse + u2 * slope * u1]),

@@ -15,7 +15,7 @@ from rpctl.errors import require_positive
 
 @dataclass(frozen=True)
 class Kanayama(BaseLaw):
-    """The law of [K90, Eq. 8]:
+    """The law of [K90]:
 
         v_d = v_r cos x3 + Kx x1
         ω_d = ω_r + v_r (Ky x2 + Kθ sin x3)
@@ -34,8 +34,8 @@ class Kanayama(BaseLaw):
         ktheta: Kθ, 1/m.
     """
 
-    horizon: float = 0.4
-    kx: float = 2.5
+    horizon: float = 0.65
+    kx: float = 1.5
     ky: float = 16.0
     ktheta: float = 8.0
 

@@ -41,27 +41,31 @@ class PaperKinematic(BaseLaw):
         """Return the twist to ask of a base that cannot move sideways."""
         state, x, x_dot = tracking
         turn = state.twist[2] + x[2] / self.horizon, state.twist_dot[2] + x_dot[2] / self.horizon
-        return coupled(tracking, turn, self.beta, self.smoothing, self.horizon)
+        sign, sign_rate = self._sign(state.twist[2], state.twist_dot[2])
+        return coupled(tracking, turn, (self.beta * sign, self.beta * sign_rate), self.horizon)
+
+    def _sign(self, omega_r: float, alpha_r: float) -> tuple[float, float]:
+        """Return s and ṡ; the sign's own jump has no derivative to speak of."""
+        if self.smoothing == 0.0:
+            return float(np.sign(omega_r)), 0.0
+        size = math.hypot(omega_r, self.smoothing)
+        return omega_r / size, alpha_r * self.smoothing**2 / size**3
 
 
 def coupled(
-    tracking: Tracking, turn: tuple[float, float], beta: float, smoothing: float, horizon: float
+    tracking: Tracking, turn: tuple[float, float], share: tuple[float, float], horizon: float
 ) -> Twist:
-    """Return the twist of a turning base that lets x1 − β s x2 decay at 1/h.
+    """Return the twist of a turning base that lets x1 − b x2 decay at 1/h while b is steady.
 
     Args:
         tracking: Reference and error.
         turn: ω_d (rad/s) and its derivative along the actual motion (rad/s²).
-        beta: Weight β of the lateral error.
-        smoothing: ω₀ of s, rad/s.
+        share: b = β s, and its derivative.
         horizon: Prediction time h, s.
     """
     state, x, x_dot = tracking
-    v_r, _, omega_r = state.twist
-    a_r, _, alpha_r = state.twist_dot
-    omega_d, alpha_d = turn
-    sign, sign_rate = _sign(omega_r, alpha_r, smoothing)
-    b, b_rate = beta * sign, beta * sign_rate
+    v_r, a_r = state.twist[0], state.twist_dot[0]
+    (omega_d, alpha_d), (b, b_rate) = turn, share
     cos, sin = math.cos(x[2]), math.sin(x[2])
     drift = v_r * sin - x[0] * omega_d
     drift_rate = a_r * sin + v_r * cos * x_dot[2] - x_dot[0] * omega_d - x[0] * alpha_d
@@ -76,11 +80,3 @@ def coupled(
         + (x_dot[0] - b * x_dot[1] - b_rate * x[1]) / horizon
     )
     return Twist(np.array([v_d, 0.0, omega_d]), np.array([a_d, 0.0, alpha_d]))
-
-
-def _sign(omega_r: float, alpha_r: float, smoothing: float) -> tuple[float, float]:
-    """Return s and ṡ; the sign's own jump has no derivative to speak of."""
-    if smoothing == 0.0:
-        return float(np.sign(omega_r)), 0.0
-    size = math.hypot(omega_r, smoothing)
-    return omega_r / size, alpha_r * smoothing**2 / size**3
