@@ -34,7 +34,7 @@ class BaseLaw(ABC):
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return ν_d and ν̇_d; the latter is exact, not a difference of samples."""
+        """Return ν_d and its analytic derivative along the actual motion."""
         tracking = observe(dynamics, reference(t), q, nu)
         if dynamics.robot.drive.holonomic:
             twist = holonomic(tracking, self.horizon)

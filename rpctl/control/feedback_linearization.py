@@ -31,18 +31,18 @@ class FeedbackLinearization(BaseLaw):
 
     At v = 0 the law is singular: P cannot be accelerated sideways. The paper asks for references
     whose speed never vanishes, and for initial errors that keep the robot's from vanishing. Ours
-    start from rest, so 1/v is v/(v² + v₀²): below v₀ the robot turns less than it should. A spin
+    start from rest, so below v₀ 1/v is v/v₀²: there the robot turns less than it should. A spin
     says nothing about where to head for, and is refused. Heading is no output: where u points
     backwards for long enough the robot turns round and follows in reverse.
 
-    ω̇_d contains v̈_r sin x3/v. It is taken from the reference's direction, at a steady pace: what a
-    change of the pace's own rate adds, in a soft start, is left out.
+    ω̇_d contains v̈_r sin x3/v. A reference does not give v̈_r: it is taken from the direction, which
+    is exact while the pace is steady; what a soft start adds is left out.
 
     Attributes:
         horizon: Prediction time of the arm and of a holonomic base, s.
         kp: Gain of the position error, 1/s².
         kd: Gain of its rate, 1/s.
-        slowest: v₀, m/s; 0 for the law as it stands.
+        slowest: v₀, m/s: from this speed on the law is exact.
     """
 
     horizon: float = 0.65
@@ -51,9 +51,9 @@ class FeedbackLinearization(BaseLaw):
     slowest: float = 0.2
 
     def __post_init__(self) -> None:
-        """Refuse gains that do not close the loop."""
+        """Refuse settings that do not close the loop."""
         super().__post_init__()
-        for name in ("kp", "kd"):
+        for name in ("kp", "kd", "slowest"):
             require_positive(name, getattr(self, name))
 
     def unicycle(self, tracking: Tracking) -> Twist:
@@ -88,14 +88,11 @@ class FeedbackLinearization(BaseLaw):
 
 
 def _jerk(state: ReferenceState) -> float:
-    """Return v̈_r of a reference whose pace along its direction changes steadily."""
+    """Return v̈_r of a reference that keeps its pace along its direction."""
     if state.direction is None:
         return 0.0
-    along, bend, twice = state.direction
-    square = along @ along
-    pace = state.twist @ along / square
-    pace_rate = (state.twist_dot - pace * bend) @ along / square
-    return float(twice[0] * pace + 2.0 * bend[0] * pace_rate)
+    along, _, twice = state.direction
+    return float(twice[0] * (state.twist @ along) / (along @ along))
 
 
 def _refuse_spin(v_r: float, omega_r: float) -> None:

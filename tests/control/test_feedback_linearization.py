@@ -99,7 +99,7 @@ def test_without_a_direction_the_law_stands(paper: Robot) -> None:
     assert known.rate[2] != pytest.approx(blind.rate[2], abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["kp", "kd"])
-def test_gains_must_be_positive(name: str) -> None:
+@pytest.mark.parametrize("name", ["kp", "kd", "slowest"])
+def test_settings_must_be_positive(name: str) -> None:
     with pytest.raises(RpctlError, match=f"{name} is 0; give a positive number"):
         FeedbackLinearization(**{name: 0.0})
