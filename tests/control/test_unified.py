@@ -74,7 +74,7 @@ def test_poles_are_those_of_the_gains(
 def test_figures_on_a_line() -> None:
     """v_r = 0.7 m/s from the first moment on: after 20 s the paper's law keeps 0.60 m."""
     times, line = np.array([0.0, 20.0]), steady(0.7, 0.0)
-    lateral = abs(follow(LAW.unicycle, line, FAR, times, (1e-9, 1e-24))[-1, 1])
+    lateral = abs(follow(LAW.unicycle, line, FAR, times, (1e-6, 1e-24))[-1, 1])
     assert lateral == pytest.approx(2.6e-19, rel=0.05)
     assert abs(follow(PAPER.unicycle, line, FAR, times)[-1, 1]) == pytest.approx(0.596, abs=5e-4)
 
