@@ -6,9 +6,12 @@ from pathlib import Path
 
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.integral import IntegralDynamic
+from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import Efforts, Limit
+from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.checks import draw_state
@@ -29,7 +32,9 @@ __all__ = [
     "Certificate",
     "Drive",
     "Efforts",
+    "FeedbackLinearization",
     "IntegralDynamic",
+    "Kanayama",
     "Limit",
     "PaperDynamic",
     "PaperKinematic",
@@ -38,6 +43,7 @@ __all__ = [
     "Robot",
     "RpctlError",
     "Run",
+    "UnifiedKinematic",
     "Wheel",
     "draw_state",
     "load",

@@ -13,7 +13,7 @@ import typer
 
 from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.kinematic import kinematic_by_name
+from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
 from rpctl.description.expansion import expand
 from rpctl.description.packages import require_folders
 from rpctl.dynamics.contact import FRICTION
@@ -184,7 +184,10 @@ def track_command(
             "the robot (m) and turned from it (rad).",
         ),
     ] = "0,0,0",
-    kinematic: Annotated[str, typer.Option(metavar="paper", help="Kinematic law.")] = "paper",
+    kinematic: Annotated[
+        str,
+        typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law."),
+    ] = "unified",
     dynamic: Annotated[
         str, typer.Option(metavar="paper|bounded|integral", help="Dynamic law.")
     ] = "paper",

@@ -11,8 +11,8 @@ import numpy as np
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import tracking_error
-from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, Startable, as_efforts, started
+from rpctl.control.unified import UnifiedKinematic
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -54,7 +54,7 @@ def track(
         duration: s.
         initial_error: Tracking error (x1, x2, x3) of the base at the start: how far the reference
             is ahead (m), to the left (m) and turned to the left (rad), seen from the robot.
-        kinematic: The kinematic law; None takes the paper's.
+        kinematic: The kinematic law; None takes the unified one.
         dynamic: The dynamic law; None takes the paper's.
         control_period: s.
         plant_step: s.
@@ -76,7 +76,7 @@ def track(
         ("plant_step", plant_step),
     ):
         require_positive(name, value)
-    kinematic, dynamic = kinematic or PaperKinematic(), dynamic or PaperDynamic()
+    kinematic, dynamic = kinematic or UnifiedKinematic(), dynamic or PaperDynamic()
     plant = plant or Plant()
     settings = {
         "reference": reference if isinstance(reference, str) else type(reference).__name__,

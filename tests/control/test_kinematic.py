@@ -6,16 +6,13 @@ import math
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.optimize import minimize
 from scipy.special import sici
 
-from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl import PaperKinematic, ReducedDynamics, Robot
 from rpctl.control.error import Tracking, error_rate
-from rpctl.control.kinematic import kinematic_by_name
 from rpctl.description.records import Array
-from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from tests.control.unicycle import asked, follow, sampled_step, steady
 
@@ -68,27 +65,6 @@ def test_the_joints_decay_at_the_horizon(robot: Robot, rng: np.random.Generator)
     kinds = np.array([joint.kind == "continuous" for joint in robot.joints])
     gap = np.where(kinds, gap, state.joints - robot.joint_positions(q))
     np.testing.assert_allclose(nu_d[-n:], state.joint_rates + gap / LAW.horizon, atol=1e-12)
-
-
-def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
-    robot: Robot, rng: np.random.Generator
-) -> None:
-    reference, dynamics, step = reference_by_name(robot, "eight"), ReducedDynamics(robot), 1e-6
-    for law in (LAW, PaperKinematic(0.4, 1.5, smoothing=0.3)):
-        for t in (2.0, 5.0, 9.0, 14.0):
-            nu = rng.normal(size=robot.dof)
-            pose = reference(t).pose + rng.normal(size=3) * [0.3, 0.3, 0.5]
-            joints = robot.home + 0.05 * rng.normal(size=len(robot.joints))
-            q = robot.configuration_at(pose, joints)
-            v = dynamics.basis(q) @ nu
-
-            def asked(s: float) -> Array:
-                at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
-                return law(dynamics, reference, t + s, at, nu).nu_d  # noqa: B023
-
-            rate = law(dynamics, reference, t, q, nu).nu_d_dot
-            expected = (asked(step) - asked(-step)) / (2 * step)
-            np.testing.assert_allclose(rate, expected, atol=1e-6 * (1 + np.abs(rate).max()))
 
 
 @pytest.mark.parametrize("omega", [0.7, -0.7])
@@ -147,14 +123,3 @@ def test_the_smooth_sign_tends_to_the_papers(rng: np.random.Generator) -> None:
     smooth = PaperKinematic(0.4, 1.5, smoothing=1e-6).unicycle(tracking)
     np.testing.assert_allclose(smooth.value, sharp.value, atol=1e-9)
     np.testing.assert_allclose(smooth.rate, sharp.rate, atol=1e-8)
-
-
-@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])
-def test_a_horizon_must_predict(horizon: float) -> None:
-    with pytest.raises(RpctlError, match=r"horizon is .*; give a positive number"):
-        PaperKinematic(horizon=horizon)
-
-
-def test_unknown_laws_are_told() -> None:
-    with pytest.raises(UnknownNameError, match="kinematic law 'papr' is not known; did you mean"):
-        kinematic_by_name("papr")

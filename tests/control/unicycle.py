@@ -12,9 +12,11 @@ from rpctl.control.error import Tracking, error_rate
 from rpctl.control.twist import Twist
 from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState
+from rpctl.reference.paths import Path
 
 NOTHING = np.empty(0)
 Unicycle = Callable[[Tracking], Twist]
+Motion = Callable[[float], ReferenceState]
 
 
 def steady(v: float, omega: float) -> ReferenceState:
@@ -23,19 +25,50 @@ def steady(v: float, omega: float) -> ReferenceState:
     return ReferenceState(np.zeros(3), twist, np.zeros(3), NOTHING, NOTHING, NOTHING)
 
 
+def along(path: Path, rate: float) -> Motion:
+    """Return a base path as a motion of steady pace from the first moment on."""
+
+    def at(t: float) -> ReferenceState:
+        point = path(rate * t)
+        twist, bend, _ = point.direction
+        return ReferenceState(point.pose, twist * rate, bend * rate**2, NOTHING, NOTHING, NOTHING)
+
+    return at
+
+
 def asked(law: Unicycle, reference: ReferenceState, e: Array) -> Array:
     """Return the twist (3,) that a law asks of a base at rest."""
     return law(Tracking(reference, e, error_rate(e, reference, np.zeros(3), NOTHING))).value
 
 
-def follow(law: Unicycle, reference: ReferenceState, e: Array, times: Array) -> Array:
-    """Return the errors (len(times), 3) of a base that follows a law without delay."""
+def follow(
+    law: Unicycle,
+    reference: ReferenceState | Motion,
+    e: Array,
+    times: Array,
+    accuracy: tuple[float, float] = (1e-11, 1e-13),
+) -> Array:
+    """Return the errors (len(times), 3) of a base that follows a law without delay.
 
-    def rate(_: float, x: Array) -> Array:
+    ``accuracy`` is the integration's, relative and absolute.
+    """
+
+    def rate(t: float, x: Array) -> Array:
+        state = reference(t) if callable(reference) else reference
+        return error_rate(x, state, asked(law, state, x), NOTHING)
+
+    rtol, atol = accuracy
+    solution = solve_ivp(rate, (0.0, times[-1]), e, t_eval=times, rtol=rtol, atol=atol)
+    return np.asarray(solution.y.T)
+
+
+def slopes(law: Unicycle, reference: ReferenceState, step: float = 1e-6) -> Array:
+    """Return the Jacobian (3, 3) of ė on the reference, by central differences."""
+
+    def rate(x: Array) -> Array:
         return error_rate(x, reference, asked(law, reference, x), NOTHING)
 
-    solution = solve_ivp(rate, (0.0, times[-1]), e, t_eval=times, rtol=1e-11, atol=1e-13)
-    return np.asarray(solution.y.T)
+    return np.column_stack([(rate(e) - rate(-e)) / (2.0 * step) for e in step * np.eye(3)])
 
 
 def sampled_step(law: Unicycle, reference: ReferenceState, e: Array, period: float) -> Array:

@@ -134,8 +134,20 @@ def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
 
 @pytest.mark.parametrize("reference", ["line", "reverse"])
 def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, reference: str) -> None:
-    figures = summarize(track(paper, reference, 10.0, (0.0, 0.2, 0.0)))
+    figures = summarize(track(paper, reference, 10.0, (0.0, 0.2, 0.0), PaperKinematic()))
     assert figures["final_lateral_error"] == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize("reference", ["line", "reverse", "spin", "circle", "eight"])
+def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
+    """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
+    ours, theirs = (
+        summarize(track(paper, reference, 15.0, (0.3, 0.5, 0.8), law, control_period=0.01))
+        for law in (None, PaperKinematic())
+    )
+    assert ours["rms_base_error"] < theirs["rms_base_error"]
+    assert ours["final_lateral_error"] < 2e-3
+    assert not ours["limits_violated"]
 
 
 def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:

@@ -1,0 +1,91 @@
+"""What every kinematic law must do, on every drive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl.control.base import BaseLaw
+from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
+from rpctl.description.records import Array
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import reference_by_name
+
+STEP = 1e-6
+LAWS = {**{name: make() for name, make in KINEMATIC_LAWS.items()}}
+LAWS["paper, smooth sign"] = PaperKinematic(smoothing=0.3)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
+def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
+    robot: Robot, law: BaseLaw, rng: np.random.Generator
+) -> None:
+    """The motion has nothing to do with the reference, but for v̇, which follows the law.
+
+    Only feedback linearisation asks what v̇ is.
+    """
+    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    for t in (3.5, 5.0, 9.0, 14.0):
+        nu, nu_dot = rng.normal(size=(2, robot.dof))
+        pose = reference(t).pose + rng.normal(size=3) * [0.3, 0.3, 0.5]
+        joints = robot.home + 0.05 * rng.normal(size=len(robot.joints))
+        q = robot.configuration_at(pose, joints)
+        v = dynamics.basis(q) @ nu
+        rate = law(dynamics, reference, t, q, nu).nu_d_dot
+        nu_dot[0] = rate[0]
+
+        def asked(s: float) -> Array:
+            at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
+            return law(dynamics, reference, t + s, at, nu + s * nu_dot).nu_d  # noqa: B023
+
+        expected = (asked(STEP) - asked(-STEP)) / (2 * STEP)
+        np.testing.assert_allclose(rate, expected, atol=1e-6 * (1 + np.abs(rate).max()))
+
+
+@pytest.mark.parametrize("name", ["unified", "paper", "kanayama"])
+@pytest.mark.parametrize("reference", ["circle", "eight", "reverse"])
+def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference: str) -> None:
+    law, dynamics = kinematic_by_name(name), ReducedDynamics(paper)
+    motion, nu, t = reference_by_name(paper, reference), np.array([0.3, -0.2, 0.1, 0.4]), 0.8
+    q = paper.configuration(x=-0.2, y=0.1, theta=0.4)
+    v = dynamics.basis(q) @ nu
+    ahead, behind = (
+        law(dynamics, motion, t + s, pin.integrate(paper.model, q, s * v), nu).nu_d
+        for s in (STEP, -STEP)
+    )
+    rate = law(dynamics, motion, t, q, nu).nu_d_dot
+    np.testing.assert_allclose(rate, (ahead - behind) / (2 * STEP), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", KINEMATIC_LAWS)
+@pytest.mark.parametrize("robot_name", ["paper", "skid_steer", "mecanum", "panda"])
+def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name: str) -> None:
+    robot = rpctl.load(robot_name)
+    dynamics, law = ReducedDynamics(robot), kinematic_by_name(name)
+    reference = reference_by_name(robot, "eight")
+    state, later, earlier = (reference(5.0 + s) for s in (0.0, STEP, -STEP))
+    q = robot.configuration_at(state.pose, state.joints)
+    keep = [0, 2] if robot.drive.has_axle else range(len(robot.drive.base_speeds))
+    nu = np.concatenate([state.twist[keep], state.joint_rates])
+    nu_d, nu_d_dot = law(dynamics, reference, 5.0, q, nu)
+    np.testing.assert_allclose(nu_d, nu, atol=1e-12)
+    base = (later.twist - earlier.twist)[keep] / (2 * STEP)
+    expected = np.concatenate([base, state.joint_accelerations])
+    np.testing.assert_allclose(nu_d_dot, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("law", KINEMATIC_LAWS.values(), ids=KINEMATIC_LAWS.keys())
+@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])
+def test_a_horizon_must_predict(law: type[BaseLaw], horizon: float) -> None:
+    with pytest.raises(RpctlError, match=r"horizon is .*; give a positive number"):
+        law(horizon=horizon)
+
+
+def test_unknown_laws_are_told() -> None:
+    with pytest.raises(UnknownNameError, match="kinematic law 'papr' is not known; did you mean"):
+        kinematic_by_name("papr")
