@@ -11,6 +11,8 @@ MAX_ELEMENTS = 100_000  # of XML; the largest public URDFs have a tenth, and eac
 MAX_LINKS = 2000  # Pinocchio's time grows with the square of the links
 MAX_MOVING_JOINTS = 150  # Pinocchio's Data grows with their cube: .3 GB at 150, 2 GB at 300
 MAX_MESH_BYTES = 256 * 2**20  # no robot's part is larger
+MAX_ROWS = 100_000  # of a table of poses; 1 kHz for 100 s
+MAX_WAYPOINTS = 1000  # of a path; its curve solves a dense system of four times as many
 
 
 def cap(name: str) -> int:

@@ -126,6 +126,10 @@ def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline) -> str | None:
         if beyond.any():
             at = goal.told(s[int(beyond.argmax())])
             return f"the end effector's path takes {joint.name} beyond its limits from {at}"
+        fast = np.abs(joints(s, 1)[:, i]) > joint.velocity
+        if goal.timed and fast.any():
+            at = goal.told(s[int(fast.argmax())])
+            return f"the end effector's path is too fast for {joint.name} from {at}; give it time"
     return None
 
 

@@ -22,12 +22,12 @@ SLOWEST = 0.05  # of the end effector's mean speed: a base with a turning radius
 
 # Weights of the plan's wishes, each a mean over the path. Derivatives are by metres of the end
 # effector's path, joints in halves of their ranges. They only rank what is left free.
-POSTURE, SWING, JERKS = 0.3, 0.1, 0.03  # off comfort, joint rates and their changes
-ROLL, VEER, CHANGE = 0.1, 0.1, 0.1  # base speed, turning, changes of both
+POSTURE, SWING, JERKS = 0.3, 0.15, 0.05  # off comfort, joint rates and their changes
+ROLL, VEER, CHANGE = 0.1, 0.1, 0.2  # base speed, turning, changes of both
 HINGE = 30.0  # beyond a limit, in shares of it
-SIGMAS = (0.03, 0.003)  # m; tolerances of the end effector, one after the other
-STEPS = 8  # Levenberg-Marquardt steps each
-DONE = 0.01  # of the cost: a step that gains less ends it
+SIGMAS = (0.05, 0.01)  # m; tolerances of the end effector, one after the other
+STEPS = 12  # Levenberg-Marquardt steps each
+DONE = 1e-3  # of the cost: a step that gains less ends it
 STIFFEST = 1e8  # damping at which no step helps any more
 
 
