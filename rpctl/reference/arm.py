@@ -17,7 +17,10 @@ INNER = 0.7  # of each joint's range, about its middle: where they are drawn fro
 HEIGHT = 0.08  # m; how near to a wanted height a comfortable posture holds the end effector
 TURN = 0.3  # m/rad: what an angle counts beside a distance
 IK_STEPS = 12  # of Newton's method; it starts near and needs three
+STRIDE = 0.2  # of half a joint's range: the longest of these steps
 IK_EXACT = 1e-10  # m: below, it has converged
+BRISK = 1.0  # s; joints that pass less than half their range in it count as slow
+CLOSE = 0.02  # weight of a joint at its limit, of one amid its range
 DAMPING = 1e-9  # of the largest eigenvalue: for arms that cannot move along every axis
 
 
@@ -107,7 +110,10 @@ class Arm:
             position: Of the end effector in the world (3,), m.
             rotation: Its orientation (3, 3); None for any.
         """
-        positions, weight = near.copy(), self.half_range**2
+        positions = near.copy()
+        room = 1.0 - np.clip((near - self.middle) / self.half_range, -1.0, 1.0) ** 2
+        brisk = np.minimum(self.half_range, self.velocity * BRISK)
+        weight = brisk**2 * (room + CLOSE)  # slow joints and those near their limits move least
         for _ in range(IK_STEPS):
             found, _, jacobian = self.jacobian(pose, positions)
             miss, rows = error(found, jacobian, position, rotation)
@@ -116,6 +122,7 @@ class Arm:
             square = (rows * weight) @ rows.T
             damping = DAMPING * np.trace(square) * np.eye(len(miss))
             step = weight * (rows.T @ np.linalg.solve(square + damping, miss))
+            step /= max(1.0, float(np.abs(step / self.half_range).max()) / STRIDE)
             positions = np.clip(positions + step, self.lower, self.upper)
         return positions
 
@@ -126,7 +133,9 @@ class Arm:
         times how straight ahead of P the end effector is, and how near to a height (m).
         """
         rng = np.random.default_rng(SEED)
-        draws = self.middle + INNER * self.half_range * rng.uniform(-1, 1, (DRAWS, len(self.joints)))
+        draws = self.middle + INNER * self.half_range * rng.uniform(
+            -1, 1, (DRAWS, len(self.joints))
+        )
         scores = [self._comfort(positions, height) for positions in np.vstack([self.home, draws])]
         return np.vstack([self.home, draws])[int(np.argmax(scores))]
 

@@ -109,7 +109,7 @@ class Driving:
         return poses, slopes
 
     def _sum(self, rates: Array) -> Array:
-        """Return the integral of rates at the quadrature's points (Q, ...) up to each s (N, ...)."""
+        """Return the integral of rates at the quadrature's points up to each s (N, ...)."""
         weighted = (rates.T * self._share).T
         pieces = weighted.reshape(len(self._s) - 1, len(NODES), *rates.shape[1:]).sum(axis=1)
         return np.concatenate([np.zeros((1, *pieces.shape[1:])), np.cumsum(pieces, axis=0)])
@@ -137,4 +137,4 @@ class _TwistPath:
         velocity = np.exp(1j * (pose[2] + turned[:-1])) * (forward[:, 0] + 1j * forward[:, 1])
         step = 0.5 * (s - start) * (WEIGHTS @ velocity)
         direction = np.array([self._twist(s), self._first(s), self._second(s)])
-        return PathPoint(pose + [step.real, step.imag, turned[-1]], direction)
+        return PathPoint(pose + np.array([step.real, step.imag, turned[-1]]), direction)

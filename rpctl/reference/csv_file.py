@@ -136,8 +136,8 @@ def _header_faults(names: list[str], joints: Sequence[str]) -> list[str]:
     for group in (BASE, PLACE, TURN):
         missing = [name for name in group if name not in names]
         if missing and len(missing) < len(group):
-            faults.append(f"column {', '.join(missing)} is missing beside "
-                          f"{', '.join(name for name in group if name in names)}; add it")  # fmt: skip
+            there = next(name for name in group if name in names)
+            faults.append(f"column {', '.join(missing)} is missing beside {there}; add it")
     for name, needed in ((HEADING, BASE), (TURN[0], PLACE)):
         if name in names and needed[0] not in names:
             faults.append(f"column {name} needs {', '.join(needed)} beside it; add them")
@@ -150,7 +150,9 @@ def _values(
     rows: list[tuple[int, list[str]]], names: list[str]
 ) -> tuple[Array, list[int], list[tuple[int, str]]]:
     """Return the numbers (K, n) of good rows, their lines, and the faults of the others."""
-    values, lines, faults = [], [], []
+    values: list[list[float]] = []
+    lines: list[int] = []
+    faults: list[tuple[int, str]] = []
     for line, row in rows:
         found = len(faults)
         numbers = []
@@ -176,10 +178,11 @@ def _values(
 
 
 def _time_faults(values: Array, lines: list[int], column: int) -> list[tuple[int, str]]:
-    faults, latest = [], -math.inf
+    faults: list[tuple[int, str]] = []
+    latest = -math.inf
     for line, t in zip(lines, values[:, column], strict=True):
         if t <= latest:
-            faults.append((line, f"t is {t:g} after {latest:g}; times must increase from row to row"))
+            faults.append((line, f"t is {t:g} after {latest:g}; times must increase"))
         else:
             latest = t
     return faults

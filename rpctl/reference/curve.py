@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ def check_waypoints(waypoints: Sequence[Waypoint]) -> list[str]:
         for i, leg in enumerate(legs, start=2)
         if abs(leg) < NEAR
     ]
-    for i, (come, go) in enumerate(zip(legs[:-1], legs[1:], strict=True), start=2):
+    for i, (come, go) in enumerate(pairwise(legs), start=2):
         if min(abs(come), abs(go)) < NEAR:
             continue
         turn = abs(math.remainder(np.angle(go) - np.angle(come), 2.0 * math.pi))
@@ -68,7 +69,7 @@ def curve_through(waypoints: Sequence[Waypoint], radius: float = 0.0) -> tuple[P
     faults = check_waypoints(waypoints)
     if faults:
         raise RpctlError("; ".join(faults))
-    legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in zip(waypoints, waypoints[1:], strict=False)]
+    legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(waypoints)]
     s = np.concatenate([[0.0], np.cumsum(legs)])
     spline, sharpest = _fit(waypoints, s, radius)
     if sharpest is not None:
@@ -86,9 +87,7 @@ def _fit(
     waypoints: Sequence[Waypoint], s: Array, radius: float
 ) -> tuple[BSpline, tuple[float, float] | None]:
     """Return the spline, and where it is too sharp (s, radius) if it is."""
-    inner = np.concatenate(
-        [np.linspace(a, b, PIECES, endpoint=False) for a, b in zip(s[:-1], s[1:], strict=True)]
-    )
+    inner = np.concatenate([np.linspace(a, b, PIECES, endpoint=False) for a, b in pairwise(s)])
     knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE + 1, s[-1])])
     count = len(knots) - DEGREE - 1
     unit = BSpline(knots, np.eye(count), DEGREE)
@@ -123,11 +122,10 @@ def _fit(
 def _conditions(waypoints: Sequence[Waypoint], s: Array, unit: BSpline) -> tuple[Array, Array]:
     """Return the linear conditions on the coefficients: places, and headings at unit speed."""
     rows, values = list(unit(s)), [(w.x, w.y) for w in waypoints]
-    for waypoint, at, slope in zip(waypoints, s, unit.derivative()(s), strict=True):
+    for waypoint, slope in zip(waypoints, unit.derivative()(s), strict=True):
         if waypoint.heading is not None:
             rows.append(slope)
             values.append((math.cos(waypoint.heading), math.sin(waypoint.heading)))
-            del at
     return np.array(rows), np.array(values)
 
 

@@ -81,8 +81,9 @@ def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
     # Beyond the ends the lines go on, so that the path begins and ends in the points themselves.
     way[0] -= 3.0 * step
     way[-1] += 3.0 * step
-    places[0] -= 3.0 * step * (places[1] - places[0]) / legs[0]
-    places[-1] += 3.0 * step * (places[-1] - places[-2]) / legs[-1]
+    before, after = (places[1] - places[0]) / legs[0], (places[-1] - places[-2]) / legs[-1]
+    places[0] -= 3.0 * step * before
+    places[-1] += 3.0 * step * after
     samples = step * np.arange(-2, count + 3)
     values = np.column_stack([np.interp(samples, way, places[:, i]) for i in range(3)])
     knots = step * np.arange(-DEGREE, count + DEGREE + 1)

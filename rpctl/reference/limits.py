@@ -59,7 +59,10 @@ class Limits:
             direction: Twist by s and its derivative by s, at N points of the path (N, 2, 3).
         """
         twist, bend = direction[:, 0], direction[:, 1]
-        speed, swerve = np.hypot(twist[:, 0], twist[:, 1]), np.sqrt(np.abs(twist[:, 0] * twist[:, 2]))
+        speed, swerve = (
+            np.hypot(twist[:, 0], twist[:, 1]),
+            np.sqrt(np.abs(twist[:, 0] * twist[:, 2])),
+        )
         return [
             Bound(speed, np.zeros(len(speed)), self.speed),
             Bound(twist[:, 0], bend[:, 0], self.speed, self.acceleration),

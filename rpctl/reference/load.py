@@ -27,7 +27,7 @@ FINEST, COARSEST = 3000, 300  # such points
 
 SLALOM = ((0.0, 0.0, 0.0), (1.5, 0.6), (2.6, -0.5), (4.0, 0.2), (3.6, 1.7), (1.8, 1.9), (0.2, 1.2))
 SIDE = 1.5  # m; of the end effector's square on a base that drives
-FIXED_SIDE = 0.15  # m; of a fixed arm's, which shrinks to what the arm reaches
+FIXED_SHARE = 0.15  # of how far a fixed arm holds its end effector: the side of its square
 MADE = ("waypoints", "ee-square")
 
 
@@ -93,8 +93,10 @@ def _square(robot: Robot) -> Goal:
     """Return a level square that begins where a comfortable arm holds the end effector."""
     arm = Arm(robot)
     start = arm.place(np.zeros(3), arm.comfortable(None)).translation
-    side = SIDE if robot.drive.base_speeds else FIXED_SIDE
-    shift = 0.0 if robot.drive.base_speeds else -0.5 * side
+    side, shift = SIDE, 0.0
+    if not robot.drive.base_speeds:
+        side = FIXED_SHARE * float(np.linalg.norm(start))
+        shift = -0.5 * side
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]) * side + shift
     corners[:, 2] = 0.0
     return polyline((start + corners).tolist(), min(CORNER, 0.25 * side))

@@ -6,8 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from rpctl.description.records import Array
 from rpctl.errors import RpctlError
@@ -20,6 +19,7 @@ from rpctl.reference.reach_problem import POINTS, Problem, solve
 from rpctl.reference.timed import still
 from rpctl.robot.model import Robot
 
+NOTED = 0.03  # m; a miss that an error message counts from, where there are such
 TOLERANCE = 1e-3  # m (and 1e-3/TURN rad): how near the end effector's reference is to its path
 KNOT_LENGTH, KNOT_TIME = 0.15, 0.3  # m of the path, s: distance of the plan's knots
 FEWEST, MOST = 10, 120  # knots of a plan
@@ -57,7 +57,9 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
     """
     arm = Arm(robot)
     fixed = not robot.drive.base_speeds
-    height = None if fixed else float(goal.position(np.linspace(goal.start, goal.end, 50))[:, 2].mean())
+    height = (
+        None if fixed else float(goal.position(np.linspace(goal.start, goal.end, 50))[:, 2].mean())
+    )
     comfort = arm.comfortable(height)
     count = _knot_count(goal)
     knots = np.concatenate(
@@ -79,8 +81,8 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
         z = solve(problem, start, np.tile(comfort, (count, 1)))
         path = motion.path(z[: motion.size])
         coarse = BSpline(knots, problem.joints(z), DEGREE)
-        joints = _meet(arm, goal, path, coarse, comfort)
-        fault = _fault(arm, goal, path, joints)
+        joints = _meet(arm, goal, path, coarse)
+        fault = _fault(arm, goal, path, joints, coarse)
         if fault is None:
             whole = np.tile(robot.home, (len(joints.c), 1))
             whole[:, arm.joints] = joints.c
@@ -95,8 +97,8 @@ def _knot_count(goal: Goal) -> int:
     return int(np.clip(math.ceil(wanted), FEWEST, MOST))
 
 
-def _meet(arm: Arm, goal: Goal, path: Path, coarse: BSpline, comfort: Array) -> BSpline:
-    """Return the arm's spline whose end effector is on the path, the least away from a coarse one."""
+def _meet(arm: Arm, goal: Goal, path: Path, coarse: BSpline) -> BSpline:
+    """Return the arm's spline nearest to a coarse one whose end effector is on the path."""
     count = int(np.clip(6 * len(goal.position.c), 200, FINE))
     s = np.linspace(goal.start, goal.end, count)
     positions = [
@@ -106,12 +108,16 @@ def _meet(arm: Arm, goal: Goal, path: Path, coarse: BSpline, comfort: Array) -> 
     return make_interp_spline(s, np.array(positions), k=DEGREE)
 
 
-def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline) -> str | None:
+def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline, coarse: BSpline) -> str | None:
     """Return why a plan does not do, or None if it does."""
     s = np.linspace(goal.start, goal.end, 2 * len(joints.c) + 1)
     misses = np.array([_miss(arm, goal, path, joints, float(x)) for x in s])
-    far = misses > TOLERANCE
-    if far.any():
+    if (misses > TOLERANCE).any():
+        # Where inverse kinematics fails it strays; the least squares then came nearer.
+        near = [_miss(arm, goal, path, coarse, float(x)) for x in s]
+        far = misses > TOLERANCE
+        misses = np.where(far, np.minimum(misses, near), misses)
+        far = far & (misses > min(0.5 * misses.max(), NOTED))
         worst = int(misses.argmax())
         return (
             f"{arm.robot.name} cannot take its end effector ({arm.robot.end_effector}) along the "
@@ -135,7 +141,9 @@ def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline) -> str | None:
 
 def _miss(arm: Arm, goal: Goal, path: Path, joints: BSpline, s: float) -> float:
     found = arm.place(path(s).pose, joints(s))
-    return float(np.linalg.norm(error(found, np.zeros((6, 0)), goal.position(s), goal.rotation(s))[0]))
+    return float(
+        np.linalg.norm(error(found, np.zeros((6, 0)), goal.position(s), goal.rotation(s))[0])
+    )
 
 
 def _extent(goal: Goal) -> float:
@@ -181,7 +189,9 @@ def _drive(
         theta = float(np.angle(first)) + 2.0 * math.pi * k / HEADINGS
         trail = _pulled(p, hold, theta, sliding=1 in columns)
         speed, turn = trail[:, 0], trail[:, 2]
-        effort = np.abs(speed) + (BACKING - 1.0) * np.maximum(-speed, 0.0) + abs(hold) * np.abs(turn)
+        effort = (
+            np.abs(speed) + (BACKING - 1.0) * np.maximum(-speed, 0.0) + abs(hold) * np.abs(turn)
+        )
         if best is None or effort.sum() < best[0] - 1e-9:
             best = float(effort.sum()), np.vstack([[0.0, 0.0, theta], trail])
         if 1 in columns:

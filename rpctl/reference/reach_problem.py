@@ -25,9 +25,10 @@ SLOWEST = 0.05  # of the end effector's mean speed: a base with a turning radius
 POSTURE, SWING, JERKS = 0.3, 0.15, 0.05  # off comfort, joint rates and their changes
 ROLL, VEER, CHANGE = 0.1, 0.1, 0.2  # base speed, turning, changes of both
 HINGE = 30.0  # beyond a limit, in shares of it
-SIGMAS = (0.05, 0.01)  # m; tolerances of the end effector, one after the other
+SIGMAS = (0.2, 0.05, 0.01)  # m; tolerances of the end effector, one after the other
 STEPS = 12  # Levenberg-Marquardt steps each
 DONE = 1e-3  # of the cost: a step that gains less ends it
+WALL_STEPS = 8  # of Newton's method, to find the limits that a step runs into
 STIFFEST = 1e8  # damping at which no step helps any more
 
 
@@ -78,30 +79,49 @@ def solve(problem: Problem, base: Array, coefficients: Array) -> Array:
             away = x - wanted
             miss = _misses(problem, unit, x)
             return float(
-                np.mean(miss**2) / tolerance**2 + away @ (wishes @ away) + HINGE**2 * beyond @ beyond
+                np.mean(miss**2) / tolerance**2
+                + away @ (wishes @ away)
+                + HINGE**2 * beyond @ beyond
             )
 
         now = cost(z)
         for _ in range(STEPS):
             miss, rows = _linearize(problem, unit, z)
-            beyond = np.maximum(walls @ z - heights, 0.0)
-            active = walls[np.flatnonzero(beyond > 0.0)]
             weight = 1.0 / (sigma**2 * len(miss))
-            square = weight * rows.T @ rows + wishes + HINGE**2 * (active.T @ active).toarray()
-            pull = weight * rows.T @ miss - wishes @ (z - wanted) - HINGE**2 * (walls.T @ beyond)
+            square = weight * rows.T @ rows + wishes
+            pull = weight * rows.T @ miss - wishes @ (z - wanted)
+            then = math.inf
             while damping < STIFFEST:
                 damped = square + damping * np.diag(np.diag(square) + 1e-9)
-                trial = z + cho_solve(cho_factor(damped), pull)
+                trial = z + _step(damped, pull, walls, heights - walls @ z)
                 then = cost(trial)
                 if then < now:
                     break
                 damping *= 10.0
-            else:
+            if then >= now:
                 break
             gain, z, now, damping = now - then, trial, then, max(0.1 * damping, 1e-12)
             if gain < DONE * now:
                 break
     return z
+
+
+def _step(square: Array, pull: Array, walls: csr_array, room: Array) -> Array:
+    """Return the step d of least ½ dᵀ square d − pull d + ½ HINGE² |max(walls d − room, 0)|².
+
+    Newton's method on the walls that the step itself runs into.
+    """
+    hit = np.flatnonzero(room < 0.0)
+    step = np.zeros(len(pull))
+    for _ in range(WALL_STEPS):
+        active = walls[hit]
+        stiff = square + HINGE**2 * (active.T @ active).toarray()
+        step = cho_solve(cho_factor(stiff), pull + HINGE**2 * (active.T @ room[hit]))
+        now = np.flatnonzero(walls @ step > room)
+        if np.array_equal(now, hit):
+            break
+        hit = now
+    return step
 
 
 def _misses(problem: Problem, unit: Array, z: Array) -> Array:
@@ -184,22 +204,19 @@ def _walls(problem: Problem) -> tuple[csr_array, Array]:
 
 
 def _base_walls(problem: Problem) -> tuple[list[Array], list[float]]:
-    """Return inequalities on the base's free twist entries; coefficients keep to them, so it does."""
-    limits, robot = problem.limits, problem.arm.robot
+    """Return inequalities on the base's free twist; its coefficients keep them, so it does."""
+    robot, radius = problem.arm.robot, problem.limits.turning_radius
     columns = [0, 1, 2] if robot.drive.holonomic else [0, 2]
     rows: list[Array] = []
     tops: list[float] = []
     if problem.goal.timed:
-        speeds = [1 / limits.speed, 1 / limits.speed, 1 / limits.turning_speed]
-        wheels = [SHARE * robot.description.joint[w.joint].velocity for w in robot.drive.wheels]
-        rates = [r / top for r, top in zip(wheel_rates(robot), wheels, strict=True)]
-        for row in [*np.diag(speeds), *rates]:
-            rows += [row[columns] / MARGIN, -row[columns] / MARGIN]
+        for wheel, rate in zip(robot.drive.wheels, wheel_rates(robot), strict=True):
+            top = MARGIN * SHARE * robot.description.joint[wheel.joint].velocity
+            rows += [rate[columns] / top, -rate[columns] / top]
             tops += [1.0, 1.0]
-    if limits.turning_radius > 0.0:
-        slow = 1.0 / (SLOWEST * _metres(problem))
-        forward = np.eye(3)[0]
-        turn = np.eye(3)[2] * limits.turning_radius / MARGIN
-        rows += [(turn - forward)[columns], (-turn - forward)[columns], -slow * forward[columns]]
+    if radius > 0.0:
+        forward, turn = np.eye(3)[0], np.eye(3)[2] * radius / MARGIN
+        slow = forward / (SLOWEST * _metres(problem))
+        rows += [(turn - forward)[columns], (-turn - forward)[columns], -slow[columns]]
         tops += [0.0, 0.0, -1.0]
-    return rows, [top if math.isfinite(top) else 1.0 for top in tops]
+    return rows, tops

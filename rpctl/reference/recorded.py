@@ -132,18 +132,18 @@ def _check_fit(robot: Robot, table: Table) -> None:
             )
     if faults:
         raise table.refuse([(table.header, fault) for fault in faults])
-    for index, joint in enumerate(robot.joints):
-        values = table.columns.get(joint.name)
-        if values is None:
-            continue
-        beyond = np.flatnonzero((values < joint.lower) | (values > joint.upper))
-        faults = [
-            (table.lines[row], f"{robot.joints[index].name} is {values[row]:g}, outside its limits "
-             f"{joint.lower:g} to {joint.upper:g}; keep it within")
-            for row in beyond
-        ]  # fmt: skip
-        if faults:
-            raise table.refuse(faults)
+    beyond = [
+        (
+            table.lines[row],
+            f"{joint.name} is {values[row]:g}, outside its limits {joint.lower:g} to "
+            f"{joint.upper:g}; keep it within",
+        )
+        for joint in robot.joints
+        if (values := table.columns.get(joint.name)) is not None
+        for row in np.flatnonzero((values < joint.lower) | (values > joint.upper))
+    ]
+    if beyond:
+        raise table.refuse(beyond)
 
 
 def _joint_track(robot: Robot, table: Table) -> Track:
@@ -174,10 +174,8 @@ def _aligned(turns: Array) -> Array:
 def _base_track(robot: Robot, table: Table) -> Track:
     t, place = table.t, table.stack(BASE)
     rate = through(t, place).spline(t, 1)
-    if HEADING in table.columns:
-        heading = np.unwrap(table.columns[HEADING])
-    else:
-        heading = _headings(rate)
+    given = table.columns.get(HEADING)
+    heading = _headings(rate) if given is None else np.unwrap(given)
     found = through(t, np.column_stack([place, heading]))
     if robot.drive.has_axle:
         rate = found.spline(t, 1)
@@ -212,7 +210,7 @@ def _spline_path(spline: BSpline) -> Path:
     def at(s: float) -> PathPoint:
         pose, d1, d2, d3 = (order(s) for order in orders)
         omega, alpha, jerk = d1[2], d2[2], d3[2]
-        # In the base's axes, u = e^(-iθ) ż: each derivative turns with them, u' = e^(-iθ)(z̈ - iω ż).
+        # In the base's axes, u = e^(-iθ) ż: they turn, so u' = e^(-iθ) (z̈ - iω ż), and so on.
         v, a, j = (complex(d[0], d[1]) for d in (d1, d2, d3))
         back = complex(math.cos(pose[2]), -math.sin(pose[2]))
         first = back * (a - 1j * omega * v)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -18,6 +18,7 @@ from rpctl.reference.paths import Tick
 DEGREE = 5
 SMOOTHING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
 SAMPLES = 4  # a knot interval, where the limits are looked at once more
+GUARD = 1.002  # limits are looked at in points, and lie between
 FASTEST = 100.0  # of the path's range a second, where nothing limits it
 
 
@@ -66,9 +67,7 @@ def fastest(s: Array, bounds: Sequence[Bound]) -> Array:
         top[steep] = np.minimum(top[steep], (bound.speed / bound.slope[steep]) ** 2)
     top[[0, -1]] = 0.0
     rows, right = _accelerations(s, bounds)
-    found = linprog(
-        -np.ones(len(s)), rows, right, bounds=np.column_stack([np.zeros(len(s)), top])
-    )
+    found = linprog(-np.ones(len(s)), rows, right, bounds=np.column_stack([np.zeros(len(s)), top]))
     if found.x is None:
         raise RpctlError(f"no time law keeps the limits: {found.message}")
     return np.maximum(found.x, 0.0)
@@ -78,7 +77,8 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
     """Return the linear inequalities on ṡ² that accelerations set, amid neighbouring points."""
     count, step = len(s) - 1, s[1] - s[0]
     here = np.arange(count)
-    entries, rights = [], []
+    entries: list[tuple[Any, Any, Any]] = []  # values, rows, columns
+    rights: list[Array] = []
     for bound in bounds:
         if math.isinf(bound.acceleration):
             continue
@@ -118,7 +118,7 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> Clock:
     ends = np.ones(DEGREE - 1)
     values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
     knots = (np.arange(len(values) + DEGREE + 1) - DEGREE) * times[-1] / count
-    stretch = _excess(Clock(BSpline(knots, values, DEGREE)), s, bounds)
+    stretch = GUARD * _excess(Clock(BSpline(knots, values, DEGREE)), s, bounds)
     return Clock(BSpline(knots * max(1.0, stretch), values, DEGREE))
 
 
