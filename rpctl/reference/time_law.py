@@ -74,7 +74,10 @@ def fastest(s: Array, bounds: Sequence[Bound]) -> Array:
 
 
 def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None, Array | None]:
-    """Return the linear inequalities on ṡ² that accelerations set, amid neighbouring points."""
+    """Return the linear inequalities on ṡ² that accelerations set.
+
+    Between two points s̈ is constant, and every bound is kept with it at both of them.
+    """
     count, step = len(s) - 1, s[1] - s[0]
     here = np.arange(count)
     entries: list[tuple[Any, Any, Any]] = []  # values, rows, columns
@@ -82,13 +85,14 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
     for bound in bounds:
         if math.isinf(bound.acceleration):
             continue
-        slope, bend = (0.5 * (c[1:] + c[:-1]) for c in (bound.slope, bound.bend))
-        low, high = 0.5 * bend - 0.5 * slope / step, 0.5 * bend + 0.5 * slope / step
         for sign in (1.0, -1.0):
-            row = here + len(rights) * count
-            entries.append((sign * low, row, here))
-            entries.append((sign * high, row, here + 1))
-            rights.append(np.full(count, bound.acceleration))
+            for end in (0, 1):
+                slope = sign * bound.slope[here + end] * 0.5 / step
+                bend = sign * bound.bend[here + end]
+                row = here + len(rights) * count
+                entries.append((-slope + bend * (1 - end), row, here))
+                entries.append((slope + bend * end, row, here + 1))
+                rights.append(np.full(count, bound.acceleration))
     if not rights:
         return None, None
     values, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
