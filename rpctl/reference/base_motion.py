@@ -72,7 +72,7 @@ class Driving:
     """
 
     def __init__(self, s: Array, knots: Array, columns: list[int]) -> None:
-        self._knots, self._columns, self._s = knots, columns, s
+        self.knots, self._columns, self._s = knots, columns, s
         self.count = len(knots) - DEGREE - 1
         self.size = 3 + self.count * len(columns)
         unit = BSpline(knots, np.eye(self.count), DEGREE)
@@ -116,7 +116,7 @@ class Driving:
 
     def path(self, z: Array) -> Path:
         """Return the path: poses by quadrature from the nearest point before."""
-        return _TwistPath(self._s, self.poses(z)[0], BSpline(self._knots, self.twist(z), DEGREE))
+        return _TwistPath(self._s, self.poses(z)[0], BSpline(self.knots, self.twist(z), DEGREE))
 
 
 class _TwistPath:

@@ -31,7 +31,8 @@ class Table:
 
     Attributes:
         path: The file.
-        lines: Line of each row, then of the header at the end.
+        lines: Line of each row.
+        header: Line of the header.
         t: Time (K,), increasing from zero, s.
         columns: The other columns (K,) by name.
     """

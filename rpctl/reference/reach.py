@@ -35,7 +35,6 @@ class Reach(NamedTuple):
 
     path: Path
     joints: BSpline  # (n_joints,) by s
-    base: str  # "given", "stands" or "drives"
 
 
 def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = None) -> Reach:
@@ -67,16 +66,16 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
          np.full(DEGREE, goal.end)]
     )  # fmt: skip
     s = np.linspace(goal.start, goal.end, POINTS * count + 1)
-    plans: list[tuple[str, BaseMotion, Array]] = []
+    plans: list[tuple[BaseMotion, Array]] = []
     if base is not None or fixed:
-        plans.append(("given", Given(base or still(np.zeros(3)), s), np.zeros(0)))
+        plans.append((Given(base or still(np.zeros(3)), s), np.zeros(0)))
     else:
         if _extent(goal) < STANDS * _span(arm):
-            plans.append(("stands", Standing(s), _stand(arm, goal, comfort)))
+            plans.append((Standing(s), _stand(arm, goal, comfort)))
         columns = [0, 1, 2] if robot.drive.holonomic else [0, 2]
         driving = Driving(s, knots, columns)
-        plans.append(("drives", driving, _drive(arm, goal, comfort, driving, s, columns)))
-    for kind, motion, start in plans:
+        plans.append((driving, _drive(arm, goal, comfort, driving, s, columns)))
+    for motion, start in plans:
         problem = Problem(arm, goal, motion, comfort, s, knots, limits)
         z = solve(problem, start, np.tile(comfort, (count, 1)))
         path = motion.path(z[: motion.size])
@@ -86,7 +85,7 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
         if fault is None:
             whole = np.tile(robot.home, (len(joints.c), 1))
             whole[:, arm.joints] = joints.c
-            return Reach(path, BSpline(joints.t, whole, DEGREE), kind)
+            return Reach(path, BSpline(joints.t, whole, DEGREE))
     raise RpctlError(fault or "")
 
 
@@ -200,7 +199,7 @@ def _drive(
         raise RpctlError("the end effector's path is empty")
     start, rates = best[1][0], best[1][1:] / (fine[1] - fine[0])
     place = p[0] - hold * np.exp(1j * start[2])
-    unit = BSpline.design_matrix(0.5 * (fine[1:] + fine[:-1]), driving._knots, DEGREE)
+    unit = BSpline.design_matrix(0.5 * (fine[1:] + fine[:-1]), driving.knots, DEGREE)
     coefficients = np.linalg.lstsq(unit.toarray(), rates[:, columns], rcond=None)[0]
     return np.concatenate([[place.real, place.imag, start[2]], coefficients.T.ravel()])
 

@@ -80,8 +80,9 @@ def test_limits_are_kept_and_nothing_slides(square: tuple[Robot, TimedPath]) -> 
         assert speed.max() > 0.9 * limits.end_effector_speed
 
 
-def test_a_turning_radius_is_kept(tiago: Robot) -> None:
-    goal = polyline([[0.8, 0, 0.8], [3, 0, 0.8], [3, 2, 0.8]], 0.15)
+@pytest.mark.parametrize("side", [2, -2])
+def test_a_turning_radius_is_kept(tiago: Robot, side: float) -> None:
+    goal = polyline([[0.8, 0, 0.8], [3, 0, 0.8], [3, side, 0.8]], 0.15)
     radius = 0.9
     reach = plan_reach(tiago, goal, Limits(turning_radius=radius))
     twist = along(reach.path, np.linspace(goal.start, goal.end, 500))[:, 0]

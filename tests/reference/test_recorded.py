@@ -141,7 +141,7 @@ def test_directions_are_along_the_way(tiago: Robot, tmp_path: Path) -> None:
 
 def test_only_a_base_that_can_may_slide(tiago: Robot, tmp_path: Path) -> None:
     y = soft(41)
-    path = table(tmp_path / "a.csv", 0.0 * y, y, 0.0 * y)
+    path = table(tmp_path / "a.csv", 0.0 * y, y, 0.5 * y)
     with pytest.raises(DescriptionError) as told:
         load_reference(tiago, path)
     first = told.value.findings[0]
