@@ -13,7 +13,7 @@ from rpctl.description.records import Array
 from rpctl.reference.csv_file import BASE, HEADING, PLACE, POSES, TURN, Table
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
-from rpctl.reference.paths import Path, PathPoint, Tick
+from rpctl.reference.paths import Path, PathPoint, Tick, soft_clock
 from rpctl.reference.reach import plan_reach
 from rpctl.reference.timed import Curves, TimedPath, still
 from rpctl.robot.model import Robot
@@ -24,34 +24,39 @@ MOVING = 0.02  # m/s: from here on the way of P tells its heading
 SLIDING = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
 SLIDING_SHARE = 0.05  # ... or this share of its speed
 TURNING_ARM = 0.3  # m/rad: what turning counts beside travelling
-EDGE = 1.0  # s; data that begin or end in motion are caught up with in this time
+EDGE = 1.0  # s; data that begin or end in motion are started and stopped over so much of them
 CATCH_UP = (20.0, -45.0, 36.0, -10.0)  # of u⁴..u⁷: 0 with three derivatives at 0; 1, 1, 0, 0 at 1
 
 
 class EdgeClock(NamedTuple):
     """s(t) = t, but at rest where data begin or end in motion.
 
-    In the first or last ``edge`` seconds the clock then runs s = edge f(t/edge), f of degree 7:
-    from rest with three derivatives zero, and on time, at pace one, where it meets s = t. Every
-    pose is passed; those of an edge somewhat later (at the start) or earlier than stamped.
+    A start in motion is caught up with in ``edge`` seconds: s = edge f(t/edge), f of degree 7,
+    from rest with three derivatives zero to pace one, on time. The last ``edge`` seconds of data
+    that end in motion take twice as long, at a pace that falls to zero. Every pose is passed.
     """
 
-    duration: float
+    end: float
     soft_start: bool
     soft_end: bool
     edge: float
 
+    @property
+    def duration(self) -> float:
+        """Time after which it stays, s."""
+        return self.end + self.edge if self.soft_end else self.end
+
     def __call__(self, t: float) -> Tick:
         """Return s and its derivatives by time at ``t`` (s)."""
-        if t <= 0.0 or t >= self.duration:
-            return Tick(min(max(t, 0.0), self.duration), 0.0, 0.0)
         left = self.duration - t
+        if t <= 0.0 or left <= 0.0:
+            return Tick(0.0 if t <= 0.0 else self.end, 0.0, 0.0)
         if self.soft_start and t < self.edge:
             f, rate, bend = _catch_up(t / self.edge)
             return Tick(self.edge * f, rate, bend / self.edge)
-        if self.soft_end and left < self.edge:
-            f, rate, bend = _catch_up(left / self.edge)
-            return Tick(self.duration - self.edge * f, rate, -bend / self.edge)
+        if self.soft_end and left < 2.0 * self.edge:
+            s, rate, change = soft_clock(left, 1.0, 2.0 * self.edge)
+            return Tick(self.end - s, rate, -change)
         return Tick(t, 1.0, 0.0)
 
 
