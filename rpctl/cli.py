@@ -173,9 +173,17 @@ def track_command(
     strict: StrictOption = False,
     package_dir: PackageDirOption = None,
     reference: Annotated[
-        str, typer.Option(metavar="line|reverse|spin|circle|eight", help="Path of the base.")
+        str,
+        typer.Option(
+            metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
+            help="Path of the base or of the end effector: a name, a path file (TOML), or "
+            "time-stamped poses (CSV).",
+        ),
     ] = "eight",
-    duration: Annotated[float, typer.Option(metavar="S", help="How long, s.")] = 20.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
+    ] = None,
     initial_error: Annotated[
         str,
         typer.Option(
@@ -210,7 +218,7 @@ def track_command(
     error = read_triple(initial_error)
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
     loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
+    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{Path(reference).stem}")
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
     certificate = _certify(loaded, samples, 0, []) if samples else None

@@ -126,6 +126,21 @@ def test_track_writes_everything(tmp_path: Path) -> None:
         assert isinstance(told[key], float), key
 
 
+def test_track_takes_a_table_and_names_the_folder_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "\n".join(f"{0.1 * k},{0.02 * k},0" for k in range(9))
+    (tmp_path / "way.csv").write_text(f"t,x,y\n{rows}\n")
+    words = ("track", "paper", "--reference", str(tmp_path / "way.csv"), "--samples", "0")
+    told = run_json(*words, "--duration", "0.5")
+    assert told["report"] == "runs/paper-way/report.html"
+    (tmp_path / "way.csv").write_text(f"t,x,y\n{rows}\n0.9,oops,0\n")
+    code, _, err = run(*words)
+    assert code == 2
+    assert err.startswith(f'{tmp_path / "way.csv"}:11: error: x "oops" is not a number')
+
+
 def test_track_tells_people(tmp_path: Path) -> None:
     code, out, _ = run("track", "paper", "--duration", "0.5", "--out", str(tmp_path))
     assert code == 0
@@ -175,6 +190,9 @@ def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
         (("inspect", "tiago", "--drive", "none.toml"), "none.toml: error: No such file"),
         (("verify", "paper", "--samples", "0"), "--samples"),
         (("track", "paper", "--reference", "eigth"), "did you mean eight"),
+        (("track", "paper", "--reference", "none.csv"), "none.csv: error: No such file"),
+        (("track", "paper", "--reference", "none.toml"), "none.toml: error: No such file"),
+        (("track", "panda", "--reference", "waypoints"), "panda has a fixed base"),
         (("track", "paper", "--kinematic", "papers"), "did you mean paper"),
         (("track", "paper", "--dynamic", "x"), "dynamic law 'x' is not known"),
         (("track", "paper", "--initial-error", "1,2"), "give three numbers"),

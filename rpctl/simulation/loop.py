@@ -18,20 +18,23 @@ from rpctl.dynamics.contact import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.rates import steering
 from rpctl.robot.model import Robot
 from rpctl.simulation.plant import Plant, advance
 from rpctl.simulation.record import Recorder, describe, facts
 from rpctl.simulation.run import Run
 
+DURATION = 20.0  # s, of a reference without an end
+SETTLE = 1.0  # s, after the end of one that has it
 LOST = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
 
 def track(
     robot: Robot,
     reference: str | Reference = "eight",
-    duration: float = 20.0,
+    duration: float | None = None,
     initial_error: Sequence[float] = (0.0, 0.0, 0.0),
     kinematic: KinematicLaw | Startable[KinematicLaw] | None = None,
     dynamic: DynamicLaw | Startable[DynamicLaw] | None = None,
@@ -49,9 +52,9 @@ def track(
 
     Args:
         robot: The robot.
-        reference: A reference, or the name of one (``line``, ``reverse``, ``spin``, ``circle``,
-            ``eight``).
-        duration: s.
+        reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
+            ``eight``, ``waypoints``, ``ee-square``), or a file: ``.csv`` or ``.toml``.
+        duration: s; None lasts a second longer than the reference moves, or 20 s if it has no end.
         initial_error: Tracking error (x1, x2, x3) of the base at the start: how far the reference
             is ahead (m), to the left (m) and turned to the left (rad), seen from the robot.
         kinematic: The kinematic law; None takes the unified one.
@@ -70,6 +73,11 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
+    told = reference if isinstance(reference, str) else type(reference).__name__
+    if isinstance(reference, str):
+        reference = load_reference(robot, reference)
+    if duration is None:
+        duration = getattr(reference, "duration", DURATION - SETTLE) + SETTLE
     for name, value in (
         ("duration", duration),
         ("control_period", control_period),
@@ -79,7 +87,7 @@ def track(
     kinematic, dynamic = kinematic or UnifiedKinematic(), dynamic or PaperDynamic()
     plant = plant or Plant()
     settings = {
-        "reference": reference if isinstance(reference, str) else type(reference).__name__,
+        "reference": told,
         "duration": duration,
         "initial_error": [float(x) for x in initial_error],
         "kinematic": describe(kinematic),
@@ -88,8 +96,6 @@ def track(
         "plant_step": plant_step,
         "plant": plant.describe(),
     }
-    if isinstance(reference, str):
-        reference = reference_by_name(robot, reference)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, friction)
     believed, bias = plant.believed_dynamics(dynamics), plant.bias(robot)

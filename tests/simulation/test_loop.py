@@ -150,6 +150,15 @@ def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, refer
     assert not ours["limits_violated"]
 
 
+def test_a_reference_with_an_end_is_tracked_to_it(paper: Robot, tmp_path: Path) -> None:
+    path = tmp_path / "way.toml"
+    path.write_text("waypoints = [[0, 0, 0], [1, 0.3], [2, 0]]")
+    run = track(paper, str(path))
+    assert 5.0 < run.t[-1] < 9.0
+    np.testing.assert_allclose(run.base[-1, :2], [2.0, 0.0], atol=1e-3)
+    assert run.settings["reference"] == str(path)
+
+
 def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:
     figures = summarize(track(paper, "eight", 10.0))
     assert figures["rms_base_error"] < 2e-4

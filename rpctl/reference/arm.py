@@ -1,0 +1,169 @@
+"""The arm between base and end effector: its kinematics, and a comfortable posture of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.description.records import Array
+from rpctl.errors import RpctlError
+from rpctl.robot.model import Robot
+
+DRAWS = 1500  # postures that are looked at for a comfortable one
+SEED = 0  # of these draws: the same robot has the same posture every time
+INNER = 0.7  # of each joint's range, about its middle: where they are drawn from
+HEIGHT = 0.08  # m; how near to a wanted height a comfortable posture holds the end effector
+TURN = 0.3  # m/rad: what an angle counts beside a distance
+IK_STEPS = 12  # of Newton's method; it starts near and needs three
+STRIDE = 0.2  # of half a joint's range: the longest of these steps
+IK_EXACT = 1e-10  # m: below, it has converged
+BRISK = 1.0  # s; joints that pass less than half their range in it count as slow
+CLOSE = 0.02  # weight of a joint at its limit, of one amid its range
+DAMPING = 1e-9  # of the largest eigenvalue: for arms that cannot move along every axis
+
+
+class Arm:
+    """The joints that carry the end effector, as functions of P's pose and their positions.
+
+    Attributes:
+        robot: The robot.
+        joints: Indices of these joints in ``robot.joints``.
+        lower: Their lower limits (n,); an unlimited turning joint has −π about its home.
+        upper: Their upper limits (n,).
+        velocity: Their velocity limits (n,).
+        home: Their home positions (n,).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        if robot.end_effector is None:
+            raise RpctlError(f"{robot.name} has no arm: its end effector has no path")
+        self.robot, self._data = robot, robot.model.createData()
+        self._frame = robot.model.getFrameId(robot.end_effector, pin.FrameType.BODY)
+        chain = {joint.name for joint in robot.description.chain(robot.end_effector)}
+        chain |= {j.mimic.joint for j in robot.mimics if j.mimic is not None and j.name in chain}
+        self.joints = [i for i, joint in enumerate(robot.joints) if joint.name in chain]
+        used = [robot.joints[i] for i in self.joints]
+        self.home = robot.home[self.joints]
+        span = [1.0 if joint.kind == "prismatic" else math.pi for joint in used]
+        self.lower = np.maximum([j.lower for j in used], self.home - span)
+        self.upper = np.minimum([j.upper for j in used], self.home + span)
+        self.velocity = np.array([joint.velocity for joint in used])
+        self._columns = np.zeros((robot.nv, len(used)))
+        for column, joint in enumerate(used):
+            self._columns[robot.velocity_index(joint.name), column] = 1.0
+            for other in robot.mimics:
+                if other.mimic is not None and other.mimic.joint == joint.name:
+                    row = robot.velocity_index(other.name)
+                    self._columns[row, column] = other.mimic.multiplier
+
+    @property
+    def half_range(self) -> Array:
+        """Half the joints' ranges (n,)."""
+        return np.maximum(0.5 * (self.upper - self.lower), 1e-6)
+
+    @property
+    def middle(self) -> Array:
+        """The middle of the joints' ranges (n,)."""
+        return 0.5 * (self.upper + self.lower)
+
+    def full(self, positions: Array) -> Array:
+        """Return positions of all joints of the robot (n_joints,), those of others at home."""
+        joints = self.robot.home.copy()
+        joints[self.joints] = positions
+        return joints
+
+    def place(self, pose: Array, positions: Array) -> pin.SE3:
+        """Return the end effector's pose in the world."""
+        q = self.robot.configuration_at(pose, self.full(positions))
+        return self.robot.end_effector_pose(self._data, q)
+
+    def jacobian(self, pose: Array, positions: Array) -> tuple[pin.SE3, Array, Array]:
+        """Return the end effector's pose in the world and how it moves.
+
+        Returns:
+            Its pose; its velocity and turning rate (6,) in the world's axes by the rates of P's
+            pose x, y, θ (6, 3); and by the joints' rates (6, n).
+        """
+        q = self.robot.configuration_at(pose, self.full(positions))
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        whole = pin.computeFrameJacobian(self.robot.model, self._data, q, self._frame, frame)
+        found = self._data.oMf[self._frame] = pin.updateFramePlacement(
+            self.robot.model, self._data, self._frame
+        ).copy()
+        x, y, _ = found.translation
+        base = np.zeros((6, 3))
+        base[0, 0] = base[1, 1] = base[5, 2] = 1.0
+        base[:2, 2] = pose[1] - y, x - pose[0]
+        return found, base, whole @ self._columns
+
+    def reach(self, pose: Array, near: Array, position: Array, rotation: Array | None) -> Array:
+        """Return the positions (n,), nearest to ``near``, that take the end effector to a place.
+
+        Newton's method with the least steps relative to the joints' ranges; a smooth place, pose
+        and ``near`` give smooth positions. Limits cut each step, so the place may be missed.
+
+        Args:
+            pose: Of P (3,).
+            near: Where to start (n,).
+            position: Of the end effector in the world (3,), m.
+            rotation: Its orientation (3, 3); None for any.
+        """
+        positions = near.copy()
+        room = 1.0 - np.clip((near - self.middle) / self.half_range, -1.0, 1.0) ** 2
+        brisk = np.minimum(self.half_range, self.velocity * BRISK)
+        weight = brisk**2 * (room + CLOSE)  # slow joints and those near their limits move least
+        for _ in range(IK_STEPS):
+            found, _, jacobian = self.jacobian(pose, positions)
+            miss, rows = error(found, jacobian, position, rotation)
+            if np.abs(miss).max() < IK_EXACT:
+                break
+            square = (rows * weight) @ rows.T
+            damping = DAMPING * np.trace(square) * np.eye(len(miss))
+            step = weight * (rows.T @ np.linalg.solve(square + damping, miss))
+            step /= max(1.0, float(np.abs(step / self.half_range).max()) / STRIDE)
+            positions = np.clip(positions + step, self.lower, self.upper)
+        return positions
+
+    def comfortable(self, height: float | None) -> Array:
+        """Return a posture (n,) far from limits and singularities, the end effector ahead.
+
+        Of seeded random postures, the one of the largest manipulability; for a base that drives,
+        times how straight ahead of P the end effector is, and how near to a height (m).
+        """
+        rng = np.random.default_rng(SEED)
+        draws = self.middle + INNER * self.half_range * rng.uniform(
+            -1, 1, (DRAWS, len(self.joints))
+        )
+        scores = [self._comfort(positions, height) for positions in np.vstack([self.home, draws])]
+        return np.vstack([self.home, draws])[int(np.argmax(scores))]
+
+    def _comfort(self, positions: Array, height: float | None) -> float:
+        found, _, jacobian = self.jacobian(np.zeros(3), positions)
+        values = np.linalg.svd(jacobian[:3] * self.half_range, compute_uv=False)
+        score = float(np.prod(values[values > 1e-3 * values[0]])) if values.size else 0.0
+        x, y, z = found.translation
+        if height is not None:
+            score *= math.exp(-0.5 * ((z - height) / HEIGHT) ** 2)
+        if self.robot.drive.base_speeds:
+            score *= max(x, 0.0) / max(math.hypot(x, y), 1e-9) * min(1.0, max(x, 0.0) / 0.3)
+        return score
+
+
+def error(
+    found: pin.SE3, jacobian: Array, position: Array, rotation: Array | None
+) -> tuple[Array, Array]:
+    """Return how far a place is away (m, angles in m too) and how motion closes the gap.
+
+    Args:
+        found: Where the end effector is.
+        jacobian: Its velocity and turning rate in the world's axes (6, k).
+        position: Where it should be (3,).
+        rotation: How it should be turned (3, 3); None for any.
+    """
+    miss = position - found.translation
+    if rotation is None:
+        return miss, jacobian[:3]
+    turn = TURN * pin.log3(rotation @ found.rotation.T)
+    return np.concatenate([miss, turn]), np.vstack([jacobian[:3], TURN * jacobian[3:]])

@@ -1,0 +1,140 @@
+"""A smooth planar curve through waypoints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from rpctl.description.records import Array
+from rpctl.errors import RpctlError
+from rpctl.reference.paths import Path, PathPoint, planar
+
+DEGREE = 5  # the fourth derivative is continuous
+PIECES = 4  # of the spline between two waypoints
+SAMPLES = 24  # a piece between two waypoints, where bending is measured
+STIFFNESS = 0.3  # of the mean distance: over this length curvature changes
+ROUNDS = 60  # in which the bend is shifted from where it is too sharp
+NEAR = 1e-6  # m; waypoints nearer than this are one
+SHARPEST = math.radians(170.0)  # a turn beyond is a cusp
+
+
+class Waypoint(NamedTuple):
+    """A place to pass, and the heading there; None leaves it open."""
+
+    x: float
+    y: float
+    heading: float | None = None
+
+
+def check_waypoints(waypoints: Sequence[Waypoint]) -> list[str]:
+    """Return what keeps a smooth curve from passing waypoints; nothing if all is well."""
+    if len(waypoints) < 2:
+        return [f"{len(waypoints)} waypoints; give two or more"]
+    legs = np.diff([complex(w.x, w.y) for w in waypoints])
+    faults = [
+        f"waypoint {i} repeats waypoint {i - 1}; leave one of them out"
+        for i, leg in enumerate(legs, start=2)
+        if abs(leg) < NEAR
+    ]
+    for i, (come, go) in enumerate(pairwise(legs), start=2):
+        if min(abs(come), abs(go)) < NEAR:
+            continue
+        turn = abs(math.remainder(np.angle(go) - np.angle(come), 2.0 * math.pi))
+        if turn > SHARPEST:
+            faults.append(
+                f"waypoint {i} turns the path back by {math.degrees(turn):.0f} degrees; "
+                "lead it round by further waypoints"
+            )
+    return faults
+
+
+def curve_through(waypoints: Sequence[Waypoint], radius: float = 0.0) -> tuple[Path, float]:
+    """Return the smooth path through waypoints, driven forward, and its end: s from 0 to there.
+
+    Of all quintic splines through the waypoints, over their distances s, the one that bends least:
+    min ∫ w |p''|² + ℓ² |p'''|² ds, a linear system. Where it bends more than allowed, w grows.
+
+    Args:
+        waypoints: Two or more.
+        radius: Least radius of the path, m; 0 for any.
+
+    Raises:
+        RpctlError: Waypoints coincide, or no curve was found that keeps to the radius.
+    """
+    faults = check_waypoints(waypoints)
+    if faults:
+        raise RpctlError("; ".join(faults))
+    legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(waypoints)]
+    s = np.concatenate([[0.0], np.cumsum(legs)])
+    spline, sharpest = _fit(waypoints, s, radius)
+    if sharpest is not None:
+        at, least = sharpest
+        number = int(np.abs(s - at).argmin()) + 1
+        raise RpctlError(
+            f"waypoint {number}: near it the path bends with a radius of {least:.3g} m, and "
+            f"{max(radius, 0.0):.3g} m is the least; set the waypoints farther apart, leave a "
+            "heading open, or lower turning_radius"
+        )
+    return _path(spline), float(s[-1])
+
+
+def _fit(
+    waypoints: Sequence[Waypoint], s: Array, radius: float
+) -> tuple[BSpline, tuple[float, float] | None]:
+    """Return the spline, and where it is too sharp (s, radius) if it is."""
+    inner = np.concatenate([np.linspace(a, b, PIECES, endpoint=False) for a, b in pairwise(s)])
+    knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE + 1, s[-1])])
+    count = len(knots) - DEGREE - 1
+    unit = BSpline(knots, np.eye(count), DEGREE)
+    grid = np.linspace(s[:-1], s[1:], SAMPLES, endpoint=False).T.ravel()
+    grid = np.append(grid, s[-1])
+    share = np.gradient(grid)
+    slope, bend, twist = (unit.derivative(order)(grid) for order in (1, 2, 3))
+    stiff = (STIFFNESS * s[-1] / (len(s) - 1)) ** 2
+    fixed, values = _conditions(waypoints, s, unit)
+    weight = np.ones(len(grid))
+    least, found, where = -1.0, None, 0.0
+    for _ in range(ROUNDS):
+        cost = bend.T @ ((weight * share)[:, None] * bend)
+        cost += stiff * twist.T @ (share[:, None] * twist)
+        system = np.block([[cost, fixed.T], [fixed, np.zeros((len(fixed), len(fixed)))]])
+        right = np.vstack([np.zeros((count, 2)), values])
+        c = np.linalg.solve(system, right)[:count]
+        d1, d2 = slope @ c, bend @ c
+        speed = np.hypot(d1[:, 0], d1[:, 1])
+        curvature = np.abs(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / np.maximum(speed, 1e-9) ** 3
+        sharpest = int(curvature.argmax())
+        reached = 1.0 / max(float(curvature[sharpest]), 1e-9)
+        if reached > least:
+            least, found, where = reached, c, float(grid[sharpest])
+        if reached >= max(radius, 1e-3):
+            break
+        weight *= np.maximum(1.0, 1.1 * curvature * max(radius, 1e-3)) ** 0.5
+    spline = BSpline(knots, found, DEGREE)
+    return spline, (where, least) if least < max(radius, 1e-3) else None
+
+
+def _conditions(waypoints: Sequence[Waypoint], s: Array, unit: BSpline) -> tuple[Array, Array]:
+    """Return the linear conditions on the coefficients: places, and headings at unit speed."""
+    rows, values = list(unit(s)), [(w.x, w.y) for w in waypoints]
+    for waypoint, slope in zip(waypoints, unit.derivative()(s), strict=True):
+        if waypoint.heading is not None:
+            rows.append(slope)
+            values.append((math.cos(waypoint.heading), math.sin(waypoint.heading)))
+    return np.array(rows), np.array(values)
+
+
+def _path(spline: BSpline) -> Path:
+    orders = [spline, *(spline.derivative(order) for order in (1, 2, 3, 4))]
+
+    def at(s: float) -> PathPoint:
+        (x, y), *derivatives = (order(s) for order in orders)
+        d1, d2, d3, d4 = (complex(*d) for d in derivatives)
+        return planar((float(x), float(y)), d1, d2, d3, d4)
+
+    return at

@@ -1,0 +1,133 @@
+"""What a reference made from data keeps to: the limits that a user sets, and the robot's own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError
+from rpctl.reference.time_law import Bound
+from rpctl.robot.model import Robot
+
+SHARE = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
+RISE = 0.5  # s; a joint takes at least this long to its velocity limit
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a reference; the velocity limits of the URDF come on top of them.
+
+    Attributes:
+        speed: Of P, m/s.
+        acceleration: Of P along its path, m/s².
+        turning_speed: rad/s.
+        turning_acceleration: rad/s².
+        lateral_acceleration: Speed times turning speed, m/s².
+        turning_radius: Least radius of the base's path, m; 0 lets it turn on the spot.
+        end_effector_speed: m/s.
+        end_effector_acceleration: m/s², along each axis of the world.
+    """
+
+    speed: float = 0.5
+    acceleration: float = 0.4
+    turning_speed: float = 1.0
+    turning_acceleration: float = 1.0
+    lateral_acceleration: float = 0.4
+    turning_radius: float = 0.0
+    end_effector_speed: float = 0.3
+    end_effector_acceleration: float = 0.4
+
+    def __post_init__(self) -> None:
+        """Refuse what is no limit."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            least = "a number from 0 on" if item.name == "turning_radius" else "a positive number"
+            if not _sane(value) or value < 0.0 or (value == 0.0 and item.name != "turning_radius"):
+                raise RpctlError(f"{item.name} is {value!r}; give {least}")
+
+    def base(self, robot: Robot, direction: Array) -> list[Bound]:
+        """Return the bounds of a base path.
+
+        Args:
+            robot: The robot; its wheels' velocity limits are kept.
+            direction: Twist by s and its derivative by s, at N points of the path (N, 2, 3).
+        """
+        twist, bend = direction[:, 0], direction[:, 1]
+        speed, swerve = (
+            np.hypot(twist[:, 0], twist[:, 1]),
+            np.sqrt(np.abs(twist[:, 0] * twist[:, 2])),
+        )
+        return [
+            Bound(speed, np.zeros(len(speed)), self.speed),
+            Bound(twist[:, 0], bend[:, 0], self.speed, self.acceleration),
+            Bound(twist[:, 1], bend[:, 1], self.speed, self.acceleration),
+            Bound(twist[:, 2], bend[:, 2], self.turning_speed, self.turning_acceleration),
+            Bound(swerve, np.zeros(len(speed)), math.sqrt(self.lateral_acceleration)),
+            *_wheel_bounds(robot, twist),
+        ]
+
+    def end_effector(self, slope: Array, bend: Array) -> list[Bound]:
+        """Return the bounds of an end effector's path from its derivatives by s, (N, 3) each."""
+        speed = np.linalg.norm(slope, axis=1)
+        return [
+            Bound(speed, np.zeros(len(speed)), self.end_effector_speed),
+            *(
+                Bound(slope[:, i], bend[:, i], math.inf, self.end_effector_acceleration)
+                for i in range(3)
+            ),
+        ]
+
+
+def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:
+    """Return the bounds of the joints from their derivatives by s, (N, n_joints) each."""
+    limits = (SHARE * joint.velocity for joint in robot.joints)
+    return [
+        Bound(slope[:, i], bend[:, i], limit, limit / RISE)
+        for i, limit in enumerate(limits)
+        if math.isfinite(limit)
+    ]
+
+
+def _wheel_bounds(robot: Robot, twist: Array) -> list[Bound]:
+    """Return the bounds that the wheels' velocity limits set to a twist by s (N, 3)."""
+    rates = twist @ wheel_rates(robot).T
+    limits = (SHARE * robot.description.joint[wheel.joint].velocity for wheel in robot.drive.wheels)
+    return [
+        Bound(rates[:, i], np.zeros(len(rates)), limit)
+        for i, limit in enumerate(limits)
+        if math.isfinite(limit)
+    ]
+
+
+def wheel_rates(robot: Robot) -> Array:
+    """Return the map (n_wheels, 3) from P's twist to the wheels' rates, rad/s."""
+    dynamics, q = ReducedDynamics(robot), pin.neutral(robot.model)
+    base = len(robot.drive.base_speeds)
+    speeds = dynamics.actuation(q).T[: len(robot.drive.wheels), :base]  # by quasi-velocity
+    nu = np.eye(robot.dof)[:, :base]
+    twists = np.array([dynamics.twist(q, column) for column in nu.T]).T.reshape(3, base)
+    return speeds @ np.linalg.pinv(twists)
+
+
+def limits_from(values: dict[str, Any]) -> Limits:
+    """Return the limits that a table of a file gives.
+
+    Raises:
+        RpctlError: A key is not known, or a value is no limit.
+    """
+    known = [item.name for item in fields(Limits)]
+    extra = sorted(values.keys() - set(known))
+    if extra:
+        raise RpctlError(f'"{extra[0]}" is not known; limits are {", ".join(known)}')
+    return Limits(**values)
+
+
+def _sane(value: object) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and math.isfinite(value)  # type: ignore[arg-type]

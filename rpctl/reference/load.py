@@ -1,0 +1,117 @@
+"""The reference that a name or a file stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
+from rpctl.reference.arm import Arm
+from rpctl.reference.csv_file import read_table, refusal
+from rpctl.reference.curve import Waypoint, curve_through
+from rpctl.reference.goal import Goal, polyline
+from rpctl.reference.limits import Limits, arm_bounds
+from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
+from rpctl.reference.reach import plan_reach
+from rpctl.reference.recorded import reference_from_table
+from rpctl.reference.time_law import time_law
+from rpctl.reference.timed import Curves, TimedPath, along, constant
+from rpctl.reference.toml_file import CORNER, read_path_file
+from rpctl.robot.model import Robot
+
+GRID = 0.01  # m of a path between the points where limits are looked at
+FINEST, COARSEST = 3000, 300  # such points
+
+SLALOM = ((0.0, 0.0, 0.0), (1.5, 0.6), (2.6, -0.5), (4.0, 0.2), (3.6, 1.7), (1.8, 1.9), (0.2, 1.2))
+SIDE = 1.5  # m; of the end effector's square on a base that drives
+FIXED_SHARE = 0.15  # of how far a fixed arm holds its end effector: the side of its square
+MADE = ("waypoints", "ee-square")
+
+
+def load_reference(robot: Robot, source: str) -> Reference:
+    """Return a reference by its name, or from a file in CSV or TOML.
+
+    Raises:
+        UnknownNameError: There is no such reference, and the name is no file's.
+        RpctlError: The file has faults, or the robot cannot follow.
+    """
+    suffix = FilePath(source).suffix.lower()
+    if suffix == ".csv":
+        table = read_table(source, [joint.name for joint in robot.joints])
+        return _in_file(source, lambda: reference_from_table(robot, table, Limits()))
+    if suffix == ".toml":
+        asked = read_path_file(source)
+        if asked.waypoints:
+            return _in_file(source, lambda: along_waypoints(robot, asked.waypoints, asked.limits))
+        return _in_file(
+            source, lambda: along_goal(robot, polyline(asked.points, asked.corner), asked.limits)
+        )
+    if source == "waypoints":
+        return along_waypoints(robot, [Waypoint(*row) for row in SLALOM], Limits())
+    if source == "ee-square":
+        return along_goal(robot, _square(robot), Limits())
+    if source not in BASE_PATHS:
+        raise UnknownNameError("reference", source, (*BASE_PATHS, *MADE, "FILE.csv", "FILE.toml"))
+    return reference_by_name(robot, source)
+
+
+def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits) -> TimedPath:
+    """Return a reference that leads P through waypoints, heading along, the arm at home.
+
+    Raises:
+        RpctlError: No path through the waypoints keeps to the limits, or the base is fixed.
+    """
+    if not robot.drive.base_speeds:
+        raise RpctlError(f"{robot.name} has a fixed base: it has no way to waypoints")
+    path, end = curve_through(waypoints, limits.turning_radius)
+    s = _grid(0.0, end)
+    clock = time_law(s, limits.base(robot, along(path, s)))
+    return TimedPath(path, constant(robot.home, 0.0, end), clock)
+
+
+def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
+    """Return a reference that leads the end effector along a path, at the pace of the limits.
+
+    Raises:
+        RpctlError: The end effector cannot follow.
+    """
+    reach = plan_reach(robot, goal, limits)
+    s = _grid(goal.start, goal.end)
+    place, joints = goal.position, reach.joints
+    bounds = [
+        *limits.base(robot, along(reach.path, s)),
+        *limits.end_effector(place(s, 1), place(s, 2)),
+        *arm_bounds(robot, joints(s, 1), joints(s, 2)),
+    ]
+    return TimedPath(reach.path, Curves(joints), time_law(s, bounds))
+
+
+def _square(robot: Robot) -> Goal:
+    """Return a level square that begins where a comfortable arm holds the end effector."""
+    arm = Arm(robot)
+    start = arm.place(np.zeros(3), arm.comfortable(None)).translation
+    side, shift = SIDE, 0.0
+    if not robot.drive.base_speeds:
+        side = FIXED_SHARE * float(np.linalg.norm(start))
+        shift = -0.5 * side
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]) * side + shift
+    corners[:, 2] = 0.0
+    return polyline((start + corners).tolist(), min(CORNER, 0.25 * side))
+
+
+def _grid(start: float, end: float) -> Array:
+    count = int(np.clip((end - start) / GRID, COARSEST, FINEST))
+    return np.linspace(start, end, count + 1)
+
+
+def _in_file(path: str, make: Callable[[], TimedPath]) -> TimedPath:
+    """Return what is made of a file; an error names the file."""
+    try:
+        return make()
+    except DescriptionError:
+        raise
+    except RpctlError as error:
+        raise refusal(path, [(None, str(error))]) from None

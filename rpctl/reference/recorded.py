@@ -1,0 +1,255 @@
+"""A reference through a table's poses: splines in time, met at their times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from rpctl.description.records import Array
+from rpctl.reference.csv_file import BASE, HEADING, PLACE, POSES, TURN, Table
+from rpctl.reference.goal import Goal
+from rpctl.reference.limits import Limits
+from rpctl.reference.paths import Path, PathPoint, Tick, soft_clock
+from rpctl.reference.reach import plan_reach
+from rpctl.reference.timed import Curves, TimedPath, still
+from rpctl.robot.model import Robot
+
+DEGREE = 5
+REST = 2e-3  # a second, in m or rad: data that begin or end slower do so at rest
+MOVING = 0.02  # m/s: from here on the way of P tells its heading
+SLIDING = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
+SLIDING_SHARE = 0.05  # ... or this share of its speed
+TURNING_ARM = 0.3  # m/rad: what turning counts beside travelling
+EDGE = 1.0  # s; data that begin or end in motion are started and stopped over so much of them
+CATCH_UP = (20.0, -45.0, 36.0, -10.0)  # of u⁴..u⁷: 0 with three derivatives at 0; 1, 1, 0, 0 at 1
+
+
+class EdgeClock(NamedTuple):
+    """s(t) = t, but at rest where data begin or end in motion.
+
+    A start in motion is caught up with in ``edge`` seconds: s = edge f(t/edge), f of degree 7,
+    from rest with three derivatives zero to pace one, on time. The last ``edge`` seconds of data
+    that end in motion take twice as long, at a pace that falls to zero. Every pose is passed.
+    """
+
+    end: float
+    soft_start: bool
+    soft_end: bool
+    edge: float
+
+    @property
+    def duration(self) -> float:
+        """Time after which it stays, s."""
+        return self.end + self.edge if self.soft_end else self.end
+
+    def __call__(self, t: float) -> Tick:
+        """Return s and its derivatives by time at ``t`` (s)."""
+        left = self.duration - t
+        if t <= 0.0 or left <= 0.0:
+            return Tick(0.0 if t <= 0.0 else self.end, 0.0, 0.0)
+        if self.soft_start and t < self.edge:
+            f, rate, bend = _catch_up(t / self.edge)
+            return Tick(self.edge * f, rate, bend / self.edge)
+        if self.soft_end and left < 2.0 * self.edge:
+            s, rate, change = soft_clock(left, 1.0, 2.0 * self.edge)
+            return Tick(self.end - s, rate, -change)
+        return Tick(t, 1.0, 0.0)
+
+
+def _catch_up(u: float) -> tuple[float, float, float]:
+    a, b, c, d = CATCH_UP
+    return (
+        u**4 * (a + u * (b + u * (c + u * d))),
+        u**3 * (4 * a + u * (5 * b + u * (6 * c + u * 7 * d))),
+        u**2 * (12 * a + u * (20 * b + u * (30 * c + u * 42 * d))),
+    )
+
+
+class Track(NamedTuple):
+    """A spline through rows, and whether it begins and ends in motion."""
+
+    spline: BSpline
+    starts_moving: bool
+    ends_moving: bool
+
+
+def through(t: Array, values: Array) -> Track:
+    """Return the quintic spline through values (K, n) at times (K,).
+
+    Where the data begin or end at rest it has zero velocity and acceleration there.
+    """
+    free = make_interp_spline(t, values, k=DEGREE)
+    ends, moving = [], []
+    for at in (t[0], t[-1]):
+        rates = free(at, 1), free(at, 2)
+        moving.append(bool(np.linalg.norm(rates[0]) > REST))
+        ends.append([(i, r if moving[-1] else 0.0 * r) for i, r in enumerate(rates, start=1)])
+    return Track(make_interp_spline(t, values, k=DEGREE, bc_type=(ends[0], ends[1])), *moving)
+
+
+def reference_from_table(robot: Robot, table: Table, limits: Limits) -> TimedPath:
+    """Return the reference through a table's rows; the first is at time zero.
+
+    With a base alone, joints that the table does not name stay at home. An end effector beside a
+    base moves the arm by inverse kinematics; alone, it has a base path planned.
+
+    Raises:
+        DescriptionError: The rows do not fit the robot; each is named by its line.
+        RpctlError: The end effector cannot follow.
+    """
+    _check_fit(robot, table)
+    tracks = []
+    path: Path | None = None if robot.drive.base_speeds else still(np.zeros(3))
+    facing = None
+    if BASE[0] in table.columns:
+        track = _base_track(robot, table)
+        tracks.append(track)
+        path, facing = _spline_path(track.spline), _facing(robot, track.spline, table.t)
+    if PLACE[0] in table.columns:
+        goal, found = _goal(table)
+        tracks.append(found)
+        reach = plan_reach(robot, goal, limits, path)
+        path, joints = reach.path, reach.joints
+    else:
+        found = _joint_track(robot, table)
+        tracks.append(found)
+        path, joints = path or still(np.zeros(3)), found.spline
+    end = float(table.t[-1])
+    starts, ends = any(k.starts_moving for k in tracks), any(k.ends_moving for k in tracks)
+    clock = EdgeClock(end, starts, ends, min(EDGE, 0.4 * end))
+    return TimedPath(path, Curves(joints), clock, facing)
+
+
+def _check_fit(robot: Robot, table: Table) -> None:
+    faults = []
+    if BASE[0] in table.columns and not robot.drive.base_speeds:
+        faults.append(f"{robot.name} has a fixed base; leave out {', '.join((*BASE, HEADING))}")
+    if PLACE[0] in table.columns:
+        if robot.end_effector is None:
+            faults.append(f"{robot.name} has no arm, so no end effector; leave out its columns")
+        if named := [name for name in table.columns if name not in POSES]:
+            faults.append(
+                f"{PLACE[0]} and {named[0]} both say where the arm is; leave one of them out"
+            )
+    if faults:
+        raise table.refuse([(table.header, fault) for fault in faults])
+    beyond = [
+        (
+            table.lines[row],
+            f"{joint.name} is {values[row]:g}, outside its limits {joint.lower:g} to "
+            f"{joint.upper:g}; keep it within",
+        )
+        for joint in robot.joints
+        if (values := table.columns.get(joint.name)) is not None
+        for row in np.flatnonzero((values < joint.lower) | (values > joint.upper))
+    ]
+    if beyond:
+        raise table.refuse(beyond)
+
+
+def _joint_track(robot: Robot, table: Table) -> Track:
+    values = np.tile(robot.home, (len(table.t), 1))
+    for column, joint in enumerate(robot.joints):
+        if joint.name in table.columns:
+            values[:, column] = table.columns[joint.name]
+            if joint.kind == "continuous":
+                values[:, column] = np.unwrap(values[:, column])
+    return through(table.t, values)
+
+
+def _goal(table: Table) -> tuple[Goal, Track]:
+    found = through(table.t, table.stack(PLACE))
+    turn = None
+    if TURN[0] in table.columns:
+        turns = table.stack(TURN)
+        turns *= np.cumprod(np.where(_aligned(turns), 1.0, -1.0))[:, None]
+        turn = make_interp_spline(table.t, turns, k=DEGREE)
+    return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
+
+
+def _aligned(turns: Array) -> Array:
+    """Return whether each quaternion (K, 4) is on its forerunner's side: q and −q turn alike."""
+    return np.concatenate([[True], np.einsum("ki,ki->k", turns[1:], turns[:-1]) >= 0.0])
+
+
+def _base_track(robot: Robot, table: Table) -> Track:
+    t, place = table.t, table.stack(BASE)
+    rate = through(t, place).spline(t, 1)
+    given = table.columns.get(HEADING)
+    heading = _headings(rate) if given is None else np.unwrap(given)
+    found = through(t, np.column_stack([place, heading]))
+    if robot.drive.has_axle:
+        rate = found.spline(t, 1)
+        sideways = rate[:, 1] * np.cos(heading) - rate[:, 0] * np.sin(heading)
+        allowed = np.maximum(SLIDING, SLIDING_SHARE * np.hypot(rate[:, 0], rate[:, 1]))
+        faults = [
+            (table.lines[row], f"at t = {t[row]:g} s {robot.name} would have to slide sideways at "
+             f"{abs(sideways[row]):.2g} m/s; turn theta into the way, or leave theta out")
+            for row in np.flatnonzero(np.abs(sideways) > allowed)
+        ]  # fmt: skip
+        if faults:
+            raise table.refuse(faults)
+    return found
+
+
+def _headings(rate: Array) -> Array:
+    """Return headings (K,) along velocities (K, 2), held where P all but stands.
+
+    The first is forward; a way that turns back by more than a right angle is driven in reverse.
+    """
+    speed = np.hypot(rate[:, 0], rate[:, 1])
+    moving = np.flatnonzero(speed > min(MOVING, 0.5 * speed.max()))
+    if not len(moving):
+        return np.zeros(len(rate))
+    angles = np.unwrap(np.arctan2(rate[moving, 1], rate[moving, 0]), period=math.pi)
+    return np.interp(np.arange(len(rate)), moving, angles)
+
+
+def _spline_path(spline: BSpline) -> Path:
+    orders = [spline.derivative(order) if order else spline for order in range(4)]
+
+    def at(s: float) -> PathPoint:
+        pose, d1, d2, d3 = (order(s) for order in orders)
+        omega, alpha, jerk = d1[2], d2[2], d3[2]
+        # In the base's axes, u = e^(-iθ) ż: they turn, so u' = e^(-iθ) (z̈ - iω ż), and so on.
+        v, a, j = (complex(d[0], d[1]) for d in (d1, d2, d3))
+        back = complex(math.cos(pose[2]), -math.sin(pose[2]))
+        first = back * (a - 1j * omega * v)
+        second = back * (j - 2j * omega * a - (1j * alpha + omega**2) * v)
+        rows = ((back * v, omega), (first, alpha), (second, jerk))
+        return PathPoint(pose, np.array([[u.real, u.imag, turn] for u, turn in rows]))
+
+    return at
+
+
+def _facing(robot: Robot, spline: BSpline, t: Array) -> Callable[[float], Array] | None:
+    """Return a direction of travel that does not vanish where the data stand still.
+
+    A base that cannot slide moves along (cos φ, 0, sin φ / ℓ): φ is a spline through the rows
+    that move, modulo π, held between them.
+    """
+    if not robot.drive.has_axle:
+        return None
+    rate, heading = spline(t, 1), spline(t)[:, 2]
+    speed = rate[:, 0] * np.cos(heading) + rate[:, 1] * np.sin(heading)
+    turning = TURNING_ARM * rate[:, 2]
+    pace = np.hypot(speed, turning)
+    moving = np.flatnonzero(pace > min(MOVING, 0.5 * pace.max()))
+    angle = np.zeros(len(t))
+    if len(moving):
+        found = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
+        angle = np.interp(np.arange(len(t)), moving, found)
+    orders = Curves(make_interp_spline(t, angle, k=DEGREE))
+
+    def at(s: float) -> Array:
+        phi, slope, bend = (float(order) for order in orders(s))
+        cos, sin = math.cos(phi), math.sin(phi)
+        lean = np.array([cos, 0.0, sin / TURNING_ARM])
+        across = np.array([-sin, 0.0, cos / TURNING_ARM])
+        return np.array([lean, across * slope, across * bend - lean * slope**2])
+
+    return at

@@ -1,0 +1,151 @@
+"""The time law of a path: as fast as the limits allow, softly from rest to rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.optimize import linprog
+from scipy.sparse import coo_array
+
+from rpctl.description.records import Array
+from rpctl.errors import RpctlError
+from rpctl.reference.paths import Tick
+
+DEGREE = 5
+SMOOTHING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
+SAMPLES = 4  # a knot interval, where the limits are looked at once more
+GUARD = 1.002  # limits are looked at in points, and lie between
+FASTEST = 100.0  # of the path's range a second, where nothing limits it
+
+
+class Bound(NamedTuple):
+    """Limits of one coordinate c(s): |c' ṡ| ≤ speed and |c'' ṡ² + c' s̈| ≤ acceleration."""
+
+    slope: Array  # (N,) c'
+    bend: Array  # (N,) c''
+    speed: float
+    acceleration: float = math.inf
+
+
+class Clock:
+    """s(t): a spline in time, at rest at both ends and beyond them."""
+
+    def __init__(self, s: BSpline) -> None:
+        self._s, self._rate, self._acceleration = s, s.derivative(1), s.derivative(2)
+        self.duration = float(s.t[len(s.c)])
+
+    def __call__(self, t: float) -> Tick:
+        """Return s and its derivatives by time at ``t`` (s)."""
+        t = min(max(t, 0.0), self.duration)
+        return Tick(float(self._s(t)), float(self._rate(t)), float(self._acceleration(t)))
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return s and its derivatives at many times (K,)."""
+        return self._s(t), self._rate(t), self._acceleration(t)
+
+
+def fastest(s: Array, bounds: Sequence[Bound]) -> Array:
+    """Return the largest ṡ² (N,) that bounds allow along a path, from rest to rest.
+
+    In x = ṡ², with s̈ = ½ dx/ds, every bound is linear, and the largest of two profiles that keep
+    them keeps them too. So one linear program, maximise Σ x, gives the largest at every point.
+
+    Args:
+        s: Points of the path (N,), uniform.
+        bounds: Limits, given at these points.
+
+    Raises:
+        RpctlError: No motion keeps the limits.
+    """
+    top = np.full(len(s), (FASTEST * (s[-1] - s[0])) ** 2)
+    for bound in bounds:
+        steep = np.abs(bound.slope) > 1e-12
+        top[steep] = np.minimum(top[steep], (bound.speed / bound.slope[steep]) ** 2)
+    top[[0, -1]] = 0.0
+    rows, right = _accelerations(s, bounds)
+    found = linprog(-np.ones(len(s)), rows, right, bounds=np.column_stack([np.zeros(len(s)), top]))
+    if found.x is None:
+        raise RpctlError(f"no time law keeps the limits: {found.message}")
+    return np.maximum(found.x, 0.0)
+
+
+def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None, Array | None]:
+    """Return the linear inequalities on ṡ² that accelerations set.
+
+    Between two points s̈ is constant, and every bound is kept with it at both of them.
+    """
+    count, step = len(s) - 1, s[1] - s[0]
+    here = np.arange(count)
+    entries: list[tuple[Any, Any, Any]] = []  # values, rows, columns
+    rights: list[Array] = []
+    for bound in bounds:
+        if math.isinf(bound.acceleration):
+            continue
+        for sign in (1.0, -1.0):
+            for end in (0, 1):
+                slope = sign * bound.slope[here + end] * 0.5 / step
+                bend = sign * bound.bend[here + end]
+                row = here + len(rights) * count
+                entries.append((-slope + bend * (1 - end), row, here))
+                entries.append((slope + bend * end, row, here + 1))
+                rights.append(np.full(count, bound.acceleration))
+    if not rights:
+        return None, None
+    values, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
+    shape = (len(rights) * count, len(s))
+    return coo_array((values, (rows, columns)), shape=shape).tocsr(), np.concatenate(rights)
+
+
+def time_law(s: Array, bounds: Sequence[Bound]) -> Clock:
+    """Return the clock of a path that keeps to bounds.
+
+    The fastest motion's accelerations jump; as the coefficients of a uniform quintic spline its
+    samples give a motion with smooth ones, whose speeds and accelerations are means of the
+    fastest's. What these means still exceed is kept by running all of it slower.
+
+    Args:
+        s: Points of the path (N,), uniform.
+        bounds: Limits, given at these points.
+
+    Raises:
+        RpctlError: No motion keeps the limits.
+    """
+    rate = np.sqrt(fastest(s, bounds))
+    pace = 0.5 * (rate[1:] + rate[:-1])
+    times = np.concatenate([[0.0], np.cumsum(np.diff(s) / np.maximum(pace, 1e-12))])
+    count = max(2, math.ceil(times[-1] / SMOOTHING))
+    samples = _positions(np.linspace(0.0, times[-1], count + 1), times, s, rate)
+    ends = np.ones(DEGREE - 1)
+    values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
+    knots = (np.arange(len(values) + DEGREE + 1) - DEGREE) * times[-1] / count
+    stretch = GUARD * _excess(Clock(BSpline(knots, values, DEGREE)), s, bounds)
+    return Clock(BSpline(knots * max(1.0, stretch), values, DEGREE))
+
+
+def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
+    """Return s at times ``t``, accelerations constant between the path's points."""
+    index = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(s) - 2)
+    share = (t - times[index]) / (times[index + 1] - times[index])
+    first, last = rate[index], rate[index + 1]
+    mean = 0.5 * (first + last)
+    weight = np.divide(
+        first * share + 0.5 * (last - first) * share**2, mean, where=mean > 0, out=share.copy()
+    )
+    return s[index] + weight * (s[index + 1] - s[index])
+
+
+def _excess(clock: Clock, s: Array, bounds: Sequence[Bound]) -> float:
+    """Return how much slower a clock must run to keep the bounds; below 1 it keeps them."""
+    count = SAMPLES * max(2, round(clock.duration / SMOOTHING))
+    at, rate, acceleration = clock.at(np.linspace(0.0, clock.duration, count))
+    worst = 0.0
+    for bound in bounds:
+        slope, bend = np.interp(at, s, bound.slope), np.interp(at, s, bound.bend)
+        speed = np.abs(slope * rate).max() / bound.speed
+        change = np.abs(bend * rate**2 + slope * acceleration).max() / bound.acceleration
+        worst = max(worst, float(speed), math.sqrt(float(change)))
+    return worst

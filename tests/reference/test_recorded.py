@@ -1,0 +1,284 @@
+"""Tables of poses: read back what was written, met at their times; every bad row is named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.description.records import Array
+from rpctl.errors import DescriptionError
+from rpctl.reference.arm import Arm
+from rpctl.reference.csv_file import read_table
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference, reference_by_name
+from rpctl.reference.recorded import EdgeClock
+from rpctl.reference.timed import TimedPath
+from tests.reference.differences import check_derivatives, check_rest
+
+END = 8.0  # s of the references that are written down
+
+
+def written(
+    robot: Robot, reference: Reference, path: Path, columns: Sequence[str], times: Array
+) -> str:
+    """Write a reference as a table of poses and return its path."""
+    arm, rows = Arm(robot), [",".join(columns)]
+    for t in times:
+        state = reference(t)
+        held = arm.place(state.pose, state.joints[arm.joints]).translation
+        values = dict(zip(("t", "x", "y", "theta"), (t, *state.pose), strict=True))
+        values |= dict(zip(("ee_x", "ee_y", "ee_z"), held, strict=True))
+        values |= {j.name: q for j, q in zip(robot.joints, state.joints, strict=True)}
+        rows.append(",".join(f"{values[name]:.15g}" for name in columns))
+    path.write_text("\n".join(rows))
+    return str(path)
+
+
+def read_back(robot: Robot, path: str) -> TimedPath:
+    found = load_reference(robot, path)
+    assert isinstance(found, TimedPath)
+    return found
+
+
+@pytest.mark.parametrize("heading", [True, False])
+def test_a_dense_table_gives_the_reference_back(
+    tiago: Robot, tmp_path: Path, heading: bool
+) -> None:
+    reference = reference_by_name(tiago, "eight")
+    columns = ["t", "x", "y", *["theta"] * heading, *(joint.name for joint in tiago.joints)]
+    times = np.arange(0.0, END + 1e-9, 0.02)
+    back = read_back(tiago, written(tiago, reference, tmp_path / "a.csv", columns, times))
+    assert back.duration == pytest.approx(END + 1.0)  # it ends in motion, so it stops later
+    for t in np.linspace(0.0, END - 1.05, 150):
+        was, now = reference(t), back(t)
+        np.testing.assert_allclose(now.pose[:2], was.pose[:2], atol=1e-8)
+        assert math.remainder(now.pose[2] - was.pose[2], 2 * math.pi) == pytest.approx(0, abs=1e-5)
+        np.testing.assert_allclose(now.twist, was.twist, atol=1e-4)
+        np.testing.assert_allclose(now.twist_dot, was.twist_dot, atol=1e-3)
+        np.testing.assert_allclose(now.joints, was.joints, atol=1e-8)
+        np.testing.assert_allclose(now.joint_rates, was.joint_rates, atol=1e-6)
+
+
+def test_derivatives_and_rests(tiago: Robot, tmp_path: Path) -> None:
+    reference = reference_by_name(tiago, "eight")
+    columns, times = ["t", "x", "y", "theta"], np.arange(4.0, 4.0 + END, 0.05)
+    back = read_back(tiago, written(tiago, reference, tmp_path / "a.csv", columns, times))
+    check_rest(back, 0.0)  # the table begins in motion; the reference does not
+    check_rest(back, back.duration)
+    check_derivatives(back, np.linspace(0.05, back.duration - 0.05, 60), atol=2e-5)
+    np.testing.assert_allclose(back(0.0).pose, reference(4.0).pose, atol=1e-9)
+    np.testing.assert_allclose(back(3.0).pose, reference(7.0).pose, atol=1e-6)  # on time
+    np.testing.assert_allclose(back(1.0).joints, tiago.home, atol=1e-12)
+
+
+def test_the_clock_is_smooth_and_on_time() -> None:
+    clock = EdgeClock(10.0, True, True, 1.0)
+    for t in (1e-9, 1.0, 9.0, 11.0 - 1e-9):
+        before, after = clock(t - 1e-7), clock(t + 1e-7)
+        np.testing.assert_allclose(after, before, atol=1e-5)
+    for t in np.linspace(0.05, 10.95, 50):
+        rate = (clock(t + 1e-6).s - clock(t - 1e-6).s) / 2e-6
+        assert clock(t).rate == pytest.approx(rate, abs=1e-8)
+        change = (clock(t + 1e-6).rate - clock(t - 1e-6).rate) / 2e-6
+        assert clock(t).acceleration == pytest.approx(change, abs=1e-7)
+    assert clock(5.0) == (5.0, 1.0, 0.0)
+    assert clock(-1.0).s == 0.0
+    assert clock(11.0) == (10.0, 0.0, 0.0)
+    assert max(clock(t).rate for t in np.linspace(8.0, 11.0, 100)) <= 1.0  # it stops unhurriedly
+
+
+def table(path: Path, x: Array, y: Array, theta: Array | None = None, end: float = 10.0) -> str:
+    t = np.linspace(0.0, end, len(x))
+    columns = [t, x, y] if theta is None else [t, x, y, theta]
+    head = "t,x,y" if theta is None else "t,x,y,theta"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=head, comments="", fmt="%.12g")
+    return str(path)
+
+
+def soft(count: int = 201) -> Array:
+    """Return numbers from 0 to 1 that start and end softly."""
+    u = np.linspace(0.0, 1.0, count)
+    return np.asarray(u**4 * (35.0 - 84.0 * u + 70.0 * u**2 - 20.0 * u**3))
+
+
+def test_a_way_back_is_driven_in_reverse(tiago: Robot, tmp_path: Path) -> None:
+    x = np.concatenate([soft(), 1.0 - soft()[1:]])
+    back = read_back(tiago, table(tmp_path / "a.csv", x, 0.0 * x))
+    assert back(2.5).twist[0] > 0.1
+    assert back(7.5).twist[0] < -0.1
+    for t in np.linspace(0.0, 10.0, 101):
+        state = back(t)
+        assert state.pose[2] == pytest.approx(0.0, abs=1e-9)
+        assert state.direction is not None  # it does not vanish, though the base stands thrice
+        np.testing.assert_allclose(state.direction[0], [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_base_may_turn_on_the_spot(tiago: Robot, tmp_path: Path) -> None:
+    turn = 2.0 * soft()
+    back = read_back(tiago, table(tmp_path / "a.csv", 0.0 * turn, 0.0 * turn, turn))
+    state = back(5.0)
+    assert state.twist[2] > 0.3
+    assert state.direction is not None
+    np.testing.assert_allclose(state.direction[0, :2], 0.0, atol=1e-12)
+    check_derivatives(back, np.linspace(0.5, 9.5, 20))
+
+
+def test_directions_are_along_the_way(tiago: Robot, tmp_path: Path) -> None:
+    reference, times = reference_by_name(tiago, "eight"), np.arange(0.0, END + 1e-9, 0.02)
+    path = written(tiago, reference, tmp_path / "a.csv", ["t", "x", "y", "theta"], times)
+    back = read_back(tiago, path)
+    for t in np.linspace(0.0, END, 60):
+        state = back(t)
+        assert state.direction is not None
+        assert np.linalg.norm(state.direction[0]) > 0.9
+        np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-4)
+
+
+def test_only_a_base_that_can_may_slide(tiago: Robot, tmp_path: Path) -> None:
+    y = soft(41)
+    path = table(tmp_path / "a.csv", 0.0 * y, y, 0.5 * y)
+    with pytest.raises(DescriptionError) as told:
+        load_reference(tiago, path)
+    first = told.value.findings[0]
+    assert first.line is not None
+    assert "tiago would have to slide sideways at 0.0" in first.message
+    assert 5 < first.line < 20
+    slides = read_back(rpctl.load("mecanum"), path)
+    assert slides(5.0).twist[1] > 0.1
+    check_derivatives(slides, np.linspace(0.5, 9.5, 20))
+
+
+def test_an_end_effector_alone_has_a_base_planned(tiago: Robot, tmp_path: Path) -> None:
+    reference = reference_by_name(tiago, "eight")
+    columns, times = ["t", "ee_x", "ee_y", "ee_z"], np.arange(0.0, END + 1e-9, 0.05)
+    back = read_back(tiago, written(tiago, reference, tmp_path / "a.csv", columns, times))
+    arm = Arm(tiago)
+    for t in np.linspace(0.0, END - 1.0, 80):
+        was, now = reference(t), back(t)
+        wanted = arm.place(was.pose, was.joints[arm.joints]).translation
+        found = arm.place(now.pose, now.joints[arm.joints]).translation
+        assert np.linalg.norm(found - wanted) < 1e-3
+        assert now.twist[1] == 0.0
+        for joint, position, rate in zip(tiago.joints, now.joints, now.joint_rates, strict=True):
+            assert joint.lower <= position <= joint.upper
+            assert abs(rate) <= joint.velocity
+
+
+def test_an_orientation_is_met(tmp_path: Path) -> None:
+    robot = rpctl.load("panda")
+    arm, t = Arm(robot), np.linspace(0.0, 4.0, 81)
+    middle = arm.comfortable(None)
+    q = middle + 0.2 * np.outer(soft(81), np.ones(len(middle))) * arm.half_range
+    import pinocchio as pin
+
+    poses = [arm.place(np.zeros(3), row) for row in q]
+    quaternions = [pin.Quaternion(pose.rotation).coeffs() for pose in poses]
+    rows = np.column_stack([t, [pose.translation for pose in poses], quaternions])
+    head = "t,ee_x,ee_y,ee_z,ee_qx,ee_qy,ee_qz,ee_qw"
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="", fmt="%.12g")
+    back = read_back(robot, str(tmp_path / "a.csv"))
+    for k in range(0, 81, 8):
+        found = arm.place(np.zeros(3), back(float(t[k])).joints[arm.joints])
+        assert np.linalg.norm(pin.log6(found.actInv(poses[k])).vector) < 5e-3
+
+
+def test_too_fast_for_a_joint_is_told(tmp_path: Path) -> None:
+    robot = rpctl.load("panda")
+    arm = Arm(robot)
+    start = arm.place(np.zeros(3), arm.comfortable(None)).translation
+    s = soft(41)
+    rows = np.column_stack([0.005 * np.arange(41), start + np.outer(s, [0.0, 0.2, 0.1])])
+    head = "t,ee_x,ee_y,ee_z"
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="", fmt="%.12g")
+    with pytest.raises(DescriptionError, match=r"too fast for panda_joint\d from t = 0\.0|miss it"):
+        load_reference(robot, str(tmp_path / "a.csv"))
+
+
+GOOD = "\n".join(f"{0.1 * k:.1f},{0.01 * k * k:.4f},0" for k in range(8))
+FAULTS = {
+    "": "a.csv: error: empty; give a header such as t,x,y,theta, and rows",
+    "t,x,y": "a.csv:1: error: 0 rows; give 6 or more",
+    "t\n1": "a.csv:1: error: only times; add x,y or ee_x,ee_y,ee_z or joints",
+    f"x,y\n{GOOD}": "a.csv:1: error: no column t; add the time in s",
+    f"t,x,z\n{GOOD}": 'a.csv:1: error: column "z" is not known; columns are t, x, y, theta',
+    f"t,x,thet\n{GOOD}": 'a.csv:1: error: column "thet" is not known; did you mean theta?',
+    f"t,x\n{GOOD}": "a.csv:1: error: column y is missing beside x; add it",
+    f"t,x,x,y\n{GOOD}": 'a.csv:1: error: column "x" comes 2 times; keep one',
+    f"t,theta\n{GOOD}": "a.csv:1: error: column theta needs x, y beside it; add them",
+    f"t,x,y\n{GOOD}\n0.8,1": "a.csv:10: error: 2 entries where the header names 3; complete",
+    f"t,x,y\n{GOOD}\n0.8,nan,0": 'a.csv:10: error: x "nan" is not finite; give a finite number',
+    f"t,x,y\n{GOOD}\n0.8,1m,0": 'a.csv:10: error: x "1m" is not a number: leave out the unit',
+    f"t,x,y\n{GOOD}\n0.8,,0": "a.csv:10: error: x is empty; give a number or leave the row out",
+    f"t,x,y\n{GOOD}\n0.7,1,0": "a.csv:10: error: t is 0.7 after 0.7; times must increase",
+    f"# made by hand\n\nt,x,y\n{GOOD}\n0.2,1,0": "a.csv:12: error: t is 0.2 after 0.7",
+    f"t,x,y\n{GOOD}\n0.8,1e9,0": "a.csv:10: error: x is 1e+09, which is absurd",
+    f"t,x,y\n{GOOD[:25]}\n": "rows; give 6 or more",
+    't,x,y\n0,"1\n2': "a.csv:3: error: 2 entries",
+    "t,ee_x,ee_y,ee_z,ee_qx,ee_qy,ee_qz,ee_qw\n0,1,0,1,0,0,0,2": "a.csv:2: error: the quaternion "
+    "ee_qx, ee_qy, ee_qz, ee_qw has length 2; scale it to length 1",
+    f"t,ee_x,ee_y\n{GOOD}": "a.csv:1: error: column ee_z is missing beside ee_x; add it",
+    f"t,theta1_joint,x\n{GOOD}": "column y is missing beside x",
+}
+
+
+@pytest.mark.parametrize("text", FAULTS)
+def test_bad_tables_are_told(text: str, tmp_path: Path, paper: Robot) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(DescriptionError) as told:
+        load_reference(paper, str(path))
+    assert FAULTS[text] in str(told.value)
+
+
+def test_several_bad_rows_are_told_at_once(tmp_path: Path, paper: Robot) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,x,y\n0,inf,0\n{GOOD[13:]}\n0.3,1,0\n0.9,1,1,1")
+    with pytest.raises(DescriptionError) as told:
+        load_reference(paper, str(path))
+    assert [finding.line for finding in told.value.findings] == [2, 10, 11]
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "told"),
+    [
+        ("panda", "t,x,y", "a.csv:1: error: panda has a fixed base; leave out x, y, theta"),
+        ("paper", "t,theta1,eta", "column"),
+    ],
+)
+def test_tables_that_do_not_fit_a_robot(name: str, head: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{head}\n{GOOD}")
+    with pytest.raises(DescriptionError) as error:
+        load_reference(rpctl.load(name), str(path))
+    assert told in str(error.value)
+
+
+def test_joints_beyond_their_limits_are_told(tmp_path: Path, paper: Robot) -> None:
+    joint = paper.joints[1]
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,{joint.name}\n" + "\n".join(f"{k},{0.4 + 0.1 * k}" for k in range(8)))
+    with pytest.raises(DescriptionError) as told:
+        load_reference(paper, str(path))
+    assert f"a.csv:8: error: {joint.name} is 1, outside its limits 0.35 to 0.95" in str(told.value)
+
+
+def test_caps_bound_a_table(tmp_path: Path, paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,x,y\n{GOOD}")
+    monkeypatch.setenv("RPCTL_MAX_ROWS", "5")
+    with pytest.raises(DescriptionError, match="over 5 rows; thin it out, or"):
+        load_reference(paper, str(path))
+    monkeypatch.setenv("RPCTL_MAX_BYTES", "20")
+    with pytest.raises(DescriptionError, match="over 20 bytes"):
+        load_reference(paper, str(path))
+    with pytest.raises(DescriptionError, match=r"none\.csv: error: No such file"):
+        load_reference(paper, "none.csv")
+    (tmp_path / "b.csv").write_bytes(b"t,x,\xff")
+    with pytest.raises(DescriptionError, match="not UTF-8"):
+        read_table(tmp_path / "b.csv")
