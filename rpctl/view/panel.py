@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import Any
 
 from rpctl.simulation.run import Run
+from rpctl.view.charts import has_base
 
 LABELS = {
     "reference": "Reference",
@@ -32,25 +33,80 @@ MERITS = (
 )
 
 
+KEYS = (
+    ("Space", "play, pause"),
+    ("← →", "1 s back, on; with Shift 0.1 s"),
+    ("Home, End", "start, end"),
+    ("+ −", "faster, slower"),
+    ("R, T, F", "overview, from above, follow"),
+    ("D", "dark or light"),
+)
+
+
 def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
-    """Return the panel: figures of merit, certificate, settings, robot, notes."""
+    """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
     sections = (
         _merits(summary),
         _certificate(run.certificate),
         _settings(run.settings),
         _robot(run),
         _notes(notes),
+        keys(),
     )
     return "\n".join(section for section in sections if section)
 
 
 def legend(run: Run) -> str:
-    """Return what the colours of the scene mean."""
-    arm = run.ee.shape[1] == 3
-    entries = [("base", "Base")] if "omega" in run.quasi_velocities else []
-    entries += [("tip", "End effector")] if arm else []
+    """Return what is drawn in the scene: entries that show and hide it."""
+    entries = [("base", "Base")] if has_base(run) else []
+    entries += [("tip", "End effector")] if run.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    return "".join(f'<li><i class="{key}"></i>{escape(text)}</li>' for key, text in entries)
+    entries += [("effort", "Effort: 0 to limit")]
+    entries += [("loads", "Ground reactions")] if run.contact_load.size else []
+    entries += [("zmp", "Support, zero-moment point")] if run.tip_margin.size else []
+    return "".join(entry(key, text) for key, text in entries)
+
+
+def keys() -> str:
+    """Return the section on the keys."""
+    return _section("Keyboard", _rows(KEYS))
+
+
+def entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
+    """Return one entry of the scene's legend; ``style`` is CSS of its swatch."""
+    drawn = f' style="{style}"' if style else ""
+    pressed = str(shown).lower()
+    return (
+        f'<li><button type="button" data-layer="{layer}" aria-pressed="{pressed}">'
+        f'<i class="{layer}"{drawn}></i>{escape(text)}</button></li>'
+    )
+
+
+def headline(run: Run, summary: Mapping[str, Any]) -> str:
+    """Return the few figures that stand above everything else."""
+    known = {key: label for key, label in MERITS if key.startswith("rms") and _known(summary, key)}
+    rows = [(label, length(summary[key])) for key, label in known.items()]
+    if _known(summary, "max_effort_ratio"):
+        rows.append(("Effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
+    badges = []
+    if run.certificate is not None:
+        badges.append(verified(run.certificate))
+    broken = summary.get("limits_violated")
+    if broken is not None:
+        badges.append(within(broken))
+    return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
+
+
+def verified(certificate: Mapping[str, Any]) -> str:
+    """Return the badge of a certificate."""
+    passed = bool(certificate["passed"])
+    return badge(passed, "dynamics verified" if passed else "not equivalent")
+
+
+def within(broken: Sequence[Any]) -> str:
+    """Return the badge of the limits that were broken."""
+    return badge(not broken, "limits broken" if broken else "within limits")
 
 
 def subtitle(run: Run) -> str:
@@ -74,7 +130,7 @@ def _merits(summary: Mapping[str, Any]) -> str:
     broken = summary.get("limits_violated")
     if broken is None:
         return _section("Tracking error", _rows(rows))
-    mark = badge(not broken, "limits broken" if broken else "within limits")
+    mark = within(broken)
     told = [_violation(each) for each in broken]
     if summary.get("ground"):
         told.append(f"On the ground: {summary['ground']}.")
@@ -90,22 +146,26 @@ def _violation(broken: Mapping[str, Any]) -> str:
     )
 
 
-def _known(summary: Mapping[str, Any], key: str) -> bool:
+def number(summary: Mapping[str, Any], key: str) -> float | None:
+    """Return a figure of merit, or None where it is not defined."""
     value = summary.get(key)
-    return isinstance(value, int | float) and math.isfinite(value)
+    return value if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def _known(summary: Mapping[str, Any], key: str) -> bool:
+    return number(summary, key) is not None
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> str:
     if certificate is None:
         return ""
-    passed = bool(certificate["passed"])
     rows = [(check["name"], residual(check)) for check in certificate["checks"]]
     rows += [
         (check["name"], f"{check['against']}: {check['note']}") for check in certificate["skipped"]
     ]
     samples, seed = certificate.get("samples"), certificate.get("seed")
     about = f"Worst of {samples} random states, seed {seed}."
-    mark = badge(passed, "verified" if passed else "not equivalent")
+    mark = verified(certificate)
     quiet = f'<p class="quiet">{escape(about)}</p>'
     return _section("Dynamics" + mark, _rows(rows) + quiet)
 
@@ -119,15 +179,21 @@ def residual(check: Mapping[str, Any]) -> str:
 
 
 def _settings(settings: Mapping[str, Any]) -> str:
-    rows = []
+    rows = flat(settings)
+    return _section("Settings", _rows(rows.items())) if rows else ""
+
+
+def flat(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return settings as texts by their labels."""
+    rows = {}
     for key, value in settings.items():
         inner = value if isinstance(value, Mapping) else {"law": value}
-        for name, entry in inner.items():
+        for name, given in inner.items():
             label = key if name == "law" else name
-            if entry is not None and not isinstance(entry, Mapping):
+            if given is not None and not isinstance(given, Mapping):
                 text = LABELS.get(label, label.replace("_", " ").capitalize())
-                rows.append((text, public(entry)))
-    return _section("Settings", _rows(rows)) if rows else ""
+                rows[f"{text} ({key})" if text in rows else text] = public(given)
+    return rows
 
 
 def _robot(run: Run) -> str:

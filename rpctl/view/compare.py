@@ -1,0 +1,126 @@
+"""Several runs in one scene: the first as it is, the others as ghosts in their own colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rpctl.view import stage, wire
+from rpctl.view.scene import ACTUAL, REFERENCE, ROBOTS, Scene
+
+OPACITY = 0.55
+TRAILS = "/rpctl/trails"
+
+
+def merge(scenes: Sequence[Scene], height: float) -> Scene:
+    """Return one scene of several.
+
+    Nodes of run k, from 2, are named ``run2-robot-1``, ``run2-trail-base`` and so on; where runs
+    share a robot, they share its meshes.
+
+    Args:
+        scenes: One for each run, at least one.
+        height: Height of the ground, m.
+    """
+    first = scenes[0]
+    lower = np.min([scene.lower for scene in scenes], axis=0)
+    upper = np.max([scene.upper for scene in scenes], axis=0)
+    around = {
+        "/rpctl/lights": stage.lights_command(lower, upper),
+        "/rpctl/ground": stage.ground_command(lower, upper, height),
+    }
+    others = [
+        {str(_path(c)): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]
+    ]
+    commands = []
+    for packed in first.commands:
+        command = _unpack(packed)
+        path = str(_path(command))
+        for k, other in enumerate(others, 2):
+            if path == ROBOTS:
+                _add_ghost(command["object"], other[path]["object"], k)
+            elif path == TRAILS:
+                _add_trails(command["object"], other[path]["object"], k)
+            elif command["type"] == "set_animation":
+                _add_motion(command, other[path], k)
+        commands.append(around.get(path) or wire.pack(command))
+    return replace(
+        first,
+        commands=tuple(commands),
+        times=max((scene.times for scene in scenes), key=lambda times: float(times[-1])),
+        lower=lower,
+        upper=upper,
+        hull=np.concatenate([scene.hull for scene in scenes]),
+        notes=tuple(dict.fromkeys(note for scene in scenes for note in scene.notes)),
+    )
+
+
+def _unpack(command: bytes) -> wire.Json:
+    import umsgpack
+
+    return dict(umsgpack.unpackb(command))
+
+
+def _path(command: wire.Json) -> Any:
+    """Return what a command is about; of an animation, of which there is one, its type."""
+    return command["path"] if command["type"] != "set_animation" else command["type"]
+
+
+def _add_ghost(scene: wire.Json, other: wire.Json, k: int) -> None:
+    """Add another run's robot, drawn as its reference is; the page gives it the run's colour."""
+    names = _share_geometries(scene, other, k)
+    tint = next(m for m in other["materials"] if m["uuid"] == "tint")
+    scene["materials"].append({**tint, "uuid": f"tint-{k}", "opacity": OPACITY})
+    for group in other["object"]["children"]:
+        if not group["name"].startswith(f"{REFERENCE}-"):
+            continue
+        name = f"run{k}-{ACTUAL}" + group["name"].removeprefix(REFERENCE)
+        children = [
+            {
+                **mesh,
+                "uuid": f"run{k}-{mesh['uuid']}",
+                "name": f"run{k}-{mesh['name']}",
+                "geometry": names[mesh["geometry"]],
+                "material": f"tint-{k}" if mesh["material"] == "tint" else mesh["material"],
+            }
+            for mesh in group["children"]
+        ]
+        scene["object"]["children"].append(
+            {**group, "uuid": name, "name": name, "children": children}
+        )
+
+
+def _share_geometries(scene: wire.Json, other: wire.Json, k: int) -> dict[str, str]:
+    """Add the geometries that the scene lacks; return under which name each is there."""
+    known = {wire.pack(g["data"]): g["uuid"] for g in scene["geometries"] if "data" in g}
+    names = {}
+    for geometry in other["geometries"]:
+        same = known.get(wire.pack(geometry["data"])) if "data" in geometry else None
+        if same is None:
+            same = f"run{k}-{geometry['uuid']}"
+            scene["geometries"].append({**geometry, "uuid": same})
+        names[geometry["uuid"]] = same
+    return names
+
+
+def _add_trails(scene: wire.Json, other: wire.Json, k: int) -> None:
+    """Add another run's trails."""
+    for kind in ("geometries", "materials"):
+        scene[kind] += [{**item, "uuid": f"run{k}-{item['uuid']}"} for item in other[kind]]
+    scene["object"]["children"] += [
+        {**node, **{key: f"run{k}-{node[key]}" for key in ("uuid", "name", "geometry", "material")}}
+        for node in other["object"]["children"]
+    ]
+
+
+def _add_motion(command: wire.Json, other: wire.Json, k: int) -> None:
+    """Add another run's motion to the one clip that is played."""
+    (animation,), (motion,) = command["animations"], other["animations"]
+    animation["clip"]["tracks"] += [
+        {**track, "name": f"run{k}-{track['name']}"}
+        for track in motion["clip"]["tracks"]
+        if track["name"].startswith(f"{ACTUAL}-")
+    ]
