@@ -48,7 +48,9 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
             {
                 "title": title,
                 "note": note,
-                "variants": [{"label": label, **_variant(*drawn)} for label, *drawn in variants],
+                "variants": [
+                    {"label": label, **_variant(chart, drawn)} for label, chart, drawn in variants
+                ],
             }
             for title, note, variants in found
         ],
@@ -144,9 +146,10 @@ def _extremes(t: Array, edges: Array) -> Thin:
 
     def thin(values: Array) -> Array:
         low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-        rising = values[starts] <= 0.5 * (low + high)
+        falling = values[starts] > 0.5 * (low + high)
         pairs = np.full((len(edges) - 1, 2), np.nan)
-        pairs[: len(starts)] = np.where(rising[:, None], np.stack([low, high], 1), np.stack([high, low], 1))
+        pairs[: len(starts)] = np.stack([low, high], 1)
+        pairs[: len(starts)][falling] = np.stack([high, low], 1)[falling]
         return pairs.reshape(-1)
 
     return thin

@@ -126,10 +126,10 @@ def _efforts(run: Run) -> list[Chart]:
     for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
         unit, colour = "N" if _unit(run, name) == "m" else "N·m", _colour(run, name)
         if np.isfinite(limit) and limit > 0.0:
-            limited.append(Line(short(name), unit, tau / limit, colour, limit))
+            limited.append(Line(short(name), unit, 100.0 * tau / limit, colour, 0.01 * limit))
         else:
             free[unit].append(Line(short(name), unit, tau, colour))
-    found = [Chart("Efforts", "of limit", tuple(limited), (-1.0, 1.0), note="dashed: limits")]
+    found = [Chart("Efforts", "% of limit", tuple(limited), (-100.0, 100.0), note="dashed: limits")]
     return found + [
         Chart(f"Efforts without limits, {unit}", unit, tuple(lines)) for unit, lines in free.items()
     ]
@@ -139,12 +139,12 @@ def _margins(run: Run) -> list[Chart]:
     if not run.tip_margin.size:
         return []
     tip = Line("zero-moment point to edge", "m", run.tip_margin, 0)
-    grip = Line("force / (friction · load)", "", np.minimum(run.slip_ratio, SLIPPING), 1)
+    grip = Line("force / (friction · load)", "%", 100.0 * np.minimum(run.slip_ratio, SLIPPING), 1)
+    beyond = " (drawn up to 300)" if run.slip_ratio.max() > SLIPPING else ""
+    slips = f"friction {run.friction:g}, slips above 100{beyond}"
     return [
         Chart("Tip-over margin", "m", (tip,), (0.0,), note="tips below the dashed line"),
-        Chart(
-            "Grip used", "of grip", (grip,), (1.0,), note=f"slips above 1, friction {run.friction:g}"
-        ),
+        Chart("Grip used", "%", (grip,), (100.0,), note=slips),
     ]
 
 

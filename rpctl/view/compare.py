@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.simulation.run import Run
 from rpctl.view import stage, wire
 from rpctl.view.scene import ACTUAL, REFERENCE, ROBOTS, Scene
 
@@ -15,26 +16,24 @@ OPACITY = 0.55
 TRAILS = "/rpctl/trails"
 
 
-def merge(scenes: Sequence[Scene], height: float) -> Scene:
+def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
     """Return one scene of several.
 
     Nodes of run k, from 2, are named ``run2-robot-1``, ``run2-trail-base`` and so on; where runs
     share a robot, they share its meshes.
 
     Args:
-        scenes: One for each run, at least one.
-        height: Height of the ground, m.
+        runs: At least one.
+        scenes: Their scenes.
     """
     first = scenes[0]
     lower = np.min([scene.lower for scene in scenes], axis=0)
     upper = np.max([scene.upper for scene in scenes], axis=0)
     around = {
         "/rpctl/lights": stage.lights_command(lower, upper),
-        "/rpctl/ground": stage.ground_command(lower, upper, height),
+        "/rpctl/ground": stage.ground_command(lower, upper, float(runs[0].drive["ground"])),
     }
-    others = [
-        {str(_path(c)): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]
-    ]
+    others = [{str(_path(c)): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
     commands = []
     for packed in first.commands:
         command = _unpack(packed)
@@ -43,7 +42,8 @@ def merge(scenes: Sequence[Scene], height: float) -> Scene:
             if path == ROBOTS:
                 _add_ghost(command["object"], other[path]["object"], k)
             elif path == TRAILS:
-                _add_trails(command["object"], other[path]["object"], k)
+                known = repeated(runs[0], runs[k - 1])
+                _add_trails(command["object"], other[path]["object"], k, known)
             elif command["type"] == "set_animation":
                 _add_motion(command, other[path], k)
         commands.append(around.get(path) or wire.pack(command))
@@ -106,13 +106,27 @@ def _share_geometries(scene: wire.Json, other: wire.Json, k: int) -> dict[str, s
     return names
 
 
-def _add_trails(scene: wire.Json, other: wire.Json, k: int) -> None:
-    """Add another run's trails."""
+def repeated(first: Run, other: Run) -> set[str]:
+    """Return the desired trails of a run that the first run's cover, however they are dashed."""
+    count = len(other.t)
+    if count > len(first.t) or not np.allclose(first.t[:count], other.t):
+        return set()
+    pairs = {
+        "trail-base-desired": (first.base_ref[:count, :2], other.base_ref[:, :2]),
+        "trail-tip-desired": (first.ee_ref[:count], other.ee_ref),
+    }
+    return {name for name, (a, b) in pairs.items() if a.shape == b.shape and np.allclose(a, b)}
+
+
+def _add_trails(scene: wire.Json, other: wire.Json, k: int, known: set[str]) -> None:
+    """Add another run's trails but those that are known already."""
     for kind in ("geometries", "materials"):
         scene[kind] += [{**item, "uuid": f"run{k}-{item['uuid']}"} for item in other[kind]]
+    names = ("uuid", "name", "geometry", "material")
     scene["object"]["children"] += [
-        {**node, **{key: f"run{k}-{node[key]}" for key in ("uuid", "name", "geometry", "material")}}
+        {**node, **{name: f"run{k}-{node[name]}" for name in names}}
         for node in other["object"]["children"]
+        if node["name"] not in known
     ]
 
 

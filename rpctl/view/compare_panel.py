@@ -8,7 +8,7 @@ from typing import Any
 
 from rpctl.simulation.run import Run
 from rpctl.view.charts import has_base
-from rpctl.view.panel import MERITS, entry, flat, keys, length, number, verified, within
+from rpctl.view.panel import MERITS, entry, flat, keys, merits, number, verified, within
 
 PALETTE = 12  # colours --c0 to --c11 of the style sheet
 
@@ -17,13 +17,11 @@ def compare_panel(
     runs: Sequence[Run], names: Sequence[str], summaries: Sequence[Mapping[str, Any]]
 ) -> str:
     """Return the panel of several runs: figures of merit, settings, keys."""
-    merits: list[tuple[str, list[str]]] = []
-    for key, label in MERITS:
-        values = [number(summary, key) for summary in summaries]
-        merits.append((label, ["–" if v is None else length(v) for v in values]))
+    texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
+    rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERITS.items()]
     shares = [number(summary, "max_effort_ratio") for summary in summaries]
-    merits.append(("Largest effort / limit", ["–" if v is None else f"{v:.0%}" for v in shares]))
-    rows = [(label, list(map(escape, cells))) for label, cells in merits if set(cells) != {"–"}]
+    rows.append(("Largest effort / limit", ["–" if v is None else f"{v:.0%}" for v in shares]))
+    rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
     marks = [
         ("Limits", [within(summary["limits_violated"]) for summary in summaries]),
         ("Dynamics", ["–" if r.certificate is None else verified(r.certificate) for r in runs]),
@@ -60,9 +58,7 @@ def _settings(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
     ]
 
 
-def _table(
-    title: str, names: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]
-) -> str:
+def _table(title: str, names: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
     """Return a section with a column a run; the cells are HTML already."""
     head = "".join(
         f'<th scope="col"><i style="color: var(--c{k % PALETTE})"></i>{escape(name)}</th>'

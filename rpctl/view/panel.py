@@ -24,15 +24,13 @@ LABELS = {
     "smoothing": "Smoothing ω₀, rad/s",
     "initial_error": "Initial error (m, m, rad)",
 }
-MERITS = (
-    ("rms_base_error", "Base, rms"),
-    ("final_base_error", "Base, final"),
-    ("final_lateral_error", "Base, final lateral"),
-    ("rms_end_effector_error", "End effector, rms"),
-    ("final_end_effector_error", "End effector, final"),
-)
-
-
+MERITS = {
+    "rms_base_error": "Base, rms",
+    "final_base_error": "Base, final",
+    "final_lateral_error": "Base, final lateral",
+    "rms_end_effector_error": "End effector, rms",
+    "final_end_effector_error": "End effector, final",
+}
 KEYS = (
     ("Space", "play, pause"),
     ("← →", "1 s back, on; with Shift 0.1 s"),
@@ -46,7 +44,7 @@ KEYS = (
 def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
     """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
     sections = (
-        _merits(summary),
+        _merits(run, summary),
         _certificate(run.certificate),
         _settings(run.settings),
         _robot(run),
@@ -84,24 +82,24 @@ def entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
 
 def headline(run: Run, summary: Mapping[str, Any]) -> str:
     """Return the few figures that stand above everything else."""
-    known = {key: label for key, label in MERITS if key.startswith("rms") and _known(summary, key)}
-    rows = [(label, length(summary[key])) for key, label in known.items()]
+    known = merits(run, summary)
+    rows = [(MERITS[key], text) for key, text in known.items() if key.startswith("rms")]
     if _known(summary, "max_effort_ratio"):
         rows.append(("Effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
     figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
     badges = []
     if run.certificate is not None:
-        badges.append(verified(run.certificate))
+        badges.append(verified(run.certificate, "dynamics verified"))
     broken = summary.get("limits_violated")
     if broken is not None:
         badges.append(within(broken))
     return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
 
 
-def verified(certificate: Mapping[str, Any]) -> str:
+def verified(certificate: Mapping[str, Any], text: str = "verified") -> str:
     """Return the badge of a certificate."""
     passed = bool(certificate["passed"])
-    return badge(passed, "dynamics verified" if passed else "not equivalent")
+    return badge(passed, text if passed else "not equivalent")
 
 
 def within(broken: Sequence[Any]) -> str:
@@ -119,8 +117,17 @@ def subtitle(run: Run) -> str:
     return escape(" · ".join(words))
 
 
-def _merits(summary: Mapping[str, Any]) -> str:
-    rows = [(label, length(summary[key])) for key, label in MERITS if _known(summary, key)]
+def merits(run: Run, summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return the run's lengths of merit as texts by their keys; a fixed base has none of a base."""
+    return {
+        key: length(summary[key])
+        for key in MERITS
+        if _known(summary, key) and (has_base(run) or "end_effector" in key)
+    }
+
+
+def _merits(run: Run, summary: Mapping[str, Any]) -> str:
+    rows = [(MERITS[key], text) for key, text in merits(run, summary).items()]
     if _known(summary, "max_effort_ratio"):
         rows.append(("Largest effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
     if _known(summary, "realtime_factor"):
@@ -159,7 +166,8 @@ def _known(summary: Mapping[str, Any], key: str) -> bool:
 def _certificate(certificate: Mapping[str, Any] | None) -> str:
     if certificate is None:
         return ""
-    rows = [(check["name"], residual(check)) for check in certificate["checks"]]
+    checks = certificate["checks"]
+    rows = [(f"{check['name']} · {check['against']}", residual(check)) for check in checks]
     rows += [
         (check["name"], f"{check['against']}: {check['note']}") for check in certificate["skipped"]
     ]
@@ -197,7 +205,12 @@ def flat(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _robot(run: Run) -> str:
-    rows = [
+    drive = run.drive
+    rows = [("Drive", str(drive["type"]))]
+    if drive["wheels"]:
+        radii = dict.fromkeys(f"{wheel['radius']:.4g}" for wheel in drive["wheels"])
+        rows.append(("Wheels", f"{len(drive['wheels'])}, radius {', '.join(radii)} m"))
+    rows += [
         ("Quasi-velocities", str(len(run.quasi_velocities))),
         ("Actuators", str(len(run.actuators))),
         ("Frozen joints", str(len(run.locked))),

@@ -111,7 +111,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
     if len(names) != len(runs):
         raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
     scenes = [build_scene(run.load_robot(), run) for run in runs]
-    scene = merge(scenes, float(runs[0].drive["ground"]))
+    scene = merge(runs, scenes)
     robots = " · ".join(dict.fromkeys(run.robot for run in runs))
     return Page(
         title=robots,
@@ -135,7 +135,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 def _render(page: Page) -> str:
     meshcat, uplot = _meshcat(), _uplot()
-    script = "\"use strict\";\n(() => {\n" + "\n".join(map(_asset, SCRIPTS)) + "})();\n"
+    script = '"use strict";\n(() => {\n' + "\n".join(map(_asset, SCRIPTS)) + "})();\n"
     return Template(_asset("template.html")).substitute(
         policy=_policy(meshcat, uplot, script),
         title=f"{escape(page.title)} · rpctl",

@@ -27,6 +27,8 @@ function told(value, unit) {
   return `${sign}${size.toFixed(digits)} ${prefixes[power]}${unit}`.trim();
 }
 
+function plain(value) { return String(Number(value.toPrecision(6))).replace("-", "−"); }
+
 /* Return the powers of ten from one value to another. */
 function powers(low, high) {
   const first = Math.ceil(Math.log10(low)), last = Math.floor(Math.log10(high));
@@ -145,13 +147,15 @@ function makeCharts(data, host, seek) {
           series.push(style(line, wanted, i));
         }
       });
-      u = new uPlot(options(series), [x, ...shown], plot);
       cursor = element("div", "now");
+      u = new uPlot(options(series), [x, ...shown], plot);
       u.over.append(cursor);
-      u.over.addEventListener("click", (event) => seek(u.posToVal(event.offsetX, "x")));
+      u.over.addEventListener("click", (event) => {
+        seek(u.posToVal(event.offsetX, "x"));
+        if (event.pointerType === "touch") u.setCursor({ left: -10, top: -10 }); // no finger hovers
+      });
       if (range) rescale(...range);
       legend();
-      mark();
       readLines(nearest(now));
     }
 
@@ -164,7 +168,7 @@ function makeCharts(data, host, seek) {
     function style(line, wanted, i) {
       const turn = Math.floor(line.colour / PALETTE);
       return {
-        line: i, show: line.shown, scale: "y", spanGaps: false, points: { show: false },
+        line: i, show: line.shown, scale: "y", points: { show: false }, pxAlign: 0,
         stroke: () => colours[line.colour % PALETTE] || "#888", alpha: wanted ? 0.65 : 1,
         width: wanted ? 1.1 : 1.5, dash: wanted ? [3, 3] : turn ? [9, 3] : undefined,
       };
@@ -181,9 +185,10 @@ function makeCharts(data, host, seek) {
         axes: [
           { ...axis, size: 26, gap: 3, space: 60, values: (_, splits) => splits.map(
             (t, i) => `${Number(t.toFixed(4))}${i === splits.length - 1 ? " s" : ""}`) },
-          { ...axis, size: 54, gap: 4, space: 26, ...(decades && {
+          { ...axis, size: 54, gap: 4, space: 26, ...(decades ? {
             splits: (_, at, low, high) => powers(low, high), filter: (_, splits) => splits,
-            values: (_, splits) => splits.map(superscript) }) },
+            values: (_, splits) => splits.map(superscript),
+          } : { values: (_, splits) => splits.map(plain) }) },
         ],
         focus: { alpha: 0.25 },
         cursor: {
@@ -191,7 +196,7 @@ function makeCharts(data, host, seek) {
           points: { size: 6 }, sync: { key: "rpctl", setSeries: false, scales: ["x", null] },
         },
         hooks: {
-          drawAxes: [limits], setCursor: [hover],
+          drawAxes: [limits], draw: [mark], setCursor: [hover],
           setScale: [(self, name) => {
             if (name === "x" && self.status) zoom(self.scales.x.min, self.scales.x.max);
           }],
@@ -260,7 +265,6 @@ function makeCharts(data, host, seek) {
     }
 
     function hover(self) {
-      if (self.cursor.event === undefined && self.cursor.left < 0 && hovered === null) return;
       const index = self.cursor.left >= 0 ? self.cursor.idx : null;
       if (index === hovered) return;
       hovered = index;
@@ -275,20 +279,18 @@ function makeCharts(data, host, seek) {
     }
 
     function mark() {
-      const place = u.valToPos(now, "x");
-      cursor.style.visibility = place < -1 || place > u.over.clientWidth + 1 ? "hidden" : "";
-      cursor.style.transform = `translateX(${place}px)`;
+      const { min, max } = u.scales.x;
+      cursor.style.visibility = now < min || now > max ? "hidden" : "";
+      cursor.style.transform = `translateX(${u.valToPos(now, "x")}px)`;
     }
 
     function rescale(min, max) {
       if (u.scales.x.min !== min || u.scales.x.max !== max) u.setScale("x", { min, max });
-      mark();
     }
 
     function resize() {
       if (!plot.clientWidth) return;
       u.setSize({ width: plot.clientWidth, height: HEIGHT });
-      mark();
     }
   }
 }

@@ -102,13 +102,15 @@ function key(event) {
 
 /* Each entry of the scene's legend shows or hides what it names. */
 function legend() {
-  if (window.matchMedia("(max-width: 860px)").matches) $("legend").open = false;
-  for (const entry of document.querySelectorAll("[data-layer]"))
+  for (const entry of document.querySelectorAll("[data-layer]")) {
+    const shown = () => entry.getAttribute("aria-pressed") === "true";
+    const apply = () => scene && scene.layer(entry.dataset.layer, shown());
     entry.addEventListener("click", () => {
-      const on = entry.getAttribute("aria-pressed") !== "true";
-      entry.setAttribute("aria-pressed", String(on));
-      if (scene) scene.layer(entry.dataset.layer, on);
+      entry.setAttribute("aria-pressed", String(!shown()));
+      apply();
     });
+    apply();
+  }
 }
 
 function tabs() {
