@@ -23,10 +23,11 @@ def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
         times: Times of the frames (n,), s, from 0.
     """
     frames = np.searchsorted(run.t - run.t[0], times)
+    shares = np.maximum.reduceat(effort_shares(run), frames)  # a frame tells of what it skips
     return {
         "effort": {
             "joints": [robot.model.getJointId(name) for name in run.actuators],
-            "share": packed(effort_shares(run)[frames]),
+            "share": packed(shares),
         },
         "stance": _stance(run, frames),
     }

@@ -59,7 +59,8 @@ def legend(run: Run) -> str:
     entries = [("base", "Base")] if has_base(run) else []
     entries += [("tip", "End effector")] if run.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    entries += [("effort", "Effort: 0 to limit")]
+    limited = any(math.isfinite(limit) for limit in run.effort_limits)
+    entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
     entries += [("loads", "Ground reactions")] if run.contact_load.size else []
     entries += [("zmp", "Support, zero-moment point")] if run.tip_margin.size else []
     return "".join(entry(key, text) for key, text in entries)
