@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from rpctl.view import stage, wire
 from rpctl.view.scene import ACTUAL, REFERENCE, ROBOTS, Scene
 
 OPACITY = 0.55
-TRAILS = "/rpctl/trails"
+TRAILS, ANIMATION = "/rpctl/trails", "set_animation"
 
 
 def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
@@ -33,18 +32,18 @@ def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
         "/rpctl/lights": stage.lights_command(lower, upper),
         "/rpctl/ground": stage.ground_command(lower, upper, float(runs[0].drive["ground"])),
     }
-    others = [{str(_path(c)): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
+    others = [{_about(c): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
     commands = []
     for packed in first.commands:
         command = _unpack(packed)
-        path = str(_path(command))
+        path = _about(command)
         for k, other in enumerate(others, 2):
             if path == ROBOTS:
                 _add_ghost(command["object"], other[path]["object"], k)
             elif path == TRAILS:
                 known = repeated(runs[0], runs[k - 1])
                 _add_trails(command["object"], other[path]["object"], k, known)
-            elif command["type"] == "set_animation":
+            elif path == ANIMATION:
                 _add_motion(command, other[path], k)
         commands.append(around.get(path) or wire.pack(command))
     return replace(
@@ -64,9 +63,9 @@ def _unpack(command: bytes) -> wire.Json:
     return dict(umsgpack.unpackb(command))
 
 
-def _path(command: wire.Json) -> Any:
-    """Return what a command is about; of an animation, of which there is one, its type."""
-    return command["path"] if command["type"] != "set_animation" else command["type"]
+def _about(command: wire.Json) -> str:
+    """Return the path that a command is about, or the type of the one that is about no path."""
+    return str(command["path"] or command["type"])
 
 
 def _add_ghost(scene: wire.Json, other: wire.Json, k: int) -> None:

@@ -8,15 +8,18 @@ from typing import Any
 
 from rpctl.simulation.run import Run
 from rpctl.view.charts import has_base
-from rpctl.view.panel import MERITS, entry, flat, keys, merits, number, verified, within
+from rpctl.view.panel import MERITS, entry, flat, keys, merits, number, remarks, verified, within
 
 PALETTE = 12  # colours --c0 to --c11 of the style sheet
 
 
 def compare_panel(
-    runs: Sequence[Run], names: Sequence[str], summaries: Sequence[Mapping[str, Any]]
+    runs: Sequence[Run],
+    names: Sequence[str],
+    summaries: Sequence[Mapping[str, Any]],
+    notes: Sequence[str],
 ) -> str:
-    """Return the panel of several runs: figures of merit, settings, keys."""
+    """Return the panel of several runs: figures of merit, settings, notes, keys."""
     texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
     rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERITS.items()]
     shares = [number(summary, "max_effort_ratio") for summary in summaries]
@@ -30,6 +33,7 @@ def compare_panel(
         (
             _table("Tracking error", names, [*rows, *marks]),
             _table("Settings", names, _settings(runs)),
+            remarks(notes),
             keys(),
         )
     )

@@ -48,7 +48,7 @@ def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
         _certificate(run.certificate),
         _settings(run.settings),
         _robot(run),
-        _notes(notes),
+        remarks(notes),
         keys(),
     )
     return "\n".join(section for section in sections if section)
@@ -223,7 +223,8 @@ def _robot(run: Run) -> str:
     return _section("Robot", _rows(rows) + body)
 
 
-def _notes(notes: Sequence[str]) -> str:
+def remarks(notes: Sequence[str]) -> str:
+    """Return the section of notes, empty where there are none."""
     if not notes:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)

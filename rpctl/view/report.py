@@ -119,7 +119,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
         scene_label=f"{len(runs)} runs of {robots}, in three dimensions",
         figures="",
         legend=compare_legend(runs, names),
-        panel=compare_panel(runs, names, [summarize(run) for run in runs]),
+        panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
         duration=scene.duration,
         data={**_scene_data(scenes, scene), "plots": chart_data(runs, names)},
     )

@@ -30,9 +30,11 @@ def chart(run: Run, title: str) -> Chart:
 def stretched(run: Run, count: int) -> Run:
     """Return a run of ``count`` samples over the same time, between the samples of another."""
     t = np.linspace(0.0, run.t[-1], count)
-    arrays = {name: value for name, value in vars(run).items() if isinstance(value, np.ndarray)}
     places = np.searchsorted(run.t, t - 1e-9)
-    return replace(run, **{**{k: v[places] for k, v in arrays.items()}, "t": t})
+    arrays: dict[str, Any] = {
+        name: value[places] for name, value in vars(run).items() if isinstance(value, np.ndarray)
+    }
+    return replace(run, **{**arrays, "t": t})
 
 
 def test_charts_suit_the_robot(paper_run: Run, ur5_run: Run, cart: Robot) -> None:
@@ -130,6 +132,7 @@ def test_forces_of_the_ground(paper: Robot, paper_run: Run) -> None:
     )
     turned = replace(paper_run, drive={**paper_run.drive, "heading": 0.5 * np.pi})
     np.testing.assert_allclose(contact_forces(turned)[:, :, 1], force[:, :, 0], atol=1e-12)
+    np.testing.assert_allclose(contact_forces(turned)[:, :, 0], -force[:, :, 1], atol=1e-12)
     steered = replace(
         paper_run, quasi_velocities=("v", "steering", *paper_run.quasi_velocities[2:])
     )

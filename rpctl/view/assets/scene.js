@@ -55,11 +55,11 @@ function makeScene(data, pane) {
     };
     data.runs.forEach(({ prefix }, k) => {
       for (const kind of ["base", "tip"]) {
-        tint(`${prefix}trail-${kind}`, several ? `--c${k}` : `--${kind}`);
+        tint(`${prefix}trail-${kind}`, several ? `--c${k % PALETTE}` : `--${kind}`);
         tint(`${prefix}trail-${kind}-desired`, "--desired");
       }
       if (k > 0) viewer.scene.traverse((node) => {
-        if (node.name.startsWith(`${prefix}tint-`)) node.material.color.set(css(`--c${k}`));
+        if (node.name.startsWith(`${prefix}tint-`)) node.material.color.set(css(`--c${k % PALETTE}`));
       });
     });
     viewer.set_dirty();
