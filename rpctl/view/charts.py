@@ -122,7 +122,8 @@ def _speeds(run: Run) -> list[Chart]:
 
 def _efforts(run: Run) -> list[Chart]:
     """Return the efforts as shares of their limits, and for each unit those without limits."""
-    limited, free = [], {"N·m": list[Line](), "N": list[Line]()}
+    limited: list[Line] = []
+    free: dict[str, list[Line]] = {"N·m": [], "N": []}
     for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
         unit, colour = "N" if _unit(run, name) == "m" else "N·m", _colour(run, name)
         if np.isfinite(limit) and limit > 0.0:

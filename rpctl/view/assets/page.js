@@ -44,7 +44,6 @@ function tick(now) {
 function show(t) {
   time = Math.min(Math.max(t, 0), duration);
   $("scrubber").value = time;
-  $("scrubber").style.setProperty("--done", `${duration > 0 ? 100 * time / duration : 100}%`);
   $("scrubber").setAttribute("aria-valuetext", `${time.toFixed(1)} seconds`);
   $("clock").textContent = `${time.toFixed(2)} / ${duration.toFixed(2)} s`;
   charts.show(time, playing);
