@@ -61,8 +61,9 @@ def legend(run: Run) -> str:
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
     limited = any(math.isfinite(limit) for limit in run.effort_limits)
     entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
-    entries += [("loads", "Ground reactions")] if run.contact_load.size else []
-    entries += [("zmp", "Support, zero-moment point")] if run.tip_margin.size else []
+    if run.tip_margin.size:
+        entries += [("loads", "Ground reactions")] if run.contact_load.size else []
+        entries += [("zmp", "Support, zero-moment point")]
     return "".join(entry(key, text) for key, text in entries)
 
 
