@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rpctl.control.bounded import BoundedDynamic
@@ -56,8 +57,8 @@ __all__ = [
 ]
 
 
-def write_report(run: Run, path: str | Path) -> Path:
-    """Write one self-contained HTML file that shows a run; see :mod:`rpctl.view.report`."""
+def write_report(run: Run | Sequence[Run], path: str | Path) -> Path:
+    """Write one HTML file that shows a run, or compares several; see :mod:`rpctl.view.report`."""
     from rpctl.view.report import write_report as write  # meshcat and trimesh load only here
 
     return write(run, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import re
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -247,17 +248,32 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-@app.command("view", epilog="Example: rpctl view runs/tiago-eight")
+@app.command("view", epilog="Example: rpctl view runs/tiago-eight runs/tiago-line")
 @_guarded
 def view_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folders of runs or their run.npz.")
+    ],
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the page there and end.")
+    ] = None,
     package_dir: PackageDirOption = None,
 ) -> None:
-    """Serve a run's report on this machine only, until Ctrl-C."""
-    from rpctl.view.folder import find_report
+    """Serve a run's report, or several runs over one another, on this machine until Ctrl-C."""
+    from rpctl.view.folder import find_report, write_comparison
     from rpctl.view.live import serve
 
-    serve(find_report(run, package_dir or ()), lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+    if html is not None:
+        typer.echo(write_comparison(runs, html))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        several = len(runs) > 1
+        page = (
+            write_comparison(runs, Path(folder) / "c.html")
+            if several
+            else find_report(runs[0], package_dir or ())
+        )
+        serve(page, lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
 
 
 @app.command("expand", epilog="Example: rpctl expand robot.urdf.xacro > robot.urdf")

@@ -231,6 +231,20 @@ def test_an_unwritable_folder_is_told(tmp_path: Path) -> None:
     assert "cannot be made" in err
 
 
+def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
+    for name, duration in (("one", "0.1"), ("two", "0.2")):
+        words = ("track", "paper", "--duration", duration, "--samples", "0")
+        assert run(*words, "--out", str(tmp_path / name))[0] == 0
+    page = tmp_path / "compare.html"
+    runs = str(tmp_path / "one"), str(tmp_path / "two" / "run.npz")
+    code, out, _ = run("view", *runs, "--html", str(page))
+    assert code == 0
+    assert out.strip() == str(page)
+    text = page.read_text(encoding="utf-8")
+    assert "2 runs: one · two" in text
+    assert str(tmp_path) not in text
+
+
 def test_robots_lists_the_catalogue() -> None:
     names = [row["name"] for row in run_json("robots")]
     assert {"paper", "mixed_chain", "tiago", "panda"} <= set(names)

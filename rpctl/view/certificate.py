@@ -12,7 +12,7 @@ from rpctl.files import write_atomically
 from rpctl.view.panel import badge, residual
 
 STYLE = """
-main { display: block; }
+main { padding: 0 20px 24px; margin: 0 auto; }
 .top, main { max-width: 940px; }
 header .badge { float: none; }
 table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
@@ -33,7 +33,7 @@ PAGE = """<!doctype html>
 <style>{style}</style>
 </head>
 <body>
-<header class="top"><h1>{robot}</h1><span class="subtitle">{about}</span> {badge}</header>
+<header class="top"><h1>{robot}</h1><span class="subtitle">{about}</span>{badge}</header>
 <main><div class="wide"><table>
 <thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
 <tbody>

@@ -39,7 +39,7 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
     scene = build_scene(robot, run)
     summary = summarize(run)
     save_tracking_figure(run, folder / FIGURE)
-    write_report(run, folder / REPORT, scene=scene, summary=summary)
+    write_report(run, folder / REPORT, robot=robot, scene=scene, summary=summary)
     summary |= {"report": str(folder / REPORT), "notes": list(scene.notes)}
     write_atomically(folder / SUMMARY, (to_json(summary) + "\n").encode())
     return summary
@@ -58,6 +58,30 @@ def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
     folder = run if run.is_dir() else run.parent
     report = folder / REPORT
     if not report.is_file() or not (folder / RUN).is_file():
-        loaded = Run.load(folder / RUN if run.is_dir() else run)
+        loaded = _load(run)
         write_report(loaded, report, robot=loaded.load_robot(package_dirs))
     return report
+
+
+def write_comparison(paths: Sequence[Path], page: Path) -> Path:
+    """Write the comparison of the runs of folders or ``run.npz`` files as one page.
+
+    The runs are called as their folders or files are, numbered where these are alike.
+
+    Raises:
+        RunFileError: There is no run, or it cannot be read.
+    """
+    names = [_name(path.absolute()) for path in paths]
+    if len(set(names)) < len(names):
+        names = [f"{k}: {name}" for k, name in enumerate(names, 1)]
+    return write_report([_load(path) for path in paths], page, names=names)
+
+
+def _name(run: Path) -> str:
+    if run.is_dir():
+        return run.name
+    return run.parent.name if run.name == RUN else run.stem
+
+
+def _load(run: Path) -> Run:
+    return Run.load(run / RUN if run.is_dir() else run)

@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import Any
 
 from rpctl.simulation.run import Run
+from rpctl.view.charts import has_base
 
 LABELS = {
     "reference": "Reference",
@@ -23,34 +24,89 @@ LABELS = {
     "smoothing": "Smoothing ω₀, rad/s",
     "initial_error": "Initial error (m, m, rad)",
 }
-MERITS = (
-    ("rms_base_error", "Base, rms"),
-    ("final_base_error", "Base, final"),
-    ("final_lateral_error", "Base, final lateral"),
-    ("rms_end_effector_error", "End effector, rms"),
-    ("final_end_effector_error", "End effector, final"),
+MERITS = {
+    "rms_base_error": "Base, rms",
+    "final_base_error": "Base, final",
+    "final_lateral_error": "Base, final lateral",
+    "rms_end_effector_error": "End effector, rms",
+    "final_end_effector_error": "End effector, final",
+}
+KEYS = (
+    ("Space", "play, pause"),
+    ("← →", "1 s back, on; with Shift 0.1 s"),
+    ("Home, End", "start, end"),
+    ("+ −", "faster, slower"),
+    ("R, T, F", "overview, from above, follow"),
+    ("D", "dark or light"),
 )
 
 
 def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
-    """Return the panel: figures of merit, certificate, settings, robot, notes."""
+    """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
     sections = (
-        _merits(summary),
+        _merits(run, summary),
         _certificate(run.certificate),
         _settings(run.settings),
         _robot(run),
-        _notes(notes),
+        remarks(notes),
+        keys(),
     )
     return "\n".join(section for section in sections if section)
 
 
 def legend(run: Run) -> str:
-    """Return what the colours of the scene mean."""
-    arm = run.ee.shape[1] == 3
-    entries = [("base", "Base")] if "omega" in run.quasi_velocities else []
-    entries += [("tip", "End effector")] if arm else []
+    """Return what is drawn in the scene: entries that show and hide it."""
+    entries = [("base", "Base")] if has_base(run) else []
+    entries += [("tip", "End effector")] if run.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    return "".join(f'<li><i class="{key}"></i>{escape(text)}</li>' for key, text in entries)
+    limited = any(math.isfinite(limit) for limit in run.effort_limits)
+    entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
+    if run.tip_margin.size:
+        entries += [("loads", "Ground reactions")] if run.contact_load.size else []
+        entries += [("zmp", "Support, zero-moment point")]
+    return "".join(entry(key, text) for key, text in entries)
+
+
+def keys() -> str:
+    """Return the section on the keys."""
+    return _section("Keyboard", _rows(KEYS))
+
+
+def entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
+    """Return one entry of the scene's legend; ``style`` is CSS of its swatch."""
+    drawn = f' style="{style}"' if style else ""
+    pressed = str(shown).lower()
+    return (
+        f'<li><button type="button" data-layer="{layer}" aria-pressed="{pressed}">'
+        f'<i class="{layer}"{drawn}></i>{escape(text)}</button></li>'
+    )
+
+
+def headline(run: Run, summary: Mapping[str, Any]) -> str:
+    """Return the few figures that stand above everything else."""
+    known = merits(run, summary)
+    rows = [(MERITS[key], text) for key, text in known.items() if key.startswith("rms")]
+    if _known(summary, "max_effort_ratio"):
+        rows.append(("Effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
+    badges = []
+    if run.certificate is not None:
+        badges.append(verified(run.certificate, "dynamics verified"))
+    broken = summary.get("limits_violated")
+    if broken is not None:
+        badges.append(within(broken))
+    return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
+
+
+def verified(certificate: Mapping[str, Any], text: str = "verified") -> str:
+    """Return the badge of a certificate."""
+    passed = bool(certificate["passed"])
+    return badge(passed, text if passed else "not equivalent")
+
+
+def within(broken: Sequence[Any]) -> str:
+    """Return the badge of the limits that were broken."""
+    return badge(not broken, "limits broken" if broken else "within limits")
 
 
 def subtitle(run: Run) -> str:
@@ -63,8 +119,17 @@ def subtitle(run: Run) -> str:
     return escape(" · ".join(words))
 
 
-def _merits(summary: Mapping[str, Any]) -> str:
-    rows = [(label, length(summary[key])) for key, label in MERITS if _known(summary, key)]
+def merits(run: Run, summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return the run's lengths of merit as texts by their keys; a fixed base has none of a base."""
+    return {
+        key: length(summary[key])
+        for key in MERITS
+        if _known(summary, key) and (has_base(run) or "end_effector" in key)
+    }
+
+
+def _merits(run: Run, summary: Mapping[str, Any]) -> str:
+    rows = [(MERITS[key], text) for key, text in merits(run, summary).items()]
     if _known(summary, "max_effort_ratio"):
         rows.append(("Largest effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
     if _known(summary, "realtime_factor"):
@@ -74,7 +139,7 @@ def _merits(summary: Mapping[str, Any]) -> str:
     broken = summary.get("limits_violated")
     if broken is None:
         return _section("Tracking error", _rows(rows))
-    mark = badge(not broken, "limits broken" if broken else "within limits")
+    mark = within(broken)
     told = [_violation(each) for each in broken]
     told += [f"{each['told']}." for each in summary.get("limits_bound", ())]
     if summary.get("ground"):
@@ -91,22 +156,27 @@ def _violation(broken: Mapping[str, Any]) -> str:
     )
 
 
-def _known(summary: Mapping[str, Any], key: str) -> bool:
+def number(summary: Mapping[str, Any], key: str) -> float | None:
+    """Return a figure of merit, or None where it is not defined."""
     value = summary.get(key)
-    return isinstance(value, int | float) and math.isfinite(value)
+    return value if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def _known(summary: Mapping[str, Any], key: str) -> bool:
+    return number(summary, key) is not None
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> str:
     if certificate is None:
         return ""
-    passed = bool(certificate["passed"])
-    rows = [(check["name"], residual(check)) for check in certificate["checks"]]
+    checks = certificate["checks"]
+    rows = [(f"{check['name']} · {check['against']}", residual(check)) for check in checks]
     rows += [
         (check["name"], f"{check['against']}: {check['note']}") for check in certificate["skipped"]
     ]
     samples, seed = certificate.get("samples"), certificate.get("seed")
     about = f"Worst of {samples} random states, seed {seed}."
-    mark = badge(passed, "verified" if passed else "not equivalent")
+    mark = verified(certificate)
     quiet = f'<p class="quiet">{escape(about)}</p>'
     return _section("Dynamics" + mark, _rows(rows) + quiet)
 
@@ -120,19 +190,30 @@ def residual(check: Mapping[str, Any]) -> str:
 
 
 def _settings(settings: Mapping[str, Any]) -> str:
-    rows = []
+    rows = flat(settings)
+    return _section("Settings", _rows(rows.items())) if rows else ""
+
+
+def flat(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return settings as texts by their labels."""
+    rows = {}
     for key, value in settings.items():
         inner = value if isinstance(value, Mapping) else {"law": value}
-        for name, entry in inner.items():
+        for name, given in inner.items():
             label = key if name == "law" else name
-            if entry is not None and not isinstance(entry, Mapping):
+            if given is not None and not isinstance(given, Mapping):
                 text = LABELS.get(label, label.replace("_", " ").capitalize())
-                rows.append((text, public(entry)))
-    return _section("Settings", _rows(rows)) if rows else ""
+                rows[f"{text} ({key})" if text in rows else text] = public(given)
+    return rows
 
 
 def _robot(run: Run) -> str:
-    rows = [
+    drive = run.drive
+    rows = [("Drive", str(drive["type"]))]
+    if drive["wheels"]:
+        radii = dict.fromkeys(f"{wheel['radius']:.4g}" for wheel in drive["wheels"])
+        rows.append(("Wheels", f"{len(drive['wheels'])}, radius {', '.join(radii)} m"))
+    rows += [
         ("Quasi-velocities", str(len(run.quasi_velocities))),
         ("Actuators", str(len(run.actuators))),
         ("Frozen joints", str(len(run.locked))),
@@ -144,7 +225,8 @@ def _robot(run: Run) -> str:
     return _section("Robot", _rows(rows) + body)
 
 
-def _notes(notes: Sequence[str]) -> str:
+def remarks(notes: Sequence[str]) -> str:
+    """Return the section of notes, empty where there are none."""
     if not notes:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
@@ -20,58 +21,135 @@ from rpctl.files import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
-from rpctl.view.panel import legend, panel, subtitle
+from rpctl.view.chart_data import chart_data
+from rpctl.view.compare import merge
+from rpctl.view.compare_panel import compare_legend, compare_panel
+from rpctl.view.overlay import overlay
+from rpctl.view.panel import headline, legend, panel, public, subtitle
 from rpctl.view.scene import Scene, build_scene
 
 MESHCAT_SCRIPT = "viewer/dist/main.min.js"
+SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
+
+
+@dataclass(frozen=True)
+class Page:
+    """What stands in a page; all texts but ``title`` and ``scene_label`` are HTML already."""
+
+    title: str
+    subtitle: str
+    scene_label: str
+    figures: str
+    legend: str
+    panel: str
+    duration: float
+    data: Mapping[str, Any]
 
 
 def write_report(
-    run: Run,
+    run: Run | Sequence[Run],
     path: str | Path,
     *,
     robot: Robot | None = None,
     scene: Scene | None = None,
     summary: Mapping[str, Any] | None = None,
+    names: Sequence[str] | None = None,
 ) -> Path:
-    """Write the report of a run: one HTML file, there whole or not at all.
+    """Write the report of a run, or the comparison of several: one HTML file, whole or not at all.
 
     Args:
-        run: The run.
+        run: The run; several are shown over one another, the first as it is, others as ghosts.
         path: The file.
-        robot: Its robot, where it is loaded already.
-        scene: Its scene, where it is built already.
-        summary: Its figures of merit; None computes them.
+        robot: The robot of a single run, where it is loaded already.
+        scene: The scene of a single run, where it is built already.
+        summary: The figures of merit of a single run; None computes them.
+        names: What several runs are called; None tells them apart by robot and reference.
 
     Returns:
         The path.
 
     Raises:
-        RpctlError: The robot of the run cannot be loaded, or meshcat lacks its viewer.
+        RpctlError: The robot of a run cannot be loaded, there is no run, or meshcat lacks its
+            viewer.
     """
-    if scene is None:
-        scene = build_scene(robot or run.load_robot(), run)
-    html = render(run, scene, summarize(run) if summary is None else summary)
-    return write_atomically(path, html.encode())
+    runs = [run] if isinstance(run, Run) else list(run)
+    if not runs:
+        raise RpctlError("there is no run to report on; give one or several")
+    if len(runs) > 1:
+        page = compare(runs, names or _names(runs))
+    else:
+        robot = robot or runs[0].load_robot()
+        scene = scene or build_scene(robot, runs[0])
+        page = single(runs[0], robot, scene, summary or summarize(runs[0]))
+    return write_atomically(path, _render(page).encode())
 
 
-def render(run: Run, scene: Scene, summary: Mapping[str, Any]) -> str:
-    """Return the report as HTML."""
-    meshcat, script = _meshcat(), _asset("report.js")
-    name = escape(run.robot)
-    return Template(_asset("template.html")).substitute(
-        policy=_policy(meshcat, script),
-        title=f"{name} · rpctl",
-        css=_asset("report.css"),
-        name=name,
+def single(run: Run, robot: Robot, scene: Scene, summary: Mapping[str, Any]) -> Page:
+    """Return what stands in the page of one run."""
+    return Page(
+        title=run.robot,
         subtitle=subtitle(run),
-        scene_label=f"{name} following its reference, in three dimensions",
-        duration=f"{scene.duration:.6f}",
+        scene_label=f"{run.robot} following its reference, in three dimensions",
+        figures=headline(run, summary),
         legend=legend(run),
         panel=panel(run, summary, scene.notes),
-        figure=_figure(run),
-        data=_data(scene),
+        duration=scene.duration,
+        data={
+            **_scene_data([scene], scene),
+            **overlay(robot, run, scene.times),
+            "plots": chart_data([run], [run.robot]),
+        },
+    )
+
+
+def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
+    """Return what stands in the page of several runs.
+
+    Raises:
+        RpctlError: There are more or fewer names than runs.
+    """
+    if len(names) != len(runs):
+        raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
+    scenes = [build_scene(run.load_robot(), run) for run in runs]
+    scene = merge(runs, scenes)
+    robots = " · ".join(dict.fromkeys(run.robot for run in runs))
+    return Page(
+        title=robots,
+        subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
+        scene_label=f"{len(runs)} runs of {robots}, in three dimensions",
+        figures="",
+        legend=compare_legend(runs, names),
+        panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
+        duration=scene.duration,
+        data={**_scene_data(scenes, scene), "plots": chart_data(runs, names)},
+    )
+
+
+def _names(runs: Sequence[Run]) -> list[str]:
+    """Return names that tell runs apart: robot and reference, numbered where these are alike."""
+    plain = [f"{run.robot}, {public(run.settings.get('reference', 'run'))}" for run in runs]
+    if len(set(plain)) == len(plain):
+        return plain
+    return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
+
+
+def _render(page: Page) -> str:
+    meshcat, uplot = _meshcat(), _uplot()
+    script = '"use strict";\n(() => {\n' + "\n".join(map(_asset, SCRIPTS)) + "})();\n"
+    return Template(_asset("template.html")).substitute(
+        policy=_policy(meshcat, uplot, script),
+        title=f"{escape(page.title)} · rpctl",
+        css=_asset("uplot/uPlot.min.css") + _asset("report.css") + _asset("charts.css"),
+        name=escape(page.title),
+        subtitle=page.subtitle,
+        scene_label=escape(page.scene_label),
+        figures=page.figures,
+        duration=f"{page.duration:.6f}",
+        legend=page.legend,
+        panel=page.panel,
+        data=embed(page.data),
         meshcat=meshcat,
+        uplot=uplot,
         script=script,
     )
 
@@ -84,34 +162,24 @@ def embed(value: Any) -> str:
     return text
 
 
-def _data(scene: Scene) -> str:
-    return embed(
-        {
-            "duration": scene.duration,
-            "frames": len(scene.times),
-            "lower": scene.lower.tolist(),
-            "upper": scene.upper.tolist(),
-            "hull": np.round(scene.hull, 3).tolist(),
-            "start": scene.start.tolist(),
-            "follow": scene.follow,
-            "origin": scene.origin.tolist(),
-            "commands": [base64.b64encode(command).decode() for command in scene.commands],
-        }
-    )
-
-
-def _figure(run: Run) -> str:
-    """Return the tracking plots for light and for dark pages."""
-    from rpctl.view.plots import tracking_image
-
-    light, dark = (
-        "data:image/png;base64," + base64.b64encode(tracking_image(run, dark=dark)).decode()
-        for dark in (False, True)
-    )
-    return (
-        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{dark}">'
-        f'<img src="{light}" alt="Plots: paths, tracking errors, speeds and efforts"></picture>'
-    )
+def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
+    """Return what the page needs of the runs' scenes and of the one that they make up."""
+    return {
+        "runs": [
+            {
+                "prefix": f"run{k}-" if k > 1 else "",
+                "duration": each.duration,
+                "frames": len(each.times),
+            }
+            for k, each in enumerate(scenes, 1)
+        ],
+        "duration": scene.duration,
+        "hull": np.round(scene.hull, 3).tolist(),
+        "start": scene.start.tolist(),
+        "follow": scene.follow,
+        "origin": scene.origin.tolist(),
+        "commands": [base64.b64encode(command).decode() for command in scene.commands],
+    }
 
 
 def _policy(*scripts: str) -> str:
@@ -125,6 +193,11 @@ def _policy(*scripts: str) -> str:
 
 def _asset(name: str) -> str:
     return files("rpctl.view").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _uplot() -> str:
+    """Return uPlot's script with its licence, which goes where the script goes."""
+    return f"/*\n{_asset('uplot/LICENSE')}*/\n{_asset('uplot/uPlot.iife.min.js')}"
 
 
 def _meshcat() -> str:

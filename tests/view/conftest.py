@@ -24,3 +24,13 @@ def paper_run(paper: Robot) -> Run:
 @pytest.fixture(scope="session")
 def tiago_run(tiago: Robot) -> Run:
     return short_run(tiago)
+
+
+@pytest.fixture(scope="session")
+def ur5() -> Robot:
+    return rpctl.load("ur5")
+
+
+@pytest.fixture(scope="session")
+def ur5_run(ur5: Robot) -> Run:
+    return short_run(ur5, 1.0)

@@ -4,6 +4,7 @@ import base64
 import io
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import rpctl
 from rpctl import Robot, Run
 from rpctl.view.report import write_report
 
@@ -41,20 +43,35 @@ def report(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFactor
     return write_report(paper_run, path, robot=paper)
 
 
-@pytest.fixture
-def page(browser: Any, report: Path) -> Iterator[Any]:
-    """Open the report; in the end it has complained of nothing and fetched nothing."""
-    context = browser.new_context(viewport={"width": 900, "height": 600})
+@pytest.fixture(scope="module")
+def comparison(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("browser") / "compare.html"
+    error = (-0.3, 0.4, 0.2)
+    other = rpctl.track(paper, "eight", duration=2.0, initial_error=error)
+    return write_report([paper_run, other], path, names=["near", "far"])
+
+
+@contextmanager
+def opened(browser: Any, path: Path, **options: Any) -> Iterator[Any]:
+    """Open a page; in the end it has complained of nothing and fetched nothing."""
+    options = {"viewport": {"width": 1000, "height": 700}, **options}
+    context = browser.new_context(**options)
     page = context.new_page()
     problems: list[str] = []
     page.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
     page.on("pageerror", lambda error: problems.append(str(error)))
     page.on("request", lambda r: None if r.url.startswith(LOCAL) else problems.append(r.url))
-    page.goto(report.as_uri())
+    page.goto(path.as_uri())
     wait(page, "window.rpctl && window.rpctl.ready")
     yield page
     context.close()
     assert problems == []
+
+
+@pytest.fixture
+def page(browser: Any, report: Path) -> Iterator[Any]:
+    with opened(browser, report) as page:
+        yield page
 
 
 def wait(page: Any, condition: str) -> None:
@@ -144,12 +161,218 @@ def test_it_plays_by_itself(page: Any) -> None:
 
 
 def test_still_for_those_who_ask_for_it(browser: Any, report: Path) -> None:
-    context = browser.new_context(reduced_motion="reduce")
-    page = context.new_page()
-    page.goto(report.as_uri())
-    wait(page, "window.rpctl && window.rpctl.ready")
-    assert not page.evaluate("rpctl.playing()")
-    context.close()
+    with opened(browser, report, reduced_motion="reduce") as page:
+        assert not page.evaluate("rpctl.playing()")
+
+
+def test_speed(page: Any) -> None:
+    page.evaluate("rpctl.pause()")
+    speed = page.get_by_label("Speed", exact=True)
+    speed.select_option("0.1")
+    assert speed.evaluate("choice => choice.value") == "0.1"
+    page.locator("h1").click()
+    page.keyboard.press("+")
+    assert speed.evaluate("choice => choice.value") == "0.25"
+    page.evaluate("rpctl.seek(0)")
+    page.evaluate("window.began = performance.now()")
+    page.keyboard.press("Space")
+    wait(page, "rpctl.time() > 0.05")
+    page.keyboard.press("Space")
+    real = page.evaluate("(performance.now() - began) / 1000")
+    assert page.evaluate("rpctl.time()") < 0.26 * real + 0.05
+
+
+def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
+    """Return where (x, y) a plot's share of the width is, px, after scrolling there; its time."""
+    plot = page.locator(".chart", has=page.get_by_role("heading", name=title)).locator(".u-over")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    assert box is not None
+    time = page.evaluate(
+        """([title, share]) => { const { plot } = rpctl.charts.find((c) => c.title === title);
+        return plot.posToVal(share * plot.over.clientWidth, "x"); }""",
+        [title, share],
+    )
+    return box["x"] + share * box["width"], box["y"] + 0.5 * box["height"], float(time)
+
+
+def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(0)")
+    before = draw(page, 0.0)
+    x, y, time = over(page, "End-effector error", 0.6)
+    page.mouse.click(x, y)
+    assert page.evaluate("rpctl.time()") == pytest.approx(time, abs=0.02)
+    assert 1.5 < time < 2.1
+    assert changed(before, draw(page, page.evaluate("rpctl.time()"))) > 500
+    marks = page.evaluate(
+        "[...document.querySelectorAll('.now')].map((m) => m.getBoundingClientRect().x)"
+    )
+    assert len(marks) > 5
+    assert all(abs(mark - x) < 3.0 for mark in marks)
+
+
+def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(0)")
+    lateral = page.locator(".key", has_text="lateral").locator("b")
+    x, y, time = over(page, "Base error", 0.5)
+    page.mouse.move(x, y)
+    sample = int(np.argmin(np.abs(paper_run.t - time)))
+    told = lateral.inner_text().replace("−", "-").split()
+    scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[told[1]]
+    assert float(told[0]) * scale == pytest.approx(paper_run.e[sample, 1], rel=0.05)
+    assert page.locator(".chart .at").nth(3).inner_text() == f"at {paper_run.t[sample]:.2f} s"
+    page.mouse.move(5, 5)
+    wait(page, "document.querySelector('.chart .at').textContent === ''")
+    assert float(lateral.inner_text().split()[0].replace("−", "-")) == pytest.approx(200, abs=1)
+
+
+def test_drag_zooms_all_plots_and_does_not_seek(page: Any, paper_run: Run) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(0.25)")
+    shown = "rpctl.charts.map((c) => [c.plot.scales.x.min, c.plot.scales.x.max])"
+    left, y, start = over(page, "Base error", 0.4)
+    right, _, end = over(page, "Base error", 0.8)
+    page.mouse.move(left, y)
+    page.mouse.down()
+    page.mouse.move(0.5 * (left + right), y)
+    page.mouse.move(right, y)
+    page.mouse.up()
+    for low, high in page.evaluate(shown):
+        assert (low, high) == (pytest.approx(start, abs=0.02), pytest.approx(end, abs=0.02))
+    assert page.evaluate("rpctl.time()") == pytest.approx(0.25)
+    page.get_by_role("button", name="Whole time").click()
+    assert all(pair == [0, paper_run.t[-1]] for pair in page.evaluate(shown))
+
+
+def test_legend_entries_toggle_lines(page: Any) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(1)")
+    ink = """() => { const { ctx } = rpctl.charts[0].plot;
+        const { data } = ctx.getImageData(0, 0, ctx.canvas.width, ctx.canvas.height);
+        let count = 0;
+        for (let k = 0; k < data.length; k += 4)
+          count += data[k + 3] > 128 && data[k] > data[k + 2] + 60;
+        return count; }"""  # of vermilion, the colour of the lateral error
+    lateral = page.get_by_role("button", name="lateral")
+    assert page.evaluate(ink) > 50
+    lateral.click()
+    assert lateral.get_attribute("aria-pressed") == "false"
+    page.mouse.move(5, 5)
+    wait(page, f"({ink})() === 0")
+    lateral.click()
+    wait(page, f"({ink})() > 50")
+
+
+def test_scene_legend_hides_what_it_names(page: Any) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(1)")
+    for name, node in (
+        ("Reference robot", "reference-1"),
+        ("End effector", "trail-tip"),
+        ("Ground reactions", "stance-loads"),
+        ("Support, zero-moment point", "stance-polygon"),
+    ):
+        entry = page.locator(".legend").get_by_role("button", name=name)
+        visible = f"rpctl.viewer.scene.getObjectByName('{node}').visible"
+        assert page.evaluate(visible)
+        entry.click()
+        assert not page.evaluate(visible)
+        assert entry.get_attribute("aria-pressed") == "false"
+
+
+def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> None:
+    shares = np.abs(paper_run.tau) / np.array(paper_run.effort_limits)
+    shares[paper_run.t < 0.5] = 0.0  # the efforts of the first moments last less than a frame
+    sample, actuator = np.unravel_index(shares.argmax(), shares.shape)
+    joint = paper.model.getJointId(paper_run.actuators[actuator])
+    colour = f"""() => {{ let found;
+        rpctl.viewer.scene.getObjectByName('robot-{joint}').traverse((node) => {{
+          if (node.material) found = found || node.material.color.toArray(); }});
+        return found; }}"""
+    page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", float(paper_run.t[sample]))
+    coloured = np.array(page.evaluate(colour))
+    page.get_by_role("button", name="Effort: 0 to limit").click()
+    own = np.array(page.evaluate(colour))
+    part = 0.92 * min(2.0 * float(shares[sample, actuator]), 1.0)
+    amber = np.array([0xF2, 0xB7, 0x05]) / 255
+    assert part > 0.1
+    np.testing.assert_allclose(coloured, own + part * (amber - own), atol=0.02)
+
+
+def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> None:
+    sample = len(paper_run.t) // 2
+    bases, lengths = page.evaluate(
+        """(time) => { rpctl.pause(); rpctl.seek(time); rpctl.viewer.render();
+        const loads = rpctl.viewer.scene.getObjectByName('stance-loads');
+        const robots = loads.parent.parent;
+        const place = (arrow) => robots.worldToLocal(
+          arrow.getWorldPosition(new MeshCat.THREE.Vector3())).toArray();
+        return [loads.children.map(place),
+          loads.children.map((arrow) => arrow.children[1].position.y)]; }""",
+        float(paper_run.t[sample]),
+    )
+    x, y, cos, sin = paper_run.q[sample, :4]
+    points = np.array(paper_run.contact_points) @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
+    np.testing.assert_allclose(np.array(bases)[:, :2], points, atol=3e-3)
+    order = np.argsort(paper_run.contact_load[sample])
+    np.testing.assert_array_equal(np.argsort(lengths), order)
+
+
+def test_logarithmic_axis_can_be_left(page: Any) -> None:
+    button = page.get_by_role("button", name="Logarithmic axis of Base error")
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 3
+    button.click()
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 1
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.min < 0")
+
+
+def test_light_and_dark(browser: Any, report: Path) -> None:
+    paper = "getComputedStyle(document.body).backgroundColor"
+    trail = "rpctl.viewer.scene.getObjectByName('trail-base').material.color.getHexString()"
+    stroke = "rpctl.charts[0].plot.series.at(-1).stroke()"
+    looks = f"[{paper}, {trail}, {stroke}]"
+    with opened(browser, report, color_scheme="light") as page:
+        light = page.evaluate(looks)
+        page.get_by_role("button", name="Dark page").click()
+        switched = page.evaluate(looks)
+    with opened(browser, report, color_scheme="dark") as page:
+        dark = page.evaluate(looks)
+        page.keyboard.press("d")
+        assert page.evaluate(looks) == light
+    assert switched == dark
+    assert all(a != b for a, b in zip(light, dark, strict=True))
+
+
+def test_details_are_a_tab_away(page: Any) -> None:
+    page.get_by_role("tab", name="Plots").focus()
+    page.keyboard.press("ArrowRight")
+    assert page.get_by_role("tab", name="Details").get_attribute("aria-selected") == "true"
+    assert page.get_by_text("Base, final lateral").is_visible()
+    assert not page.locator(".chart").first.is_visible()
+
+
+def test_controls_have_names(page: Any) -> None:
+    unnamed = page.evaluate(
+        """[...document.querySelectorAll("button, select, input, [role=img]")]
+        .filter((c) => !(c.getAttribute("aria-label") || c.textContent.trim()))
+        .map((c) => c.outerHTML)"""
+    )
+    assert unnamed == []
+
+
+def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
+    with opened(browser, comparison) as page:
+        hide(page, "trails")
+        both = draw(page, 0.0)
+        page.locator(".legend").get_by_role("button", name="far").click()
+        one = draw(page, 0.0)
+        page.locator(".legend").get_by_role("button", name="near").click()
+        none = draw(page, 0.0)
+        assert changed(both, one) > 500
+        assert changed(one, none) > 500
+        names = page.locator(".chart").first.locator(".key .label").all_inner_texts()
+        assert names == ["near", "far"]
+        choice = page.get_by_label("What Joint errors shows")
+        before = page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)")
+        choice.select_option(index=1)
+        assert page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)") != before
 
 
 @pytest.mark.parametrize("view", ["home", "top", "follow"])
@@ -174,15 +397,19 @@ def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
-    context = browser.new_context(viewport={"width": width, "height": 844})
-    page = context.new_page()
-    page.goto(report.as_uri())
-    wait(page, "window.rpctl && window.rpctl.ready")
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    scene = page.locator("#scene canvas").bounding_box()
-    assert scene is not None
-    assert scene["width"] > 0.6 * width
-    context.close()
+    with opened(browser, report, viewport={"width": width, "height": 844}) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        scene = page.locator("#scene canvas").bounding_box()
+        plot = page.locator(".chart .u-over").first.bounding_box()
+        assert scene is not None
+        assert plot is not None
+        assert scene["width"] > 0.5 * width
+        assert plot["width"] > min(0.6 * width, 300)
+        assert plot["x"] + plot["width"] <= width
+        if width < 860:  # the plots lie under the scene, which stays in view beside them
+            page.locator(".chart").nth(4).scroll_into_view_if_needed()
+            assert page.get_by_role("slider").is_visible()
+            assert page.evaluate("document.querySelector('.stage').getBoundingClientRect().y") == 0
 
 
 def test_without_webgl_the_page_says_so(browser: Any, report: Path) -> None:
@@ -194,7 +421,10 @@ def test_without_webgl_the_page_says_so(browser: Any, report: Path) -> None:
     page.on("pageerror", lambda error: problems.append(str(error)))
     page.goto(report.as_uri())
     assert page.locator("#failure").is_visible()
-    assert page.get_by_text("Base, rms").is_visible()
-    assert not page.get_by_role("slider").is_visible()
+    assert page.get_by_text("Base, rms").first.is_visible()
+    assert page.locator(".chart").first.is_visible()
+    assert not page.locator(".legend").is_visible()
+    page.keyboard.press("End")  # the timeline still drives the plots
+    assert page.locator("#clock").inner_text().startswith("3.00")
     plain.close()
     assert problems == []

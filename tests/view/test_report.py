@@ -55,7 +55,8 @@ def test_nothing_is_fetched(page: str) -> None:
         assert tag not in ("iframe", "object", "embed", "base")
         for name in ("src", "href", "srcset", "action", "poster"):
             assert (attributes.get(name) or "data:").startswith("data:"), (tag, attributes)
-    own = page.replace(Tags(page).scripts[1], "")  # without meshcat's own viewer
+    _, meshcat, uplot, _ = Tags(page).scripts
+    own = page.replace(meshcat, "").replace(uplot, "")
     assert not re.findall(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", own)
 
 
@@ -95,14 +96,16 @@ def test_names_from_files_cannot_become_markup(
             "passed": False,
             "samples": EVIL,
             "seed": 0,
-            "checks": [{"name": EVIL, "residual": 1.0, "limit": 0.1, "passed": False}],
+            "checks": [
+                {"name": EVIL, "against": EVIL, "residual": 1.0, "limit": 0.1, "passed": False}
+            ],
             "skipped": [{"name": EVIL, "against": EVIL, "note": EVIL}],
         },
     )
     path = write_report(evil, tmp_path / "report.html", robot=paper)
     tags = Tags(path.read_text(encoding="utf-8"))
-    assert len(tags.scripts) == 3
-    assert [tag for tag, _ in tags.found].count("img") == 1
+    assert len(tags.scripts) == 4
+    assert "img" not in [tag for tag, _ in tags.found]
     assert not any(name.startswith("on") for _, attributes in tags.found for name in attributes)
 
 
@@ -115,6 +118,44 @@ def test_embedded_json_cannot_end_its_script() -> None:
 def test_report_of_a_real_robot_is_small(tiago: Robot, tiago_run: Run, tmp_path: Path) -> None:
     size = write_report(tiago_run, tmp_path / "report.html", robot=tiago).stat().st_size
     assert 1e6 < size < 5e6
+
+
+def test_licence_of_the_plots_goes_with_them(page: str) -> None:
+    uplot = Tags(page).scripts[2]
+    assert "MIT License" in uplot
+    assert "Copyright (c) 2022 Leon Sorokin" in uplot
+
+
+def test_fixed_base_has_no_base_error(ur5: Robot, ur5_run: Run, tmp_path: Path) -> None:
+    path = write_report(ur5_run, tmp_path / "report.html", robot=ur5)
+    text = path.read_text(encoding="utf-8")
+    assert "End effector, rms" in text
+    assert "Base, rms" not in text
+    assert 'data-layer="base"' not in text
+
+
+def test_robot_without_arm_or_ground_loads(cart: Robot, tmp_path: Path) -> None:
+    path = write_report(short_run(cart, 0.3), tmp_path / "report.html", robot=cart)
+    text = path.read_text(encoding="utf-8")
+    for layer in ("tip", "loads", "zmp"):
+        assert f'data-layer="{layer}"' not in text
+    assert "End effector, rms" not in text
+    assert "Effort: 0 to peak" in text
+
+
+def test_comparison_names_its_runs_and_what_differs(
+    paper_run: Run, paper: Robot, tmp_path: Path
+) -> None:
+    other = short_run(paper, 1.0)
+    path = rpctl.write_report([paper_run, other], tmp_path / "compare.html")
+    text = path.read_text(encoding="utf-8")
+    assert 'data-layer="run-2"' in text
+    assert "2: paper, eight" in text
+    assert "<td><b>1</b></td>" in text  # their durations differ
+    with pytest.raises(rpctl.RpctlError, match="2 runs, 1 names"):
+        write_report([paper_run, other], path, names=["one"])
+    with pytest.raises(rpctl.RpctlError, match="no run"):
+        write_report([], path)
 
 
 def test_report_is_there_whole_or_not_at_all(
@@ -140,8 +181,8 @@ def test_folder_that_is_not_there_is_named(paper: Robot, paper_run: Run, tmp_pat
 
 def test_panel_tells_what_failed(paper_run: Run) -> None:
     checks = [
-        {"name": "inertia", "residual": 1e-15, "limit": 1e-12, "passed": True},
-        {"name": "bias", "residual": 2e-3, "limit": 1e-12, "passed": False},
+        {"name": "inertia", "against": "G", "residual": 1e-15, "limit": 1e-12, "passed": True},
+        {"name": "bias", "against": "G", "residual": 2e-3, "limit": 1e-12, "passed": False},
     ]
     skipped = [{"name": "bias", "against": "MuJoCo", "note": "not installed"}]
     certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks, "skipped": skipped}

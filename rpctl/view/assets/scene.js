@@ -1,39 +1,22 @@
-"use strict";
-(() => {
-  const $ = (id) => document.getElementById(id);
-  const data = JSON.parse($("rpctl-data").textContent);
-  const duration = data.duration;
-  const PLAY = "M7 4.5v15l13-7.5z", PAUSE = "M6 4.5h4.2v15H6zM13.8 4.5H18v15h-4.2z";
-  const FIELD_OF_VIEW = 34; // degrees
-  const MARGIN = 0.9; // of the picture that the motion may fill
-  const SKIP = 1; // s that an arrow key moves
+/* The scene: meshcat's viewer, with cameras, layers, efforts as colour and the ground's forces. */
 
-  const bytes = (text) => Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
+const FIELD_OF_VIEW = 34; // degrees
+const MARGIN = 0.9; // of the picture that the motion may fill
+const MILD = 0xf2b705, FULL = 0xd7191c; // colours of half and of the whole of an effort's limit
 
-  let viewer = null, time = 0, playing = false, speed = 1, last = null;
-  let mode = "home", followed = null, trails = [];
-
+/* Return the scene, or null where the browser cannot draw one. */
+function makeScene(data, pane) {
+  let viewer, mode = "home", followed = null, trails = [], efforts = null, stance = null;
   try {
-    viewer = new MeshCat.Viewer($("scene"));
-    start();
-  } catch (error) {
-    if (viewer) throw error;
-    $("failure").hidden = false;
-    document.body.classList.add("flat");
+    viewer = new MeshCat.Viewer(pane);
+  } catch {
+    return null;
   }
-  controls();
-  show(0);
-  const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-  window.rpctl = {
-    viewer, duration, seek, play, pause, camera, time: () => time, playing: () => playing,
-    ready: viewer !== null,
-  };
-  if (!still && duration > 0) play(); else pause();
-  requestAnimationFrame(tick);
+  start();
+  return { viewer, show, paint, camera, layer };
 
   function start() {
     viewer.set_3d_pane_size = (width, height) => {
-      const pane = $("scene");
       width = width || pane.clientWidth;
       height = height || pane.clientHeight;
       if (!width || !height) return;
@@ -47,74 +30,65 @@
     for (const command of data.commands) viewer.handle_command_bytearray(bytes(command));
     viewer.animator.pause();
     followed = viewer.scene.getObjectByName(data.follow);
-    trails = ["trail-base", "trail-tip"]
-      .map((name) => viewer.scene.getObjectByName(name))
-      .filter((trail) => trail);
+    trails = data.runs.flatMap(({ prefix, duration, frames }) => ["trail-base", "trail-tip"]
+      .map((name) => viewer.scene.getObjectByName(prefix + name))
+      .filter((trail) => trail)
+      .map((trail) => ({ trail, duration, steps: frames - 1 })));
+    if (data.effort) efforts = makeEfforts(viewer, data);
+    if (data.stance) stance = makeStance(viewer, data, followed.parent);
     viewer.camera.fov = FIELD_OF_VIEW;
     viewer.controls.addEventListener("start", () => { if (mode !== "follow") press(null); });
-    const dark = window.matchMedia("(prefers-color-scheme: dark)");
-    dark.addEventListener("change", paint);
-    paint();
     new ResizeObserver(() => {
       viewer.set_3d_pane_size();
       if (mode === "home" || mode === "top") camera(mode);
-    }).observe($("scene"));
+    }).observe(pane);
     viewer.set_3d_pane_size();
     camera("home");
   }
 
-  /* Give the trails the colours of the page, which differ between light and dark. */
+  /* Give trails and ghosts the colours of the page, which differ between light and dark. */
   function paint() {
-    const style = getComputedStyle(document.documentElement);
-    const trail = (name, colour) => {
-      const found = viewer.scene.getObjectByName(`trail-${name}`);
-      if (found) found.material.color.set(style.getPropertyValue(`--${colour}`).trim());
+    const several = data.runs.length > 1;
+    const tint = (name, variable) => {
+      const found = viewer.scene.getObjectByName(name);
+      if (found) found.material.color.set(css(variable));
     };
-    for (const kind of ["base", "tip"]) {
-      trail(kind, kind);
-      trail(`${kind}-desired`, "desired");
-    }
+    data.runs.forEach(({ prefix }, k) => {
+      for (const kind of ["base", "tip"]) {
+        tint(`${prefix}trail-${kind}`, several ? `--c${k % PALETTE}` : `--${kind}`);
+        tint(`${prefix}trail-${kind}-desired`, "--desired");
+      }
+      if (k > 0) viewer.scene.traverse((node) => {
+        if (node.name.startsWith(`${prefix}tint-`)) node.material.color.set(css(`--c${k % PALETTE}`));
+      });
+    });
     viewer.set_dirty();
   }
 
-  // ---- time -----------------------------------------------------------------------------
-
-  function tick(now) {
-    if (playing && last !== null) {
-      const next = time + speed * (now - last) / 1000;
-      show(next > duration ? 0 : next);
-    }
-    last = now;
-    requestAnimationFrame(tick);
-  }
-
-  function show(t) {
-    time = Math.min(Math.max(t, 0), duration);
-    $("scrubber").value = time;
-    $("scrubber").setAttribute("aria-valuetext", `${time.toFixed(1)} seconds`);
-    $("clock").textContent = `${time.toFixed(2)} / ${duration.toFixed(2)} s`;
-    if (!viewer) return;
+  function show(time) {
     const before = followed && followed.position.clone();
     viewer.animator.seek(time);
-    const share = duration > 0 ? time / duration : 1;
-    for (const trail of trails) {
-      const corners = trail.geometry.index.count, steps = data.frames - 1;
+    for (const { trail, duration, steps } of trails) {
+      const share = duration > 0 ? Math.min(time / duration, 1) : 1;
+      const corners = trail.geometry.index.count;
       trail.geometry.setDrawRange(0, Math.round(corners / steps) * Math.floor(share * steps));
     }
+    if (efforts) efforts.show(time);
+    if (stance) stance.show(time);
     if (mode === "follow" && before) shift(followed.position.clone().sub(before));
     viewer.set_dirty();
   }
 
-  function seek(t) { show(t); }
-
-  function play() { setPlaying(true); }
-
-  function pause() { setPlaying(false); }
-
-  function setPlaying(on) {
-    playing = on;
-    $("play-icon").setAttribute("d", on ? PAUSE : PLAY);
-    $("play").setAttribute("aria-label", on ? "Pause" : "Play");
+  /* Show or hide what an entry of the legend names. */
+  function layer(name, on) {
+    if (name === "effort") efforts.turn(on);
+    const run = data.runs[Number(name.replace("run-", "")) - 1];
+    const own = run ? new RegExp(`^${run.prefix}(robot-|trail-(base|tip)$)`) : {
+      base: /^trail-base$/, tip: /^trail-tip$/, desired: /trail-(base|tip)-desired$/,
+      ghost: /^reference-/, loads: /^stance-loads$/, zmp: /^stance-polygon$/,
+    }[name];
+    if (own) viewer.scene.traverse((node) => { if (own.test(node.name)) node.visible = on; });
+    viewer.set_dirty();
   }
 
   // ---- camera: the scene is z-up, three.js is y-up ------------------------------------------
@@ -128,7 +102,6 @@
   }
 
   function camera(name) {
-    if (!viewer) return;
     press(name);
     if (name === "follow" && followed) {
       const [low, high] = data.start, from = data.origin, at = followed.position;
@@ -182,28 +155,6 @@
   function press(name) {
     mode = name;
     for (const each of ["home", "top", "follow"])
-      $(`camera-${each}`).setAttribute("aria-pressed", String(each === name));
+      document.getElementById(`camera-${each}`).setAttribute("aria-pressed", String(each === name));
   }
-
-  // ---- controls ---------------------------------------------------------------------------
-
-  function controls() {
-    $("play").addEventListener("click", () => setPlaying(!playing));
-    $("scrubber").addEventListener("input", (event) => show(Number(event.target.value)));
-    $("speed").addEventListener("change", (event) => { speed = Number(event.target.value); });
-    for (const name of ["home", "top", "follow"])
-      $(`camera-${name}`).addEventListener("click", () => camera(name));
-    window.addEventListener("keydown", (event) => {
-      if (event.altKey || event.ctrlKey || event.metaKey) return;
-      if (event.target.closest("select, summary, .cameras")) return;
-      const moves = {
-        " ": () => setPlaying(!playing), ArrowLeft: () => show(time - SKIP),
-        ArrowRight: () => show(time + SKIP), Home: () => show(0), End: () => show(duration),
-      };
-      if (!(event.key in moves)) return;
-      event.preventDefault();
-      if (event.key === "End") pause();
-      moves[event.key]();
-    });
-  }
-})();
+}

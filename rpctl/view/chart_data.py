@@ -1,0 +1,155 @@
+"""Charts as a page holds them: thinned, on one time axis, one run or several."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.description.records import Array
+from rpctl.simulation.run import Run
+from rpctl.view.charts import Chart, Line, charts
+
+MAX_POINTS = 2000  # of one line: a screen has no more columns
+FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
+SAME = 1e-9  # s: times that differ by less are the same
+DECADES = 6.0  # that an error's axis shows at most
+
+Thin = Callable[[Array], Array]
+
+
+def packed(values: NDArray[Any]) -> str:
+    """Return numbers as base64 of float32, row after row."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+
+
+def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
+    """Return the time axis and the charts of runs, ready for JSON.
+
+    Of one run, a chart shows all lines of a kind. Of several, it shows one line of that kind, of
+    every run, and its ``variants`` are the lines to choose from.
+
+    Args:
+        runs: At least one.
+        names: What the runs are called.
+    """
+    times, thins = _axis([run.t - run.t[0] for run in runs])
+    if len(runs) == 1:
+        found = [(c.title, c.note, [("", c, thins)]) for c in charts(runs[0])]
+    else:
+        found = _transposed(runs, names, thins)
+    return {
+        "x": packed(times),
+        "charts": [
+            {
+                "title": title,
+                "note": note,
+                "variants": [
+                    {"label": label, **_variant(chart, drawn)} for label, chart, drawn in variants
+                ],
+            }
+            for title, note, variants in found
+        ],
+    }
+
+
+Variants = list[tuple[str, Chart, list[Thin]]]
+
+
+def _transposed(
+    runs: Sequence[Run], names: Sequence[str], thins: list[Thin]
+) -> list[tuple[str, str, Variants]]:
+    """Return for each chart its lines to choose from, each with a line for every run."""
+    gathered: dict[str, dict[str, list[tuple[Chart, Line, int]]]] = {}
+    for k, run in enumerate(runs):
+        for chart in charts(run):
+            for line in chart.lines:
+                found = gathered.setdefault(chart.title, {}).setdefault(line.label, [])
+                found.append((chart, line, k))
+    result = []
+    for title, kinds in gathered.items():
+        variants: Variants = []
+        for label, found in kinds.items():
+            lines = tuple(
+                replace(line, label=names[k], colour=k, shown=True) for _, line, k in found
+            )
+            chart = replace(found[0][0], unit=_axis_unit(found[0][0], lines[0]), lines=lines)
+            variants.append((label, chart, [thins[k] for _, _, k in found]))
+        result.append((title, variants[0][1].note, variants))
+    return result
+
+
+def _axis_unit(chart: Chart, line: Line) -> str:
+    return chart.unit if chart.limits else line.unit
+
+
+def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
+    lines = chart.lines
+    if len(thins) == 1:
+        thins = thins * len(lines)
+    entry: dict[str, Any] = {"unit": chart.unit, "limits": list(chart.limits)}
+    if chart.errors:
+        entry["decades"] = _decades([line.values for line in lines if line.shown])
+    entry["lines"] = [_line(line, thin) for line, thin in zip(lines, thins, strict=True)]
+    return entry
+
+
+def _line(line: Line, thin: Thin) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "label": line.label,
+        "unit": line.unit,
+        "colour": line.colour,
+        "scale": line.scale,
+        "shown": line.shown,
+        "values": packed(thin(line.values)),
+    }
+    if line.reference is not None:
+        entry["reference"] = packed(thin(line.reference))
+    return entry
+
+
+def _decades(lines: list[Array]) -> list[float]:
+    """Return the range of an error's axis: its largest value, and what it settles at."""
+    top = 2.0 * max(*(float(np.abs(v).max()) for v in lines), 10.0 * FLOOR)
+    settled = min(float(np.median(np.abs(v[-max(1, len(v) // 5) :]))) for v in lines)
+    bottom = max(min(0.2 * max(settled, FLOOR), 1e-2 * top), top / 10.0**DECADES)
+    return [bottom, top]
+
+
+def _axis(clocks: list[Array]) -> tuple[Array, list[Thin]]:
+    """Return the times (n,) that all lines share, and how each run's lines come to them.
+
+    A short run keeps its samples. Of a longer one, and of runs sampled at other times, each
+    stretch of time gives its least and its largest value, in order, so that no peak is lost;
+    after the end of a run its lines are NaN.
+    """
+    first = clocks[0]
+    alike = all(len(t) == len(first) and np.array_equal(t, first) for t in clocks)
+    if alike and len(first) <= MAX_POINTS:
+        return first, [lambda values: values for _ in clocks]
+    end = max(float(t[-1]) for t in clocks)
+    gap = max(float(np.diff(t).max()) for t in clocks if len(t) > 1)
+    count = max(1, min(MAX_POINTS // 2, int(end / (2.0 * gap))))
+    edges = np.linspace(0.0, end, count + 1)
+    times = np.linspace(0.0, end, 2 * count)
+    return times, [_extremes(t, edges) for t in clocks]
+
+
+def _extremes(t: Array, edges: Array) -> Thin:
+    """Return what takes the extremes of the values between each edge and the next."""
+    starts = np.searchsorted(t, edges[:-1] - SAME)
+    starts = starts[starts < len(t)]
+
+    def thin(values: Array) -> Array:
+        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+        falling = values[starts] > 0.5 * (low + high)
+        pairs = np.full((len(edges) - 1, 2), np.nan)
+        pairs[: len(starts)] = np.stack([low, high], 1)
+        pairs[: len(starts)][falling] = np.stack([high, low], 1)[falling]
+        return pairs.reshape(-1)
+
+    return thin

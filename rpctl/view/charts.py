@@ -1,0 +1,171 @@
+"""What the interactive plots of a run show: lines over time, by what they measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.simulation.run import Run
+
+BASE_SPEEDS = {"v": ("v", "m/s"), "vx": ("vx", "m/s"), "vy": ("vy", "m/s"), "omega": ("ω", "rad/s")}
+SLIPPING = 3.0  # that a grip's line shows at most: beyond, the wheel slips or is in the air
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One line of a chart.
+
+    Attributes:
+        label: What it shows.
+        unit: Unit of the value that a reader is told.
+        values: What is drawn (K,).
+        colour: Its number in the page's palette.
+        scale: The value told is what is drawn times this.
+        reference: What it should be (K,), drawn dashed, or None.
+        shown: Whether it is drawn until somebody asks for it.
+    """
+
+    label: str
+    unit: str
+    values: Array
+    colour: int
+    scale: float = 1.0
+    reference: Array | None = None
+    shown: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Lines that share their axes.
+
+    Attributes:
+        title: What the chart shows.
+        unit: Unit of its axis.
+        lines: At least one.
+        limits: Levels that are drawn dashed and always in view.
+        errors: Whether its lines are errors, of which the magnitude is drawn over decades.
+        note: What a reader must know beside the title.
+    """
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+    limits: tuple[float, ...] = ()
+    errors: bool = False
+    note: str = ""
+
+
+def charts(run: Run) -> list[Chart]:
+    """Return the charts that suit a run: errors, speeds, efforts, and what the ground bears."""
+    found = [_base_error(run), _tip_error(run), _joint_errors(run)]
+    found += [*_speeds(run), *_efforts(run), *_margins(run), _loads(run)]
+    return [chart for chart in found if chart is not None and chart.lines]
+
+
+def has_base(run: Run) -> bool:
+    """Return whether the base moves."""
+    return any(name in BASE_SPEEDS for name in run.quasi_velocities)
+
+
+def short(joint: str) -> str:
+    """Return a joint's name without what all joints' names end in."""
+    return joint.removesuffix("_joint")
+
+
+def _base_error(run: Run) -> Chart | None:
+    if not has_base(run):
+        return None
+    x1, x2, x3 = run.e[:, :3].T
+    lines = (
+        Line("distance", "m", np.hypot(x1, x2), 3, shown=False),
+        Line("longitudinal x₁", "m", x1, 0),
+        Line("lateral x₂", "m", x2, 1),
+        Line("heading x₃", "rad", x3, 2),
+    )
+    return Chart("Base error", "m, rad", lines, errors=True)
+
+
+def _tip_error(run: Run) -> Chart | None:
+    if not run.ee.shape[1]:
+        return None
+    distance = np.linalg.norm(run.ee_ref - run.ee, axis=1)
+    lines = Line("position", "m", distance, 1), Line("orientation", "rad", run.ee_angle, 4)
+    return Chart("End-effector error", "m, rad", lines, errors=True)
+
+
+def _joint_errors(run: Run) -> Chart:
+    lines = tuple(
+        Line(short(name), unit, error, _colour(run, name))
+        for name, unit, error in zip(run.joint_names, run.units, run.e[:, 3:].T, strict=True)
+    )
+    return Chart("Joint errors", _units(lines), lines, errors=True)
+
+
+def _speeds(run: Run) -> list[Chart]:
+    """Return the quasi-velocities with their reference: of the base, the arm, and the rest."""
+    groups: dict[str, list[Line]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
+    for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
+        if name in BASE_SPEEDS:
+            label, unit = BASE_SPEEDS[name]
+            title, colour = "Base speeds", len(groups["Base speeds"])
+        else:
+            label, unit, colour = short(name), f"{_unit(run, name)}/s", _colour(run, name)
+            title = "Joint speeds" if name in run.joint_names else "Other speeds"
+        groups[title].append(Line(label, unit, actual, colour, reference=wanted))
+    return [
+        Chart(title, _units(lines), tuple(lines), note="dashed: reference")
+        for title, lines in groups.items()
+    ]
+
+
+def _efforts(run: Run) -> list[Chart]:
+    """Return the efforts as shares of their limits, and for each unit those without limits."""
+    limited: list[Line] = []
+    free: dict[str, list[Line]] = {"N·m": [], "N": []}
+    for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
+        unit, colour = "N" if _unit(run, name) == "m" else "N·m", _colour(run, name)
+        if np.isfinite(limit) and limit > 0.0:
+            limited.append(Line(short(name), unit, 100.0 * tau / limit, colour, 0.01 * limit))
+        else:
+            free[unit].append(Line(short(name), unit, tau, colour))
+    found = [Chart("Efforts", "% of limit", tuple(limited), (-100.0, 100.0), note="dashed: limits")]
+    return found + [
+        Chart(f"Efforts without limits, {unit}", unit, tuple(lines)) for unit, lines in free.items()
+    ]
+
+
+def _margins(run: Run) -> list[Chart]:
+    if not run.tip_margin.size:
+        return []
+    tip = Line("zero-moment point to edge", "m", run.tip_margin, 0)
+    grip = Line("force / (friction · load)", "%", 100.0 * np.minimum(run.slip_ratio, SLIPPING), 1)
+    beyond = " (drawn up to 300)" if run.slip_ratio.max() > SLIPPING else ""
+    slips = f"friction {run.friction:g}, slips above 100{beyond}"
+    return [
+        Chart("Tip-over margin", "m", (tip,), (0.0,), note="tips below the dashed line"),
+        Chart("Grip used", "%", (grip,), (100.0,), note=slips),
+    ]
+
+
+def _loads(run: Run) -> Chart:
+    lines = tuple(
+        Line(short(name), "N", load, k)
+        for k, (name, load) in enumerate(zip(run.contacts, run.contact_load.T, strict=False))
+    )
+    return Chart("Ground loads", "N", lines)
+
+
+def _unit(run: Run, joint: str) -> str:
+    """Return the unit of a joint's position; wheels and steering, which are no arm's, turn."""
+    return run.units[run.joint_names.index(joint)] if joint in run.joint_names else "rad"
+
+
+def _units(lines: tuple[Line, ...] | list[Line]) -> str:
+    return ", ".join(dict.fromkeys(line.unit for line in lines))
+
+
+def _colour(run: Run, joint: str) -> int:
+    """Return a joint's number, the same in all charts."""
+    return list(dict.fromkeys((*run.actuators, *run.joint_names, joint))).index(joint)

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl import Robot, Run
+from rpctl.view.chart_data import MAX_POINTS, chart_data
+from rpctl.view.charts import Chart, charts
+from rpctl.view.overlay import contact_forces, effort_shares, overlay
+from tests.view.samples import short_run
+
+
+def floats(text: str) -> np.ndarray[Any, Any]:
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+def titles(run: Run) -> list[str]:
+    return [chart.title for chart in charts(run)]
+
+
+def chart(run: Run, title: str) -> Chart:
+    return next(chart for chart in charts(run) if chart.title == title)
+
+
+def stretched(run: Run, count: int) -> Run:
+    """Return a run of ``count`` samples over the same time, between the samples of another."""
+    t = np.linspace(0.0, run.t[-1], count)
+    places = np.searchsorted(run.t, t - 1e-9)
+    arrays: dict[str, Any] = {
+        name: value[places] for name, value in vars(run).items() if isinstance(value, np.ndarray)
+    }
+    return replace(run, **{**arrays, "t": t})
+
+
+def test_charts_suit_the_robot(paper_run: Run, ur5_run: Run, cart: Robot) -> None:
+    assert titles(paper_run) == [
+        "Base error",
+        "End-effector error",
+        "Joint errors",
+        "Base speeds",
+        "Joint speeds",
+        "Efforts",
+        "Tip-over margin",
+        "Grip used",
+        "Ground loads",
+    ]
+    assert not {"Base error", "Base speeds", "Ground loads"} & set(titles(ur5_run))
+    without = titles(short_run(cart, 0.2))
+    assert without == ["Base error", "Base speeds", "Efforts without limits, N·m"]
+
+
+def test_speeds_are_told_by_name(paper_run: Run) -> None:
+    names = ("vy", "front_steering_joint", *paper_run.quasi_velocities[2:])
+    run = replace(paper_run, quasi_velocities=names)
+    (vy,) = chart(run, "Base speeds").lines
+    assert (vy.label, vy.unit) == ("vy", "m/s")
+    (steering,) = chart(run, "Other speeds").lines
+    assert (steering.label, steering.unit) == ("front_steering", "rad/s")
+    np.testing.assert_array_equal(steering.values, run.nu[:, 1])
+    units = dict(zip(run.joint_names, run.units, strict=True))
+    told = [line.unit for line in chart(run, "Joint speeds").lines]
+    assert told == [f"{units[name]}/s" for name in names[2:]]
+    assert set(told) == {"m/s", "rad/s"}
+
+
+def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
+    efforts = chart(paper_run, "Efforts")
+    assert efforts.limits == (-100.0, 100.0)
+    for line, tau, limit in zip(
+        efforts.lines, paper_run.tau.T, paper_run.effort_limits, strict=True
+    ):
+        np.testing.assert_allclose(line.values, 100.0 * tau / limit)
+        np.testing.assert_allclose(line.values * line.scale, tau)
+    np.testing.assert_allclose(
+        100.0 * effort_shares(paper_run), np.abs([line.values for line in efforts.lines]).T
+    )
+
+
+def test_no_peak_is_lost(paper_run: Run) -> None:
+    run = stretched(paper_run, 30_000)
+    tau = np.array(run.tau)
+    tau[17_777, 0], tau[4_321, 0] = 55.0, -66.0
+    data = chart_data([replace(run, tau=tau)], ["run"])
+    times = floats(data["x"])
+    efforts = next(c for c in data["charts"] if c["title"] == "Efforts")["variants"][0]
+    line = efforts["lines"][0]
+    drawn = floats(line["values"]) * line["scale"]
+    assert len(drawn) == len(times) <= MAX_POINTS
+    step = 2.0 * float(times[1])
+    assert drawn.max() == pytest.approx(55.0)
+    assert times[drawn.argmax()] == pytest.approx(run.t[17_777], abs=step)
+    assert times[drawn.argmin()] == pytest.approx(run.t[4_321], abs=step)
+
+
+def test_short_run_keeps_its_samples(paper_run: Run) -> None:
+    data = chart_data([paper_run], ["run"])
+    np.testing.assert_allclose(floats(data["x"]), paper_run.t, rtol=1e-6)
+    base = data["charts"][0]["variants"][0]
+    np.testing.assert_allclose(floats(base["lines"][2]["values"]), paper_run.e[:, 1], rtol=1e-6)
+    assert base["decades"][0] < base["decades"][1]
+    json.dumps(data, allow_nan=False)
+
+
+def test_several_runs_share_time_and_charts(paper: Robot, paper_run: Run) -> None:
+    other = short_run(paper, 1.5)
+    data = chart_data([paper_run, other], ["a", "b"])
+    times = floats(data["x"])
+    assert times[-1] == pytest.approx(3.0)
+    base = data["charts"][0]
+    assert [v["label"] for v in base["variants"]][:2] == ["distance", "longitudinal x₁"]
+    first, second = (floats(line["values"]) for line in base["variants"][0]["lines"])
+    assert [line["label"] for line in base["variants"][0]["lines"]] == ["a", "b"]
+    assert np.isfinite(first).all()
+    step = float(times[1])
+    assert np.isfinite(second[times <= 1.5]).all()
+    assert np.isnan(second[times > 1.5 + 2.0 * step]).all()
+
+
+def test_forces_of_the_ground(paper: Robot, paper_run: Run) -> None:
+    force = contact_forces(paper_run)
+    np.testing.assert_array_equal(force[:, :, 2], paper_run.contact_load)
+    np.testing.assert_allclose(
+        force[:, :, 0].sum(axis=1), paper_run.wheel_force.sum(axis=1), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        force[:, :, 1].sum(axis=1), paper_run.axle_force.sum(axis=1), atol=1e-9
+    )
+    turned = replace(paper_run, drive={**paper_run.drive, "heading": 0.5 * np.pi})
+    np.testing.assert_allclose(contact_forces(turned)[:, :, 1], force[:, :, 0], atol=1e-12)
+    np.testing.assert_allclose(contact_forces(turned)[:, :, 0], -force[:, :, 1], atol=1e-12)
+    steered = replace(
+        paper_run, quasi_velocities=("v", "steering", *paper_run.quasi_velocities[2:])
+    )
+    assert not contact_forces(steered)[:, :, :2].any()
+
+
+def test_effort_between_frames_is_not_lost(paper: Robot, paper_run: Run) -> None:
+    tau = np.array(paper_run.tau)
+    tau[123, 1] = -0.9 * paper_run.effort_limits[1]
+    run = replace(paper_run, tau=tau)
+    drawn = floats(overlay(paper, run, run.t[:300:10])["effort"]["share"]).reshape(30, -1)
+    assert drawn[12, 1] == pytest.approx(0.9)
+    assert drawn[13, 1] < 0.9
+
+
+def test_zero_moment_point_is_told_in_the_robots_frame(paper: Robot, paper_run: Run) -> None:
+    frames = np.array([0, 700, 1500])
+    stance = overlay(paper, paper_run, paper_run.t[frames])["stance"]
+    for (x, y, yaw), (px, py), sample in zip(
+        floats(stance["pose"]).reshape(-1, 3),
+        floats(stance["zmp"]).reshape(-1, 2),
+        frames,
+        strict=True,
+    ):
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        world = [x + cos * px - sin * py, y + sin * px + cos * py]
+        np.testing.assert_allclose(world, paper_run.zmp[sample], atol=1e-6)
+
+
+def test_nothing_is_drawn_of_ground_that_was_not_logged(ur5: Robot, ur5_run: Run) -> None:
+    drawn = overlay(ur5, ur5_run, ur5_run.t[:3])
+    assert drawn["stance"] is None
+    assert drawn["effort"]["joints"] == [ur5.model.getJointId(name) for name in ur5_run.actuators]
