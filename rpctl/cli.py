@@ -155,6 +155,7 @@ def derive_command(
 )
 @_guarded
 def track_command(
+    context: typer.Context,
     robot: RobotArgument,
     lock: LockOption = None,
     drive: DriveOption = None,
@@ -184,6 +185,13 @@ def track_command(
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
     ] = None,
+    max_megabytes: Annotated[
+        float,
+        typer.Option(metavar="MB", help="Size of the report; meshes are simplified to keep it."),
+    ] = 6.0,
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
@@ -199,6 +207,12 @@ def track_command(
     certificate = _certify(loaded, samples, 0, []) if samples else None
     if certificate is not None:
         say.print(certificate_line(certificate))
+    from rpctl.view.folder import REPORT, write_folder  # matplotlib loads only once needed
+    from rpctl.view.live import broadcast
+
+    watcher = None
+    if live:
+        watcher = context.with_resource(broadcast(loaded, reference, duration, say.print))
     with progress_bar("simulate") as advance:
         run = track(
             loaded,
@@ -209,11 +223,12 @@ def track_command(
             friction=friction,
             certificate=certificate,
             progress=advance,
+            watch=watcher,
         )
-    from rpctl.view.folder import write_folder  # meshcat and matplotlib load only once needed
-
     with progress_bar("draw"):
-        summary = write_folder(run, folder)
+        summary = write_folder(run, folder, max_megabytes)
+    if watcher is not None:
+        watcher.finish(folder / REPORT)
     if as_json:
         _print_json(summary)
     else:
@@ -222,16 +237,36 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-@app.command("view", epilog="Example: rpctl view runs/tiago-eight")
+@app.command("view", epilog="Examples: rpctl view tiago; rpctl view runs/tiago-eight")
 @_guarded
 def view_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")],
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ROBOT|RUN...", help="A robot, or runs: their folders or run.npz files."
+        ),
+    ],
+    lock: LockOption = None,
+    drive: DriveOption = None,
+    density: DensityOption = None,
+    strict: StrictOption = False,
 ) -> None:
-    """Serve a run's report on this machine only, until Ctrl-C."""
-    from rpctl.view.folder import find_report
+    """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play."""
+    from rpctl.view.folder import is_run, report_of
     from rpctl.view.live import serve
+    from rpctl.view.robot_page import robot_page
 
-    serve(find_report(run), lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+    def robot() -> Robot:
+        return load_robot(what[0], drive, lock, density, strict)
+
+    def ready(url: str) -> None:
+        typer.echo(f"{url}  (Ctrl-C ends it)")
+
+    if len(what) > 1 or is_run(what[0]):
+        serve(report_of([Path(each) for each in what]), ready)
+    else:
+        robot()  # what is wrong with it is said here; of a file that is edited, by the page
+        serve(lambda: robot_page(robot()).encode(), ready)
 
 
 @app.command("robots", epilog="Example: rpctl robots --json")

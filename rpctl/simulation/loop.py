@@ -37,6 +37,7 @@ def track(
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
     friction: float = FRICTION,
+    watch: Callable[[float, Array, ReferenceState], object] | None = None,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -57,6 +58,8 @@ def track(
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
+        watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
+            is not counted as the simulation's.
 
     Returns:
         What was logged.
@@ -101,6 +104,10 @@ def track(
                 f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the "
                 "horizons"
             )
+        if watch is not None:
+            shown = time.perf_counter()
+            watch(t, q, state)
+            began += time.perf_counter() - shown
         if k < steps:
             q, nu, done = advance(dynamics, q, nu, tau, control_period, plant_step)
             work += done

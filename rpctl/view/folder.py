@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, require_positive
 from rpctl.files import to_json, write_atomically
+from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
+from rpctl.view.bodies import TRIANGLES
 from rpctl.view.plots import save_tracking_figure
 from rpctl.view.report import write_report
-from rpctl.view.scene import build_scene
+from rpctl.view.scene import Scene, build_scene
 
 RUN, SUMMARY, FIGURE, REPORT = "run.npz", "summary.json", "tracking.png", "report.html"
 
 
-def write_folder(run: Run, folder: Path) -> dict[str, Any]:
+MEGABYTES = 6.0  # of a report, unless the user says otherwise
+BYTES = 1_000_000  # of a megabyte
+ATTEMPTS = 6  # at a report within its size
+SPARE = (
+    0.97  # of the size that is aimed at: the triangles of a mesh are only about as many as asked
+)
+
+
+def write_folder(run: Run, folder: Path, megabytes: float = MEGABYTES) -> dict[str, Any]:
     """Write all files of a run; each is there whole or not at all.
 
     Args:
         run: The run.
         folder: Where; made if it is not there.
+        megabytes: What the report may take, MB; meshes are simplified until it does.
 
     Returns:
-        The figures of merit, with the report's path and notes on shapes that could not be drawn.
+        The figures of merit, with the report's path and size, and notes on what could not be done.
 
     Raises:
         RpctlError: The folder cannot be made or written to.
@@ -36,17 +49,68 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
         raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
     run.save(folder / RUN)
     robot = run.load_robot()
-    scene = build_scene(robot, run)
-    estimated = sum(link.estimated for link in robot.description.links)
-    if estimated:
-        note = f"the inertias of {estimated} links are estimates at {run.density:g} kg/m³"
-        scene = replace(scene, notes=(note, *scene.notes))
     summary = summarize(run)
     save_tracking_figure(run, folder / FIGURE)
-    write_report(run, folder / REPORT, scene=scene, summary=summary)
-    summary |= {"report": str(folder / REPORT), "notes": list(scene.notes)}
+    report = folder / REPORT
+    scene = _write_sized(run, robot, summary, report, megabytes)
+    summary |= {"report": str(report), "report_bytes": report.stat().st_size}
+    summary |= {"notes": list(scene.notes)}
     write_atomically(folder / SUMMARY, (to_json(summary) + "\n").encode())
     return summary
+
+
+def _write_sized(
+    run: Run, robot: Robot, summary: Mapping[str, Any], path: Path, megabytes: float
+) -> Scene:
+    """Write a report that is no larger than asked, if fewer triangles can bring that about."""
+    require_positive("max-megabytes", megabytes)
+    triangles = TRIANGLES
+    for _ in range(ATTEMPTS):
+        scene = _noted(robot, build_scene(robot, run, triangles))
+        write_report(run, path, scene=scene, summary=summary)
+        excess = path.stat().st_size - megabytes * BYTES
+        drawing = 4.0 / 3.0 * scene.robot_bytes  # as base64
+        if excess <= 0.0 or not triangles:
+            break
+        triangles = int(SPARE * triangles * max(1.0 - excess / drawing, 0.0))
+    if excess > 0.0:
+        size = path.stat().st_size / BYTES
+        note = f"the report takes {size:.2f} MB: fewer triangles make it hardly any smaller"
+        scene = replace(scene, notes=(*scene.notes, note))
+    return scene
+
+
+def _noted(robot: Robot, scene: Scene) -> Scene:
+    """Return the scene with a note on inertias that are not the file's."""
+    estimated = sum(link.estimated for link in robot.description.links)
+    if not estimated:
+        return scene
+    note = f"the inertias of {estimated} links are estimates at {robot.density:g} kg/m³"
+    return replace(scene, notes=(note, *scene.notes))
+
+
+def is_run(name: str) -> bool:
+    """Return whether a path is a run: a folder that holds ``run.npz``, or an ``.npz``."""
+    path = Path(name)
+    return (path / RUN).is_file() or path.suffix == ".npz"
+
+
+def report_of(runs: Sequence[Path]) -> Callable[[], bytes]:
+    """Return what reads the report of a run, or of several; written anew where there is none.
+
+    Args:
+        runs: Their folders or ``run.npz`` files.
+
+    Raises:
+        RunFileError: There is no run, or it cannot be read.
+    """
+    if len(runs) == 1:
+        return find_report(runs[0]).read_bytes
+    loaded = [Run.load(run / RUN if run.is_dir() else run) for run in runs]
+    with TemporaryDirectory(prefix="rpctl-") as folder:
+        report = write_report(loaded, Path(folder) / REPORT)  # type: ignore[arg-type]
+        content = report.read_bytes()
+    return lambda: content
 
 
 def find_report(run: Path) -> Path:
@@ -59,5 +123,5 @@ def find_report(run: Path) -> Path:
     report = folder / REPORT
     if not report.is_file() or not (folder / RUN).is_file():
         loaded = Run.load(folder / RUN if run.is_dir() else run)
-        write_report(loaded, report)
+        _write_sized(loaded, loaded.load_robot(), summarize(loaded), report, MEGABYTES)
     return report
