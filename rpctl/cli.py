@@ -187,7 +187,9 @@ def track_command(
     ] = None,
     max_megabytes: Annotated[
         float,
-        typer.Option(metavar="MB", help="Size of the report; meshes are simplified to keep it."),
+        typer.Option(
+            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
+        ),
     ] = 6.0,
     live: Annotated[
         bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
@@ -237,7 +239,7 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-@app.command("view", epilog="Examples: rpctl view tiago; rpctl view runs/tiago-eight")
+@app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-eight")
 @_guarded
 def view_command(
     what: Annotated[

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError
 from rpctl.files import to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
@@ -63,7 +63,6 @@ def _write_sized(
     run: Run, robot: Robot, summary: Mapping[str, Any], path: Path, megabytes: float
 ) -> Scene:
     """Write a report that is no larger than asked, if fewer triangles can bring that about."""
-    require_positive("max-megabytes", megabytes)
     triangles = TRIANGLES
     for _ in range(ATTEMPTS):
         scene = _noted(robot, build_scene(robot, run, triangles))

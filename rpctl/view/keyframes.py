@@ -11,6 +11,7 @@ from rpctl.description.records import Array
 
 POSITION = 5e-4  # m; a third of a pixel where a robot of 1.5 m fills the picture
 TURN = 2e-3  # rad; moves what is 0.3 m away from the axis by as much
+FARTHEST = 2.0  # rad from one frame to the next
 
 Deviation = Callable[[int, int], Array]
 
@@ -46,6 +47,8 @@ def of_turns(times: Array, values: Array) -> NDArray[np.int64]:
         if cosine < 0.0:  # the same turn, by the nearer of its two quaternions
             cosine, end = -cosine, -end
         half = np.arccos(min(cosine, 1.0))
+        if half > FARTHEST / 2.0:  # towards half a turn, rounding would choose the way
+            return np.pi * np.minimum(share, 1.0 - share)[:, 0]
         if half < 1e-9:
             arc = np.broadcast_to(start, (len(share), 4))
         else:

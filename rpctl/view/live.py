@@ -44,8 +44,8 @@ def serve(page: Page, ready: Callable[[str], object] = print) -> None:
 class Broadcast:
     """Shows a simulation to whoever opens its page; nobody has to.
 
-    While a page is open the simulation is held back to real time. It is never held back by a page
-    that is slow, and not at all where none is open.
+    At its first moment the simulation waits for a page to be opened, but not for long. While one is
+    open it is held back to real time: never by a page that is slow, and not at all where none is.
 
     Args:
         robot: The robot.
@@ -57,11 +57,15 @@ class Broadcast:
     def __init__(self, robot: Robot, server: PageServer, stream: Stream, duration: float) -> None:
         self._robot, self._server, self._stream = robot, server, stream
         self._duration = duration
-        self._next = 0.0
+        self._begun, self._next = False, 0.0
         self._origin: float | None = None
 
     def __call__(self, t: float, q: Array, state: ReferenceState) -> None:
         """Show a moment of the simulation: time (s), configuration (nq,) and reference."""
+        if not self._begun:
+            self._begun = True
+            if self._server.wait_delivered(1, WAIT):
+                self._stream.wait_reader(OPENING)
         last = t >= self._duration - SLACK
         if t < self._next and not last:
             return
@@ -100,7 +104,7 @@ class Broadcast:
 def broadcast(
     robot: Robot, reference: str, duration: float, say: Callable[[str], object]
 ) -> Iterator[Broadcast]:
-    """Serve the page of a simulation and wait for it to be opened; yields what shows it.
+    """Serve the page of a simulation; yields what shows it.
 
     Ctrl-C and SIGTERM raise KeyboardInterrupt meanwhile, in the main thread.
 
@@ -122,8 +126,6 @@ def broadcast(
     with _signals(_interrupt), PageServer(lambda: page, stream) as server:
         stream.send("state", "Waiting for the simulation…")
         say(f"{server.url}  watch it there; it starts once the page is open, or in {WAIT:.0f} s")
-        if not (server.wait_delivered(1, WAIT) and stream.wait_reader(OPENING)):
-            say("no page was opened; it simulates without")
         yield Broadcast(robot, server, stream, duration)
 
 
