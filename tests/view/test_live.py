@@ -116,10 +116,10 @@ def test_robot_that_is_edited_is_shown_anew(browser: Any, tmp_path: Path) -> Non
 
 
 def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> None:
-    words = ("track", "paper", "--live", "--samples", "0", "--duration", "12")
-    words += ("--initial-error", "0.3,0.3,0.4", "--out", "out")
+    words = ["track", "paper", "--live", "--samples", "0", "--duration", "12", "--out", "out"]
+    error = ["--initial-error", "0.3,0.3,0.4"]
     with (
-        command(*words, folder=tmp_path) as (process, url),
+        command(*words, *error, folder=tmp_path) as (process, url),
         opened(browser, url, url) as page,
     ):
         wait(page, "rpctl.time > 0.2")
@@ -133,9 +133,9 @@ def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> 
         page.reload()
         wait(page, f"window.rpctl && window.rpctl.time > {then}")
         page.wait_for_selector("#scrubber")  # the report has taken the page's place
-        out, error = process.communicate(timeout=PATIENCE)
+        out, err = process.communicate(timeout=PATIENCE)
         wait(page, "window.rpctl && window.rpctl.ready")
-    assert (process.returncode, error) == (0, "")
+    assert (process.returncode, err) == (0, "")
     assert "report.html" in out
     assert Run.load(tmp_path / "out/run.npz").t[-1] == pytest.approx(12.0)
 
