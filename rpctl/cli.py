@@ -209,11 +209,10 @@ def track_command(
     certificate = _certify(loaded, samples, 0, []) if samples else None
     if certificate is not None:
         say.print(certificate_line(certificate))
-    from rpctl.view.folder import REPORT, write_folder  # matplotlib loads only once needed
-    from rpctl.view.live import broadcast
-
     watcher = None
     if live:
+        from rpctl.view.live import broadcast
+
         watcher = context.with_resource(broadcast(loaded, reference, duration, say.print))
     with progress_bar("simulate") as advance:
         run = track(
@@ -227,6 +226,8 @@ def track_command(
             progress=advance,
             watch=watcher,
         )
+    from rpctl.view.folder import REPORT, write_folder  # matplotlib loads only once needed
+
     with progress_bar("draw"):
         summary = write_folder(run, folder, max_megabytes)
     if watcher is not None:

@@ -202,6 +202,7 @@ def test_locked_joints_are_told_and_a_fixed_base_has_no_sliders(
         assert "0.250 rad" in page.locator("#sliders").inner_text()
         assert page.get_by_label("panda_joint2", exact=True).count() == 0
         assert page.get_by_label("heading", exact=True).count() == 0
+        assert not page.get_by_label("Wheel contacts").is_visible()
         before = picture(page, VIEWER)
         drag(page, "panda_joint4", -0.5)
         assert changed(picture(page, VIEWER), before) > 200

@@ -263,6 +263,7 @@ function makeScene(data) {
   for (const each of ["area", "robot", "top"])
     $(`camera-${each}`).addEventListener("click", () => camera(each));
   $("camera-area").hidden = !data.area;
+  $("layer-contact").parentElement.hidden = layers.contact.length === 0;
 
   return { viewer, pose, ground, camera, extend, node };
 }
