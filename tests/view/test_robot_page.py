@@ -121,15 +121,27 @@ def rolled(robot: Robot, poses: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return angles
 
 
-@pytest.mark.parametrize("kind", ["paper", "mecanum"])
+def turned_cart(folder: Path) -> Robot:
+    """Return a cart that drives askew to the axes of its root link."""
+    path = write_cart(folder)
+    text = path.read_text()
+    for old, new in (("0 0.2 0.1", "0.12 0.16 0.1"), ("0 -0.2 0.1", "-0.12 -0.16 0.1")):
+        text = text.replace(f'xyz="{old}"', f'xyz="{new}"')
+    path.write_text(text.replace('axis xyz="0 1 0"', 'axis xyz="0.6 0.8 0"'))
+    return rpctl.load(path)
+
+
+@pytest.mark.parametrize("kind", ["turned", "paper", "mecanum"])
 def test_wheels_follow_the_base(browser: Any, kind: str, tmp_path: Path) -> None:
-    robot = rpctl.load("paper") if kind == "paper" else four_wheels(tmp_path, kind)
-    corners = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5], [0.6, -0.4, 0.5]]
+    makers = {"turned": turned_cart, "paper": lambda folder: rpctl.load("paper")}
+    robot = makers[kind](tmp_path) if kind in makers else four_wheels(tmp_path, kind)
+    turn = -robot.drive.heading  # the page starts with the robot facing along x
+    corners = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5], [0.6, -0.4, 0.5]])
+    corners += [0.0, 0.0, turn]
     poses = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(corners)])
     with opened(browser, write(robot, tmp_path)) as page:
-        assert page.evaluate("rpctl.base")[2] == 0.0
-        x0, y0, _ = page.evaluate("rpctl.base")
-        for name, value in (("heading", 0.5), ("x", x0 + 0.6), ("y", y0 - 0.4)):
+        x, y, heading = page.evaluate("rpctl.base")
+        for name, value in (("heading", heading + 0.5), ("x", x + 0.6), ("y", y - 0.4)):
             drag(page, name, value)
         shown = positions(page, robot)
     turns = np.array([shown[wheel.joint] for wheel in robot.drive.wheels]) - rolled(robot, poses)
