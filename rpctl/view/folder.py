@@ -19,14 +19,10 @@ from rpctl.view.report import write_report
 from rpctl.view.scene import Scene, build_scene
 
 RUN, SUMMARY, FIGURE, REPORT = "run.npz", "summary.json", "tracking.png", "report.html"
-
-
 MEGABYTES = 6.0  # of a report, unless the user says otherwise
 BYTES = 1_000_000  # of a megabyte
 ATTEMPTS = 6  # at a report within its size
-SPARE = (
-    0.97  # of the size that is aimed at: the triangles of a mesh are only about as many as asked
-)
+SPARE = 0.97  # of the size that is aimed at: triangles are only about as many as asked for
 
 
 def write_folder(run: Run, folder: Path, megabytes: float = MEGABYTES) -> dict[str, Any]:
@@ -66,7 +62,7 @@ def _write_sized(
     triangles = TRIANGLES
     for _ in range(ATTEMPTS):
         scene = _noted(robot, build_scene(robot, run, triangles))
-        write_report(run, path, scene=scene, summary=summary)
+        write_report(run, path, robot=robot, scene=scene, summary=summary)
         excess = path.stat().st_size - megabytes * BYTES
         drawing = 4.0 / 3.0 * scene.robot_bytes  # as base64
         if excess <= 0.0 or not triangles:

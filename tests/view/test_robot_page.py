@@ -133,8 +133,10 @@ def turned_cart(folder: Path) -> Robot:
 
 @pytest.mark.parametrize("kind", ["turned", "paper", "mecanum"])
 def test_wheels_follow_the_base(browser: Any, kind: str, tmp_path: Path) -> None:
-    makers = {"turned": turned_cart, "paper": lambda folder: rpctl.load("paper")}
-    robot = makers[kind](tmp_path) if kind in makers else four_wheels(tmp_path, kind)
+    if kind == "mecanum":
+        robot = four_wheels(tmp_path, kind)
+    else:
+        robot = turned_cart(tmp_path) if kind == "turned" else rpctl.load("paper")
     turn = -robot.drive.heading  # the page starts with the robot facing along x
     corners = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5], [0.6, -0.4, 0.5]])
     corners += [0.0, 0.0, turn]
