@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import re
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -21,7 +20,7 @@ from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError, format_finding
-from rpctl.files import to_json
+from rpctl.files import to_json, write_atomically
 from rpctl.options import (
     DensityOption,
     DriveOption,
@@ -33,6 +32,7 @@ from rpctl.options import (
     load_robot,
     read_triple,
 )
+from rpctl.reference.load import load_reference
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
@@ -45,7 +45,7 @@ from rpctl.show import (
     show_robot,
     show_summary,
 )
-from rpctl.simulation.loop import track
+from rpctl.simulation.loop import lasting, track
 
 app = typer.Typer(
     help="From any wheeled robot's URDF to a verified model, predictive control and an animation.",
@@ -167,6 +167,7 @@ def derive_command(
 )
 @_guarded
 def track_command(
+    context: typer.Context,
     robot: RobotArgument,
     lock: LockOption = None,
     drive: DriveOption = None,
@@ -210,6 +211,15 @@ def track_command(
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
     ] = None,
+    max_megabytes: Annotated[
+        float,
+        typer.Option(
+            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
+        ),
+    ] = 6.0,
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
@@ -225,6 +235,13 @@ def track_command(
     certificate = _certify(loaded, samples, 0, []) if samples else None
     if certificate is not None:
         say.print(certificate_line(certificate))
+    watcher = None
+    if live:
+        from rpctl.view.live import broadcast
+
+        path = load_reference(loaded, reference)
+        lasts = lasting(path) if duration is None else duration
+        watcher = context.with_resource(broadcast(loaded, path, lasts, say.print))
     with progress_bar("simulate") as advance:
         run = track(
             loaded,
@@ -235,11 +252,14 @@ def track_command(
             friction=friction,
             certificate=certificate,
             progress=advance,
+            watch=watcher,
         )
-    from rpctl.view.folder import write_folder  # meshcat and matplotlib load only once needed
+    from rpctl.view.folder import REPORT, write_folder  # matplotlib loads only once needed
 
     with progress_bar("draw"):
-        summary = write_folder(run, folder)
+        summary = write_folder(run, folder, max_megabytes)
+    if watcher is not None:
+        watcher.finish(folder / REPORT)
     if as_json:
         _print_json(summary)
     else:
@@ -248,32 +268,44 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-@app.command("view", epilog="Example: rpctl view runs/tiago-eight runs/tiago-line")
+@app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-eight")
 @_guarded
 def view_command(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Folders of runs or their run.npz.")
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ROBOT|RUN...", help="A robot, or runs: their folders or run.npz files."
+        ),
     ],
+    lock: LockOption = None,
+    drive: DriveOption = None,
+    density: DensityOption = None,
+    strict: StrictOption = False,
+    package_dir: PackageDirOption = None,
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the page there and end.")
     ] = None,
-    package_dir: PackageDirOption = None,
 ) -> None:
-    """Serve a run's report, or several runs over one another, on this machine until Ctrl-C."""
-    from rpctl.view.folder import find_report, write_comparison
+    """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play."""
+    from rpctl.view.folder import is_run, report_of
     from rpctl.view.live import serve
+    from rpctl.view.robot_page import robot_page
+
+    def robot() -> Robot:
+        return load_robot(what[0], drive, lock, density, strict, package_dir)
+
+    if len(what) > 1 or is_run(what[0]):
+        page = report_of([Path(each) for each in what], package_dir or ())
+    else:
+        robot()  # what is wrong with it is said here; of a file that is edited, by the page
+
+        def page() -> bytes:
+            return robot_page(robot()).encode()
 
     if html is not None:
-        typer.echo(write_comparison(runs, html))
+        typer.echo(write_atomically(html, page()))
         return
-    with tempfile.TemporaryDirectory() as folder:
-        several = len(runs) > 1
-        page = (
-            write_comparison(runs, Path(folder) / "c.html")
-            if several
-            else find_report(runs[0], package_dir or ())
-        )
-        serve(page, lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+    serve(page, lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
 
 
 @app.command("expand", epilog="Example: rpctl expand robot.urdf.xacro > robot.urdf")

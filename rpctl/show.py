@@ -168,9 +168,9 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
     out.print(f"simulated {summary['realtime_factor']:.1f} times faster than real time")
     for note in summary["notes"]:
         out.print(f"[yellow]note[/] {escape(note)}")
-    out.print(
-        f"report [bold]{escape(str(summary['report']))}[/]   (rpctl view {escape(str(folder))})"
-    )
+    size = f"{summary['report_bytes'] / 1e6:.1f} MB"
+    out.print(f"report [bold]{escape(str(summary['report']))}[/], {size}   "
+              f"(rpctl view {escape(str(folder))})")  # fmt: skip
 
 
 def _effort_table(efforts: Sequence[Mapping[str, Any]]) -> Table:

@@ -198,7 +198,10 @@ def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
         (("track", "paper", "--initial-error", "1,2"), "give three numbers"),
         (("track", "paper", "--duration", "-1"), "duration is -1; give a positive number"),
         (("track", "paper", "--duration", "x"), "--duration"),
-        (("view", "nothing"), "No such file"),
+        (("track", "paper", "--max-megabytes", "0"), "--max-megabytes"),
+        (("view", "nothing"), "robot 'nothing' is not known"),
+        (("view", "nothing.npz"), "No such file"),
+        (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
         (("fly",), "No such command"),
     ],
 )

@@ -44,6 +44,7 @@ def track(
     progress: Callable[[int, int], object] | None = None,
     friction: float = FRICTION,
     plant: Plant | None = None,
+    watch: Callable[[float, Array, ReferenceState], object] | None = None,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -65,6 +66,8 @@ def track(
         progress: Called with the samples done and their total.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
         plant: What the simulated robot has that its controller does not know of; None: nothing.
+        watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
+            is not counted as the simulation's.
 
     Returns:
         What was logged.
@@ -76,8 +79,7 @@ def track(
     told = reference if isinstance(reference, str) else type(reference).__name__
     if isinstance(reference, str):
         reference = load_reference(robot, reference)
-    if duration is None:
-        duration = getattr(reference, "duration", DURATION - SETTLE) + SETTLE
+    duration = lasting(reference) if duration is None else duration
     for name, value in (
         ("duration", duration),
         ("control_period", control_period),
@@ -120,6 +122,10 @@ def track(
                 f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the "
                 "horizons"
             )
+        if watch is not None:
+            shown = time.perf_counter()
+            watch(t, q, state)
+            began += time.perf_counter() - shown
         if k < steps:
             q, nu, done = advance(dynamics, q, nu, tau + bias, control_period, plant_step)
             work += done
@@ -134,6 +140,11 @@ def track(
         certificate=None if certificate is None else certificate.to_dict(),
         wall_time=wall_time,
     )
+
+
+def lasting(reference: Reference) -> float:
+    """Return how long (s) to track a reference: a second longer than it moves, or 20 s."""
+    return float(getattr(reference, "duration", DURATION - SETTLE) + SETTLE)
 
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:

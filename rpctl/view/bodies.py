@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -168,16 +169,24 @@ def _sticks(robot: Robot) -> Iterator[_Placed]:
 
 def _shaded(placed: list[_Placed], triangles: int) -> tuple[tuple[Part, ...], tuple[Shaded, ...]]:
     """Return the parts and their surfaces, simplified to a budget that each mesh enters once."""
-    unique = {item.key: item.surface for item in placed}
-    index = {key: number for number, key in enumerate(unique)}
+    content = {item.key: _content(item.surface) for item in placed}
+    unique = {content[item.key]: item.surface for item in placed}  # two files may hold one mesh
+    index = {each: number for number, each in enumerate(unique)}
     cap = _cap([len(surface.faces) for surface in unique.values()], triangles)
     surfaces = tuple(
         shade(*simplify(surface.vertices, surface.faces, cap)) for surface in unique.values()
     )
     parts = tuple(
-        Part(item.joint, item.pose, index[item.key], item.rgba or PLAIN) for item in placed
+        Part(item.joint, item.pose, index[content[item.key]], item.rgba or PLAIN) for item in placed
     )
     return parts, surfaces
+
+
+def _content(surface: Surface) -> bytes:
+    """Return a digest of a surface's triangles, wherever they came from."""
+    digest = hashlib.sha256(surface.faces.tobytes())
+    digest.update(surface.vertices.tobytes())
+    return digest.digest()
 
 
 def _cap(counts: list[int], total: int) -> int:

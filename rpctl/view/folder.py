@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rpctl.errors import RpctlError
 from rpctl.files import to_json, write_atomically
+from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
+from rpctl.view.bodies import TRIANGLES
 from rpctl.view.plots import save_tracking_figure
 from rpctl.view.report import write_report
-from rpctl.view.scene import build_scene
+from rpctl.view.scene import Scene, build_scene
 
 RUN, SUMMARY, FIGURE, REPORT = "run.npz", "summary.json", "tracking.png", "report.html"
+MEGABYTES = 6.0  # of a report, unless the user says otherwise
+BYTES = 1_000_000  # of a megabyte
+ATTEMPTS = 6  # at a report within its size
+SPARE = 0.97  # of the size that is aimed at: triangles are only about as many as asked for
 
 
-def write_folder(run: Run, folder: Path) -> dict[str, Any]:
+def write_folder(run: Run, folder: Path, megabytes: float = MEGABYTES) -> dict[str, Any]:
     """Write all files of a run; each is there whole or not at all.
 
     Args:
         run: The run.
         folder: Where; made if it is not there.
+        megabytes: What the report may take, MB; meshes are simplified until it does.
 
     Returns:
-        The figures of merit, with the report's path and notes on shapes that could not be drawn.
+        The figures of merit, with the report's path and size, and notes on what could not be done.
 
     Raises:
         RpctlError: The folder cannot be made or written to.
@@ -36,13 +45,57 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
         raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
     run.save(folder / RUN)
     robot = run.load_robot()
-    scene = build_scene(robot, run)
     summary = summarize(run)
     save_tracking_figure(run, folder / FIGURE)
-    write_report(run, folder / REPORT, robot=robot, scene=scene, summary=summary)
-    summary |= {"report": str(folder / REPORT), "notes": list(scene.notes)}
+    report = folder / REPORT
+    scene = _write_sized(run, robot, summary, report, megabytes)
+    summary |= {"report": str(report), "report_bytes": report.stat().st_size}
+    summary |= {"notes": list(scene.notes)}
     write_atomically(folder / SUMMARY, (to_json(summary) + "\n").encode())
     return summary
+
+
+def _write_sized(
+    run: Run, robot: Robot, summary: Mapping[str, Any], path: Path, megabytes: float
+) -> Scene:
+    """Write a report that is no larger than asked, if fewer triangles can bring that about."""
+    triangles = TRIANGLES
+    for _ in range(ATTEMPTS):
+        scene = build_scene(robot, run, triangles)
+        write_report(run, path, robot=robot, scene=scene, summary=summary)
+        excess = path.stat().st_size - megabytes * BYTES
+        drawing = 4.0 / 3.0 * scene.robot_bytes  # as base64
+        if excess <= 0.0 or not triangles:
+            break
+        triangles = int(SPARE * triangles * max(1.0 - excess / drawing, 0.0))
+    if excess > 0.0:
+        size = path.stat().st_size / BYTES
+        note = f"the report takes {size:.2f} MB: fewer triangles make it hardly any smaller"
+        scene = replace(scene, notes=(*scene.notes, note))
+    return scene
+
+
+def is_run(name: str) -> bool:
+    """Return whether a path is a run: a folder that holds ``run.npz``, or an ``.npz``."""
+    path = Path(name)
+    return (path / RUN).is_file() or path.suffix == ".npz"
+
+
+def report_of(runs: Sequence[Path], package_dirs: Sequence[str | Path] = ()) -> Callable[[], bytes]:
+    """Return what reads the report of a run, or of several; written anew where there is none.
+
+    Args:
+        runs: Their folders or ``run.npz`` files.
+        package_dirs: Where packages are looked for besides where they were.
+
+    Raises:
+        RunFileError: There is no run, or it cannot be read.
+    """
+    if len(runs) == 1:
+        return find_report(runs[0], package_dirs).read_bytes
+    with TemporaryDirectory(prefix="rpctl-") as folder:
+        content = write_comparison(runs, Path(folder) / REPORT).read_bytes()
+    return lambda: content
 
 
 def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
@@ -59,7 +112,8 @@ def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
     report = folder / REPORT
     if not report.is_file() or not (folder / RUN).is_file():
         loaded = _load(run)
-        write_report(loaded, report, robot=loaded.load_robot(package_dirs))
+        robot = loaded.load_robot(package_dirs)
+        _write_sized(loaded, robot, summarize(loaded), report, MEGABYTES)
     return report
 
 

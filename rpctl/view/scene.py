@@ -11,18 +11,13 @@ from numpy.typing import NDArray
 from rpctl.description.records import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.view import stage, wire
-from rpctl.view.bodies import Bodies, build_bodies, extent
+from rpctl.view import keyframes, paint, stage, wire
+from rpctl.view.bodies import TRIANGLES, Bodies, build_bodies, extent
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
 MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
 ROBOTS = "/rpctl/robots"
 ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
-
-GHOST_COLOUR = 0x3FA39A  # teal
-GHOST_OPACITY = 0.3
-IN_FRONT = 1  # stencil of the robot's pixels: the ghost leaves them alone
-REPLACE, NOT_EQUAL = 7681, 517  # three.js: ReplaceStencilOp, NotEqualStencilFunc
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +25,7 @@ class Scene:
     """What a viewer needs to play a run.
 
     Attributes:
-        commands: meshcat commands, packed, in order; the animation is the last.
+        commands: meshcat commands, packed, in order: the robots and their animation are the last.
         times: Times of the frames (n,), s, from 0.
         lower: Least coordinates of the motion (3,), m.
         upper: Largest coordinates of the motion (3,), m.
@@ -56,15 +51,21 @@ class Scene:
         """Length of the animation, s."""
         return float(self.times[-1])
 
+    @property
+    def robot_bytes(self) -> int:
+        """Size of the command that draws the robots: what fewer triangles make smaller."""
+        return len(self.commands[-2])
 
-def build_scene(robot: Robot, run: Run) -> Scene:
+
+def build_scene(robot: Robot, run: Run, triangles: int = TRIANGLES) -> Scene:
     """Return the scene of a run: robot, reference ghost, trails, ground, lights, animation.
 
     Args:
         robot: The robot of the run.
         run: The run.
+        triangles: About how many the robot may have; large meshes are simplified first.
     """
-    bodies = build_bodies(robot)
+    bodies = build_bodies(robot, triangles)
     frames = _frames(run.t)
     poses = joint_poses(robot, run.q[frames])
     ghost = joint_poses(robot, run.q_ref[frames])
@@ -175,81 +176,22 @@ def _robots(bodies: Bodies, joints: list[int]) -> bytes:
     A node stands for a joint and is animated; below it each part keeps a fixed matrix, mirrored
     or scaled as it may be.
     """
-    geometries = [
-        wire.geometry(
-            f"mesh-{number}",
-            {
-                "position": wire.attribute(surface.vertices),
-                "normal": wire.attribute(surface.normals, normalized=True),
-            },
-            surface.faces,
-        )
-        for number, surface in enumerate(bodies.surfaces)
-    ]
-    paints = list(dict.fromkeys(part.rgba for part in bodies.parts))
-    materials = [_paint(f"paint-{k}", rgba) for k, rgba in enumerate(paints)]
-    materials += [_veil(), _tint()]
     groups = []
     for joint in joints:
-        parts = [(k, part) for k, part in enumerate(bodies.parts) if part.joint == joint]
-        solid, hidden, tinted = [], [], []
-        for k, part in parts:
-            shape = {"geometry": f"mesh-{part.surface}", **wire.fixed(part.pose)}
-            paint = f"paint-{paints.index(part.rgba)}"
-            solid.append(wire.node("Mesh", f"part-{k}", material=paint, castShadow=True, **shape))
-            hidden.append(wire.node("Mesh", f"veil-{k}", material="veil", renderOrder=4, **shape))
-            tinted.append(wire.node("Mesh", f"tint-{k}", material="tint", renderOrder=5, **shape))
+        solid, ghost = paint.solid(bodies, joint), paint.ghost(bodies, joint)
         groups.append(wire.node("Group", f"{ACTUAL}-{joint}", children=solid))
-        groups.append(wire.node("Group", f"{REFERENCE}-{joint}", children=hidden + tinted))
-    return wire.set_object(
-        ROBOTS, wire.node("Group", "robots", children=groups), geometries, materials
-    )
-
-
-def _paint(uuid: str, rgba: tuple[float, ...]) -> wire.Json:
-    return {
-        "uuid": uuid,
-        "type": "MeshPhongMaterial",
-        "color": wire.colour(rgba),
-        "specular": 0x1C1C1C,
-        "shininess": 24,
-        "side": 2,
-        "opacity": rgba[3],
-        "transparent": rgba[3] < 1.0,
-        "stencilWrite": True,
-        "stencilRef": IN_FRONT,
-        "stencilZPass": REPLACE,
-    }
-
-
-def _veil() -> wire.Json:
-    """Return a material that only fills the depth: of the ghost, the nearest face is drawn."""
-    return {"uuid": "veil", "type": "MeshBasicMaterial", "colorWrite": False, **_behind()}
-
-
-def _tint() -> wire.Json:
-    return {
-        "uuid": "tint",
-        "type": "MeshLambertMaterial",
-        "color": GHOST_COLOUR,
-        "emissive": 0x202428,
-        "opacity": GHOST_OPACITY,
-        "depthWrite": False,
-        **_behind(),
-    }
-
-
-def _behind() -> wire.Json:
-    """Return what keeps the ghost behind the robot, so that it never tints it, wherever it is."""
-    stencil = {"stencilWrite": True, "stencilRef": IN_FRONT, "stencilFunc": NOT_EQUAL}
-    return {"transparent": True, "side": 2, **stencil}
+        groups.append(wire.node("Group", f"{REFERENCE}-{joint}", children=ghost))
+    root = wire.node("Group", "robots", children=groups)
+    return wire.set_object(ROBOTS, root, paint.geometries(bodies), paint.materials(bodies))
 
 
 def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> bytes:
     tracks = []
     for joint in joints:
         for name, motion in ((f"{ACTUAL}-{joint}", poses), (f"{REFERENCE}-{joint}", ghost)):
-            tracks.append(wire.track(f"{name}.position", "vector3", times, motion[:, joint, :3]))
-            turns = motion[:, joint, 3:]
-            tracks.append(wire.track(f"{name}.quaternion", "quaternion", times, turns))
+            places, turns = motion[:, joint, :3], motion[:, joint, 3:]
+            kept = keyframes.of_positions(times, places)
+            tracks.append(wire.track(f"{name}.position", "vector3", times[kept], places[kept]))
+            kept = keyframes.of_turns(times, turns)
+            tracks.append(wire.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept]))
     return wire.set_animation(f"{ROBOTS}/<object>", tracks)

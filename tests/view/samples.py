@@ -46,6 +46,44 @@ def write_cart(folder: Path, visual: str = BOX, name: str = "cart") -> Path:
     return path
 
 
+FINGER = """
+  <link name="{side}_finger">
+    <inertial><origin xyz="0.1 0 0"/><mass value="0.2"/><inertia ixx="0.001" iyy="0.002"
+      izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><origin xyz="0.1 0 0"/><geometry><box size="0.2 0.02 0.06"/></geometry></visual>
+  </link>
+  <joint name="{side}_finger_joint" type="revolute">
+    <parent link="lift"/><child link="{side}_finger"/>
+    <origin xyz="0.05 {y} 0.02" rpy="0.1 -0.2 0.3"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-1" upper="1.2" effort="5" velocity="2"/>{mimic}
+  </joint>
+"""
+LIFT = """
+  <link name="lift">
+    <inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"
+      ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><box size="0.1 0.1 0.3"/></geometry></visual>
+  </link>
+  <joint name="lift_joint" type="prismatic">
+    <parent link="base"/><child link="lift"/><origin xyz="0.1 0 0.4" rpy="0 0.3 0"/>
+    <axis xyz="0 0 1"/><limit lower="-0.1" upper="0.5" effort="100" velocity="1"/>
+  </joint>
+"""
+MIMIC = '<mimic joint="left_finger_joint" multiplier="-0.5" offset="0.1"/>'
+GRIPPER = (
+    LIFT
+    + FINGER.format(side="left", y=0.06, mimic="")
+    + FINGER.format(side="right", y=-0.06, mimic=MIMIC)
+)
+
+
+def write_gripper(folder: Path) -> Path:
+    """Write the URDF of the cart with a lift and a gripper, one finger of which follows."""
+    path = write_cart(folder, name="gripper")
+    path.write_text(path.read_text().replace("</robot>", GRIPPER + "</robot>"))
+    return path
+
+
 def mesh_visual(filename: str, scale: str = "1 1 1") -> str:
     return f'<visual><geometry><mesh filename="{filename}" scale="{scale}"/></geometry></visual>'
 

@@ -1,92 +1,226 @@
+"""Commands that serve a page: what a browser sees of them, and how they end."""
+
 from __future__ import annotations
 
-import http.client
+import json
+import os
+import re
 import signal
-import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from urllib.parse import urlsplit
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 import rpctl
-from rpctl.view.live import ReportServer
+from rpctl import Robot, Run
+from rpctl.reference.motion import reference_by_name
+from rpctl.simulation import loop
+from rpctl.view import live
+from rpctl.view import stream as streams
+from rpctl.view.live import Broadcast
+from rpctl.view.server import PageServer
+from rpctl.view.stream import Stream
+from tests.view.chromium import changed, chromium, opened, picture, wait
+from tests.view.samples import write_cart, write_gripper
+from tests.view.test_server import ask
 
-SERVE = """
-import sys
-from rpctl.view.live import serve
-serve(sys.argv[1], lambda url: print(url, flush=True))
-"""
+PATIENCE = 120  # s; the machine may have much else to do
+VIEWER = "rpctl.scene.viewer"
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
 
 
-@pytest.fixture
-def report(tmp_path: Path) -> Path:
-    (tmp_path / "secret.txt").write_text("secret")
-    path = tmp_path / "report.html"
-    path.write_text("<p>report</p>")
-    return path
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
 
 
-def ask(
-    url: str, target: str = "/", method: str = "GET", host: str | None = None
-) -> tuple[int, bytes]:
-    parts = urlsplit(url)
-    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
+@contextmanager
+def command(*words: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a command until it is left; yields it and the URL that it printed."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rpctl", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(rpctl.__file__).parents[1])},
+    )
     try:
-        connection.request(method, target, headers={"Host": host or parts.netloc})
-        answer = connection.getresponse()
-        return answer.status, answer.read()
-    finally:
-        connection.close()
-
-
-def test_report_is_served_and_nothing_beside_it(report: Path) -> None:
-    with ReportServer(report) as server:
-        assert ask(server.url) == (200, b"<p>report</p>")
-        assert ask(server.url, method="HEAD") == (200, b"")
-        for target in ("/secret.txt", "/../secret.txt", "/report.html", "//etc/passwd", "/%2e%2e"):
-            assert ask(server.url, target)[0] == 404, target
-        assert ask(server.url, method="POST")[0] == 501
-        report.write_text("<p>again</p>")
-        assert ask(server.url) == (200, b"<p>again</p>")
-        report.unlink()
-        assert ask(server.url)[0] == 404
-
-
-def test_pages_of_other_hosts_are_turned_away(report: Path) -> None:
-    with ReportServer(report) as server:
-        assert ask(server.url, host="evil.example")[0] == 403
-
-
-def test_only_the_loopback_address_answers(report: Path) -> None:
-    with ReportServer(report) as server:
-        port = urlsplit(server.url).port
-        assert port is not None
-        assert urlsplit(server.url).hostname == "127.0.0.1"
-        with (
-            pytest.raises(OSError, match="refused"),
-            socket.create_connection(("127.0.0.2", port), timeout=2),
-        ):
-            pass  # an address that only a server on all interfaces answers
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_it_cleanly(report: Path, number: signal.Signals) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", SERVE, str(report)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
         assert process.stdout is not None
-        url = process.stdout.readline().decode().strip()
+        for line in process.stdout:
+            if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
+                yield process, found.group()
+                break
+        else:
+            pytest.fail(f"no URL: {process.communicate()}")
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def children(process: subprocess.Popen[str]) -> str:
+    tasks = Path(f"/proc/{process.pid}/task")
+    return "".join(file.read_text() for file in tasks.glob("*/children"))
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("what", ["robot", "run"])
+def test_signals_end_a_view(
+    number: signal.Signals, what: str, paper_run: Run, tmp_path: Path
+) -> None:
+    paper_run.save(tmp_path / "run.npz")
+    words = ("view", "paper" if what == "robot" else ".")
+    with command(*words, folder=tmp_path) as (process, url):
         assert ask(url)[0] == 200
+        assert children(process) == ""
         process.send_signal(number)
-        _, error = process.communicate(timeout=10)
-    assert process.returncode == 0
-    assert error == b""
+        _, error = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, error) == (0, "")
     with pytest.raises(ConnectionRefusedError):
         ask(url)
 
 
-def test_missing_report_is_named(tmp_path: Path) -> None:
-    with pytest.raises(rpctl.RpctlError, match=r"none\.html"):
-        ReportServer(tmp_path / "none.html")
+@pytest.mark.parametrize("number", SIGNALS)
+def test_signals_end_a_simulation_that_is_watched(number: signal.Signals, tmp_path: Path) -> None:
+    words = ("track", "paper", "--live", "--samples", "0", "--duration", "600", "--out", "out")
+    with command(*words, folder=tmp_path) as (process, url):
+        assert ask(url)[0] == 200
+        assert children(process) == ""
+        process.send_signal(number)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, error) == (130, "interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ConnectionRefusedError):
+        ask(url)
+
+
+def test_robot_that_is_edited_is_shown_anew(browser: Any, tmp_path: Path) -> None:
+    path = write_cart(tmp_path)
+    with command("view", str(path), folder=tmp_path) as (_, url), opened(browser, url) as page:
+        assert page.get_by_label("left_wheel_joint", exact=True).count() == 1
+        path.write_text(path.read_text().replace("left_wheel_joint", "port_joint"))
+        page.reload()
+        wait(page, "window.rpctl && window.rpctl.ready")
+        assert page.get_by_label("port_joint", exact=True).count() == 1
+        path.write_text("<robot>")
+        assert ask(url)[0] == 409
+        assert str(path).encode() in ask(url)[1]
+
+
+def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> None:
+    words = ["track", "paper", "--live", "--samples", "0", "--duration", "12", "--out", "out"]
+    error = ["--initial-error", "0.3,0.3,0.4"]
+    with (
+        command(*words, *error, folder=tmp_path) as (process, url),
+        opened(browser, url, url) as page,
+    ):
+        wait(page, "rpctl.time > 0.2")
+        page.get_by_label("Names").uncheck()
+        first, then = picture(page, VIEWER), page.evaluate("rpctl.time")
+        wait(page, f"rpctl.time > {then + 1.0}")
+        assert changed(picture(page, VIEWER), first) > 200
+        assert not (tmp_path / "out").exists()  # it still simulates
+        assert "of 12 s · base error" in page.locator("#status").inner_text()
+        assert page.get_by_label("arm_revolute_joint").is_disabled()
+        page.reload()
+        wait(page, f"window.rpctl && window.rpctl.time > {then}")
+        page.wait_for_selector("#scrubber")  # the report has taken the page's place
+        out, err = process.communicate(timeout=PATIENCE)
+        wait(page, "window.rpctl && window.rpctl.ready")
+    assert (process.returncode, err) == (0, "")
+    assert "report.html" in out
+    assert Run.load(tmp_path / "out/run.npz").t[-1] == pytest.approx(12.0)
+
+
+class Unopened(PageServer):
+    """A server whose page nobody opens, and for which nobody has to wait."""
+
+    def __init__(self) -> None:
+        pass
+
+    def wait_delivered(self, count: int, seconds: float) -> bool:
+        return False
+
+
+def frames(stream: Stream) -> list[list[float]]:
+    stream.close()
+    log = b"".join(stream.events()).decode().split("\n\n")
+    return [json.loads(e.partition("data: ")[2]) for e in log if "event: frame" in e]
+
+
+def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
+    robot = rpctl.load(write_gripper(tmp_path))
+    stream = Stream()
+    watcher = Broadcast(robot, Unopened(), stream, 1.0)
+    run = rpctl.track(robot, "eight", 1.0, (0.1, -0.2, 0.3), watch=watcher)
+    told = frames(stream)
+    assert told[0][0] == 0.0
+    assert told[-1][0] == pytest.approx(1.0)
+    assert 0.9 * live.FRAME_RATE < len(told) <= live.FRAME_RATE + 2
+    for t, count, *rest in (told[0], told[11], told[-1]):
+        sample = int(np.argmin(np.abs(run.t - t)))
+        halves = rest[: int(count)], rest[int(count) :]
+        for (x, y, theta, *positions), q in zip(halves, (run.q, run.q_ref), strict=True):
+            joints = dict(zip(robot.model.names[2:], positions, strict=True))
+            shown = robot.configuration(x, y, theta, joints)
+            wheels = [
+                robot.model.joints[robot.model.getJointId(w.joint)] for w in robot.drive.wheels
+            ]
+            if q is run.q_ref:  # the wheels of the ghost are those of the robot
+                for joint in wheels:
+                    at = slice(joint.idx_q, joint.idx_q + joint.nq)
+                    shown[at] = q[sample][at]
+            assert shown == pytest.approx(q[sample], abs=2e-5)
+            assert joints["right_finger_joint"] == pytest.approx(
+                0.1 - 0.5 * joints["left_finger_joint"], abs=2e-5
+            )
+
+
+def test_simulation_that_is_watched_keeps_to_real_time(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+
+    def sleep(seconds: float) -> None:
+        clock[0] += seconds
+
+    for module in (live, streams):
+        monkeypatch.setattr(
+            module, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep)
+        )
+    stream = Stream()
+    state = reference_by_name(paper, "line")(0.0)
+    watcher = Broadcast(paper, Unopened(), stream, 10.0)
+    q = paper.configuration()
+    for t in (0.0, 0.1):
+        watcher(t, q, state)
+    assert clock[0] == 100.0  # nobody watches
+    with stream.reading():
+        for t in (0.2, 0.3, 0.5):
+            watcher(t, q, state)
+        assert clock[0] == pytest.approx(100.3)
+        clock[0] += 5.0  # the simulation was slow: it does not hurry afterwards
+        for t in (0.6, 0.7):
+            watcher(t, q, state)
+        assert clock[0] == pytest.approx(105.4)
+
+
+def test_what_a_watcher_takes_is_not_counted_as_simulation(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(loop, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+
+    def watch(t: float, q: object, state: object) -> None:
+        clock[0] += 0.25
+
+    assert rpctl.track(paper, "line", 0.01, watch=watch).wall_time == 0.0
+    assert clock[0] == 100.0 + 6 * 0.25

@@ -8,22 +8,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.view import keyframes, stage
 from rpctl.view import scene as scenes
-from rpctl.view import stage
 from rpctl.view.bodies import build_bodies
 from rpctl.view.scene import Scene, build_scene
 from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
 
-FLOAT32 = 2e-6  # m and entries of a rotation: the animation is sent in single precision
+FRAME = keyframes.POSITION + keyframes.TURN  # m and entries of a pose: what thinning may cost
 COMMANDS = ["delete"] * 3 + ["set_property"] + ["set_object"] * 4 + ["set_animation"]
 
 
 def placed(scene: Scene, prefix: str, frame: int) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the pose (4, 4) of each animated node at a frame, as the viewer reads it."""
+    """Return the pose (4, 4) of each animated node at a frame, as the viewer fills it in."""
     (animation,) = unpack(scene.commands[-1])["animations"]
     poses: dict[str, np.ndarray[Any, Any]] = {}
     for track in animation["clip"]["tracks"]:
@@ -31,11 +31,15 @@ def placed(scene: Scene, prefix: str, frame: int) -> dict[str, np.ndarray[Any, A
         if not node.startswith(prefix):
             continue
         pose = poses.setdefault(node, np.eye(4))
+        times = numbers(track["times"])
+        time = float(np.clip(scene.times[frame], times[0], times[-1]))
+        values = numbers(track["values"]).reshape(len(times), -1)
         if kind == "position":
-            pose[:3, 3] = numbers(track["values"]).reshape(-1, 3)[frame]
+            pose[:3, 3] = [np.interp(time, times, column) for column in values.T]
+        elif len(times) == 1:
+            pose[:3, :3] = Rotation.from_quat(values[0]).as_matrix()
         else:
-            quaternion = numbers(track["values"]).reshape(-1, 4)[frame]
-            pose[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+            pose[:3, :3] = Slerp(times, Rotation.from_quat(values))(time).as_matrix()
     return poses
 
 
@@ -82,7 +86,7 @@ def test_shapes_stand_where_pinocchio_places_their_links(
         remaining = np.array(drawn)
         for pose in expected:
             gaps = np.abs(remaining - pose).max(axis=(1, 2))
-            assert gaps.min() < FLOAT32
+            assert gaps.min() < FRAME
             remaining = np.delete(remaining, gaps.argmin(), axis=0)
 
 
@@ -113,6 +117,24 @@ def test_meshes_are_sent_once_and_shared_with_the_ghost(tiago: Robot, tiago_run:
             count += node["name"].startswith("part-")
     assert shown["part"] == shown["tint"] == shown["veil"]
     assert len(scene["geometries"]) == len(shown["part"]) < count / 2
+
+
+def test_animation_holds_no_frame_that_the_viewer_can_fill_in(tiago: Robot, tiago_run: Run) -> None:
+    scene = build_scene(tiago, tiago_run)
+    (animation,) = unpack(scene.commands[-1])["animations"]
+    counts = [len(numbers(track["times"])) for track in animation["clip"]["tracks"]]
+    assert max(counts) < len(scene.times)
+    assert np.mean(counts) < 0.4 * len(scene.times)
+
+
+def test_two_files_of_one_mesh_are_sent_once(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.5, 0.3, 0.1))
+    for name in ("a.stl", "b.stl"):
+        box.export(tmp_path / name)
+    path = write_cart(tmp_path, mesh_visual("a.stl") + mesh_visual("b.stl", "1 -1 1"))
+    bodies = build_bodies(rpctl.load(path))
+    assert len(bodies.parts) == 4
+    assert len(bodies.surfaces) == 2
 
 
 def test_mirror_is_on_the_child_and_the_animated_node_only_moves(tmp_path: Path) -> None:

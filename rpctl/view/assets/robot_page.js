@@ -1,0 +1,239 @@
+/* The panel: a slider for the base's coordinates and for every joint; or, where a simulation sends
+   its motion, what they are at the moment. */
+(() => {
+  const $ = (id) => document.getElementById(id);
+  const data = JSON.parse($("rpctl-data").textContent);
+  const live = data.stream !== null;
+  const TURN = 0.05; // rad; of a longer turn the wheels' rolling is summed up in parts
+  const KEY = `rpctl ${data.name}`;
+  const wrap = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
+
+  let scene = null;
+  const base = [...data.start], values = data.joints.map((joint) => joint.position);
+  const wheels = data.wheels.map((w) => data.joints.findIndex((joint) => joint.name === w.joint));
+
+  try {
+    scene = makeScene(data);
+  } catch (error) {
+    $("failure").hidden = false;
+    document.body.classList.add("flat");
+  }
+  const rows = [...baseRows(), ...jointRows()];
+  window.rpctl = {
+    ready: false, scene, base, values, set, home: () => reset(true), zero: () => reset(false),
+    time: null,
+  };
+  $("buttons").hidden = live;
+  $("home").addEventListener("click", () => reset(true));
+  $("zero").addEventListener("click", () => reset(false));
+  if (!live) recall();
+  show();
+  if (scene) scene.camera(data.area ? "area" : "robot");
+  window.rpctl.ready = scene !== null;
+  if (live) listen();
+
+  // ---- rows -----------------------------------------------------------------------------
+
+  function baseRows() {
+    if (!data.reach) return [];
+    section("Base, pose of the root link");
+    const [low, high] = data.reach;
+    return ["x", "y", "heading"].map((name, i) => {
+      const turns = i === 2, start = data.start[i];
+      const range = turns ? [-Math.PI, Math.PI] : [start + low, start + high];
+      return row(name, range, turns ? "rad" : "m", () => base[i], (value) => move(i, value));
+    });
+  }
+
+  function jointRows() {
+    const made = [];
+    for (const [role, title] of [["arm", "Joints"], ["wheel", "Wheels"], ["other", "Other joints"],
+      ["mimic", "Joints that follow others"]]) {
+      const members = data.joints.map((joint, i) => [joint, i]).filter(([j]) => j.role === role);
+      if (members.length) section(title);
+      for (const [joint, i] of members) {
+        const unit = joint.slides ? "m" : "rad", get = () => values[i];
+        const set = role === "mimic" ? null : (value) => turn(i, value);
+        made.push(row(joint.name, range(joint), unit, get, set, follows(joint)));
+      }
+    }
+    const locked = Object.entries(data.locked);
+    if (locked.length) section("Locked");
+    for (const [name, { position, unit }] of locked)
+      made.push(row(name, null, unit, () => position, null));
+    return made;
+  }
+
+  function follows({ mimic }) {
+    if (!mimic) return null;
+    const { name, multiplier: k, offset: c } = mimic;
+    return `= ${k === 1 ? "" : `${k} × `}${name}${c ? ` ${c < 0 ? "−" : "+"} ${Math.abs(c)}` : ""}`;
+  }
+
+  function range({ lower, upper, slides }) {
+    const reach = slides ? 1 : Math.PI;
+    if (lower === null && upper === null) return [-reach, reach];
+    return [lower ?? upper - 2 * reach, upper ?? lower + 2 * reach];
+  }
+
+  function section(title) {
+    const heading = document.createElement("h2");
+    heading.textContent = title;
+    $("sliders").append(heading);
+  }
+
+  function row(name, limits, unit, get, set, note = null) {
+    const make = (kind, parent, type = "") => {
+      const element = document.createElement(kind);
+      if (type) element.className = type;
+      parent.append(element);
+      return element;
+    };
+    const box = make("div", $("sliders"), "row"), head = make("div", box, "head");
+    const title = make(limits ? "label" : "span", head, "name"), out = make("output", head);
+    title.textContent = name;
+    if (note) make("div", box, "follows").textContent = note;
+    let slider = null;
+    if (limits) {
+      slider = make("input", box);
+      Object.assign(slider, { type: "range", step: "any", id: `joint ${name}` });
+      [slider.min, slider.max] = limits;
+      slider.disabled = live || !set;
+      title.htmlFor = slider.id;
+      slider.addEventListener("input", () => { set(Number(slider.value)); show(); });
+    }
+    const update = () => {
+      const value = get(), text = `${value.toFixed(3).replace(/^-(0\.0*)$/, "$1")} ${unit}`;
+      if (slider) { slider.value = value; slider.setAttribute("aria-valuetext", text); }
+      out.textContent = text.replace("-", "−");
+      if (unit !== "rad") return;
+      make("small", out).textContent = ` ${(value * 180 / Math.PI).toFixed(0).replace(/^-0$/, "0")
+        .replace("-", "−")}°`;
+    };
+    return { name, set, limits, update };
+  }
+
+  // ---- motion ---------------------------------------------------------------------------
+
+  function show() {
+    for (const each of rows) each.update();
+    if (scene) scene.pose(base, values);
+    if (!live) remember();
+  }
+
+  /* Set what a slider is called after: "x", "y", "heading" or a joint's name. */
+  function set(name, value) {
+    const found = rows.find((each) => each.name === name && each.set);
+    if (!found) throw new Error(`nothing that moves is called ${name}`);
+    found.set(Math.min(Math.max(value, found.limits[0]), found.limits[1]));
+    show();
+  }
+
+  function turn(i, value) {
+    const before = scene ? scene.ground() : [];
+    values[i] = value;
+    for (const [k, { mimic }] of data.joints.entries())
+      if (mimic && mimic.follows !== null) values[k] = mimic.multiplier * values[mimic.follows] + mimic.offset;
+    if (!scene) return;
+    scene.pose(base, values);
+    scene.ground().forEach((contact, k) => roll(k, contact, contact.place.clone().sub(before[k].place)));
+  }
+
+  /* Move the base; its wheels roll as far as it goes, and slide where it goes across. */
+  function move(i, value) {
+    const step = [0, 0, 0];
+    const parts = Math.max(1, Math.ceil(i === 2 ? Math.abs(value - base[2]) / TURN : 1));
+    step[i] = (value - base[i]) / parts;
+    const contacts = scene ? scene.ground() : [];
+    for (let part = 0; part < parts; part++) {
+      const cos = Math.cos(base[2] + step[2] / 2), sin = Math.sin(base[2] + step[2] / 2);
+      contacts.forEach((contact, k) => {
+        const { x, y } = contact.place;
+        roll(k, contact, { x: cos * step[0] + sin * step[1] - step[2] * y,
+          y: -sin * step[0] + cos * step[1] + step[2] * x });
+      });
+      step.forEach((by, k) => { base[k] += by; });
+    }
+    base[i] = value;
+  }
+
+  /* The contact stands still along its direction d: the way of the centre and the wheel's turn
+     about its axle a cancel there, way · d = angle r (a × up) · d. */
+  function roll(k, { axle, along, radius }, way) {
+    const grip = radius * (axle.y * along.x - axle.x * along.y);
+    const i = wheels[k];
+    if (i < 0 || Math.abs(grip) < 1e-9) return;
+    values[i] = wrap(values[i] + (way.x * along.x + way.y * along.y) / grip);
+  }
+
+  function reset(home) {
+    base.splice(0, 3, ...data.start);
+    data.joints.forEach((joint, i) => {
+      const [low, high] = range(joint);
+      values[i] = home ? joint.position : Math.min(Math.max(0, low), high);
+    });
+    for (const [i, joint] of data.joints.entries())
+      if (joint.role !== "mimic") turn(i, values[i]);
+    data.joints.forEach((joint, i) => { if (joint.role === "wheel") values[i] = 0; });
+    show();
+  }
+
+  // ---- a page that is loaded again shows the robot as it stood ----------------------------
+
+  function remember() {
+    try {
+      sessionStorage.setItem(KEY, JSON.stringify({ base, values, names: data.joints.map((j) => j.name) }));
+    } catch { /* a page that may keep nothing starts anew */ }
+  }
+
+  function recall() {
+    let kept = null;
+    try { kept = JSON.parse(sessionStorage.getItem(KEY)); } catch { return; }
+    if (!kept || String(kept.names) !== String(data.joints.map((joint) => joint.name))) return;
+    base.splice(0, 3, ...kept.base);
+    values.splice(0, values.length, ...kept.values);
+  }
+
+  // ---- a simulation's motion, as it comes ---------------------------------------------------
+
+  function listen() {
+    const source = new EventSource(data.stream);
+    const say = (text) => { $("status").hidden = false; $("status").textContent = text; };
+    let frame = null, ghost = null, time = null, told = false;
+    say("Connecting…");
+    source.addEventListener("state", (event) => { told = true; say(JSON.parse(event.data)); });
+    source.addEventListener("frame", (event) => {
+      const [t, count, ...rest] = JSON.parse(event.data);
+      [time, told] = [t, false];
+      frame = rest.slice(0, count);
+      ghost = rest.slice(count);
+      if (scene) scene.extend(frame.slice(0, 3));
+    });
+    source.addEventListener("done", () => { source.close(); location.reload(); });
+    source.addEventListener("error", () => {
+      told = true;
+      say("Disconnected: the simulation has ended or was stopped. Trying to reach it again…");
+    });
+    const draw = () => {
+      requestAnimationFrame(draw);
+      if (!frame) return;
+      base.splice(0, 3, ...frame.slice(0, 3));
+      values.splice(0, values.length, ...frame.slice(3));
+      if (scene) scene.pose(ghost.slice(0, 3), ghost.slice(3), "reference");
+      show();
+      window.rpctl.time = time;
+      if (!told) say(`${time.toFixed(1)} of ${data.duration} s · ${away(frame, ghost)}`);
+      frame = null;
+    };
+    draw();
+  }
+
+  /* How far P is from its reference. */
+  function away(frame, ghost) {
+    const [px, py] = data.point;
+    const place = ([x, y, angle]) => [x + Math.cos(angle) * px - Math.sin(angle) * py,
+      y + Math.sin(angle) * px + Math.cos(angle) * py];
+    const [a, b] = [place(frame), place(ghost)];
+    return `base error ${(1000 * Math.hypot(a[0] - b[0], a[1] - b[1])).toFixed(1)} mm`;
+  }
+})();
