@@ -1,0 +1,52 @@
+"""What every page of ours is made of: its files, its data, and the policy that closes it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from rpctl.errors import RpctlError
+
+MESHCAT_SCRIPT = "viewer/dist/main.min.js"
+
+
+def asset(name: str) -> str:
+    """Return a text file of ``rpctl/view/assets``."""
+    return files("rpctl.view").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def meshcat_script() -> str:
+    """Return meshcat's viewer; the package is found, not imported (it would load IPython).
+
+    Raises:
+        RpctlError: It is not there.
+    """
+    found = find_spec("meshcat")
+    folders = found.submodule_search_locations if found else None
+    for folder in folders or ():
+        file = Path(folder) / MESHCAT_SCRIPT
+        if file.is_file():
+            return file.read_text(encoding="utf-8").replace("</script", "<\\/script")
+    raise RpctlError(f"meshcat or its {MESHCAT_SCRIPT} is not there; run: pip install meshcat")
+
+
+def embed(value: Any) -> str:
+    """Return JSON that can stand inside a ``<script>``: no ``<``, so nothing ends it early."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+def policy(*scripts: str) -> str:
+    """Return a policy under which only these scripts run, and nothing is fetched from anywhere."""
+    digests = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"
+    )
