@@ -47,7 +47,8 @@ def mp4(pictures: Sequence[Image], rate: int, progress: Callable[[int, int], Non
             )
             stream.pix_fmt = "yuv420p"
             for number, picture in enumerate(pictures):
-                stream.width, stream.height = picture.size
+                if not number:
+                    stream.width, stream.height = picture.size
                 shot = av.VideoFrame.from_image(picture)
                 container.mux(stream.encode(shot.reformat(format="yuv420p", dst_colorspace=1)))
                 progress(number + 1, len(pictures))

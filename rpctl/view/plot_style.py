@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rpctl.description.records import Array
 from rpctl.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 TEXT, SMALL = 7.5, 6.5  # pt
 CROWD = 8  # more lines than this are drawn thinner
 DESIRED: dict[str, Any] = {"lw": 0.8, "ls": (0, (3, 3)), "zorder": 3}
+LIMIT: dict[str, Any] = {"lw": 0.8, "ls": (0, (6, 3))}
+MAX_POINTS = 12_000  # of one line: more cannot be told apart on paper
 STYLES = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
@@ -54,6 +57,11 @@ DARK = Theme(
 )
 
 
+def thin(values: Array) -> Array:
+    """Return as many samples as a line needs."""
+    return values[:: -(-len(values) // MAX_POINTS)]
+
+
 def names(run: Run, theme: Theme) -> list[tuple[str, dict[str, Any]]]:
     """Return the actuators and joints of the common legend, each with its look."""
     names = dict.fromkeys((*run.actuators, *run.joint_names))
@@ -70,6 +78,9 @@ def look(run: Run, name: str, theme: Theme) -> dict[str, Any]:
 
 def dress(axes: Axes, title: str, theme: Theme) -> None:
     """Give a panel its title, grid, ticks and colours."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
     axes.set_title(title, loc="left", fontsize=TEXT, fontweight="bold", color=theme.ink, pad=4)
     axes.set_facecolor(theme.paper)
     axes.tick_params(labelsize=SMALL, colors=theme.ink, color=theme.faint, length=2.5, pad=2)
@@ -100,7 +111,9 @@ def explain(axes: Axes, theme: Theme) -> None:
     legend.set_zorder(5)
 
 
-def joint_legend(figure: Figure, names: Sequence[tuple[str, dict[str, Any]]], theme: Theme) -> None:
+def joint_legend(
+    figure: Figure, names: Sequence[tuple[str, dict[str, Any]]], columns: int, theme: Theme
+) -> None:
     """Add the names of wheels and joints below the panels, which all share their looks."""
     from matplotlib.lines import Line2D
 
@@ -109,7 +122,7 @@ def joint_legend(figure: Figure, names: Sequence[tuple[str, dict[str, Any]]], th
         figure.legend(
             handles=handles,
             loc="outside lower center",
-            ncols=min(6, len(handles)),
+            ncols=min(columns, len(handles)),
             fontsize=SMALL - 0.5,
             labelcolor=theme.ink,
             frameon=False,
