@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from rpctl import __version__
+from rpctl.cli_view import plot_command, view_command
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.kinematic import kinematic_by_name
 from rpctl.dynamics.contact import FRICTION
@@ -184,6 +185,9 @@ def track_command(
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
     ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
@@ -194,6 +198,10 @@ def track_command(
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
     loaded = load_robot(robot, drive, lock, density, strict)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{reference}")
+    if png:
+        from rpctl.view.browser import require_browser
+
+        require_browser()  # before the simulation, not after it
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
     certificate = _certify(loaded, samples, 0, []) if samples else None
@@ -214,6 +222,10 @@ def track_command(
 
     with progress_bar("draw"):
         summary = write_folder(run, folder)
+        if png:
+            from rpctl.view.film import SCENE, write_still
+
+            write_still(run, folder / SCENE)
     if as_json:
         _print_json(summary)
     else:
@@ -222,16 +234,12 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-@app.command("view", epilog="Example: rpctl view runs/tiago-eight")
-@_guarded
-def view_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")],
-) -> None:
-    """Serve a run's report on this machine only, until Ctrl-C."""
-    from rpctl.view.folder import find_report
-    from rpctl.view.live import serve
-
-    serve(find_report(run), lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+app.command("view", epilog="Example: rpctl view runs/tiago-eight --video tiago.mp4")(
+    _guarded(view_command)
+)
+app.command("plot", epilog="Example: rpctl plot runs/tiago-eight --out tiago.pdf")(
+    _guarded(plot_command)
+)
 
 
 @app.command("robots", epilog="Example: rpctl robots --json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -64,8 +65,26 @@ def _driver() -> Iterator[Any]:
         from playwright.sync_api import sync_playwright
     except ImportError:
         raise RpctlError("films and stills need more: pip install 'rpctl[film]'") from None
-    with sync_playwright() as driver:
+    starting = sync_playwright()
+    with _spared_interrupts():
+        driver = starting.__enter__()
+    try:
         yield driver
+    finally:
+        starting.__exit__(None, None, None)
+
+
+@contextmanager
+def _spared_interrupts() -> Iterator[None]:
+    """Keep Ctrl-C from the processes that are started meanwhile: we end them in good order."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _executable(driver: Any) -> str:

@@ -49,7 +49,7 @@ def mp4(pictures: Sequence[Image], rate: int, progress: Callable[[int, int], Non
             for number, picture in enumerate(pictures):
                 if not number:
                     stream.width, stream.height = picture.size
-                shot = av.VideoFrame.from_image(picture)
+                shot = av.VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")
                 container.mux(stream.encode(shot.reformat(format="yuv420p", dst_colorspace=1)))
                 progress(number + 1, len(pictures))
             container.mux(stream.encode())

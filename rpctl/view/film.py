@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 Size = tuple[int, int]
-STILL = ".png"
+STILL, SCENE = ".png", "scene.png"  # suffix of pictures; the one in a run's folder
 SMALLEST, LARGEST = 64, 4096  # pixels
 
 
@@ -71,6 +71,7 @@ def write_film(
     size, rate = _checked(size or form.size), rate or form.rate
     if form.encode is gif and CENTISECONDS % rate:
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
+    _require_folder(path)
     with _camera(run, size) as photograph:
         film = form.encode(_Film(photograph, _times(run, rate)), rate, progress)
     return write_atomically(path, film)
@@ -99,9 +100,16 @@ def write_still(
     time = duration if time is None else time
     if not 0.0 <= time <= duration:
         raise RpctlError(f"{time:g} s is not within the run; give 0 to {duration:g}")
+    _require_folder(path)
     with _camera(run, _checked(size or FORMATS[".mp4"].size)) as photograph:
         picture = photograph(time, False)
     return write_atomically(path, picture)
+
+
+def _require_folder(path: Path) -> None:
+    """Refuse a file that cannot be written before it is drawn, which takes long."""
+    if not path.parent.is_dir():
+        raise RpctlError(f"{path}: there is no folder {path.parent}; make it first")
 
 
 def _checked(size: Size) -> Size:

@@ -49,6 +49,15 @@ def write_folder(run: Run, folder: Path) -> dict[str, Any]:
     return summary
 
 
+def load_run(run: Path) -> Run:
+    """Load the run of a folder or ``run.npz``.
+
+    Raises:
+        RunFileError: There is no run, or it cannot be read.
+    """
+    return Run.load(run / RUN if run.is_dir() else run)
+
+
 def find_report(run: Path) -> Path:
     """Return the report of a run's folder or ``run.npz``; written anew where it is not there.
 
@@ -58,6 +67,5 @@ def find_report(run: Path) -> Path:
     folder = run if run.is_dir() else run.parent
     report = folder / REPORT
     if not report.is_file() or not (folder / RUN).is_file():
-        loaded = Run.load(folder / RUN if run.is_dir() else run)
-        write_report(loaded, report)
+        write_report(load_run(run), report)
     return report

@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.description.records import Array
 from rpctl.simulation.run import Run
 from rpctl.view.plot_path import draw_paths
-from rpctl.view.plot_style import DESIRED, LIMIT, STYLES, Theme, look, thin
+from rpctl.view.plot_style import DESIRED, LIMIT, STYLES, Theme, look, short, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,8 @@ FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
 DECADES = 6.0  # that an error's axis shows at most
 SLIPPING = 3.0  # that a grip's axis shows at most: beyond, the wheel slips or is in the air
 FEW = 3  # joints of which the references are drawn, too
-SYMBOLS = {"v": "v", "vx": "vₓ", "vy": "v_y", "omega": "ω"}
+SYMBOLS = {"v": "v", "vx": "$v_x$", "vy": "$v_y$", "omega": "ω"}
+PANELS = ("paths", "base", "joints", "tip", "speeds", "joint-speeds", "efforts", "tip-over", "grip")
 
 Draw = Callable[["Axes", Run, Theme], None]
 
@@ -30,7 +31,7 @@ class Panel:
     """A panel of the figure.
 
     Attributes:
-        name: What a user calls it.
+        name: What a user calls it, one of ``PANELS``.
         title: What stands above it.
         draw: Draws it.
         joints: Whether its lines are those of the common legend.
@@ -140,7 +141,7 @@ def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
     units = []
     for number, name in enumerate(_base_speeds(run)):
         units.append("m/s" if name in ("v", "vx", "vy") else "rad/s")
-        label = f"{SYMBOLS.get(name, name.removesuffix('_joint'))}, {units[-1]}"
+        label = f"{SYMBOLS.get(name) or short(name)}, {units[-1]}"
         column = run.quasi_velocities.index(name)
         colour = theme.cycle[number % len(theme.cycle)]
         axes.plot(thin(run.t), thin(run.nu[:, column]), color=colour, lw=1.1, label=label)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 POSES = 10  # of the robot along its path, at most
 CLEAR = 1.2  # lengths of the robot from one of its poses to the next, at least
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # of the time between them, in powers of ten
-TICKS = 12  # of the x axis, at most
+TICKS = 9  # of the x axis, at most
 HEADING = 0.4  # of the track: length of a heading's tick
 
 
@@ -51,8 +51,9 @@ def _draw_poses(axes: Axes, run: Run, theme: Theme) -> None:
     wanted = np.arange(run.t[0], run.t[-1] + 1e-9, interval) if interval else run.t[:1]
     for k in np.searchsorted(run.t, wanted).clip(max=len(run.t) - 1):
         x, y, heading = run.base[k]
-        ahead = HEADING * run.drive["track"] * np.array([np.cos(heading), np.sin(heading)])
-        axes.plot(*np.array([[x, y], [x, y] + ahead]).T, color=theme.ink, lw=0.9, zorder=3.5)
+        length = HEADING * run.drive["track"]
+        tick = [x, x + length * np.cos(heading)], [y, y + length * np.sin(heading)]
+        axes.plot(*tick, color=theme.ink, lw=0.9, zorder=3.5)
         if outline is not None:
             placed = run.q[k, :2] + outline @ _turn(run.q[k]).T
             axes.fill(*placed.T, fc=theme.base, ec="none", alpha=0.08, zorder=1.5)

@@ -65,7 +65,12 @@ def thin(values: Array) -> Array:
 def names(run: Run, theme: Theme) -> list[tuple[str, dict[str, Any]]]:
     """Return the actuators and joints of the common legend, each with its look."""
     names = dict.fromkeys((*run.actuators, *run.joint_names))
-    return [(name.removesuffix("_joint"), look(run, name, theme)) for name in names]
+    return [(short(name), look(run, name, theme)) for name in names]
+
+
+def short(name: str) -> str:
+    """Return a joint's name for a legend, where a dollar would start a formula."""
+    return name.removesuffix("_joint").replace("$", r"\$")
 
 
 def look(run: Run, name: str, theme: Theme) -> dict[str, Any]:
@@ -93,12 +98,16 @@ def dress(axes: Axes, title: str, theme: Theme) -> None:
         spine.set(visible=side in ("left", "bottom"), color=theme.faint, linewidth=0.8)
 
 
-def explain(axes: Axes, theme: Theme) -> None:
-    """Add the legend of a panel whose lines have names of their own."""
+def explain(axes: Axes, theme: Theme, below: bool = False) -> None:
+    """Add the legend of a panel whose lines have names of their own, in it or below it."""
     axes.minorticks_off()
     if not axes.get_legend_handles_labels()[0]:
         return
+    place: dict[str, Any] = {}
+    if below:
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3}
     legend = axes.legend(
+        **place,
         fontsize=SMALL - 0.5,
         labelcolor=theme.ink,
         facecolor=theme.paper,

@@ -18,7 +18,10 @@ from rpctl.view.plot_style import DARK, LIGHT, dress, explain, joint_legend, nam
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE, COLUMN = 180.0 / 25.4, 88.0 / 25.4  # widths of a page's text and of one of its two columns, in
+PAGE, COLUMN = (
+    180.0 / 25.4,
+    88.0 / 25.4,
+)  # widths of a page's text and of one of its two columns, in
 ROW, WIDE_ROW = 58.0 / 25.4, 75.0 / 25.4  # heights of a row of panels, inches
 LEGEND_ROW = 0.14  # inches
 DPI = 200  # of the figure in a run's folder
@@ -64,11 +67,11 @@ def save_figure(
         RpctlError: The suffix is another one, or the run has no such panel.
     """
     path = Path(path)
-    writers = {".pdf": _pdf, ".png": lambda figure: _png(figure, PRINT_DPI)}
-    writer = writers.get(path.suffix.lower())
-    if writer is None:
+    suffix = path.suffix.lower()
+    if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
-    return write_atomically(path, writer(tracking_figure(run, panels=panels, column=column)))
+    figure = tracking_figure(run, panels=panels, column=column)
+    return write_atomically(path, _pdf(figure) if suffix == ".pdf" else _png(figure, PRINT_DPI))
 
 
 def tracking_figure(
@@ -84,7 +87,7 @@ def tracking_figure(
     places = _places(shown, columns)
     heights = [ROW] * (places[-1][0] + 1)
     for panel, (row, _) in zip(shown, places, strict=True):
-        if panel.wide and columns > 1:
+        if panel.wide:
             heights[row] = WIDE_ROW
     legend = names(run, theme) if any(panel.joints for panel in shown) else []
     strip = LEGEND_ROW * -(-len(legend) // (3 * columns))
@@ -97,7 +100,7 @@ def tracking_figure(
         number = f"({letter})  " if len(shown) > 1 else ""
         dress(axes, number + panel.title, theme)
         panel.draw(axes, run, theme)
-        explain(axes, theme)
+        explain(axes, theme, below=panel.wide and columns == 1)
     joint_legend(figure, legend, 3 * columns, theme)
     return figure
 
