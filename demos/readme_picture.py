@@ -6,7 +6,7 @@ import rpctl
 from rpctl.view.browser import require_browser
 from rpctl.view.film import write_still
 
-FOLDER = Path(__file__).parent
+FOLDER, SIZE = Path(__file__).parent, (960, 540)
 TIMES = {"tiago": 13.0, "paper": 16.0, "mecanum": 13.0, "tiago_pro": 13.0}  # s
 
 
@@ -18,7 +18,7 @@ def main() -> None:
         return
     for name, time in TIMES.items():
         run = rpctl.track(rpctl.load(name), "eight", initial_error=(0.1, -0.1, 0.1))
-        picture = write_still(run, FOLDER / f"{name}.png", time=time)
+        picture = write_still(run, FOLDER / f"{name}.png", size=SIZE, time=time)
         print(f"wrote {picture.name}")
 
 

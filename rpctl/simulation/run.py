@@ -132,22 +132,14 @@ class Run:
     wall_time: float
 
     def __repr__(self) -> str:
-        return f"Run({self.summary_line()})"
+        reference = self.settings.get("reference", "motion")
+        return f"Run({self.robot}, {reference}, {self.t[-1] - self.t[0]:.4g} s)"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the scene, embedded."""
-        from rpctl.view.notebook import show  # a notebook asks the object; all else stays above
+        """Return what a notebook shows: one line, and the scene to be played."""
+        from rpctl.view.notebook import show  # the one import upwards: IPython asks the object
 
         return show(self)
-
-    def summary_line(self) -> str:
-        """Return what the run is in one line: robot, reference, laws, length, final error."""
-        final = float(np.hypot(*self.e[-1, :2]))
-        words = [self.robot]
-        if "reference" in self.settings:
-            words.append(str(self.settings["reference"]))
-        words += [f"{self.t[-1] - self.t[0]:.4g} s", f"base ends {1e3 * final:.3g} mm from it"]
-        return ", ".join(words)
 
     def save(self, path: str | Path) -> Path:
         """Write the run to one file; it is there whole or not at all.

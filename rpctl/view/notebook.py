@@ -6,7 +6,10 @@ import base64
 import re
 import zlib
 from html import escape
+from pathlib import PurePath
 from string import Template
+
+import numpy as np
 
 from rpctl.errors import RpctlError
 from rpctl.simulation.run import Run
@@ -39,7 +42,7 @@ def show(run: Run) -> str:
 
     Where the robot cannot be loaded any more, the reason stands in the place of the scene.
     """
-    summary = escape(run.summary_line())
+    summary = escape(_line(run))
     try:
         scene = build_scene(run.load_robot(), run)
     except RpctlError as error:
@@ -52,6 +55,18 @@ def show(run: Run) -> str:
         width=WIDTH,
         aspect=f"{ASPECT:.4f}",
     )
+
+
+def _line(run: Run) -> str:
+    """Return what the run is, and how well it ended, in one line."""
+    errors = []
+    if run.drive["wheels"]:
+        errors.append(f"base {1e3 * np.hypot(*run.e[-1, :2]):.3g} mm")
+    if run.end_effector is not None:
+        errors.append(f"end effector {1e3 * np.linalg.norm(run.ee_ref[-1] - run.ee[-1]):.3g} mm")
+    reference = PurePath(run.settings.get("reference", "motion")).name  # no folder of this machine
+    duration = run.t[-1] - run.t[0]
+    return f"{run.robot}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
 
 
 def pack(page: str) -> str:

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -116,8 +117,7 @@ def test_missing_playwright_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_ctrl_c_leaves_neither_file_nor_browser(paper: Robot, tmp_path: Path) -> None:
     run = rpctl.track(paper, "eight", duration=20.0)
     source, film = run.save(tmp_path / "run.npz"), tmp_path / "a.mp4"
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
+    scratch = Path(tempfile.mkdtemp())  # short: Chromium's sockets in it have short names only
     command = [sys.executable, "-m", "rpctl", "view", str(source), "--video", str(film)]
     with subprocess.Popen(
         command,
@@ -130,9 +130,10 @@ def test_ctrl_c_leaves_neither_file_nor_browser(paper: Robot, tmp_path: Path) ->
             time.sleep(0.2)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         _, error = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == 130, error
     assert error.decode().strip() == "interrupted"
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["run.npz", "scratch"]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["run.npz"]
     assert not list(scratch.rglob("film.mp4"))
+    shutil.rmtree(scratch)
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)

@@ -38,12 +38,12 @@ def shown(paper_run: Run) -> dict[str, Any]:
 
 
 def test_a_cell_shows_the_scene(shown: dict[str, Any]) -> None:
-    assert shown["text/plain"].startswith("Run(paper, eight, 3 s,")
+    assert shown["text/plain"] == "Run(paper, eight, 3 s)"
     html = shown["text/html"]
-    assert "<p>paper, eight, 3 s," in html
+    assert "<p>paper, eight, 3 s; final error: base " in html
     assert 'sandbox="allow-scripts"' in html
     assert len(html) < 1_000_000
-    assert "player.show" in page_inside(html)
+    assert "const { viewer, duration, show } = player;" in page_inside(html)
 
 
 def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:

@@ -143,7 +143,8 @@ def test_robot_is_drawn_where_it_was(paper_run: Run) -> None:
     placed = [x, y] + corners @ np.array([[cosine, sine], [-sine, cosine]])
     drawn = axes.patches[0].get_xy()[:-1]  # type: ignore[attr-defined]
     assert np.array(sorted(drawn.tolist())) == pytest.approx(np.array(sorted(placed.tolist())))
-    tick = next(line for line in axes.lines if len(line.get_xydata()) == 2).get_xydata()
+    lines = [np.column_stack(line.get_data()) for line in axes.lines]
+    tick = next(line for line in lines if len(line) == 2)
     assert tick[0] == pytest.approx(paper_run.base[0, :2])
     turn = np.arctan2(*(tick[1] - tick[0])[::-1])
     assert turn == pytest.approx(paper_run.base[0, 2])
