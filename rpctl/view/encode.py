@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,15 +20,18 @@ BT709 = "colorprim=bt709:transfer=bt709:colormatrix=bt709"  # what players take 
 SAMPLES = 6  # pictures that give a GIF its palette
 COLOURS = 256  # of a GIF
 CENTISECONDS = 100  # in a second; a GIF counts in them
+FASTEST_GIF = 50  # Hz; browsers slow down what is faster
 
-Encoder = Callable[[Sequence["Image"], int, Callable[[int, int], None]], bytes]
+Take = Callable[[int], "Image"]
+Encoder = Callable[[Take, int, int, Callable[[int, int], None]], bytes]
 
 
-def mp4(pictures: Sequence[Image], rate: int, progress: Callable[[int, int], None]) -> bytes:
+def mp4(take: Take, count: int, rate: int, progress: Callable[[int, int], None]) -> bytes:
     """Return pictures as an MP4 that every browser plays.
 
     Args:
-        pictures: Of one size, even both ways; each is asked for once, in order.
+        take: Returns a picture by its number; all are of one size, even both ways.
+        count: How many there are.
         rate: Pictures a second.
         progress: Called with the number of pictures done and their total.
 
@@ -46,34 +49,36 @@ def mp4(pictures: Sequence[Image], rate: int, progress: Callable[[int, int], Non
                 "libx264", rate=rate, options={"crf": QUALITY, "x264-params": BT709}
             )
             stream.pix_fmt = "yuv420p"
-            for number, picture in enumerate(pictures):
+            for number in range(count):
+                picture = take(number)
                 if not number:
                     stream.width, stream.height = picture.size
                 shot = av.VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")
                 container.mux(stream.encode(shot.reformat(format="yuv420p", dst_colorspace=1)))
-                progress(number + 1, len(pictures))
+                progress(number + 1, count)
             container.mux(stream.encode())
         return path.read_bytes()
 
 
-def gif(pictures: Sequence[Image], rate: int, progress: Callable[[int, int], None]) -> bytes:
+def gif(take: Take, count: int, rate: int, progress: Callable[[int, int], None]) -> bytes:
     """Return pictures as a GIF that repeats for ever, all in one palette, so that nothing flickers.
 
     Args:
-        pictures: Of one size; a few are asked for twice.
+        take: Returns a picture by its number; a few are asked for twice.
+        count: How many there are.
         rate: Pictures a second; 100 is a multiple of it.
         progress: Called with the number of pictures done and their total.
     """
     from PIL import Image
 
-    chosen = np.unique(np.linspace(0, len(pictures) - 1, SAMPLES).astype(int)).tolist()
-    samples = np.concatenate([np.asarray(pictures[k]) for k in chosen])
+    chosen = np.unique(np.linspace(0, count - 1, SAMPLES).astype(int)).tolist()
+    samples = np.concatenate([np.asarray(take(k)) for k in chosen])
     palette = Image.fromarray(samples).quantize(COLOURS, Image.Quantize.MEDIANCUT)
 
     def reduced() -> Iterator[Image.Image]:
-        for number, picture in enumerate(pictures):
-            yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
-            progress(number + 1, len(pictures))
+        for number in range(count):
+            yield take(number).quantize(palette=palette, dither=Image.Dither.NONE)
+            progress(number + 1, count)
 
     first, *rest = reduced()
     buffer = io.BytesIO()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from rpctl.errors import RpctlError
 from rpctl.files import write_atomically
 from rpctl.simulation.run import Run
 from rpctl.view.browser import open_page
-from rpctl.view.encode import CENTISECONDS, Encoder, gif, mp4
+from rpctl.view.encode import CENTISECONDS, FASTEST_GIF, Encoder, gif, mp4
 from rpctl.view.page import asset
 from rpctl.view.player import player
 from rpctl.view.scene import build_scene
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Size = tuple[int, int]
 STILL, SCENE = ".png", "scene.png"  # suffix of pictures; the one in a run's folder
+ROUNDING = 1e-6  # of a picture: the last sample's time is a sum
 SMALLEST, LARGEST = 64, 4096  # pixels
 
 
@@ -64,16 +65,23 @@ def write_film(
     Raises:
         RpctlError: The suffix, size or rate cannot be had, or the browser or encoder is missing.
     """
+    from PIL.Image import open as decode
+
     path = Path(path)
     form = FORMATS.get(path.suffix.lower())
     if form is None:
         raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
     size, rate = _checked(size or form.size), rate or form.rate
-    if form.encode is gif and CENTISECONDS % rate:
+    if form.encode is gif and (CENTISECONDS % rate or rate > FASTEST_GIF):
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     _require_folder(path)
+    count = int(np.floor((run.t[-1] - run.t[0]) * rate + ROUNDING)) + 1
     with _camera(run, size) as photograph:
-        film = form.encode(_Film(photograph, _times(run, rate)), rate, progress)
+
+        def take(number: int) -> Image:
+            return decode(io.BytesIO(photograph(number / rate, True))).convert("RGB")
+
+        film = form.encode(take, count, rate, progress)
     return write_atomically(path, film)
 
 
@@ -121,12 +129,6 @@ def _checked(size: Size) -> Size:
     return size
 
 
-def _times(run: Run, rate: int) -> list[float]:
-    """Return when pictures are taken, s from the start."""
-    duration = float(run.t[-1] - run.t[0])
-    return [number / rate for number in range(int(np.floor(duration * rate + 1e-6)) + 1)]
-
-
 @contextmanager
 def _camera(run: Run, size: Size) -> Iterator[Callable[[float, bool], bytes]]:
     """Open the scene of a run; yields what takes a PNG at a time (s), stamped with it or not."""
@@ -140,22 +142,3 @@ def _camera(run: Run, size: Size) -> Iterator[Callable[[float, bool], bytes]]:
             return base64.b64decode(url.partition(",")[2])
 
         yield photograph
-
-
-class _Film(Sequence["Image"]):
-    """The pictures of a film, each taken when it is asked for."""
-
-    def __init__(self, photograph: Callable[[float, bool], bytes], times: list[float]) -> None:
-        self._photograph, self._times = photograph, times
-
-    def __len__(self) -> int:
-        return len(self._times)
-
-    @overload
-    def __getitem__(self, number: int) -> Image: ...
-    @overload
-    def __getitem__(self, number: slice) -> Sequence[Image]: ...
-    def __getitem__(self, number: Any) -> Any:
-        from PIL import Image
-
-        return Image.open(io.BytesIO(self._photograph(self._times[number], True))).convert("RGB")
