@@ -154,8 +154,9 @@ def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
 
 
 def _joint_speeds(axes: Axes, run: Run, theme: Theme) -> None:
-    for name in run.joint_names:
-        column = run.quasi_velocities.index(name)
+    for column, name in enumerate(run.quasi_velocities):
+        if name not in run.joint_names:
+            continue
         axes.plot(thin(run.t), thin(run.nu[:, column]), **look(run, name, theme))
         if len(run.joint_names) <= FEW:
             axes.plot(thin(run.t), thin(run.nu_ref[:, column]), color=theme.desired, **DESIRED)

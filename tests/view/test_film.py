@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,8 @@ def test_ctrl_c_leaves_neither_file_nor_browser(paper: Robot, tmp_path: Path) ->
         command,
         stderr=subprocess.PIPE,
         start_new_session=True,
+        # Jobs in the background inherit a Ctrl-C that is ignored.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, "TMPDIR": str(scratch)},
     ) as process:
         deadline = time.monotonic() + 60.0
