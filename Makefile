@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test slow lint types bench browser clean
+.PHONY: demo test slow lint types bench pictures clean
 
 demo: $(READY)
 	$(BIN)/rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1 --out runs/demo
@@ -25,6 +25,9 @@ types: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts=
+
+pictures: $(READY)
+	$(BIN)/python demos/readme_picture.py
 
 clean:
 	rm -rf $(VENV) runs

@@ -1,39 +1,25 @@
-"""The README's picture: TIAGo's report, photographed in headless Chromium."""
+"""The README's pictures: four robots on their figure-eights, drawn in headless Chromium."""
 
-import shutil
 from pathlib import Path
 
-from playwright.sync_api import sync_playwright
-
 import rpctl
+from rpctl.view.browser import require_browser
+from rpctl.view.film import write_still
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PICTURE = Path(__file__).parent / "tiago.png"
+FOLDER, SIZE = Path(__file__).parent, (960, 540)
+TIMES = {"tiago": 13.0, "paper": 16.0, "mecanum": 13.0, "tiago_pro": 13.0}  # s
 
 
 def main() -> None:
-    chromium = next((path for path in map(shutil.which, BROWSERS) if path), None)
-    if chromium is None:
-        print("no picture: this needs Chromium on the PATH")
+    try:
+        require_browser()
+    except rpctl.RpctlError as missing:
+        print(f"no pictures: {missing}")
         return
-    robot = rpctl.load("tiago")
-    certificate = rpctl.verify(robot, samples=20)
-    run = rpctl.track(robot, "eight", initial_error=(0.1, -0.1, 0.1), certificate=certificate)
-    folder = Path("runs/readme")
-    folder.mkdir(parents=True, exist_ok=True)
-    report = rpctl.write_report(run, folder / "report.html")
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=FLAGS)
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(report.resolve().as_uri())
-        while not page.evaluate("Boolean(window.rpctl && window.rpctl.ready)"):
-            page.wait_for_timeout(50)
-        page.evaluate("rpctl.pause(); rpctl.seek(17.2)")
-        page.wait_for_timeout(1000)
-        page.screenshot(path=PICTURE)
-        browser.close()
-    print(f"wrote {PICTURE.name}")
+    for name, time in TIMES.items():
+        run = rpctl.track(rpctl.load(name), "eight", initial_error=(0.1, -0.1, 0.1))
+        picture = write_still(run, FOLDER / f"{name}.png", size=SIZE, time=time)
+        print(f"wrote {picture.name}")
 
 
 if __name__ == "__main__":

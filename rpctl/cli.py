@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from rpctl import __version__
+from rpctl.cli_view import plot_command, view_command
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
 from rpctl.description.expansion import expand
@@ -20,7 +21,7 @@ from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError, format_finding
-from rpctl.files import to_json, write_atomically
+from rpctl.files import to_json
 from rpctl.options import (
     DensityOption,
     DriveOption,
@@ -220,6 +221,9 @@ def track_command(
     live: Annotated[
         bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
     ] = False,
+    png: Annotated[
+        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
@@ -230,6 +234,10 @@ def track_command(
     laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
     loaded = load_robot(robot, drive, lock, density, strict, package_dir)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{Path(reference).stem}")
+    if png:
+        from rpctl.view.browser import require_browser
+
+        require_browser()  # before the simulation, not after it
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
     certificate = _certify(loaded, samples, 0, []) if samples else None
@@ -258,6 +266,10 @@ def track_command(
 
     with progress_bar("draw"):
         summary = write_folder(run, folder, max_megabytes)
+        if png:
+            from rpctl.view.film import SCENE, write_still
+
+            write_still(run, folder / SCENE)
     if watcher is not None:
         watcher.finish(folder / REPORT)
     if as_json:
@@ -268,44 +280,12 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-@app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-eight")
-@_guarded
-def view_command(
-    what: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="ROBOT|RUN...", help="A robot, or runs: their folders or run.npz files."
-        ),
-    ],
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
-    html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the page there and end.")
-    ] = None,
-) -> None:
-    """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play."""
-    from rpctl.view.folder import is_run, report_of
-    from rpctl.view.live import serve
-    from rpctl.view.robot_page import robot_page
-
-    def robot() -> Robot:
-        return load_robot(what[0], drive, lock, density, strict, package_dir)
-
-    if len(what) > 1 or is_run(what[0]):
-        page = report_of([Path(each) for each in what], package_dir or ())
-    else:
-        robot()  # what is wrong with it is said here; of a file that is edited, by the page
-
-        def page() -> bytes:
-            return robot_page(robot()).encode()
-
-    if html is not None:
-        typer.echo(write_atomically(html, page()))
-        return
-    serve(page, lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
+app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-eight")(
+    _guarded(view_command)
+)
+app.command("plot", epilog="Example: rpctl plot runs/tiago-eight --out tiago.pdf")(
+    _guarded(plot_command)
+)
 
 
 @app.command("expand", epilog="Example: rpctl expand robot.urdf.xacro > robot.urdf")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from typer.testing import CliRunner
 
 from rpctl.cli import app
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.view.browser import NAMES
 from tests.robots import SET_A, platform, write
 
 runner = CliRunner()
@@ -148,6 +150,30 @@ def test_track_tells_people(tmp_path: Path) -> None:
         assert word in out
 
 
+def test_plot_writes_a_figure_beside_the_run(tmp_path: Path) -> None:
+    run("track", "paper", "--duration", "0.2", "--samples", "0", "--out", str(tmp_path))
+    assert run_json("plot", str(tmp_path)) == {"figure": str(tmp_path / "figure.pdf")}
+    assert (tmp_path / "figure.pdf").read_bytes().startswith(b"%PDF")
+    code, _, err = run("view", str(tmp_path), "--png", str(tmp_path / "a.png"), "--size", "3x")
+    assert (code, "--size 3x" in err) == (2, True)
+
+
+def test_track_asks_for_a_browser_before_it_simulates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    code, _, err = run("track", "paper", "--png", "--out", str(tmp_path / "run"))
+    assert code == 2
+    assert "rpctl[film]" in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no chromium on PATH")
+def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
+    run("track", "paper", "--duration", "0.2", "--samples", "0", "--png", "--out", str(tmp_path))
+    assert (tmp_path / "scene.png").stat().st_size > 10_000
+
+
 def test_a_robots_name_cannot_lead_out_of_the_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,6 +228,11 @@ def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
         (("view", "nothing"), "robot 'nothing' is not known"),
         (("view", "nothing.npz"), "No such file"),
         (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
+        (("view", "nothing.npz", "--png", "a.png"), "No such file"),
+        (("view", "paper", "--png", "a.png"), "is no run"),
+        (("view", "nothing.npz", "--fps", "20"), "--fps is for a picture or a film"),
+        (("view", "nothing.npz", "--video", "a.mp4", "--at", "2"), "--at is for a picture"),
+        (("plot", "nothing"), "No such file"),
         (("fly",), "No such command"),
     ],
 )
@@ -254,7 +285,9 @@ def test_robots_lists_the_catalogue() -> None:
     assert "mixed_chain" in run("robots")[1]
 
 
-@pytest.mark.parametrize("command", ["inspect", "verify", "derive", "track", "view", "robots"])
+@pytest.mark.parametrize(
+    "command", ["inspect", "verify", "derive", "track", "view", "plot", "robots"]
+)
 def test_help_has_an_example(command: str) -> None:
     code, out, _ = run(command, "--help")
     assert code == 0

@@ -23,9 +23,15 @@ def test_there_is_something_to_run() -> None:
     assert len(EXAMPLES) == 1
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for all commands: some take up what others wrote."""
+    return tmp_path_factory.mktemp("readme")
+
+
 @pytest.mark.parametrize("line", [c for c in COMMANDS if not c.startswith("view")])
-def test_commands(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_commands(line: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
     command, _, file = line.partition(" > ")
     result = CliRunner().invoke(app, shlex.split(command))
     assert result.exit_code == 0, result.output

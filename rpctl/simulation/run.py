@@ -24,7 +24,7 @@ SCHEMA = 1
 META = "meta"  # the one entry of the file that is text: JSON
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """A logged motion of K samples; arrays are read-only.
 
@@ -136,6 +136,16 @@ class Run:
     settings: Mapping[str, Any]
     certificate: Mapping[str, Any] | None
     wall_time: float
+
+    def __repr__(self) -> str:
+        reference = self.settings.get("reference", "motion")
+        return f"Run({self.robot}, {reference}, {self.t[-1] - self.t[0]:.4g} s)"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: one line, and the scene to be played."""
+        from rpctl.view.notebook import show  # the one import upwards: IPython asks the object
+
+        return show(self)
 
     def save(self, path: str | Path) -> Path:
         """Write the run to one file; it is there whole or not at all.

@@ -111,7 +111,7 @@ def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
     folder = run if run.is_dir() else run.parent
     report = folder / REPORT
     if not report.is_file() or not (folder / RUN).is_file():
-        loaded = _load(run)
+        loaded = load_run(run)
         robot = loaded.load_robot(package_dirs)
         _write_sized(loaded, robot, summarize(loaded), report, MEGABYTES)
     return report
@@ -128,7 +128,7 @@ def write_comparison(paths: Sequence[Path], page: Path) -> Path:
     names = [_name(path.absolute()) for path in paths]
     if len(set(names)) < len(names):
         names = [f"{k}: {name}" for k, name in enumerate(names, 1)]
-    return write_report([_load(path) for path in paths], page, names=names)
+    return write_report([load_run(path) for path in paths], page, names=names)
 
 
 def _name(run: Path) -> str:
@@ -137,5 +137,10 @@ def _name(run: Path) -> str:
     return run.parent.name if run.name == RUN else run.stem
 
 
-def _load(run: Path) -> Run:
+def load_run(run: Path) -> Run:
+    """Load the run of a folder or ``run.npz``.
+
+    Raises:
+        RunFileError: There is no run, or it cannot be read.
+    """
     return Run.load(run / RUN if run.is_dir() else run)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rpctl.description.records import Array
 from rpctl.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 TEXT, SMALL = 7.5, 6.5  # pt
 CROWD = 8  # more lines than this are drawn thinner
 DESIRED: dict[str, Any] = {"lw": 0.8, "ls": (0, (3, 3)), "zorder": 3}
+LIMIT: dict[str, Any] = {"lw": 0.8, "ls": (0, (6, 3))}
+MAX_POINTS = 12_000  # of one line: more cannot be told apart on paper
 STYLES = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
@@ -54,10 +57,20 @@ DARK = Theme(
 )
 
 
+def thin(values: Array) -> Array:
+    """Return as many samples as a line needs."""
+    return values[:: -(-len(values) // MAX_POINTS)]
+
+
 def names(run: Run, theme: Theme) -> list[tuple[str, dict[str, Any]]]:
     """Return the actuators and joints of the common legend, each with its look."""
     names = dict.fromkeys((*run.actuators, *run.joint_names))
-    return [(name.removesuffix("_joint"), look(run, name, theme)) for name in names]
+    return [(short(name), look(run, name, theme)) for name in names]
+
+
+def short(name: str) -> str:
+    """Return a joint's name for a legend, where a dollar would start a formula."""
+    return name.removesuffix("_joint").replace("$", r"\$")
 
 
 def look(run: Run, name: str, theme: Theme) -> dict[str, Any]:
@@ -70,6 +83,9 @@ def look(run: Run, name: str, theme: Theme) -> dict[str, Any]:
 
 def dress(axes: Axes, title: str, theme: Theme) -> None:
     """Give a panel its title, grid, ticks and colours."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
     axes.set_title(title, loc="left", fontsize=TEXT, fontweight="bold", color=theme.ink, pad=4)
     axes.set_facecolor(theme.paper)
     axes.tick_params(labelsize=SMALL, colors=theme.ink, color=theme.faint, length=2.5, pad=2)
@@ -82,12 +98,16 @@ def dress(axes: Axes, title: str, theme: Theme) -> None:
         spine.set(visible=side in ("left", "bottom"), color=theme.faint, linewidth=0.8)
 
 
-def explain(axes: Axes, theme: Theme) -> None:
-    """Add the legend of a panel whose lines have names of their own."""
+def explain(axes: Axes, theme: Theme, below: bool = False) -> None:
+    """Add the legend of a panel whose lines have names of their own, in it or below it."""
     axes.minorticks_off()
     if not axes.get_legend_handles_labels()[0]:
         return
+    place: dict[str, Any] = {}
+    if below:
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3}
     legend = axes.legend(
+        **place,
         fontsize=SMALL - 0.5,
         labelcolor=theme.ink,
         facecolor=theme.paper,
@@ -100,7 +120,9 @@ def explain(axes: Axes, theme: Theme) -> None:
     legend.set_zorder(5)
 
 
-def joint_legend(figure: Figure, names: Sequence[tuple[str, dict[str, Any]]], theme: Theme) -> None:
+def joint_legend(
+    figure: Figure, names: Sequence[tuple[str, dict[str, Any]]], columns: int, theme: Theme
+) -> None:
     """Add the names of wheels and joints below the panels, which all share their looks."""
     from matplotlib.lines import Line2D
 
@@ -109,7 +131,7 @@ def joint_legend(figure: Figure, names: Sequence[tuple[str, dict[str, Any]]], th
         figure.legend(
             handles=handles,
             loc="outside lower center",
-            ncols=min(6, len(handles)),
+            ncols=min(columns, len(handles)),
             fontsize=SMALL - 0.5,
             labelcolor=theme.ink,
             frameon=False,

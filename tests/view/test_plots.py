@@ -11,7 +11,8 @@ from PIL import Image
 
 import rpctl
 from rpctl import Robot, Run
-from rpctl.view.plots import save_tracking_figure, tracking_figure, tracking_image
+from rpctl.view.plot_panels import PANELS, find_panels
+from rpctl.view.plots import save_figure, save_tracking_figure, tracking_figure, tracking_image
 from tests.view.samples import short_run
 
 
@@ -39,6 +40,7 @@ def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
         "Joint errors",
         "End-effector error",
         "Base speeds",
+        "Joint speeds",
         "Efforts, limits dashed",
         "Tip-over margin, limit dashed",
         "Grip at friction 0.7, limit dashed",
@@ -46,7 +48,7 @@ def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
 
 
 def test_errors_are_drawn_as_they_are(tiago_run: Run) -> None:
-    _, base, joints, tip, speeds, *_ = tracking_figure(tiago_run).axes
+    _, base, joints, tip, speeds, rates, *_ = tracking_figure(tiago_run).axes
     distance = 1e3 * np.linalg.norm(tiago_run.ee_ref - tiago_run.ee, axis=1)
     assert tip.lines[0].get_ydata() == pytest.approx(distance)
     for axes, first in ((base, 0), (joints, 3)):
@@ -55,6 +57,8 @@ def test_errors_are_drawn_as_they_are(tiago_run: Run) -> None:
                 np.abs(tiago_run.e[:, first + i]), abs=2e-12
             )
     assert speeds.lines[0].get_ydata() == pytest.approx(tiago_run.nu[:, 0])
+    for i, line in enumerate(rates.lines):
+        assert line.get_ydata() == pytest.approx(tiago_run.nu[:, 2 + i])
 
 
 def test_robot_without_an_arm(cart: Robot) -> None:
@@ -130,3 +134,65 @@ def test_perfect_and_shortest_runs(paper_run: Run, dark: bool) -> None:
     corner = image.convert("RGB").getpixel((2, 2))
     assert isinstance(corner, tuple)
     assert (sum(corner) < 200) is dark
+
+
+def test_robot_is_drawn_where_it_was(paper_run: Run) -> None:
+    axes = tracking_figure(paper_run).axes[0]
+    corners = np.array(paper_run.contact_points)
+    x, y, cosine, sine = paper_run.q[0, :4]
+    placed = [x, y] + corners @ np.array([[cosine, sine], [-sine, cosine]])
+    drawn = axes.patches[0].get_xy()[:-1]  # type: ignore[attr-defined]
+    assert np.array(sorted(drawn.tolist())) == pytest.approx(np.array(sorted(placed.tolist())))
+    lines = [np.column_stack(line.get_data()) for line in axes.lines]
+    tick = next(line for line in lines if len(line) == 2)
+    assert tick[0] == pytest.approx(paper_run.base[0, :2])
+    turn = np.arctan2(*(tick[1] - tick[0])[::-1])
+    assert turn == pytest.approx(paper_run.base[0, 2])
+
+
+def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) -> None:
+    first, again = (
+        save_figure(tiago_run, tmp_path / name, column=True).read_bytes()
+        for name in ("a.pdf", "b.pdf")
+    )
+    assert first == again
+    assert b"/FontFile2" in first
+    assert b"/Type3" not in first
+    assert b"/Subtype /Image" not in first
+    assert f"/MediaBox [ 0 0 {88 / 25.4 * 72:.3f}".encode()[:22] in first
+
+
+def test_panels_are_chosen_by_name(tiago_run: Run, tmp_path: Path) -> None:
+    assert tuple(panel.name for panel in find_panels(tiago_run)) == PANELS
+    figure = tracking_figure(tiago_run, panels=["tip", "base"])
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "(a)  End-effector error",
+        "(b)  Base error",
+    ]
+    assert not figure.legends
+    with pytest.raises(rpctl.RpctlError, match="did you mean paths"):
+        save_figure(tiago_run, tmp_path / "a.pdf", panels=["pths"])
+    with pytest.raises(rpctl.RpctlError, match=r"a\.svg.*\.pdf or \.png"):
+        save_figure(tiago_run, tmp_path / "a.svg")
+
+
+def test_steering_joints_are_base_speeds(paper_run: Run) -> None:
+    steered = ("v", "front_steer_joint", *paper_run.quasi_velocities[2:])
+    speeds = tracking_figure(replace(paper_run, quasi_velocities=steered), panels=["speeds"]).axes[
+        0
+    ]
+    legend = speeds.get_legend()
+    assert legend is not None
+    told = [text.get_text() for text in legend.get_texts()]
+    assert told == ["v, m/s", "front_steer, rad/s", "reference"]
+
+
+def test_names_cannot_become_formulas(paper_run: Run) -> None:
+    evil = (r"$\bad{$", *paper_run.actuators[1:])
+    assert len(tracking_image(replace(paper_run, actuators=evil))) > 20_000
+
+
+def test_without_loads_there_are_no_margins(paper_run: Run) -> None:
+    nothing = np.empty((len(paper_run.t), 0))
+    run = replace(paper_run, tip_margin=nothing, slip_ratio=nothing, contact_points=())
+    assert titles(run)[-1].startswith("Efforts")

@@ -1,0 +1,77 @@
+"""A run as notebooks show it: one line, and its scene in a frame of its own."""
+
+from __future__ import annotations
+
+import base64
+import re
+import zlib
+from html import escape
+from pathlib import PurePath
+from string import Template
+
+import numpy as np
+
+from rpctl.errors import RpctlError
+from rpctl.simulation.run import Run
+from rpctl.view.page import asset, policy
+from rpctl.view.player import player
+from rpctl.view.scene import build_scene
+
+ASPECT = 16.0 / 9.0
+WIDTH = 960  # pixels, at most
+FRAME = Template(
+    "<p>$summary</p>"
+    '<iframe title="$title" sandbox="allow-scripts" srcdoc="$page" style="width: 100%; '
+    'max-width: ${width}px; aspect-ratio: $aspect; border: 1px solid #d5d9de; border-radius: 8px">'
+    "</iframe>"
+)
+PACKED = Template(
+    '<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" '
+    'content="$policy"><script type="text/plain" id="packed">$packed</script>'
+    "<script>$script</script>"
+)
+BAR = """<div class="bar" role="group" aria-label="Timeline">
+<button type="button" id="play"></button>
+<input type="range" id="slider" min="0" value="0" step="any" aria-label="Time">
+<output id="clock" for="slider"></output>
+</div>"""
+
+
+def show(run: Run) -> str:
+    """Return a run as HTML for a notebook: what it is, and its scene, which can be played.
+
+    Where the robot cannot be loaded any more, the reason stands in the place of the scene.
+    """
+    summary = escape(_line(run))
+    try:
+        scene = build_scene(run.load_robot(), run)
+    except RpctlError as error:
+        return f"<p>{summary}</p><p>The scene cannot be drawn: {escape(str(error))}</p>"
+    page = player(scene, run.robot, ASPECT, asset("notebook.js"), BAR)
+    return FRAME.substitute(
+        summary=summary,
+        title=escape(run.robot),
+        page=escape(pack(page)),
+        width=WIDTH,
+        aspect=f"{ASPECT:.4f}",
+    )
+
+
+def _line(run: Run) -> str:
+    """Return what the run is, and how well it ended, in one line."""
+    errors = []
+    if run.drive["wheels"]:
+        errors.append(f"base {1e3 * np.hypot(*run.e[-1, :2]):.3g} mm")
+    if run.end_effector is not None:
+        errors.append(f"end effector {1e3 * np.linalg.norm(run.ee_ref[-1] - run.ee[-1]):.3g} mm")
+    reference = PurePath(run.settings.get("reference", "motion")).name  # no folder of this machine
+    duration = run.t[-1] - run.t[0]
+    return f"{run.robot}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
+
+
+def pack(page: str) -> str:
+    """Return a page that unpacks itself, of half the size: notebooks keep all that they show."""
+    script = asset("unpack.js")
+    inner = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
+    packed = base64.b64encode(zlib.compress(page.encode(), level=9)).decode()
+    return PACKED.substitute(policy=policy(script, *inner), packed=packed, script=script)

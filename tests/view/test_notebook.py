@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import base64
+import re
+import shutil
+import zlib
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rpctl
+from rpctl import Run
+from rpctl.view import browser
+from tests.view.samples import short_run, write_cart
+
+EVIL = '"></iframe><script>alert(1)</script>'
+
+
+def page_inside(html: str) -> str:
+    """Return the page that a notebook's frame unpacks."""
+    outer = unescape(html.partition('srcdoc="')[2].partition('" style')[0])
+    packed = outer.partition('id="packed">')[2].partition("<")[0]
+    return zlib.decompress(base64.b64decode(packed)).decode()
+
+
+@pytest.fixture
+def shown(paper_run: Run) -> dict[str, Any]:
+    """Run a cell in IPython and return what it displays, by type."""
+    shell = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell()
+    shell.user_ns["run"] = paper_run
+    cell = shell.run_cell("run", store_history=False)
+    assert cell.success
+    data, _ = shell.display_formatter.format(cell.result)
+    return dict(data)
+
+
+def test_a_cell_shows_the_scene(shown: dict[str, Any]) -> None:
+    assert shown["text/plain"] == "Run(paper, eight, 3 s)"
+    html = shown["text/html"]
+    assert "<p>paper, eight, 3 s; final error: base " in html
+    assert 'sandbox="allow-scripts"' in html
+    assert len(html) < 1_000_000
+    assert "const { viewer, duration, show } = player;" in page_inside(html)
+
+
+def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:
+    html = replace(paper_run, robot=EVIL)._repr_html_()
+    assert "<script>" not in html
+    assert html.count("<iframe") == html.count("</iframe>") == 1
+    assert "alert(1)</script>" not in page_inside(html)
+
+
+def test_a_robot_that_is_gone_is_told(tmp_path: Path) -> None:
+    path = write_cart(tmp_path)
+    run = short_run(rpctl.load(path), 0.2)
+    path.unlink()
+    html = run._repr_html_()
+    assert "cannot be drawn" in html
+    assert "cart.urdf" in html
+
+
+@pytest.mark.skipif(not any(map(shutil.which, browser.NAMES)), reason="no chromium on PATH")
+def test_the_frame_plays(shown: dict[str, Any], paper_run: Run) -> None:
+    pytest.importorskip("playwright", reason="playwright is not installed")
+    problems: list[str] = []
+    with browser.open_page(shown["text/html"], 800, 600) as page:
+        page.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        frame = page.frame_locator("iframe")
+        frame.locator("canvas").wait_for()
+        robot = "() => player.viewer.scene.getObjectByName('robot-1').position.toArray()"
+        inside = page.frames[1]
+        assert inside.evaluate(robot)[:2] == pytest.approx(paper_run.q[0, :2], abs=2e-3)
+        frame.get_by_role("slider").press("End")
+        assert inside.evaluate(robot)[:2] == pytest.approx(paper_run.q[-1, :2], abs=2e-3)
+        frame.get_by_role("button", name="Play").click()
+        frame.get_by_role("button", name="Pause").wait_for()
+    assert problems == []
+    assert re.search(r"aspect-ratio: 1\.7778", shown["text/html"])
