@@ -11,8 +11,17 @@ from pathlib import Path
 import rpctl
 
 PACKAGE = Path(rpctl.__file__).parent
-ROOMS = ["errors", "files", "description", "robot", "dynamics", "equivalence", "derive"]
-ROOMS += ["reference", "control", "simulation", "view", "show", "options"]
+ROOMS = [
+    "errors",
+    "files",
+    "libraries",
+    "description",
+    "robot",
+    "dynamics",
+    "equivalence",
+    "derive",
+]
+ROOMS += ["derive", "reference", "control", "simulation", "view", "show", "options"]
 ROOMS += ["cli_view", "cli"]
 UP = {"simulation/run.py imports rpctl.view.notebook.show"}  # IPython asks the Run
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}

@@ -16,6 +16,7 @@ from rpctl.description.mesh_files import read
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Array, Description, Link, Shape
 from rpctl.errors import Finding, RpctlError
+from rpctl.libraries import library
 
 DENSEST = 1e6  # kg/m3; more is a wrong unit
 LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat
@@ -164,7 +165,7 @@ def _mesh_solid(shape: Shape, paths: MeshPaths) -> tuple[Solid, bool]:
     Raises:
         MeshError: There is no such mesh, or it encloses nothing.
     """
-    import trimesh  # here, for its import takes longer than loading a robot
+    trimesh = library("trimesh")
 
     vertices, faces, count = [], [], 0
     for surface in read(paths.resolve(shape.mesh or "")):

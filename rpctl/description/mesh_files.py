@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rpctl.description.caps import cap, raised
 from rpctl.description.mesh_paths import MeshError
+from rpctl.libraries import library
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,7 @@ def read(path: Path) -> tuple[Surface, ...]:
 
 
 def _load(content: bytes, kind: str, path: Path) -> Any:
+    library("trimesh")
     import trimesh
 
     class Materials(trimesh.resolvers.Resolver):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.libraries import library
 from rpctl.robot.drive import Drive, Swivel, Wheel
 from rpctl.robot.model import Robot
 
@@ -127,8 +128,7 @@ class Tree:
     """
 
     def __init__(self, robot: Robot, scalars: Scalars) -> None:
-        import yourdfpy  # here, for its import takes longer than loading and inspecting a robot
-
+        yourdfpy = library("yourdfpy")
         self.scalars = scalars
         parsed = yourdfpy.URDF.load(
             io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False

@@ -14,6 +14,7 @@ import pinocchio as pin
 from rpctl.description.mesh_files import Surface, read
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Array, Link, Shape
+from rpctl.libraries import library
 from rpctl.robot.model import Robot
 from rpctl.view.shading import Shaded, shade, simplify
 
@@ -133,7 +134,7 @@ def _place(
 
 
 def _primitive(shape: Shape) -> Surface:
-    from trimesh import creation
+    creation = library("trimesh.creation")
 
     makers: dict[str, Callable[..., Any]] = {
         "box": lambda *edges: creation.box(edges),
@@ -151,7 +152,7 @@ def _surface(mesh: Any, unit: float = 1.0) -> Surface:
 
 def _sticks(robot: Robot) -> Iterator[_Placed]:
     """Return a ball at every link's origin and a stick from it to each joint below."""
-    from trimesh import creation
+    creation = library("trimesh.creation")
 
     below = robot.description.child_joints
     lengths = [float(np.linalg.norm(j.origin[:3, 3])) for j in robot.description.joints]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.description.records import Array
+from rpctl.libraries import library
 from rpctl.view import wire
 
 AXES = ((0.86, 0.20, 0.18), (0.18, 0.62, 0.22), (0.16, 0.42, 0.86))  # x red, y green, z blue
@@ -14,7 +15,7 @@ MASS, WHOLE, CONTACT, ROLLER, POINT = 0xE8A33D, 0x6B3FA0, 0x0072B2, 0xCC4B9B, 0x
 
 def geometries() -> list[wire.Json]:
     """Return axes, ball, disc, arrow and bar, each about 1 m long."""
-    from trimesh import creation
+    creation = library("trimesh.creation")
 
     ball = creation.icosphere(subdivisions=2)
     disc = creation.cylinder(1.0, 0.02, sections=32)
@@ -44,7 +45,7 @@ def materials() -> list[wire.Json]:
 
 def _axes() -> tuple[dict[str, wire.Json], NDArray[np.int64]]:
     """Return three thin boxes along the axes, each in its colour, and their triangles."""
-    from trimesh import creation
+    creation = library("trimesh.creation")
 
     vertices, colours, faces = [], [], []
     for axis, colour in enumerate(AXES):
