@@ -121,7 +121,8 @@ class Arm:
                 break
             square = (rows * weight) @ rows.T
             damping = DAMPING * np.trace(square) * np.eye(len(miss))
-            step = weight * (rows.T @ np.linalg.solve(square + damping, miss))
+            pull = np.linalg.lstsq(square + damping, miss, rcond=None)[0]  # few joints: singular
+            step = weight * (rows.T @ pull)
             step /= max(1.0, float(np.abs(step / self.half_range).max()) / STRIDE)
             positions = np.clip(positions + step, self.lower, self.upper)
         return positions

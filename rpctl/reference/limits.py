@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from rpctl.description.records import Array
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError
+from rpctl.reference.motion import EASE
 from rpctl.reference.time_law import Bound
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
+from rpctl.robot.steering import turning_radius
 
 SHARE = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
 RISE = 0.5  # s; a joint takes at least this long to its velocity limit
@@ -50,6 +51,11 @@ class Limits:
             least = "a number from 0 on" if item.name == "turning_radius" else "a positive number"
             if not _sane(value) or value < 0.0 or (value == 0.0 and item.name != "turning_radius"):
                 raise RpctlError(f"{item.name} is {value!r}; give {least}")
+
+    def steerable(self, robot: Robot) -> Limits:
+        """Return limits whose turning radius a robot can steer, with room for corrections."""
+        least = EASE * turning_radius(robot.drive, robot.description.joint)
+        return replace(self, turning_radius=max(self.turning_radius, least))
 
     def base(self, robot: Robot, direction: Array) -> list[Bound]:
         """Return the bounds of a base path.
@@ -96,23 +102,28 @@ def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:
 
 def _wheel_bounds(robot: Robot, twist: Array) -> list[Bound]:
     """Return the bounds that the wheels' velocity limits set to a twist by s (N, 3)."""
-    rates = twist @ wheel_rates(robot).T
-    limits = (SHARE * robot.description.joint[wheel.joint].velocity for wheel in robot.drive.wheels)
-    return [
-        Bound(rates[:, i], np.zeros(len(rates)), limit)
-        for i, limit in enumerate(limits)
-        if math.isfinite(limit)
-    ]
+    root = twist @ robot.root_velocity.T
+    bounds = []
+    for wheel, rate in zip(robot.drive.wheels, wheel_rates(robot), strict=True):
+        limit = SHARE * robot.description.joint[wheel.joint].velocity
+        rates = np.abs(twist @ rate)
+        if wheel.swivel is not None:  # it heads along its pivot's velocity
+            x, y = next(s.pivot for s in robot.drive.swivels if s.joint == wheel.swivel)
+            place = np.hypot(root[:, 0] - root[:, 2] * y, root[:, 1] + root[:, 2] * x)
+            rates = place / wheel.radius
+        if math.isfinite(limit):
+            bounds.append(Bound(rates, np.zeros(len(rates)), limit))
+    return bounds
 
 
 def wheel_rates(robot: Robot) -> Array:
-    """Return the map (n_wheels, 3) from P's twist to the wheels' rates, rad/s."""
-    dynamics, q = ReducedDynamics(robot), pin.neutral(robot.model)
-    base = len(robot.drive.base_speeds)
-    speeds = dynamics.actuation(q).T[: len(robot.drive.wheels), :base]  # by quasi-velocity
-    nu = np.eye(robot.dof)[:, :base]
-    twists = np.array([dynamics.twist(q, column) for column in nu.T]).T.reshape(3, base)
-    return speeds @ np.linalg.pinv(twists)
+    """Return the map (n_wheels, 3) from P's twist to the wheels' rates, rad/s; 0 on swivels."""
+    rolling, rows = find_rolling(robot), np.zeros((len(robot.drive.wheels), BASE_NV))
+    for row, wheel, at in zip(rows, robot.drive.wheels, rolling.along, strict=True):
+        if wheel.swivel is None:
+            lever = rolling.constant[at, robot.velocity_index(wheel.joint)]
+            row[:] = -rolling.constant[at, :BASE_NV] @ robot.root_velocity / lever
+    return rows
 
 
 def limits_from(values: dict[str, Any]) -> Limits:

@@ -26,6 +26,7 @@ GRID = 0.01  # m of a path between the points where limits are looked at
 FINEST, COARSEST = 3000, 300  # such points
 
 SLALOM = ((0.0, 0.0, 0.0), (1.5, 0.6), (2.6, -0.5), (4.0, 0.2), (3.6, 1.7), (1.8, 1.9), (0.2, 1.2))
+SLALOM_RADIUS = 0.6  # m; of its tightest bend, about: it grows where a robot cannot steer so
 SIDE = 1.5  # m; of the end effector's square on a base that drives
 FIXED_SHARE = 0.15  # of how far a fixed arm holds its end effector: the side of its square
 MADE = ("waypoints", "ee-square")
@@ -50,7 +51,9 @@ def load_reference(robot: Robot, source: str) -> Reference:
             source, lambda: along_goal(robot, polyline(asked.points, asked.corner), asked.limits)
         )
     if source == "waypoints":
-        return along_waypoints(robot, [Waypoint(*row) for row in SLALOM], Limits())
+        room = max(1.0, Limits().steerable(robot).turning_radius / SLALOM_RADIUS)
+        rows = [(room * x, room * y, *heading) for x, y, *heading in SLALOM]
+        return along_waypoints(robot, [Waypoint(*row) for row in rows], Limits())
     if source == "ee-square":
         return along_goal(robot, _square(robot), Limits())
     if source not in BASE_PATHS:
@@ -66,6 +69,7 @@ def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits)
     """
     if not robot.drive.base_speeds:
         raise RpctlError(f"{robot.name} has a fixed base: it has no way to waypoints")
+    limits = limits.steerable(robot)
     path, end = curve_through(waypoints, limits.turning_radius)
     s = _grid(0.0, end)
     clock = time_law(s, limits.base(robot, along(path, s)))
@@ -78,6 +82,7 @@ def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
     Raises:
         RpctlError: The end effector cannot follow.
     """
+    limits = limits.steerable(robot)
     reach = plan_reach(robot, goal, limits)
     s = _grid(goal.start, goal.end)
     place, joints = goal.position, reach.joints

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.description.records import Array
-from rpctl.errors import RpctlError
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
 from rpctl.robot.steering import angle_of, rolling_row, steer
@@ -21,11 +20,7 @@ class Rates(NamedTuple):
 
 
 def reference_rates(robot: Robot, state: ReferenceState) -> Rates:
-    """Return ν and ν̇ of a reference.
-
-    Raises:
-        RpctlError: Wheels are steered, and the reference stands still without a direction.
-    """
+    """Return ν and ν̇ of a reference."""
     drive = robot.drive
     speeds = np.vstack([state.twist, state.twist_dot])  # (2, 3)
     if drive.has_axle and drive.steered:
@@ -40,11 +35,7 @@ def reference_rates(robot: Robot, state: ReferenceState) -> Rates:
 
 
 def steering(robot: Robot, state: ReferenceState) -> Array:
-    """Return positions, rates and accelerations (3, n_steered) of a reference's steered joints.
-
-    Raises:
-        RpctlError: The reference stands still without a direction.
-    """
+    """Return positions, rates and accelerations (3, n_steered) of a reference's steered joints."""
     if not robot.drive.steered:
         return np.zeros((3, 0))
     return steer(robot.drive, direction(state) @ robot.root_velocity.T)
@@ -53,17 +44,13 @@ def steering(robot: Robot, state: ReferenceState) -> Array:
 def direction(state: ReferenceState) -> Array:
     """Return a reference's direction of travel (3, 3); of one that gives none, its twist.
 
-    Raises:
-        RpctlError: It gives none, and stands still.
+    Where there is neither, wheels point ahead.
     """
-    if state.direction is not None:
+    if state.direction is not None and state.direction[0].any():
         return state.direction
-    if not state.twist.any():
-        raise RpctlError(
-            "the reference stands still and gives no direction, so steered wheels do not know "
-            "where to point; let it return ReferenceState(..., direction=...)"
-        )
-    return np.vstack([state.twist, state.twist_dot, np.zeros(3)])
+    if state.twist.any():
+        return np.vstack([state.twist, state.twist_dot, np.zeros(3)])
+    return np.eye(3) * [[1.0], [0.0], [0.0]]
 
 
 def _rolling_speed(robot: Robot, speeds: Array, turned: Array) -> Array:
