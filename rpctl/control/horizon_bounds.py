@@ -1,0 +1,210 @@
+"""What the horizon law keeps to: hard bounds of each unknown, and soft rows for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rpctl.control.horizon_forces import ForceModel
+from rpctl.control.horizon_model import Model, Motion
+from rpctl.control.horizon_program import Family, Soft, Stages
+from rpctl.control.horizon_sample import Sample
+from rpctl.description.records import Array
+from rpctl.dynamics.contact import FRICTION
+from rpctl.errors import require_positive
+
+RESOLVED = 1e-9  # rad or m: room left to a joint that can only just brake
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds that no URDF holds, and how near to the others a motion may come.
+
+    Attributes:
+        base_acceleration: Largest acceleration of the base forward and to the left, m/s².
+        base_turning: Largest angular acceleration of the base, rad/s².
+        rise: Time in which a joint may reach its velocity limit, s.
+        joint_acceleration: Largest acceleration of joints without one, rad/s² or m/s².
+        share: Share of the URDF's speeds and efforts that a motion may use.
+        tip_margin: Least distance of the zero-moment point to the support polygon's edge, m.
+        grip: Share of each wheel's grip that a motion may use.
+        friction: Coefficient between wheels and ground.
+    """
+
+    base_acceleration: float = 2.0
+    base_turning: float = 4.0
+    rise: float = 0.25
+    joint_acceleration: float = 10.0
+    share: float = 0.97
+    tip_margin: float = 0.01
+    grip: float = 0.95
+    friction: float = FRICTION
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that leave nothing."""
+        for name, value in vars(self).items():
+            require_positive(name, value)
+
+    def accelerations(self, model: Model) -> Array:
+        """Return the largest |ν̇| (dof,)."""
+        linear = [self.base_acceleration] * (model.base - 1)
+        base = [*linear, self.base_turning] if model.base else []
+        limits = np.array([joint.velocity for joint in model.robot.joints])
+        joints = np.where(np.isfinite(limits), limits / self.rise, self.joint_acceleration)
+        return np.concatenate([base, joints])
+
+
+class Box:
+    """Hard bounds of accelerations, joint speeds and joint positions, as far as they can be kept.
+
+    A joint that is too fast, or too near to its limit to stop before it, is held to the hardest
+    braking instead: so the bounds never contradict each other.
+    """
+
+    def __init__(self, model: Model, bounds: Bounds) -> None:
+        joints, self._model = model.robot.joints, model
+        self._most = bounds.accelerations(model)
+        braking = self._most[model.base :]
+        # Between two steps a parabola rises above its chord by at most a dt²/8.
+        bulge = 0.125 * braking * model.dt**2
+        self._lower = np.array([joint.lower for joint in joints]) + bulge
+        self._upper = np.array([joint.upper for joint in joints]) - bulge
+        self._fastest = bounds.share * np.array([joint.velocity for joint in joints])
+        later = np.arange(1, model.steps + 1)[:, None]
+        self._shed = later * model.dt * braking  # speed that braking takes away by each step
+
+    def about(self, motion: Motion) -> tuple[Stages, Stages]:
+        """Return lower and upper bounds of the deviations from a motion."""
+        base, dt = self._model.base, self._model.dt
+        at, speed = motion.joints[0], motion.nu[0, base:]
+        left = np.sign(speed) * np.maximum(np.abs(speed) - self._shed, 0.0)
+        before = np.vstack([speed, left[:-1]])
+        stop = at + 0.5 * dt * np.cumsum(before + left, axis=0)
+        fastest, room = np.maximum(self._fastest, np.abs(left) + RESOLVED), RESOLVED
+        lower = np.minimum(self._lower, stop - room)
+        upper = np.maximum(self._upper, stop + room)
+        nu, pose = motion.nu[1:], np.full((len(left), 3 if base else 0), np.inf)
+        free = np.full((len(left), base), np.inf)
+        return (
+            Stages(
+                -self._most - motion.nu_dot,
+                -pose,
+                lower - motion.joints[1:],
+                np.hstack([-free, -fastest - nu[:, base:]]),
+            ),
+            Stages(
+                self._most - motion.nu_dot,
+                pose,
+                upper - motion.joints[1:],
+                np.hstack([free, fastest - nu[:, base:]]),
+            ),
+        )
+
+
+class SoftBound(Protocol):
+    """A kind of soft rows."""
+
+    def families(self, at: Stages) -> list[Family]:
+        """Return the families that :meth:`about` fills, in its order."""
+
+    def about(self, sample: Sample) -> list[Soft]:
+        """Return their numbers about a motion."""
+
+
+class WheelSpeeds:
+    """Speeds of the wheels within their limits: they are Bᵀν. One unit of slack is one limit."""
+
+    def __init__(self, model: Model, bounds: Bounds) -> None:
+        robot = model.robot
+        arm = {joint.name for joint in robot.joints}
+        limits = np.array(
+            [
+                np.inf if name in arm else robot.description.joint[name].velocity
+                for name in robot.actuators
+            ]
+        )
+        self._limited = np.flatnonzero(np.isfinite(limits))
+        self._limits = bounds.share * limits[self._limited]
+        self._model, self._fixed = model, None
+        if model.dynamics.constant:
+            self._fixed = self._rates(np.zeros(len(robot.joints)))
+
+    def _rates(self, joints: Array) -> Array:
+        """Return the map (n, dof) from ν to the wheels' rates over their limits."""
+        B = self._model.dynamics.actuation(self._model.configuration(joints))
+        return B.T[self._limited] / self._limits[:, None]
+
+    def families(self, at: Stages) -> list[Family]:
+        """Return one family, of the speeds after each step."""
+        if not len(self._limited):
+            return []
+        return [Family(at.nu[:, self._model.moving], 2 * len(self._limited))]
+
+    def about(self, sample: Sample) -> list[Soft]:
+        """Return its numbers."""
+        if not len(self._limited):
+            return []
+        motion = sample.motion
+        if self._fixed is not None:
+            rates = np.broadcast_to(self._fixed, (len(motion.nu_dot), *self._fixed.shape))
+        else:
+            rates = np.array([self._rates(joints) for joints in motion.joints[1:]])
+        value = np.einsum("kij,kj->ki", rates, motion.nu[1:])
+        slopes = rates[:, :, self._model.moving]
+        return [Soft(np.hstack([value, -value]) - 1.0, np.concatenate([slopes, -slopes], axis=1))]
+
+
+class ForceBounds:
+    """Efforts within their limits, zero-moment point inside the polygon, wheels within their grip.
+
+    The efforts are bounded at the ``tied`` stages; there, too, all accelerations have a say in the
+    ground's reactions. At the other stages of ``ground`` the arm's are those of the motion, which
+    keeps the QP sparse; the base's speeds and accelerations count at all of them.
+    """
+
+    def __init__(
+        self, model: Model, bounds: Bounds, forces: ForceModel, tied: list[int], ground: list[int]
+    ) -> None:
+        limits = bounds.share * model.robot.effort_limits
+        self._limited = np.flatnonzero(np.isfinite(limits))
+        self._limits = limits[self._limited]
+        self._model, self._forces, self._tied = model, forces, tied
+        self._ground = ground if forces.rows else []
+
+    def families(self, at: Stages) -> list[Family]:
+        """Return the efforts' family, then one for each stage of the ground's."""
+        base, found = self._model.base, []
+        if len(self._limited):
+            found.append(Family(at.nu_dot[self._tied], 2 * len(self._limited)))
+        for k in self._ground:
+            unknowns = at.nu_dot[k] if k in self._tied else at.nu_dot[k, :base]
+            if k:
+                unknowns = np.append(unknowns, at.nu[k - 1, :base])
+            found.append(Family(unknowns[None], self._forces.rows))
+        return found
+
+    def about(self, sample: Sample) -> list[Soft]:
+        """Return their numbers."""
+        base, motion = self._model.base, sample.motion
+        efforts: list[tuple[Array, Array]] = []
+        found: list[Soft] = []
+        for k in sorted({*self._tied, *self._ground}):
+            joints = motion.joints[k]
+            forces = self._forces.at(joints, motion.nu[k], motion.nu_dot[k])
+            if k in self._tied and len(self._limited):
+                tau, by, _ = self._forces.efforts(joints, forces)
+                value = tau[self._limited] / self._limits
+                slopes = by[self._limited] / self._limits[:, None]
+                efforts.append((np.append(value, -value) - 1.0, np.concatenate([slopes, -slopes])))
+            if k in self._ground:
+                room = self._forces.ground(joints, forces)
+                slopes = room.by_nu_dot if k in self._tied else room.by_nu_dot[:, :base]
+                if k:
+                    slopes = np.hstack([slopes, room.by_nu])
+                found.append(Soft(-room.value[None], -slopes[None]))
+        if efforts:
+            values, by_nu_dot = zip(*efforts, strict=True)
+            found.insert(0, Soft(np.array(values), np.array(by_nu_dot)))
+        return found
