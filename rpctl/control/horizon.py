@@ -11,7 +11,12 @@ import numpy as np
 
 from rpctl.control.command import Command, KinematicLaw
 from rpctl.control.horizon_bounds import Bounds, Box, ForceBounds, SoftBound, WheelSpeeds
-from rpctl.control.horizon_clearance import ArmClearance, BaseClearance
+from rpctl.control.horizon_clearance import (
+    ArmClearance,
+    BaseClearance,
+    arm_detour,
+    base_detour,
+)
 from rpctl.control.horizon_cost import Cost, Weights
 from rpctl.control.horizon_forces import ForceModel
 from rpctl.control.horizon_model import Model, Motion, make_model
@@ -25,9 +30,10 @@ from rpctl.dynamics.contact import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
 
-TIED_EVERY = 5  # steps: how far apart the stages lie that tie all joints together
-GROUND_EVERY = 2  # steps: how far apart those lie that watch the ground's reactions
+REACH_EVERY = 5  # steps: how far apart the stages lie that look at the end effector
+GROUND_EVERY = 3  # steps: how far apart those lie that watch the ground's reactions
 COLD_PASSES = 3  # QPs of the first sample, each about the motion that the last one found
 ON_TIME = 1e-9  # s: rounding of a sample's time
 SOFTENED = 1e-3  # of a limit, or m: slack from which a bound counts as given way
@@ -63,8 +69,8 @@ class Horizon:
     steps: int = 20
     dt: float = 0.05
     period: float = 0.02
-    weights: Weights = Weights()
-    bounds: Bounds = Bounds()
+    weights: Weights = field(default_factory=Weights)
+    bounds: Bounds = field(default_factory=Bounds)
     base_obstacles: tuple[Obstacle, ...] = ()
     end_effector_obstacles: tuple[Obstacle, ...] = ()
     base_radius: float | None = None
@@ -134,16 +140,17 @@ class HorizonLaw:
         self.solves = self.fallbacks = self.softened = 0
         self.model = make_model(dynamics, law.steps, law.dt)
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
-        tied = sorted({0, *range(law.steps - 1, 0, -TIED_EVERY)})
-        self._arm = Arm(self.model, tied) if robot.end_effector else None
+        reached = _stages(law.steps, REACH_EVERY)
+        self._arm = Arm(self.model, reached) if robot.end_effector else None
         self._box = Box(self.model, law.bounds)
-        self._soft = _soft_bounds(law, self.model, contacts, tied)
-        self._cost = Cost(law.weights, self.model, len(tied))
+        self._radius = law.base_radius or _base_radius(robot, contacts)
+        self._soft = _soft_bounds(law, self.model, contacts, reached, self._radius)
+        self._cost = Cost(law.weights, self.model, len(reached))
         self.program = Program(
             self.model,
             self._cost.hessian,
             self._cost.cross,
-            tied if self._arm else [],
+            reached if self._arm else [],
             [family for bound in self._soft for family in bound.families(lay_out(self.model))],
         )
         self._solver = Solver()
@@ -166,10 +173,20 @@ class HorizonLaw:
 
     def write(self, reference: Reference, t: float, motion: Motion) -> QuadraticProgram:
         """Return the QP about a motion that starts at ``t`` (s)."""
-        model = self.model
+        model, law = self.model, self._law
         times = t + model.dt * np.arange(model.steps + 1)
         target = look_ahead(model.robot, reference, times)
-        reach = self._arm.reach(motion, target) if self._arm else None
+        target = base_detour(
+            target,
+            motion.pose[0, :2],
+            law.base_obstacles,
+            self._radius,
+            model.robot.drive.has_axle,
+        )
+        reach = None
+        if self._arm:
+            reach = self._arm.reach(motion, target)
+            reach = arm_detour(reach, law.end_effector_obstacles, law.end_effector_radius)
         sample = Sample(motion, target, reach)
         lower, upper = self._box.about(motion)
         return self.program.build(
@@ -212,20 +229,30 @@ class HorizonLaw:
 
 
 def _soft_bounds(
-    law: Horizon, model: Model, contacts: Contacts | None, tied: list[int]
+    law: Horizon, model: Model, contacts: Contacts | None, reached: list[int], radius: float
 ) -> list[SoftBound]:
     """Return the kinds of soft rows that a robot has use for."""
     bounds, robot = law.bounds, model.robot
-    ground = sorted({*tied, *range(0, law.steps, GROUND_EVERY)})
+    ground = [0, *_stages(law.steps, GROUND_EVERY)]
     forces = ForceModel(model, contacts, bounds.tip_margin, bounds.grip)
     found: list[SoftBound] = [
         WheelSpeeds(model, bounds),
-        ForceBounds(model, bounds, forces, tied, ground),
+        ForceBounds(model, bounds, forces, ground),
     ]
-    if law.base_obstacles and model.base and contacts is not None:
-        reach = contacts.points - robot.drive.point
-        radius = law.base_radius or float(np.hypot(reach[:, 0], reach[:, 1]).max())
+    if law.base_obstacles and model.base:
         found.append(BaseClearance(law.base_obstacles, radius))
     if law.end_effector_obstacles and robot.end_effector:
-        found.append(ArmClearance(law.end_effector_obstacles, law.end_effector_radius, tied))
+        found.append(ArmClearance(law.end_effector_obstacles, law.end_effector_radius, reached))
     return found
+
+
+def _base_radius(robot: Robot, contacts: Contacts | None) -> float:
+    """Return the distance of P to the farthest contact, m; 0 for a fixed base."""
+    if contacts is None:
+        return 0.0
+    return float(np.linalg.norm(contacts.points - robot.drive.point, axis=1).max())
+
+
+def _stages(steps: int, every: int) -> list[int]:
+    """Return stages ``every`` so many steps apart, the last of all among them."""
+    return list(range(steps - 1, 0, -every))[::-1]

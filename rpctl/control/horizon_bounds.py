@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rpctl.control.horizon_forces import ForceModel
+from rpctl.control.horizon_forces import ForceModel, Forces
 from rpctl.control.horizon_model import Model, Motion
 from rpctl.control.horizon_program import Family, Soft, Stages
 from rpctl.control.horizon_sample import Sample
@@ -159,52 +159,51 @@ class WheelSpeeds:
 class ForceBounds:
     """Efforts within their limits, zero-moment point inside the polygon, wheels within their grip.
 
-    The efforts are bounded at the ``tied`` stages; there, too, all accelerations have a say in the
-    ground's reactions. At the other stages of ``ground`` the arm's are those of the motion, which
-    keeps the QP sparse; the base's speeds and accelerations count at all of them.
+    The first step is bounded in all accelerations: it is the one that will be carried out. Later
+    steps are looked at for the ground only, at the ``ground`` stages, and there the arm's
+    accelerations are those of the motion: rows that tie all joints together at many stages would
+    cost the QP its sparsity.
     """
 
-    def __init__(
-        self, model: Model, bounds: Bounds, forces: ForceModel, tied: list[int], ground: list[int]
-    ) -> None:
+    def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
         limits = bounds.share * model.robot.effort_limits
         self._limited = np.flatnonzero(np.isfinite(limits))
         self._limits = limits[self._limited]
-        self._model, self._forces, self._tied = model, forces, tied
-        self._ground = ground if forces.rows else []
+        self._model, self._forces = model, forces
+        self._later = [k for k in ground if k and forces.rows]
 
     def families(self, at: Stages) -> list[Family]:
-        """Return the efforts' family, then one for each stage of the ground's."""
-        base, found = self._model.base, []
-        if len(self._limited):
-            found.append(Family(at.nu_dot[self._tied], 2 * len(self._limited)))
-        for k in self._ground:
-            unknowns = at.nu_dot[k] if k in self._tied else at.nu_dot[k, :base]
-            if k:
-                unknowns = np.append(unknowns, at.nu[k - 1, :base])
-            found.append(Family(unknowns[None], self._forces.rows))
-        return found
+        """Return the efforts' family, the ground's now, and the ground's later."""
+        base, count = self._model.base, self._forces.rows
+        found = [Family(at.nu_dot[:1], 2 * len(self._limited)), Family(at.nu_dot[:1], count)]
+        before = [k - 1 for k in self._later]
+        later = np.hstack([at.nu_dot[self._later, :base], at.nu[before, :base]])
+        return [*found, Family(later, count)]
 
     def about(self, sample: Sample) -> list[Soft]:
         """Return their numbers."""
-        base, motion = self._model.base, sample.motion
-        efforts: list[tuple[Array, Array]] = []
-        found: list[Soft] = []
-        for k in sorted({*self._tied, *self._ground}):
-            joints = motion.joints[k]
-            forces = self._forces.at(joints, motion.nu[k], motion.nu_dot[k])
-            if k in self._tied and len(self._limited):
-                tau, by, _ = self._forces.efforts(joints, forces)
-                value = tau[self._limited] / self._limits
-                slopes = by[self._limited] / self._limits[:, None]
-                efforts.append((np.append(value, -value) - 1.0, np.concatenate([slopes, -slopes])))
-            if k in self._ground:
-                room = self._forces.ground(joints, forces)
-                slopes = room.by_nu_dot if k in self._tied else room.by_nu_dot[:, :base]
-                if k:
-                    slopes = np.hstack([slopes, room.by_nu])
-                found.append(Soft(-room.value[None], -slopes[None]))
-        if efforts:
-            values, by_nu_dot = zip(*efforts, strict=True)
-            found.insert(0, Soft(np.array(values), np.array(by_nu_dot)))
-        return found
+        found = self._now(sample.motion)
+        base, count = self._model.base, self._forces.rows
+        value = np.empty((len(self._later), count))
+        slopes = np.empty((len(self._later), count, 2 * base))
+        for row, k in enumerate(self._later):
+            room = self._forces.ground(sample.motion.joints[k], self._at(sample.motion, k))
+            value[row] = -room.value
+            slopes[row] = -np.hstack([room.by_nu_dot[:, :base], room.by_nu])
+        return [*found, Soft(value, slopes)]
+
+    def _at(self, motion: Motion, k: int) -> Forces:
+        return self._forces.at(motion.joints[k], motion.nu[k], motion.nu_dot[k])
+
+    def _now(self, motion: Motion) -> list[Soft]:
+        joints, forces = motion.joints[0], self._at(motion, 0)
+        tau, by_nu_dot, _ = self._forces.efforts(joints, forces)
+        value = tau[self._limited] / self._limits
+        slopes = by_nu_dot[self._limited] / self._limits[:, None]
+        efforts = Soft(
+            np.append(value, -value)[None] - 1.0, np.concatenate([slopes, -slopes])[None]
+        )
+        if not self._forces.rows:
+            return [efforts, Soft(np.empty((1, 0)), np.empty((1, 0, slopes.shape[1])))]
+        room = self._forces.ground(joints, forces)
+        return [efforts, Soft(-room.value[None], -room.by_nu_dot[None])]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rpctl.control.horizon_program import Family, Soft, Stages
-from rpctl.control.horizon_sample import Sample
+from rpctl.control.horizon_sample import Reach, Sample, Target
 from rpctl.control.obstacles import Obstacle
 from rpctl.description.records import Array
 
@@ -22,9 +24,9 @@ class BaseClearance:
 
     def about(self, sample: Sample) -> list[Soft]:
         """Return its numbers."""
-        points, goals = sample.motion.pose[1:, :2], sample.target.pose[1:, :2]
+        points = sample.motion.pose[1:, :2]
         slopes = np.broadcast_to(np.eye(2), (len(points), 2, 2))
-        return [_clear(self._obstacles, self._radius, points, goals, slopes)]
+        return [_clear(self._obstacles, self._radius, points, slopes)]
 
 
 class ArmClearance:
@@ -43,15 +45,50 @@ class ArmClearance:
         reach = sample.reach
         if reach is None:
             raise ValueError("a robot without an end effector has no clearance of it")
-        points, goals = reach.places[:, :2], reach.goals[:, :2]
-        return [_clear(self._obstacles, self._radius, points, goals, reach.slopes[:, :2])]
+        slopes = reach.slopes[:, :2]
+        return [_clear(self._obstacles, self._radius, reach.places[:, :2], slopes)]
 
 
 def _clear(
-    obstacles: tuple[Obstacle, ...], radius: float, points: Array, goals: Array, slopes: Array
+    obstacles: tuple[Obstacle, ...], radius: float, points: Array, slopes: Array
 ) -> Soft:
     """Return level − normal · p ≤ slack of points (K, 2) with derivatives (K, 2, unknowns)."""
-    lines = [obstacle.linearise(points, goals, radius) for obstacle in obstacles]
+    lines = [obstacle.linearise(points, radius) for obstacle in obstacles]
     values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
     by = [-np.einsum("ki,kij->kj", line.normal, slopes) for line in lines]
     return Soft(np.column_stack(values), np.stack(by, axis=1))
+
+
+def base_detour(
+    target: Target, start: Array, obstacles: tuple[Obstacle, ...], radius: float, axle: bool
+) -> Target:
+    """Return a target that leads round what lies between the base and it.
+
+    Args:
+        target: The reference ahead.
+        start: Position of P now (2,), m.
+        obstacles: What the base must keep clear of.
+        radius: Of the base, m.
+        axle: Whether the base has to head where it goes, backwards where the reference does.
+    """
+    goals = target.pose[:, :2]
+    for obstacle in obstacles:
+        goals = obstacle.around(start, goals, radius)
+    changed = (goals != target.pose[:, :2]).any(axis=1)
+    if not changed.any():
+        return target
+    pose = target.pose.copy()
+    pose[:, :2] = goals
+    if axle:
+        ahead = goals - start
+        back = np.where(target.nu[:, 0] < 0.0, math.pi, 0.0)
+        pose[:, 2] = np.where(changed, np.arctan2(ahead[:, 1], ahead[:, 0]) + back, pose[:, 2])
+    return target._replace(pose=pose)
+
+
+def arm_detour(reach: Reach, obstacles: tuple[Obstacle, ...], radius: float) -> Reach:
+    """Return goals of the end effector that lead round what lies between it and them."""
+    goals = reach.goals.copy()
+    for obstacle in obstacles:
+        goals[:, :2] = obstacle.around(reach.places[0, :2], goals[:, :2], radius)
+    return reach._replace(goals=goals)

@@ -16,8 +16,8 @@ from rpctl.control.horizon_qp import Pattern, QuadraticProgram
 from rpctl.description.records import Array
 from rpctl.robot.model import BASE_NV
 
-EXACT = 1e4  # cost of a unit of slack: above any bound's price, so that bounds give way last
-ROUND = 1e2  # curvature of that cost, which keeps the solution unique
+EXACT = 1e3  # cost of a unit of slack: above any bound's price, so that bounds give way last
+ROUND = 1e4  # curvature of that cost, which keeps the solution unique
 
 
 class Family(NamedTuple):
@@ -184,6 +184,7 @@ class Program:
             h=np.concatenate(h),
             lower=low,
             upper=high,
+            slack=self._count,
         )
 
     def slack(self, x: Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.description.records import Array
 from rpctl.errors import RpctlError, require_positive
 
-LEAN = 0.5  # of the way to the tangent: how far the line before a disc in the way is turned
+MARGIN = 0.01  # m: how far a detour keeps from a disc besides, so that it seldom touches it
 NEAR = 1e-6  # m: a point this near to a disc's centre has no direction away from it
 
 
@@ -28,11 +28,19 @@ class Obstacle(Protocol):
     def distance(self, points: Array) -> Array:
         """Return the distance (K,) of points (K, 2) to it, m; negative inside."""
 
-    def linearise(self, points: Array, goals: Array, radius: float) -> Line:
+    def linearise(self, points: Array, radius: float) -> Line:
         """Return half-planes that hold no point nearer to it than ``radius`` (m).
 
         Args:
             points: Where the body is predicted to be (K, 2), m.
+            radius: Of the body, m.
+        """
+
+    def around(self, start: Array, goals: Array, radius: float) -> Array:
+        """Return goals (K, 2) that can be headed for: those behind it give way to a detour.
+
+        Args:
+            start: Where the body is (2,), m.
             goals: Where it should be (K, 2), m.
             radius: Of the body, m.
         """
@@ -61,28 +69,47 @@ class Disc:
         """Return the distance (K,) of points (K, 2) to the disc, m; negative inside."""
         return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius)
 
-    def linearise(self, points: Array, goals: Array, radius: float) -> Line:
-        """Return tangents of the disc grown by ``radius``: none of them cuts into it.
-
-        A tangent faces the predicted point. Where the disc lies between that point and its goal,
-        it is turned towards the side of the goal, part of the way to the tangent through the point
-        itself: an obstacle straight ahead would else only stop the robot.
-        """
+    def linearise(self, points: Array, radius: float) -> Line:
+        """Return the tangents of the disc grown by ``radius`` that face the points."""
         grown = self.radius + radius
         away = points - (self.x, self.y)
-        gap = np.maximum(np.hypot(away[:, 0], away[:, 1]), NEAR)
         angle = np.arctan2(away[:, 1], away[:, 0])
-        ahead = goals - points
-        length = np.maximum(np.hypot(ahead[:, 0], ahead[:, 1]), NEAR)
-        along = ahead / length[:, None]
-        nearest = -(away * along).sum(axis=1)  # way to the point nearest to the centre
-        miss = away[:, 0] * along[:, 1] - away[:, 1] * along[:, 0]
-        blocked = (np.abs(miss) < grown) & (nearest > 0.0) & (nearest < length + grown)
-        side = np.where(miss.sum() >= 0.0, 1.0, -1.0)  # one side for all, else the plan is torn
-        lean = LEAN * np.arccos(np.minimum(grown / gap, 1.0))
-        angle = angle + np.where(blocked, side * lean, 0.0)
         normal = np.column_stack([np.cos(angle), np.sin(angle)])
         return Line(normal, grown + normal @ (self.x, self.y))
+
+    def around(self, start: Array, goals: Array, radius: float) -> Array:
+        """Return goals, those behind the disc turned about ``start`` onto its tangent.
+
+        Linear bounds alone would stop the body before a disc on its way: which side to take is a
+        choice that no linear bound holds. It is the side on which the goals pass the centre, or
+        where they pass through it, that on which the body is.
+        """
+        grown = self.radius + radius + MARGIN
+        x, y = (self.x, self.y) - start
+        ahead = goals - start
+        gap, length = math.hypot(x, y), np.hypot(ahead[:, 0], ahead[:, 1])
+        half = math.asin(min(grown / max(gap, NEAR), 1.0))
+        centre = math.atan2(y, x)
+        off = np.remainder(np.arctan2(ahead[:, 1], ahead[:, 0]) - centre + math.pi, 2.0 * math.pi)
+        off -= math.pi  # angle from the disc's centre to each goal, seen from the start
+        inside = np.hypot(*(goals - (self.x, self.y)).T) < grown
+        behind = (np.abs(off) < half) & (inside | (length > gap))
+        if not behind.any():
+            return goals
+        turned = centre + self._side(start, goals) * half
+        detour = start + length[:, None] * (math.cos(turned), math.sin(turned))
+        return np.where(behind[:, None], detour, goals)
+
+    def _side(self, start: Array, goals: Array) -> float:
+        """Return 1.0 where goals pass the centre on their left, seen along them, else -1.0."""
+        along = goals[-1] - goals[0]
+        if np.hypot(*along) < NEAR:
+            along = goals[-1] - start
+        for place in (goals[-1], start):
+            left = along[1] * (self.x - place[0]) - along[0] * (self.y - place[1])
+            if abs(left) > NEAR * self.radius:
+                return math.copysign(1.0, left)
+        return 1.0
 
 
 @dataclass(frozen=True)
@@ -113,10 +140,15 @@ class HalfPlane:
         """Return the distance (K,) of points (K, 2) to the line, m; negative beyond."""
         return np.asarray(points @ self.normal - self.offset)
 
-    def linearise(self, points: Array, goals: Array, radius: float) -> Line:
+    def linearise(self, points: Array, radius: float) -> Line:
         """Return the line itself, ``radius`` before the edge, for every point."""
         count = len(points)
         return Line(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
+
+    def around(self, start: Array, goals: Array, radius: float) -> Array:
+        """Return the goals themselves: before a wall there is no way round."""
+        del start, radius
+        return goals
 
 
 def _require_finite(what: str, *values: float) -> None:
