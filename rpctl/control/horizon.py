@@ -17,6 +17,7 @@ from rpctl.control.horizon_clearance import (
     arm_detour,
     base_detour,
 )
+from rpctl.control.horizon_clock import Clock
 from rpctl.control.horizon_cost import Cost, Weights
 from rpctl.control.horizon_forces import ForceModel
 from rpctl.control.horizon_model import Model, Motion, make_model
@@ -51,7 +52,9 @@ class Horizon:
 
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
     zero-moment point, the wheels' grip and clearances may give way at a price that is above any
-    other. A solve that fails leaves its period to the ``fallback``, and is counted.
+    other. Where they keep the base from following, the reference waits: the clock by which it is
+    read lags as far as keeps the base within ``leash`` behind it, and the lag is made up for as
+    the base gains on it. A solve that fails leaves its period to the ``fallback``, and is counted.
 
     Attributes:
         steps: N.
@@ -63,6 +66,7 @@ class Horizon:
         end_effector_obstacles: What the end effector must keep clear of.
         base_radius: Radius of the base about P, m; None takes the farthest contact's.
         end_effector_radius: m.
+        leash: How far behind the reference the base may fall before the reference waits, m.
         fallback: The law of samples without a solution.
     """
 
@@ -75,11 +79,12 @@ class Horizon:
     end_effector_obstacles: tuple[Obstacle, ...] = ()
     base_radius: float | None = None
     end_effector_radius: float = 0.05
+    leash: float = 0.3
     fallback: KinematicLaw = field(default_factory=PaperKinematic)
 
     def __post_init__(self) -> None:
         """Refuse settings that predict nothing."""
-        for name in ("dt", "period", "end_effector_radius"):
+        for name in ("dt", "period", "end_effector_radius", "leash"):
             require_positive(name, getattr(self, name))
         if self.base_radius is not None:
             require_positive("base_radius", self.base_radius)
@@ -112,7 +117,7 @@ class Horizon:
     def _runs(self) -> WeakKeyDictionary[ReducedDynamics, HorizonLaw]:
         return WeakKeyDictionary()
 
-    def report(self, dynamics: ReducedDynamics) -> dict[str, int]:
+    def report(self, dynamics: ReducedDynamics) -> dict[str, float]:
         """Return what :meth:`HorizonLaw.report` says of the run that goes with ``dynamics``."""
         return self._runs[dynamics].report() if dynamics in self._runs else {}
 
@@ -137,6 +142,7 @@ class HorizonLaw:
         self._law = law
         self._plan: Plan | None = None
         self._solved_at = -np.inf
+        self._clock = Clock(law.leash)
         self.solves = self.fallbacks = self.softened = 0
         self.model = make_model(dynamics, law.steps, law.dt)
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
@@ -167,12 +173,20 @@ class HorizonLaw:
         nu_dot = self._plan.nu_dot[0]
         return Command(self._plan.nu + (t - self._plan.t) * nu_dot, nu_dot)
 
-    def report(self) -> dict[str, int]:
-        """Return how many solves there were, how many failed, and how many softened a bound."""
-        return {"solves": self.solves, "fallbacks": self.fallbacks, "softened": self.softened}
+    def report(self) -> dict[str, float]:
+        """Return how many solves there were, how many failed, and how many softened a bound.
+
+        ``largest_lag`` (s) is that of the clock by which the reference is read.
+        """
+        return {
+            "solves": self.solves,
+            "fallbacks": self.fallbacks,
+            "softened": self.softened,
+            "largest_lag": self._clock.largest,
+        }
 
     def write(self, reference: Reference, t: float, motion: Motion) -> QuadraticProgram:
-        """Return the QP about a motion that starts at ``t`` (s)."""
+        """Return the QP about a motion that starts when the reference is read at ``t`` (s)."""
         model, law = self.model, self._law
         times = t + model.dt * np.arange(model.steps + 1)
         target = look_ahead(model.robot, reference, times)
@@ -188,7 +202,7 @@ class HorizonLaw:
             reach = self._arm.reach(motion, target)
             reach = arm_detour(reach, law.end_effector_obstacles, law.end_effector_radius)
         sample = Sample(motion, target, reach)
-        lower, upper = self._box.about(motion)
+        lower, upper = self._box.about(sample)
         return self.program.build(
             model.slopes(motion),
             self._cost.gradient(sample),
@@ -202,12 +216,12 @@ class HorizonLaw:
         """Return what to do from the state at ``t`` on; None where no QP's solution says it."""
         robot = self.model.robot
         pose, joints = robot.base_pose(q), robot.joint_positions(q)
-        nu_dot = self._foreseen(t)
+        nu_dot, read = self._foreseen(t), self._clock(reference, t, pose)
         self.solves += 1
         slack = 0.0
         for _ in range(COLD_PASSES if self._plan is None else 1):
             motion = self.model.predict(pose, joints, nu, nu_dot)
-            solution = self._solver.solve(self.write(reference, t, motion))
+            solution = self._solver.solve(self.write(reference, read, motion))
             if not solution.solved:
                 self.fallbacks += 1
                 return None

@@ -25,6 +25,7 @@ class Bounds:
     Attributes:
         base_acceleration: Largest acceleration of the base forward and to the left, m/s².
         base_turning: Largest angular acceleration of the base, rad/s².
+        catch_up: How much faster than its reference the base may drive, m/s.
         rise: Time in which a joint may reach its velocity limit, s.
         joint_acceleration: Largest acceleration of joints without one, rad/s² or m/s².
         share: Share of the URDF's speeds and efforts that a motion may use.
@@ -35,6 +36,7 @@ class Bounds:
 
     base_acceleration: float = 2.0
     base_turning: float = 4.0
+    catch_up: float = 0.5
     rise: float = 0.25
     joint_acceleration: float = 10.0
     share: float = 0.97
@@ -49,58 +51,55 @@ class Bounds:
 
     def accelerations(self, model: Model) -> Array:
         """Return the largest |ν̇| (dof,)."""
-        linear = [self.base_acceleration] * (model.base - 1)
-        base = [*linear, self.base_turning] if model.base else []
+        base = np.where(_turning(model), self.base_turning, self.base_acceleration)
         limits = np.array([joint.velocity for joint in model.robot.joints])
         joints = np.where(np.isfinite(limits), limits / self.rise, self.joint_acceleration)
         return np.concatenate([base, joints])
 
 
 class Box:
-    """Hard bounds of accelerations, joint speeds and joint positions, as far as they can be kept.
+    """Hard bounds of accelerations, speeds and joint positions, as far as they can be kept.
 
-    A joint that is too fast, or too near to its limit to stop before it, is held to the hardest
-    braking instead: so the bounds never contradict each other.
+    What is too fast, or too near to its limit to stop before it, is held to the hardest braking
+    instead: so the bounds never contradict each other.
     """
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
-        joints, self._model = model.robot.joints, model
+        joints, self._base = model.robot.joints, model.base
+        self._linear = np.flatnonzero(~_turning(model))
+        self._catch_up, self._dt = bounds.catch_up, model.dt
         self._most = bounds.accelerations(model)
-        braking = self._most[model.base :]
         # Between two steps a parabola rises above its chord by at most a dt²/8.
-        bulge = 0.125 * braking * model.dt**2
+        bulge = 0.125 * self._most[model.base :] * model.dt**2
         self._lower = np.array([joint.lower for joint in joints]) + bulge
         self._upper = np.array([joint.upper for joint in joints]) - bulge
-        self._fastest = bounds.share * np.array([joint.velocity for joint in joints])
+        self._fastest = np.full((model.steps, model.robot.dof), np.inf)
+        self._fastest[:, model.base :] = bounds.share * np.array([j.velocity for j in joints])
         later = np.arange(1, model.steps + 1)[:, None]
-        self._shed = later * model.dt * braking  # speed that braking takes away by each step
+        self._shed = later * model.dt * self._most  # speed that braking takes away by each step
 
-    def about(self, motion: Motion) -> tuple[Stages, Stages]:
+    def about(self, sample: Sample) -> tuple[Stages, Stages]:
         """Return lower and upper bounds of the deviations from a motion."""
-        base, dt = self._model.base, self._model.dt
-        at, speed = motion.joints[0], motion.nu[0, base:]
-        left = np.sign(speed) * np.maximum(np.abs(speed) - self._shed, 0.0)
-        before = np.vstack([speed, left[:-1]])
-        stop = at + 0.5 * dt * np.cumsum(before + left, axis=0)
-        fastest, room = np.maximum(self._fastest, np.abs(left) + RESOLVED), RESOLVED
-        lower = np.minimum(self._lower, stop - room)
-        upper = np.maximum(self._upper, stop + room)
-        nu, pose = motion.nu[1:], np.full((len(left), 3 if base else 0), np.inf)
-        free = np.full((len(left), base), np.inf)
+        motion, base = sample.motion, self._base
+        left = np.sign(motion.nu[0]) * np.maximum(np.abs(motion.nu[0]) - self._shed, 0.0)
+        between = np.vstack([motion.nu[0], left[:-1]]) + left
+        stop = motion.joints[0] + 0.5 * self._dt * np.cumsum(between[:, base:], axis=0)
+        lower = np.minimum(self._lower, stop - RESOLVED) - motion.joints[1:]
+        upper = np.maximum(self._upper, stop + RESOLVED) - motion.joints[1:]
+        fastest = self._fastest.copy()
+        wanted = sample.target.nu[1:, self._linear]
+        fastest[:, self._linear] = np.linalg.norm(wanted, axis=1, keepdims=True) + self._catch_up
+        fastest = np.maximum(fastest, np.abs(left) + RESOLVED)
+        nu, free = motion.nu[1:], np.full((len(left), 3 if base else 0), np.inf)
         return (
-            Stages(
-                -self._most - motion.nu_dot,
-                -pose,
-                lower - motion.joints[1:],
-                np.hstack([-free, -fastest - nu[:, base:]]),
-            ),
-            Stages(
-                self._most - motion.nu_dot,
-                pose,
-                upper - motion.joints[1:],
-                np.hstack([free, fastest - nu[:, base:]]),
-            ),
+            Stages(-self._most - motion.nu_dot, -free, lower, -fastest - nu),
+            Stages(self._most - motion.nu_dot, free, upper, fastest - nu),
         )
+
+
+def _turning(model: Model) -> Array:
+    """Return which of the base's quasi-velocities turn it (base,), as booleans."""
+    return np.array([name == "omega" for name in model.robot.drive.base_speeds], dtype=bool)
 
 
 class SoftBound(Protocol):

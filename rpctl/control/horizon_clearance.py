@@ -49,9 +49,7 @@ class ArmClearance:
         return [_clear(self._obstacles, self._radius, reach.places[:, :2], slopes)]
 
 
-def _clear(
-    obstacles: tuple[Obstacle, ...], radius: float, points: Array, slopes: Array
-) -> Soft:
+def _clear(obstacles: tuple[Obstacle, ...], radius: float, points: Array, slopes: Array) -> Soft:
     """Return level − normal · p ≤ slack of points (K, 2) with derivatives (K, 2, unknowns)."""
     lines = [obstacle.linearise(points, radius) for obstacle in obstacles]
     values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
