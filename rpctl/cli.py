@@ -13,7 +13,7 @@ import typer
 
 from rpctl import __version__
 from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.kinematic import kinematic_by_name
+from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
 from rpctl.dynamics.contact import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
@@ -172,7 +172,9 @@ def track_command(
             "the robot (m) and turned from it (rad).",
         ),
     ] = "0,0,0",
-    kinematic: Annotated[str, typer.Option(metavar="paper", help="Kinematic law.")] = "paper",
+    kinematic: Annotated[
+        str, typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law.")
+    ] = "paper",
     dynamic: Annotated[str, typer.Option(metavar="paper", help="Dynamic law.")] = "paper",
     friction: Annotated[
         float, typer.Option(help="Friction coefficient of the wheels, to tell if they would slip.")

@@ -23,7 +23,7 @@ from rpctl.control.horizon_forces import ForceModel
 from rpctl.control.horizon_model import Model, Motion, make_model
 from rpctl.control.horizon_program import Program, lay_out
 from rpctl.control.horizon_qp import QuadraticProgram, Solver
-from rpctl.control.horizon_sample import Arm, Sample, look_ahead
+from rpctl.control.horizon_sample import Arm, Sample, Target, look_ahead
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.obstacles import Obstacle
 from rpctl.description.records import Array
@@ -34,6 +34,7 @@ from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 
 REACH_EVERY = 5  # steps: how far apart the stages lie that look at the end effector
+CLOSE = 3  # steps from now on at which an end effector among obstacles is looked at, too
 GROUND_EVERY = 3  # steps: how far apart those lie that watch the ground's reactions
 COLD_PASSES = 3  # QPs of the first sample, each about the motion that the last one found
 ON_TIME = 1e-9  # s: rounding of a sample's time
@@ -52,9 +53,9 @@ class Horizon:
 
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
     zero-moment point, the wheels' grip and clearances may give way at a price that is above any
-    other. Where they keep the base from following, the reference waits: the clock by which it is
-    read lags as far as keeps the base within ``leash`` behind it, and the lag is made up for as
-    the base gains on it. A solve that fails leaves its period to the ``fallback``, and is counted.
+    other. Where they do not let the robot follow, the reference is read late, slower ahead of what
+    is too fast for them, and made up for later: see :class:`~rpctl.control.horizon_clock.Clock`.
+    A solve that fails leaves its period to the ``fallback``, and is counted.
 
     Attributes:
         steps: N.
@@ -71,7 +72,7 @@ class Horizon:
     """
 
     steps: int = 20
-    dt: float = 0.05
+    dt: float = 0.1
     period: float = 0.02
     weights: Weights = field(default_factory=Weights)
     bounds: Bounds = field(default_factory=Bounds)
@@ -108,10 +109,14 @@ class Horizon:
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command of the run that goes with ``dynamics``; a new object starts anew."""
-        if dynamics not in self._runs:
-            self._runs[dynamics] = HorizonLaw(self, dynamics)
-        return self._runs[dynamics](dynamics, reference, t, q, nu)
+        """Return the command of the run that goes with ``dynamics``.
+
+        Another object, or a time before the last one, starts a run anew.
+        """
+        law = self._runs.get(dynamics)
+        if law is None or t < law.solved_at:
+            law = self._runs[dynamics] = HorizonLaw(self, dynamics)
+        return law(dynamics, reference, t, q, nu)
 
     @cached_property
     def _runs(self) -> WeakKeyDictionary[ReducedDynamics, HorizonLaw]:
@@ -141,16 +146,19 @@ class HorizonLaw:
     def __init__(self, law: Horizon, dynamics: ReducedDynamics) -> None:
         self._law = law
         self._plan: Plan | None = None
-        self._solved_at = -np.inf
-        self._clock = Clock(law.leash)
+        self.solved_at = -np.inf
         self.solves = self.fallbacks = self.softened = 0
         self.model = make_model(dynamics, law.steps, law.dt)
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
         reached = _stages(law.steps, REACH_EVERY)
+        if law.end_effector_obstacles:  # its next steps, too
+            reached = sorted({*range(CLOSE), *reached})
         self._arm = Arm(self.model, reached) if robot.end_effector else None
         self._box = Box(self.model, law.bounds)
         self._radius = law.base_radius or _base_radius(robot, contacts)
-        self._soft = _soft_bounds(law, self.model, contacts, reached, self._radius)
+        forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
+        self._clock = Clock(self.model, forces, law.bounds, law.leash)
+        self._soft = _soft_bounds(law, self.model, forces, reached, self._radius)
         self._cost = Cost(law.weights, self.model, len(reached))
         self.program = Program(
             self.model,
@@ -165,8 +173,8 @@ class HorizonLaw:
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
         """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
-        if not 0.0 <= t - self._solved_at < self._law.period - ON_TIME:
-            self._solved_at = t
+        if t - self.solved_at >= self._law.period - ON_TIME:
+            self.solved_at = t
             self._plan = self._solve(reference, t, q, nu)
         if self._plan is None:
             return self._law.fallback(dynamics, reference, t, q, nu)
@@ -185,11 +193,9 @@ class HorizonLaw:
             "largest_lag": self._clock.largest,
         }
 
-    def write(self, reference: Reference, t: float, motion: Motion) -> QuadraticProgram:
-        """Return the QP about a motion that starts when the reference is read at ``t`` (s)."""
+    def write(self, motion: Motion, target: Target) -> QuadraticProgram:
+        """Return the QP about a motion, towards a target."""
         model, law = self.model, self._law
-        times = t + model.dt * np.arange(model.steps + 1)
-        target = look_ahead(model.robot, reference, times)
         target = base_detour(
             target,
             motion.pose[0, :2],
@@ -216,12 +222,13 @@ class HorizonLaw:
         """Return what to do from the state at ``t`` on; None where no QP's solution says it."""
         robot = self.model.robot
         pose, joints = robot.base_pose(q), robot.joint_positions(q)
-        nu_dot, read = self._foreseen(t), self._clock(reference, t, pose)
+        nu_dot = self._foreseen(t)
+        target = look_ahead(robot, reference, self._clock(reference, t, pose))
         self.solves += 1
         slack = 0.0
         for _ in range(COLD_PASSES if self._plan is None else 1):
             motion = self.model.predict(pose, joints, nu, nu_dot)
-            solution = self._solver.solve(self.write(reference, read, motion))
+            solution = self._solver.solve(self.write(motion, target))
             if not solution.solved:
                 self.fallbacks += 1
                 return None
@@ -243,12 +250,11 @@ class HorizonLaw:
 
 
 def _soft_bounds(
-    law: Horizon, model: Model, contacts: Contacts | None, reached: list[int], radius: float
+    law: Horizon, model: Model, forces: ForceModel, reached: list[int], radius: float
 ) -> list[SoftBound]:
     """Return the kinds of soft rows that a robot has use for."""
     bounds, robot = law.bounds, model.robot
     ground = [0, *_stages(law.steps, GROUND_EVERY)]
-    forces = ForceModel(model, contacts, bounds.tip_margin, bounds.grip)
     found: list[SoftBound] = [
         WheelSpeeds(model, bounds),
         ForceBounds(model, bounds, forces, ground),

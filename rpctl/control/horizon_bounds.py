@@ -8,12 +8,13 @@ from typing import Protocol
 import numpy as np
 
 from rpctl.control.horizon_forces import ForceModel, Forces
-from rpctl.control.horizon_model import Model, Motion
-from rpctl.control.horizon_program import Family, Soft, Stages
+from rpctl.control.horizon_model import Indices, Model, Motion
+from rpctl.control.horizon_program import Family, Places, Soft, Stages
 from rpctl.control.horizon_sample import Sample
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION
 from rpctl.errors import require_positive
+from rpctl.robot.model import Robot
 
 RESOLVED = 1e-9  # rad or m: room left to a joint that can only just brake
 
@@ -56,6 +57,19 @@ class Bounds:
         joints = np.where(np.isfinite(limits), limits / self.rise, self.joint_acceleration)
         return np.concatenate([base, joints])
 
+    def efforts(self, robot: Robot) -> tuple[Indices, Array]:
+        """Return the actuators (indices) whose effort is limited, and how far it may go."""
+        return self._limited(robot.effort_limits)
+
+    def rates(self, robot: Robot) -> tuple[Indices, Array]:
+        """Return the actuators (indices) whose rate is limited, and how far it may go."""
+        joint = robot.description.joint
+        return self._limited(np.array([joint[name].velocity for name in robot.actuators]))
+
+    def _limited(self, limits: Array) -> tuple[Indices, Array]:
+        found = np.flatnonzero(np.isfinite(limits))
+        return found, self.share * limits[found]
+
 
 class Box:
     """Hard bounds of accelerations, speeds and joint positions, as far as they can be kept.
@@ -66,7 +80,7 @@ class Box:
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
         joints, self._base = model.robot.joints, model.base
-        self._linear = np.flatnonzero(~_turning(model))
+        self._linear = np.flatnonzero(np.logical_not(_turning(model)))
         self._catch_up, self._dt = bounds.catch_up, model.dt
         self._most = bounds.accelerations(model)
         # Between two steps a parabola rises above its chord by at most a dt²/8.
@@ -97,15 +111,15 @@ class Box:
         )
 
 
-def _turning(model: Model) -> Array:
-    """Return which of the base's quasi-velocities turn it (base,), as booleans."""
-    return np.array([name == "omega" for name in model.robot.drive.base_speeds], dtype=bool)
+def _turning(model: Model) -> list[bool]:
+    """Return which of the base's quasi-velocities turn it (base,)."""
+    return [name == "omega" for name in model.robot.drive.base_speeds]
 
 
 class SoftBound(Protocol):
     """A kind of soft rows."""
 
-    def families(self, at: Stages) -> list[Family]:
+    def families(self, at: Places) -> list[Family]:
         """Return the families that :meth:`about` fills, in its order."""
 
     def about(self, sample: Sample) -> list[Soft]:
@@ -116,26 +130,20 @@ class WheelSpeeds:
     """Speeds of the wheels within their limits: they are Bᵀν. One unit of slack is one limit."""
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
-        robot = model.robot
-        arm = {joint.name for joint in robot.joints}
-        limits = np.array(
-            [
-                np.inf if name in arm else robot.description.joint[name].velocity
-                for name in robot.actuators
-            ]
-        )
-        self._limited = np.flatnonzero(np.isfinite(limits))
-        self._limits = bounds.share * limits[self._limited]
+        arm = {joint.name for joint in model.robot.joints}
+        limited, limits = bounds.rates(model.robot)
+        wheels = [i for i, k in enumerate(limited) if model.robot.actuators[k] not in arm]
+        self._limited, self._limits = limited[wheels], limits[wheels]
         self._model, self._fixed = model, None
         if model.dynamics.constant:
-            self._fixed = self._rates(np.zeros(len(robot.joints)))
+            self._fixed = self._rates(np.zeros(len(model.robot.joints)))
 
     def _rates(self, joints: Array) -> Array:
         """Return the map (n, dof) from ν to the wheels' rates over their limits."""
         B = self._model.dynamics.actuation(self._model.configuration(joints))
         return B.T[self._limited] / self._limits[:, None]
 
-    def families(self, at: Stages) -> list[Family]:
+    def families(self, at: Places) -> list[Family]:
         """Return one family, of the speeds after each step."""
         if not len(self._limited):
             return []
@@ -165,13 +173,11 @@ class ForceBounds:
     """
 
     def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
-        limits = bounds.share * model.robot.effort_limits
-        self._limited = np.flatnonzero(np.isfinite(limits))
-        self._limits = limits[self._limited]
+        self._limited, self._limits = bounds.efforts(model.robot)
         self._model, self._forces = model, forces
         self._later = [k for k in ground if k and forces.rows]
 
-    def families(self, at: Stages) -> list[Family]:
+    def families(self, at: Places) -> list[Family]:
         """Return the efforts' family, the ground's now, and the ground's later."""
         base, count = self._model.base, self._forces.rows
         found = [Family(at.nu_dot[:1], 2 * len(self._limited)), Family(at.nu_dot[:1], count)]
@@ -187,8 +193,9 @@ class ForceBounds:
         slopes = np.empty((len(self._later), count, 2 * base))
         for row, k in enumerate(self._later):
             room = self._forces.ground(sample.motion.joints[k], self._at(sample.motion, k))
-            value[row] = -room.value
-            slopes[row] = -np.hstack([room.by_nu_dot[:, :base], room.by_nu])
+            value[row] = -room[:, 0]
+            slopes[row, :, :base] = -room[:, 1 : 1 + base]
+            slopes[row, :, base:] = -room[:, room.shape[1] - base :]
         return [*found, Soft(value, slopes)]
 
     def _at(self, motion: Motion, k: int) -> Forces:
@@ -196,13 +203,13 @@ class ForceBounds:
 
     def _now(self, motion: Motion) -> list[Soft]:
         joints, forces = motion.joints[0], self._at(motion, 0)
-        tau, by_nu_dot, _ = self._forces.efforts(joints, forces)
-        value = tau[self._limited] / self._limits
-        slopes = by_nu_dot[self._limited] / self._limits[:, None]
+        dof = len(motion.nu[0])
+        tau = self._forces.efforts(joints, forces)[self._limited] / self._limits[:, None]
+        value, slopes = tau[:, 0], tau[:, 1 : 1 + dof]
         efforts = Soft(
             np.append(value, -value)[None] - 1.0, np.concatenate([slopes, -slopes])[None]
         )
         if not self._forces.rows:
-            return [efforts, Soft(np.empty((1, 0)), np.empty((1, 0, slopes.shape[1])))]
+            return [efforts, Soft(np.empty((1, 0)), np.empty((1, 0, dof)))]
         room = self._forces.ground(joints, forces)
-        return [efforts, Soft(-room.value[None], -room.by_nu_dot[None])]
+        return [efforts, Soft(-room[None, :, 0], -room[None, :, 1 : 1 + dof])]

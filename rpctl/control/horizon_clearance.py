@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rpctl.control.horizon_program import Family, Soft, Stages
+from rpctl.control.horizon_program import Family, Places, Soft
 from rpctl.control.horizon_sample import Reach, Sample, Target
 from rpctl.control.obstacles import Obstacle
 from rpctl.description.records import Array
@@ -18,7 +18,7 @@ class BaseClearance:
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float) -> None:
         self._obstacles, self._radius = obstacles, radius
 
-    def families(self, at: Stages) -> list[Family]:
+    def families(self, at: Places) -> list[Family]:
         """Return one family, on the position of P."""
         return [Family(at.pose[:, :2], len(self._obstacles))]
 
@@ -35,7 +35,7 @@ class ArmClearance:
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float, stages: list[int]) -> None:
         self._obstacles, self._radius, self._stages = obstacles, radius, stages
 
-    def families(self, at: Stages) -> list[Family]:
+    def families(self, at: Places) -> list[Family]:
         """Return one family, on pose and arm."""
         unknowns = np.hstack([at.pose[self._stages], at.joints[self._stages]])
         return [Family(unknowns, len(self._obstacles))]

@@ -1,36 +1,118 @@
-"""The clock by which the horizon law reads its reference: it waits for a base that falls behind."""
+"""The clock by which the horizon law reads its reference: it slows down ahead of what is too fast.
+
+A reference is a motion in time. One that would tip the robot, or ask for more than its limits, is
+followed along the same path at a pace that the robot can keep, and made up for later.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+import numpy as np
+
+from rpctl.control.horizon_bounds import Bounds
+from rpctl.control.horizon_forces import ForceModel
+from rpctl.control.horizon_model import Model
+from rpctl.control.horizon_sample import Reading
 from rpctl.description.records import Array
 from rpctl.reference.motion import Reference
+from rpctl.reference.rates import Rates, reference_rates
 
+RESERVE = 0.9  # of what the limits leave: the rest is for bringing errors back
+HASTE = 1.2  # the largest pace, while a lag is made up for
 SLOW = 1e-2  # m/s: a reference slower than this is not waited for, it hardly moves
-PASSES = 3  # Newton steps to the lag; each sample starts at the last one's
+PASSES = 3  # Newton steps to the time that a leash asks for
+EVERY = 2  # steps: how far apart the reference ahead is looked at
 
 
 class Clock:
-    """Reads a reference late where the base is farther behind it than a leash allows.
+    """Reads a reference late where the robot cannot keep up with it.
 
-    The lag ℓ ≥ 0 is the least at which (p_r(t − ℓ) − p) · v_r/|v_r| ≤ leash; it grows no faster
-    than time, so that the reference waits but never runs back.
+    At a pace p a motion's speeds scale with p, and what accelerations and speeds take with p²: the
+    largest pace within the limits is found at places ahead, and the clock slows down in time for
+    it, at a rate ṗ that costs the base no more than half its acceleration. Besides, the lag is
+    at least what keeps the base within a leash behind the reference.
 
     Args:
+        model: The prediction's model.
+        forces: Efforts and ground reactions.
+        bounds: Bounds of the motion.
         leash: m.
     """
 
-    def __init__(self, leash: float) -> None:
-        self._leash, self._lag, self._then = leash, 0.0, 0.0
+    def __init__(self, model: Model, forces: ForceModel, bounds: Bounds, leash: float) -> None:
+        self._model, self._forces, self._bounds, self._leash = model, forces, bounds, leash
+        self._efforts, self._rates = bounds.efforts(model.robot), bounds.rates(model.robot)
+        self._then: float | None = None
+        self._read, self._pace = 0.0, 1.0
         self.largest = 0.0
 
-    def __call__(self, reference: Reference, t: float, pose: Array) -> float:
-        """Return the time (s) at which to read the reference, for the base at ``pose`` (3,)."""
-        most = self._lag + max(t - self._then, 0.0)
-        lag = self._lag
+    def __call__(self, reference: Reference, t: float, pose: Array) -> Reading:
+        """Return when to read the reference for the steps from ``t`` (s), the base at ``pose``."""
+        model = self._model
+        if self._then is None:
+            self._then = self._read = t
+        latest = min(self._read + self._pace * (t - self._then), t)
+        self._then = t
+        self._read = max(self._wait(reference, pose, latest), self._read)
+        self.largest = max(self.largest, t - self._read)
+        ahead = np.asarray(self._read + model.dt * np.arange(0, model.steps + 1, EVERY))
+        limits, change = self._limits(reference, ahead)
+        haste = HASTE if t - self._read > model.dt else 1.0
+        squares = np.minimum(limits, haste) ** 2
+        for j in range(len(squares) - 2, -1, -1):  # in time for what comes
+            squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * EVERY * model.dt)
+        return self._run(lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
+
+    def _run(self, limit: Callable[[float], float], change: float) -> Reading:
+        """Let the clock run ahead, no faster than the limit, gaining pace at a rate (1/s)."""
+        model = self._model
+        times, paces = np.empty(model.steps + 1), np.empty(model.steps + 1)
+        at, pace = self._read, min(self._pace, limit(self._read))
+        self._pace = pace
+        for k in range(model.steps + 1):
+            times[k], paces[k] = at, pace
+            at += pace * model.dt
+            pace = min(pace + change * model.dt, limit(at))
+        return Reading(times, paces)
+
+    def _limits(self, reference: Reference, times: Array) -> tuple[Array, float]:
+        """Return the largest pace at each time, and the rate (1/s) at which a pace may change."""
+        robot, limits, fastest = self._model.robot, np.empty(len(times)), SLOW
+        for j, at in enumerate(times.tolist()):
+            state = reference(at)
+            limits[j] = self._limit(state.joints, reference_rates(robot, state))
+            fastest = max(fastest, math.hypot(*state.twist[:2]))
+        return limits, 0.5 * self._bounds.base_acceleration / fastest
+
+    def _limit(self, joints: Array, rates: Rates) -> float:
+        """Return the largest pace of the reference at a posture."""
+        still = np.zeros_like(rates.nu)
+        rest = self._room(joints, still, still)
+        spent = rest - self._room(joints, *rates)
+        holds = (rest > 0.0) & (spent > 0.0)
+        square = (RESERVE * rest[holds] / spent[holds]).min(initial=HASTE**2)
+        B = self._model.dynamics.actuation(self._model.configuration(joints))
+        limited, most = self._rates
+        speed = (np.abs(B.T[limited] @ rates.nu) / most).max(initial=1.0 / HASTE)
+        return min(math.sqrt(square), 1.0 / speed)
+
+    def _room(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
+        """Return what is left of the efforts' and the ground's limits, over these limits."""
+        forces = self._forces.value(joints, nu, nu_dot)
+        limited, most = self._efforts
+        tau = self._forces.efforts(joints, forces)[limited, 0] / most
+        room = [1.0 - tau, 1.0 + tau]
+        if self._forces.rows:
+            room.append(self._forces.ground(joints, forces)[:, 0])
+        return np.concatenate(room)
+
+    def _wait(self, reference: Reference, pose: Array, latest: float) -> float:
+        """Return the last time up to ``latest`` at which the base is within the leash."""
+        at = latest
         for _ in range(PASSES):
-            state = reference(t - lag)
+            state = reference(at)
             cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
             vx, vy, _ = state.twist
             speed = math.hypot(vx, vy)
@@ -38,7 +120,5 @@ class Clock:
                 break
             x, y = state.pose[0] - pose[0], state.pose[1] - pose[1]
             behind = (x * (cos * vx - sin * vy) + y * (sin * vx + cos * vy)) / speed
-            lag = min(max(lag + (behind - self._leash) / speed, 0.0), most)
-        self._lag, self._then = lag, t
-        self.largest = max(self.largest, lag)
-        return t - lag
+            at = min(at - (behind - self._leash) / speed, latest)
+        return at

@@ -18,22 +18,14 @@ FACES = 8  # of the polygon inside each wheel's circle of grip
 RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
 
 
-class Affine(NamedTuple):
-    """value + by_nu_dot δν̇ + by_nu δν of the base: rows that a motion must keep ≥ 0 or bounded."""
-
-    value: Array  # (rows,)
-    by_nu_dot: Array  # (rows, dof)
-    by_nu: Array  # (rows, base)
-
-
 class Forces(NamedTuple):
     """The whole tree's force and the ground's wrench at a state, with their derivatives.
 
-    Columns: the value, then by ν̇ (dof), then by the base's ν.
+    Columns: the value, then by ν̇ (dof), then by the base's ν; or the value alone.
     """
 
-    force: Array  # (nv, 1 + dof + base)
-    wrench: Array  # (6, 1 + dof + base) at the root link's origin, in its axes
+    force: Array  # (nv, columns)
+    wrench: Array  # (6, columns) at the root link's origin, in its axes
 
 
 class ForceModel:
@@ -71,8 +63,16 @@ class ForceModel:
             return 0
         return len(self._stance.inward) + FACES * len(self._contacts.along)
 
+    def value(self, joints: Array, nu: Array, nu_dot: Array) -> Forces:
+        """Return the forces at a posture (n_joints,), ν (dof,) and ν̇ (dof,), one column."""
+        dynamics = self._model.dynamics
+        q = self._model.configuration(joints)
+        S, drift = dynamics.basis(q), dynamics.basis_drift(q, nu)
+        force = pin.rnea(self._model.robot.model, self._data, q, S @ nu, S @ nu_dot + drift)
+        return Forces(force[:, None].copy(), self._data.f[ROOT_JOINT].vector[:, None].copy())
+
     def at(self, joints: Array, nu: Array, nu_dot: Array) -> Forces:
-        """Return the forces at a posture (n_joints,), ν (dof,) and ν̇ (dof,).
+        """Return the forces at a posture (n_joints,), ν (dof,) and ν̇ (dof,), all columns.
 
         Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
         quadratic in ν, so that central differences of any step are exact where S is constant.
@@ -99,13 +99,13 @@ class ForceModel:
         wrench[3:, 1 : 1 + dof] += arm @ momentum[:3]
         return Forces(force, wrench)
 
-    def efforts(self, joints: Array, forces: Forces) -> Affine:
-        """Return τ (n_act,) and its derivatives."""
+    def efforts(self, joints: Array, forces: Forces) -> Array:
+        """Return τ (n_act, columns)."""
         allocation, _ = self._maps(joints)
-        return self._split(allocation @ forces.force)
+        return np.asarray(allocation @ forces.force)
 
-    def ground(self, joints: Array, forces: Forces) -> Affine:
-        """Return rows that are ≥ 0 where the robot neither tips nor slips.
+    def ground(self, joints: Array, forces: Forces) -> Array:
+        """Return rows (rows, columns) that are ≥ 0 where the robot neither tips nor slips.
 
         One row an edge of the support polygon: the moment about it beyond the margin, over the
         weight (m). Then, for each wheel, one row a face of a polygon inside the circle of its
@@ -128,11 +128,7 @@ class ForceModel:
         cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
         inside = math.cos(math.pi / FACES) * self._grip * contacts.friction
         slipping = (inside * load - cos * along - sin * across) / (inside * self._weight)
-        return self._split(np.vstack([tipping, slipping.reshape(-1, slipping.shape[2])]))
-
-    def _split(self, rows: Array) -> Affine:
-        edge = rows.shape[1] - self._model.base
-        return Affine(rows[:, 0], rows[:, 1:edge], rows[:, edge:])
+        return np.vstack([tipping, slipping.reshape(-1, slipping.shape[2])])
 
     def _maps(self, joints: Array) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""

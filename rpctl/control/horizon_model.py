@@ -8,10 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.model import BASE_NV, Robot
+
+Indices = NDArray[np.intp]
 
 STEP = 1e-6  # rad: of the differences by steering angles; half the digits of the twist
 PROBE = 0.1  # rad or m: how far about home these postures lie
@@ -61,11 +64,11 @@ class Model:
     steps: int
     dt: float
     base: int
-    steering: Array
-    moving: Array
+    steering: Indices
+    moving: Indices
     to_twist: Array | None
     spread: Array
-    places: tuple[tuple[Array, Array], tuple[Array, Array]]
+    places: tuple[tuple[Indices, Indices], tuple[Indices, Indices]]
 
     @property
     def robot(self) -> Robot:
@@ -179,20 +182,20 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
     spread = dynamics.basis(postures[0])[:, base:].copy()
     spread[:BASE_NV] = 0.0
     entries = [robot.model.joints[robot.model.getJointId(joint.name)] for joint in robot.joints]
-    single = np.array([i for i, entry in enumerate(entries) if entry.nq == 1], dtype=int)
-    pairs = np.array([i for i, entry in enumerate(entries) if entry.nq == 2], dtype=int)
+    single = np.array([i for i, entry in enumerate(entries) if entry.nq == 1], dtype=np.intp)
+    pairs = np.array([i for i, entry in enumerate(entries) if entry.nq == 2], dtype=np.intp)
     return Model(
         dynamics=dynamics,
         steps=steps,
         dt=dt,
         base=base,
-        steering=np.array(steering, dtype=int),
-        moving=np.flatnonzero(found) if base else np.empty(0, dtype=int),
+        steering=np.array(steering, dtype=np.intp),
+        moving=np.flatnonzero(found) if base else np.empty(0, dtype=np.intp),
         to_twist=maps[0] if dynamics.constant else None,
         spread=spread,
         places=(
-            (np.array([entries[i].idx_q for i in single], dtype=int), single),
-            (np.array([entries[i].idx_q for i in pairs], dtype=int), pairs),
+            (np.array([entries[i].idx_q for i in single], dtype=np.intp), single),
+            (np.array([entries[i].idx_q for i in pairs], dtype=np.intp), pairs),
         ),
     )
 

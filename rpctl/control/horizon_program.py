@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.control.horizon_model import Model, PoseSlopes
+from rpctl.control.horizon_model import Indices, Model, PoseSlopes
 from rpctl.control.horizon_qp import Pattern, QuadraticProgram
 from rpctl.description.records import Array
 from rpctl.robot.model import BASE_NV
@@ -23,7 +23,7 @@ ROUND = 1e4  # curvature of that cost, which keeps the solution unique
 class Family(NamedTuple):
     """Soft rows of one kind at K stages; those of a stage share one slack."""
 
-    unknowns: Array  # (K, columns) that the rows of each stage are about
+    unknowns: Indices  # (K, columns) that the rows of each stage are about
     rows: int  # of each stage
 
 
@@ -34,13 +34,22 @@ class Soft(NamedTuple):
     slopes: Array  # (K, rows, columns)
 
 
-class Stages(NamedTuple):
-    """Unknowns of each stage, by their index in x."""
+class Places(NamedTuple):
+    """Index in x of each stage's unknowns."""
 
-    nu_dot: Array  # (N, dof)
-    pose: Array  # (N, 3), or (N, 0) for a fixed base
-    joints: Array  # (N, n_joints)
-    nu: Array  # (N, dof)
+    nu_dot: Indices  # (N, dof)
+    pose: Indices  # (N, 3), or (N, 0) for a fixed base
+    joints: Indices  # (N, n_joints)
+    nu: Indices  # (N, dof)
+
+
+class Stages(NamedTuple):
+    """A number for each of these unknowns."""
+
+    nu_dot: Array
+    pose: Array
+    joints: Array
+    nu: Array
 
 
 class Quadratic(NamedTuple):
@@ -50,12 +59,12 @@ class Quadratic(NamedTuple):
     g: Array
 
 
-def lay_out(model: Model) -> Stages:
+def lay_out(model: Model) -> Places:
     """Return where each stage's unknowns are."""
     dof, joints = model.robot.dof, len(model.robot.joints)
     sizes = [dof, BASE_NV if model.base else 0, joints, dof]
     every = np.arange(model.steps * sum(sizes)).reshape(model.steps, -1)
-    return Stages(*np.split(every, np.cumsum(sizes)[:-1], axis=1))
+    return Places(*np.split(every, np.cumsum(sizes)[:-1], axis=1))
 
 
 class Program:
@@ -90,7 +99,7 @@ class Program:
 
     def _soften(self, soft: Sequence[Family], total: int) -> None:
         """Announce rows @ δ − slack ≤ −value."""
-        places = [(np.empty(0, dtype=int), np.empty(0, dtype=int))]
+        places = [(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp))]
         slack, row = self._count, 0
         for unknowns, count in soft:
             stages = len(unknowns)
@@ -198,7 +207,7 @@ class Program:
         return [-part.ravel() for part in (heading[1:], nu[1:], nu_dot, joints[1:])]
 
 
-def _block(rows: Array, columns: Array) -> tuple[Array, Array]:
+def _block(rows: Indices, columns: Indices) -> tuple[Indices, Indices]:
     """Return the places of a full block a stage: rows (K, a) by columns (K, b)."""
     shape = (len(rows), rows.shape[1], columns.shape[1])
     return (

@@ -8,6 +8,7 @@ import numpy as np
 import piqp
 from scipy.sparse import csc_matrix
 
+from rpctl.control.horizon_model import Indices
 from rpctl.description.records import Array
 
 ACCURACY = 1e-4  # of the QP's residuals and gap, absolute and relative
@@ -53,7 +54,7 @@ class Pattern:
         columns: Column of each entry; no place twice.
     """
 
-    def __init__(self, shape: tuple[int, int], rows: Array, columns: Array) -> None:
+    def __init__(self, shape: tuple[int, int], rows: Indices, columns: Indices) -> None:
         self._order = np.lexsort((rows, columns))
         counts = np.bincount(columns, minlength=shape[1])
         self.matrix = csc_matrix(

@@ -14,6 +14,13 @@ from rpctl.reference.rates import reference_rates
 from rpctl.robot.model import Robot
 
 
+class Reading(NamedTuple):
+    """When to read the reference at the ends of N steps, and how fast its time runs there."""
+
+    times: Array  # (N + 1,) s
+    paces: Array  # (N + 1,)
+
+
 class Target(NamedTuple):
     """A reference at the N + 1 ends of the steps."""
 
@@ -38,13 +45,13 @@ class Sample(NamedTuple):
     reach: Reach | None
 
 
-def look_ahead(robot: Robot, reference: Reference, times: Array) -> Target:
-    """Return a reference at given times (K,), s."""
-    states = [reference(t) for t in times.tolist()]
+def look_ahead(robot: Robot, reference: Reference, reading: Reading) -> Target:
+    """Return a reference read at the ends of the steps."""
+    states = [reference(t) for t in reading.times.tolist()]
     return Target(
         np.array([state.pose for state in states]),
         np.array([state.joints for state in states]),
-        np.array([reference_rates(robot, state).nu for state in states]),
+        reading.paces[:, None] * [reference_rates(robot, state).nu for state in states],
     )
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.control.command import Command, KinematicLaw, Twist, command
+from rpctl.control.command import Command, Twist, command
 from rpctl.control.error import Tracking, observe
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import UnknownNameError, require_positive
+from rpctl.errors import require_positive
 from rpctl.reference.motion import Reference
 
 
@@ -102,17 +102,3 @@ class PaperKinematic:
             return float(np.sign(omega_r)), 0.0
         size = math.hypot(omega_r, self.smoothing)
         return omega_r / size, alpha_r * self.smoothing**2 / size**3
-
-
-KINEMATIC_LAWS = {"paper": PaperKinematic}
-
-
-def kinematic_by_name(name: str) -> KinematicLaw:
-    """Return a kinematic law with its default settings.
-
-    Raises:
-        UnknownNameError: There is no such law.
-    """
-    if name not in KINEMATIC_LAWS:
-        raise UnknownNameError("kinematic law", name, KINEMATIC_LAWS)
-    return KINEMATIC_LAWS[name]()

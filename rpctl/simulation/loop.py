@@ -108,6 +108,9 @@ def track(
         if progress is not None:
             progress(k, steps)
     wall_time = time.perf_counter() - began
+    report = getattr(kinematic, "report", None)  # a law that counts has more to tell than settings
+    if report is not None:
+        settings["kinematic_report"] = report(dynamics)
     return Run(
         **recorder.arrays(),
         **facts(robot, contacts),

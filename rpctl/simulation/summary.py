@@ -19,7 +19,8 @@ def summarize(run: Run) -> dict[str, Any]:
     Errors are distances in m, joint errors in each joint's unit; ``settled`` figures are the
     largest over the second half. ``limits_violated`` lists every limit of the URDF that was
     broken, as :func:`violations` does. A robot without an arm has None for its end
-    effector; one without effort limits has None for ``max_effort_ratio``. What the ground does is
+    effector; one without effort limits has None for ``max_effort_ratio``. What a kinematic law
+    counts is in ``kinematic_report``, None for a law that counts nothing. What the ground does is
     in the keys of :func:`ground`.
     """
     base = np.hypot(run.e[:, 0], run.e[:, 1])
@@ -51,6 +52,7 @@ def summarize(run: Run) -> dict[str, Any]:
         "max_effort_joint": run.actuators[int(peaks.argmax())] if peaks.any() else None,
         "limits_violated": violations(run),
         **ground(run),
+        "kinematic_report": run.settings.get("kinematic_report"),
         "energy_residual": _energy_residual(run),
         "constraint_residual": float(run.constraint_residual.max()),
         "wall_time": run.wall_time,

@@ -13,7 +13,7 @@ from scipy.special import sici
 
 from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
 from rpctl.control.error import Tracking, error_rate
-from rpctl.control.kinematic import kinematic_by_name
+from rpctl.control.laws import kinematic_by_name
 from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState, reference_by_name
