@@ -159,11 +159,11 @@ class HorizonLaw:
         forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
         self._clock = Clock(self.model, forces, law.bounds, law.leash)
         self._soft = _soft_bounds(law, self.model, forces, reached, self._radius)
-        self._cost = Cost(law.weights, self.model, len(reached))
+        self.cost = Cost(law.weights, self.model, len(reached))
         self.program = Program(
             self.model,
-            self._cost.hessian,
-            self._cost.cross,
+            self.cost.hessian,
+            self.cost.cross,
             reached if self._arm else [],
             [family for bound in self._soft for family in bound.families(lay_out(self.model))],
         )
@@ -211,8 +211,8 @@ class HorizonLaw:
         lower, upper = self._box.about(sample)
         return self.program.build(
             model.slopes(motion),
-            self._cost.gradient(sample),
-            self._cost.reached(reach),
+            self.cost.gradient(sample),
+            self.cost.reached(reach),
             [soft for bound in self._soft for soft in bound.about(sample)],
             lower,
             upper,

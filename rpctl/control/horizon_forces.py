@@ -55,6 +55,9 @@ class ForceModel:
         if contacts is not None and contacts.balanced:
             # Where contacts move with the posture, those of the joints at zero stand for them.
             self._stance = contacts.stance or make_stance(contacts.points)
+            still = np.zeros(robot.dof)
+            if self.ground(robot.home, self.value(robot.home, still, still)).min() < 0.0:
+                self._stance = None  # it tips where it stands: there is no balance to keep
 
     @property
     def rows(self) -> int:

@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix
 from rpctl.control.horizon_model import Indices
 from rpctl.description.records import Array
 
-ACCURACY = 1e-4  # of the QP's residuals and gap, absolute and relative
+ACCURACY = 1e-6  # of the QP's residuals and gap, absolute and relative
 MAX_ITERATIONS = 40  # of the interior-point method; most samples take about ten
 
 
