@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.horizon import Horizon
 from rpctl.control.kinematic import PaperKinematic
+from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.checks import draw_state
@@ -21,7 +23,10 @@ from rpctl.simulation.summary import summarize
 __version__ = "0.1.0"
 __all__ = [
     "Certificate",
+    "Disc",
     "Drive",
+    "HalfPlane",
+    "Horizon",
     "PaperDynamic",
     "PaperKinematic",
     "ReducedDynamics",

@@ -23,7 +23,7 @@ RESERVE = 0.9  # of what the limits leave: the rest is for bringing errors back
 HASTE = 1.2  # the largest pace, while a lag is made up for
 SLOW = 1e-2  # m/s: a reference slower than this is not waited for, it hardly moves
 PASSES = 3  # Newton steps to the time that a leash asks for
-EVERY = 2  # steps: how far apart the reference ahead is looked at
+EVERY = 3  # steps: how far apart the reference ahead is looked at
 
 
 class Clock:

@@ -69,7 +69,7 @@ class Pattern:
 
 
 class Solver:
-    """PIQP ([SBN23]) on QPs of one sparsity: its ordering and symbolic factors are kept.
+    """PIQP ([SJKJ23]) on QPs of one sparsity: its ordering and symbolic factors are kept.
 
     The QP without its inequalities comes first, at a fraction of the price: where its solution
     keeps them all, it is the QP's. An interior-point method starts anew each time; what is warm is

@@ -27,7 +27,7 @@ def written(
     """Return a QP about a motion from beside the reference."""
     run = law.start(ReducedDynamics(robot), 0.002)
     model, reference = run.model, reference_by_name(robot, "eight")
-    times = NOW + law.dt * np.arange(law.steps + 1)
+    times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
     target = look_ahead(robot, reference, Reading(times, np.ones(law.steps + 1)))
     pose = target.pose[0] + (off if model.base else 0.0)
     nu_dot = 0.1 * rng.normal(size=(law.steps, robot.dof))
