@@ -28,12 +28,12 @@ class Weights:
         accelerations: Of ν̇.
     """
 
-    position: float = 100.0
+    position: float = 300.0
     heading: float = 20.0
     joints: float = 50.0
-    end_effector: float = 100.0
+    end_effector: float = 200.0
     rates: float = 2.0
-    accelerations: float = 0.1
+    accelerations: float = 0.05
 
     def __post_init__(self) -> None:
         """Refuse weights that leave the cost without a minimum."""

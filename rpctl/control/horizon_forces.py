@@ -12,7 +12,7 @@ from rpctl.control.horizon_model import Model
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts
 from rpctl.dynamics.rolling import ROOT_JOINT
-from rpctl.dynamics.stance import Stance, make_stance
+from rpctl.dynamics.stance import Stance, loads, make_stance
 
 FACES = 8  # of the polygon inside each wheel's circle of grip
 RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
@@ -124,7 +124,7 @@ class ForceModel:
         horizontal = self._maps(joints)[1] @ forces.force
         wheels = len(contacts.along)
         along, lateral = horizontal[:wheels], horizontal[wheels:]
-        load = stance.split[:wheels] @ moments
+        load = _shares(stance, moments[:, 0])[:wheels] @ moments
         borne = np.maximum(load[:, 0], contacts.floor)
         share = borne[:, None] * contacts.share / (borne @ contacts.share)
         across = share @ lateral
@@ -149,3 +149,20 @@ class ForceModel:
         if dynamics.constant:
             self._fixed_maps = maps
         return maps
+
+
+def _shares(stance: Stance, moments: Array) -> Array:
+    """Return the map (n, 3) from moments to loads, of the contacts that bear some at ``moments``.
+
+    Where all do, or the robot tips, it is the stance's split; a contact that lets go has no share.
+    """
+    least = stance.split @ moments
+    if least.min() >= 0.0 or len(least) == 3:
+        return stance.split
+    margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
+    pressed = loads(stance, moments, margin) > 0.0
+    if margin <= 0.0 or pressed.all():
+        return stance.split
+    shares = np.zeros_like(stance.split)
+    shares[pressed] = np.linalg.pinv(stance.statics[:, pressed])
+    return shares

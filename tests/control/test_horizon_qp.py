@@ -126,5 +126,5 @@ def _weighted(run: HorizonLaw, ahead: Motion, target: Target, arm: Arm) -> Array
     place = arm.place(ahead.pose[-1], ahead.joints[-1])
     goal = arm.place(target.pose[-1], target.joints[-1])
     # One stage of six is looked at, so it counts six times.
-    rows.append(np.sqrt(6.0 * 100.0) * (place - goal))
+    rows.append(np.sqrt(6.0 * 200.0) * (place - goal))
     return np.concatenate([np.ravel(row) for row in rows])
