@@ -25,8 +25,9 @@ class BaseClearance:
     def about(self, sample: Sample) -> list[Soft]:
         """Return its numbers."""
         points = sample.motion.pose[1:, :2]
+        stride = float(np.linalg.norm(np.diff(sample.motion.pose[:, :2], axis=0), axis=1).max())
         slopes = np.broadcast_to(np.eye(2), (len(points), 2, 2))
-        return [_clear(self._obstacles, self._radius, points, slopes)]
+        return [_clear(self._obstacles, self._radius, points, slopes, stride)]
 
 
 class ArmClearance:
@@ -45,13 +46,16 @@ class ArmClearance:
         reach = sample.reach
         if reach is None:
             raise ValueError("a robot without an end effector has no clearance of it")
-        slopes = reach.slopes[:, :2]
-        return [_clear(self._obstacles, self._radius, reach.places[:, :2], slopes)]
+        points, slopes = reach.places[:, :2], reach.slopes[:, :2]
+        stride = float(np.linalg.norm(points[1] - points[0]))  # the first stages are one step apart
+        return [_clear(self._obstacles, self._radius, points, slopes, stride)]
 
 
-def _clear(obstacles: tuple[Obstacle, ...], radius: float, points: Array, slopes: Array) -> Soft:
+def _clear(
+    obstacles: tuple[Obstacle, ...], radius: float, points: Array, slopes: Array, stride: float
+) -> Soft:
     """Return level − normal · p ≤ slack of points (K, 2) with derivatives (K, 2, unknowns)."""
-    lines = [obstacle.linearise(points, radius) for obstacle in obstacles]
+    lines = [obstacle.linearise(points, radius, stride) for obstacle in obstacles]
     values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
     by = [-np.einsum("ki,kij->kj", line.normal, slopes) for line in lines]
     return Soft(np.column_stack(values), np.stack(by, axis=1))

@@ -28,12 +28,13 @@ class Obstacle(Protocol):
     def distance(self, points: Array) -> Array:
         """Return the distance (K,) of points (K, 2) to it, m; negative inside."""
 
-    def linearise(self, points: Array, radius: float) -> Line:
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
         """Return half-planes that hold no point nearer to it than ``radius`` (m).
 
         Args:
             points: Where the body is predicted to be (K, 2), m.
             radius: Of the body, m.
+            stride: How far it moves from one prediction to the next, m: it takes the chord.
         """
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
@@ -69,9 +70,12 @@ class Disc:
         """Return the distance (K,) of points (K, 2) to the disc, m; negative inside."""
         return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius)
 
-    def linearise(self, points: Array, radius: float) -> Line:
-        """Return the tangents of the disc grown by ``radius`` that face the points."""
-        grown = self.radius + radius
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+        """Return the tangents of the disc grown by ``radius`` that face the points.
+
+        It is grown so much more that a chord of one ``stride`` between two points does not cut it.
+        """
+        grown = math.hypot(self.radius + radius, 0.5 * stride)
         away = points - (self.x, self.y)
         angle = np.arctan2(away[:, 1], away[:, 0])
         normal = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -140,8 +144,9 @@ class HalfPlane:
         """Return the distance (K,) of points (K, 2) to the line, m; negative beyond."""
         return np.asarray(points @ self.normal - self.offset)
 
-    def linearise(self, points: Array, radius: float) -> Line:
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
         """Return the line itself, ``radius`` before the edge, for every point."""
+        del stride
         count = len(points)
         return Line(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
 

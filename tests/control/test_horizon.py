@@ -22,7 +22,7 @@ from tests.robots import SET_A, ball, four_wheels, platform, write
 
 OFF = (0.3, -0.4, 0.8)
 PERIOD = 0.01  # s
-CLOSE = 6e-3  # m: a chord between two steps may cut (v dt)²/8r off a disc
+CLOSE = 5e-3  # m: what bounds that are linear, and kept at steps, may be missed by
 
 
 def track(
@@ -93,7 +93,9 @@ def test_an_aggressive_reference_slows_down_instead_of_tipping(
         assert gaps.max() < 0.1
 
 
-@pytest.mark.parametrize("y", [0.0, 0.2, -0.4])
+@pytest.mark.parametrize(
+    "y", [0.2, *(pytest.param(y, marks=pytest.mark.slow) for y in (0.0, -0.4))]
+)
 def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     disc = Disc(1.2, y, 0.3)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)

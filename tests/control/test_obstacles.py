@@ -30,6 +30,14 @@ def test_what_keeps_the_bound_keeps_the_distance(
     np.testing.assert_allclose(here, obstacle.distance(points) - RADIUS, atol=ROUNDING)
 
 
+def test_a_chord_between_two_bounds_does_not_cut_in() -> None:
+    stride = 0.2
+    line = DISC.linearise(np.array([[0.0, 1.0]]), RADIUS, stride)
+    far = float(line.level[0] - line.normal[0] @ (DISC.x, DISC.y))
+    middle = np.sqrt(far**2 - (0.5 * stride) ** 2)
+    assert middle == pytest.approx(DISC.radius + RADIUS)
+
+
 def closest(start: Array, goal: Array) -> float:
     """Return how near the way from start to goal comes to the disc."""
     return float(DISC.distance(start + np.linspace(0.0, 1.0, 2001)[:, None] * (goal - start)).min())
