@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -109,22 +108,23 @@ class Horizon:
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command of the run that goes with ``dynamics``.
+        """Return the command of the run under way; for several at once, :meth:`start` each.
 
-        Another object, or a time before the last one, starts a run anew.
+        Other ``dynamics``, or a time before the last solve's, start a run anew.
         """
-        law = self._runs.get(dynamics)
-        if law is None or t < law.solved_at:
-            law = self._runs[dynamics] = HorizonLaw(self, dynamics)
-        return law(dynamics, reference, t, q, nu)
+        last = self._last
+        if not last or last[0].model.dynamics is not dynamics or t < last[0].solved_at:
+            last[:] = [HorizonLaw(self, dynamics)]
+        return last[0](dynamics, reference, t, q, nu)
 
     @cached_property
-    def _runs(self) -> WeakKeyDictionary[ReducedDynamics, HorizonLaw]:
-        return WeakKeyDictionary()
+    def _last(self) -> list[HorizonLaw]:
+        """The law of the run under way, or nothing."""
+        return []
 
-    def report(self, dynamics: ReducedDynamics) -> dict[str, float]:
-        """Return what :meth:`HorizonLaw.report` says of the run that goes with ``dynamics``."""
-        return self._runs[dynamics].report() if dynamics in self._runs else {}
+    def report(self) -> dict[str, float]:
+        """Return what :meth:`HorizonLaw.report` says of the run under way."""
+        return self._last[0].report() if self._last else {}
 
 
 class Plan(NamedTuple):
@@ -152,7 +152,7 @@ class HorizonLaw:
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
         reached = _stages(law.steps, REACH_EVERY)
         if law.end_effector_obstacles:  # its next steps, too
-            reached = sorted({*range(CLOSE), *reached})
+            reached = sorted({*range(min(CLOSE, law.steps)), *reached})
         self._arm = Arm(self.model, reached) if robot.end_effector else None
         self._box = Box(self.model, law.bounds)
         self._radius = law.base_radius or _base_radius(robot, contacts)
@@ -196,13 +196,14 @@ class HorizonLaw:
     def write(self, motion: Motion, target: Target) -> QuadraticProgram:
         """Return the QP about a motion, towards a target."""
         model, law = self.model, self._law
-        target = base_detour(
-            target,
-            motion.pose[0, :2],
-            law.base_obstacles,
-            self._radius,
-            model.robot.drive.has_axle,
-        )
+        if model.base:
+            target = base_detour(
+                target,
+                motion.pose[0, :2],
+                law.base_obstacles,
+                self._radius,
+                turns=not model.robot.drive.holonomic,
+            )
         reach = None
         if self._arm:
             reach = self._arm.reach(motion, target)

@@ -62,7 +62,7 @@ def _clear(
 
 
 def base_detour(
-    target: Target, start: Array, obstacles: tuple[Obstacle, ...], radius: float, axle: bool
+    target: Target, start: Array, obstacles: tuple[Obstacle, ...], radius: float, turns: bool
 ) -> Target:
     """Return a target that leads round what lies between the base and it.
 
@@ -71,7 +71,7 @@ def base_detour(
         start: Position of P now (2,), m.
         obstacles: What the base must keep clear of.
         radius: Of the base, m.
-        axle: Whether the base has to head where it goes, backwards where the reference does.
+        turns: Whether the base has to head where it goes, backwards where the reference does.
     """
     goals = target.pose[:, :2]
     for obstacle in obstacles:
@@ -81,7 +81,7 @@ def base_detour(
         return target
     pose = target.pose.copy()
     pose[:, :2] = goals
-    if axle:
+    if turns:
         ahead = goals - start
         back = np.where(target.nu[:, 0] < 0.0, math.pi, 0.0)
         pose[:, 2] = np.where(changed, np.arctan2(ahead[:, 1], ahead[:, 0]) + back, pose[:, 2])

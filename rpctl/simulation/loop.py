@@ -110,7 +110,7 @@ def track(
     wall_time = time.perf_counter() - began
     report = getattr(kinematic, "report", None)  # a law that counts has more to tell than settings
     if report is not None:
-        settings["kinematic_report"] = report(dynamics)
+        settings["kinematic_report"] = report()
     return Run(
         **recorder.arrays(),
         **facts(robot, contacts),

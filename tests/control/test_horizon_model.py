@@ -8,9 +8,10 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.control.horizon_bounds import Bounds, ForceBounds, WheelSpeeds
 from rpctl.control.horizon_forces import ForceModel
 from rpctl.control.horizon_model import Model, make_model
-from rpctl.control.horizon_sample import Arm
+from rpctl.control.horizon_sample import Arm, Sample, Target
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 
@@ -158,6 +159,28 @@ def test_forces_and_their_slopes(name: str, rng: np.random.Generator) -> None:
         step = np.eye(robot.dof)[column]
         by = 0.5 * (value(nu + step, nu_dot) - value(nu - step, nu_dot))
         np.testing.assert_allclose(slopes[:, 1 + robot.dof + column], by, atol=1e-9)
+
+
+def test_soft_rows_are_over_what_there_is(rng: np.random.Generator) -> None:
+    """Efforts and wheel speeds, over their limits and either way, less 1."""
+    robot = rpctl.load("paper")
+    dynamics, bounds = ReducedDynamics(robot), Bounds(share=0.8)
+    model = make_model(dynamics, STEPS, DT)
+    motion = model.predict(*state(model, rng))
+    nothing = Target(motion.pose, motion.joints, motion.nu)
+    sample = Sample(motion, nothing, None)
+    forces = ForceModel(model, None, tip_margin=0.02, grip=0.9)
+    efforts = ForceBounds(model, bounds, forces, []).about(sample)[0]
+    wheels = WheelSpeeds(model, bounds).about(sample)[0]
+    q = robot.configuration_at(motion.pose[0], motion.joints[0])
+    tau = dynamics.efforts(q, dynamics.inverse(q, motion.nu[0], motion.nu_dot[0]))
+    used = tau / (0.8 * robot.effort_limits)
+    np.testing.assert_allclose(efforts.value[0], np.append(used, -used) - 1.0, atol=1e-12)
+    rates = motion.nu[1:] @ dynamics.actuation(q)[:, :2] / (0.8 * 12.0)  # rad/s, of the URDF
+    np.testing.assert_allclose(wheels.value, np.hstack([rates, -rates]) - 1.0, atol=1e-12)
+    for soft in (efforts, wheels):  # the other way is the same slope, negative
+        half = soft.slopes.shape[1] // 2
+        np.testing.assert_array_equal(soft.slopes[:, half:], -soft.slopes[:, :half])
 
 
 def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
