@@ -47,7 +47,6 @@ class ForceModel:
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
             self._columns[robot.velocity_index(name), column] = 1.0
-        self._still = np.zeros(robot.nv)
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
         self._faces = 2.0 * math.pi * (np.arange(FACES) + 0.5) / FACES
         self._stance: Stance | None = None
