@@ -51,10 +51,10 @@ class Horizon:
     ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree.
 
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
-    zero-moment point, the wheels' grip and clearances may give way at a price above what
-    errors pay. Where they do not let the robot follow, the reference is read late, slower ahead of
-    what is too fast for them, and made up for later: see :class:`~rpctl.control.horizon_clock.Clock`.
-    A solve that fails leaves its period to the ``fallback``, and is counted.
+    zero-moment point, the wheels' grip and clearances may give way at a price above what errors
+    pay. Where they do not let the robot follow, the reference is read late, slower ahead of what is
+    too fast for them, and made up for later (:class:`~rpctl.control.horizon_clock.Clock`). A solve
+    that fails leaves its period to the ``fallback``, and is counted.
 
     Attributes:
         steps: N.

@@ -20,7 +20,8 @@ from rpctl.reference.motion import Reference
 from rpctl.reference.rates import Rates, reference_rates
 
 RESERVE = 0.9  # of what the limits leave: the rest is for bringing errors back
-HASTE = 1.2  # the largest pace, while a lag is made up for
+CAUGHT_UP = 1e-6  # s: a lag below it is rounding
+HASTE = 1.5  # the largest pace, while a lag is made up for
 SLOW = 1e-2  # m/s: a reference slower than this is not waited for, it hardly moves
 PASSES = 3  # Newton steps to the time that a leash asks for
 EVERY = 3  # steps: how far apart the reference ahead is looked at
@@ -53,28 +54,31 @@ class Clock:
         model = self._model
         if self._then is None:
             self._then = self._read = t
-        latest = min(self._read + self._pace * (t - self._then), t)
-        self._then = t
+        elapsed, self._then = t - self._then, t
+        latest = min(self._read + self._pace * elapsed, t)
         self._read = max(self._wait(reference, pose, latest), self._read)
         self.largest = max(self.largest, t - self._read)
         ahead = np.asarray(self._read + model.dt * np.arange(0, model.steps + 1, EVERY))
         limits, change = self._limits(reference, ahead)
-        haste = HASTE if t - self._read > model.dt else 1.0
-        squares = np.minimum(limits, haste) ** 2
+        squares = np.minimum(limits, HASTE) ** 2
         for j in range(len(squares) - 2, -1, -1):  # in time for what comes
             squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * EVERY * model.dt)
-        return self._run(lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
+        self._pace += change * elapsed
+        return self._run(t, lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
 
-    def _run(self, limit: Callable[[float], float], change: float) -> Reading:
-        """Let the clock run ahead, no faster than the limit, gaining pace at a rate (1/s)."""
+    def _run(self, t: float, limit: Callable[[float], float], change: float) -> Reading:
+        """Let the clock run on, up to the time: within the limit, gaining pace at a rate (1/s)."""
         model = self._model
         times, paces = np.empty(model.steps + 1), np.empty(model.steps + 1)
-        at, pace = self._read, min(self._pace, limit(self._read))
-        self._pace = pace
+        at, pace = self._read, self._pace
         for k in range(model.steps + 1):
+            now = t + k * model.dt
+            if at > now - CAUGHT_UP:
+                at, pace = now, min(pace, 1.0)
+            pace = min(pace, limit(at))
             times[k], paces[k] = at, pace
-            at += pace * model.dt
-            pace = min(pace + change * model.dt, limit(at))
+            at, pace = at + pace * model.dt, pace + change * model.dt
+        self._pace = float(paces[0])
         return Reading(times, paces)
 
     def _limits(self, reference: Reference, times: Array) -> tuple[Array, float]:

@@ -16,7 +16,7 @@ from rpctl.control.horizon_qp import Pattern, QuadraticProgram
 from rpctl.description.records import Array
 from rpctl.robot.model import BASE_NV
 
-EXACT = 3e4  # cost of a unit of slack: more than errors of a metre pay, so that bounds give way last
+EXACT = 3e4  # cost of a unit of slack: more than errors pay, so that bounds give way last
 ROUND = 1e4  # curvature of that cost, which keeps the solution unique
 
 
