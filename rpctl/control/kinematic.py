@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from rpctl.control.command import Command, KinematicLaw, Twist, command
+from rpctl.control.end_effector import EndEffector
 from rpctl.control.error import Tracking, observe
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -104,7 +106,10 @@ class PaperKinematic:
         return omega_r / size, alpha_r * self.smoothing**2 / size**3
 
 
-KINEMATIC_LAWS = {"paper": PaperKinematic}
+KINEMATIC_LAWS: dict[str, Callable[[], KinematicLaw]] = {
+    "paper": PaperKinematic,
+    "end-effector": EndEffector,
+}
 
 
 def kinematic_by_name(name: str) -> KinematicLaw:
