@@ -16,6 +16,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
 FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
+SPEED_SHARE = 0.95  # of a velocity limit: what is asked for, so that following it overshoots none
 
 
 def _paper() -> KinematicLaw:
@@ -38,12 +39,16 @@ class EndEffector:
 
     - Redundancy: of all such rates they are the nearest, in shares of the joints' full speeds, to
       those of the base's law, q̇_r + (q_r − q)/h.
-    - Limits: |q̇| ≤ q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside the
-      position limits: a joint comes to its limit as exp(−t/h), and never beyond.
-    - Singularities, and whatever else limits leave out of reach: the rates that meet p* are given
-      up for nearest ones before a direction costs more than it is worth. In one that the arm at
-      full speed σ (m/s) moves along, they leave those of the base's law by at most σ/``damping``
-      shares. An arm of few joints does what it can, and the base goes its way.
+    - Limits: |q̇| ≤ 0.95 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
+      the position limits: a joint comes to its limit as exp(−t/h), and never beyond.
+    - Singularities, and what limits leave out of reach: p* is met as long as that takes a pull on
+      the posture of 1/``damping`` at most; beyond, the rates come as near as that pull brings them,
+      see :func:`nearest`. Along a direction in which the arm at full speed moves the end effector
+      at σ (m/s), they leave the posture's by σ/``damping`` shares at most. An arm of few joints
+      does what it can, and the base goes its way.
+
+    The base does not wait for the arm: where it passes out of the arm's reach of p_r, the error
+    grows until it is back.
 
     ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
     any; it jumps when a bound becomes active, ν_d does not. Of a base whose S changes with q the
@@ -127,7 +132,7 @@ class EndEffector:
             rates: Rates that the arm's joints have (n_joints,).
             full: What a share is of (n_joints,).
         """
-        fastest, positions = _fastest(robot), robot.joint_positions(q)
+        fastest, positions = SPEED_SHARE * _fastest(robot), robot.joint_positions(q)
         bounds = []
         for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
             room = (np.array(limits) - positions) / self.horizon

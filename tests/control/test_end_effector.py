@@ -227,11 +227,14 @@ def test_a_fixed_base_is_an_arm_alone() -> None:
 
 
 def test_the_whole_robot_follows(tiago: Robot) -> None:
-    """With the dynamics: figures of the first three seconds beside the paper's law."""
+    """With the dynamics: seconds 1 to 3 beside the paper's law, joints within their limits."""
     rms = {}
+    fastest = [joint.velocity for joint in tiago.joints]
     for law in (PaperKinematic(), EndEffector()):
         run = rpctl.track(tiago, "eight", 3.0, (0.3, 0.5, 0.8), kinematic=law)
         distance = np.linalg.norm(run.ee - run.ee_ref, axis=1)
+        assert (np.abs(run.nu[:, 2:]) <= fastest).all()
+        assert ((run.joints >= run.lower_limits) & (run.joints <= run.upper_limits)).all()
         rms[type(law)] = math.sqrt(float(np.mean(distance[500:] ** 2)))
     assert rms[EndEffector] < 0.15 * rms[PaperKinematic]
 
