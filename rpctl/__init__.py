@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.end_effector import EndEffector
 from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.horizon import Horizon
 from rpctl.control.integral import IntegralDynamic
@@ -36,6 +37,7 @@ __all__ = [
     "Disc",
     "Drive",
     "Efforts",
+    "EndEffector",
     "FeedbackLinearization",
     "HalfPlane",
     "Horizon",

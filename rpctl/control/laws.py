@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rpctl.control.command import KinematicLaw
+from rpctl.control.end_effector import EndEffector
 from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.horizon import Horizon
 from rpctl.control.kanayama import Kanayama
@@ -16,6 +17,7 @@ from rpctl.errors import UnknownNameError
 KINEMATIC_LAWS: dict[str, Callable[[], KinematicLaw | Startable[KinematicLaw]]] = {
     "unified": UnifiedKinematic,
     "paper": PaperKinematic,
+    "end-effector": EndEffector,
     "horizon": Horizon,
     "kanayama": Kanayama,
     "feedback-linearization": FeedbackLinearization,
