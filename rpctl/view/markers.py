@@ -113,7 +113,8 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
 
     Its x axis is the way that the wheel rolls, its z axis points up.
     """
-    point, axle = contact_point(robot, data, wheel)
+    point = contact_point(robot, data, wheel)
+    axle = data.oMi[robot.model.getJointId(wheel.joint)].rotation @ np.array(wheel.axis)
     rolling = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
     heading = robot.drive.heading
     if rolling @ [math.cos(heading), math.sin(heading)] < 0.0:

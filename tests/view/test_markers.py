@@ -72,7 +72,8 @@ def test_contacts_are_where_the_wheels_touch_the_ground(
     data = wheeled.model.createData()
     pin.forwardKinematics(wheeled.model, data, q)
     for index, wheel in enumerate(wheeled.drive.wheels):
-        point, axle = contact_point(wheeled, data, wheel)
+        point = contact_point(wheeled, data, wheel)
+        axle = data.oMi[wheeled.model.getJointId(wheel.joint)].rotation @ wheel.axis
         contact = poses[f"contact-{index}"]
         assert contact[:3, 3] == pytest.approx(point, abs=1e-9)
         assert contact[:3, 2] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
