@@ -119,7 +119,7 @@ ENTRIES = (
         "tiago_dual",
         "tiago_description/robots/tiago_dual.urdf",
         "differential drive, torso lift, two 7R arms, fingers locked",
-        lock=("hand_*", "suspension_*", "caster_*"),
+        lock=("hand_*", "suspension_*"),
     ),
     Entry(
         "tiago_pro",
