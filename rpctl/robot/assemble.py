@@ -9,7 +9,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.errors import DriveError
-from rpctl.robot.drive import BASE_SPEEDS, WITH_AXLE, Drive, Swivel, Wheel
+from rpctl.robot.drive import WITH_AXLE, Drive, Swivel, Wheel
 from rpctl.robot.evidence import Evidence
 from rpctl.robot.swivels import Found
 from rpctl.robot.wheels import Candidate, leftward
@@ -30,10 +30,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     heading = _heading(kind, evidence)
     forward = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-forward[1], forward[0]])
+    strays = _strays(kind, evidence)
     wheels = sorted(
         evidence.standing.wheels,
         key=lambda wheel: (
-            _trailing(evidence, wheel),
+            _trailing(evidence, wheel) or wheel.joint.name in strays,
             -round(float(wheel.centre[:2] @ forward), 3),
             -float(wheel.centre[:2] @ left),
         ),
@@ -42,8 +43,10 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     point = _point(kind, evidence)
     track = _track(evidence, left)
     swivels = _swivels(kind, evidence, forward, driven)
+    ground = float(np.mean([wheel.bottom for wheel in wheels]))
     records = [
-        _wheel(kind, evidence, wheel, heading, driven, rank) for rank, wheel in enumerate(wheels)
+        _wheel(kind, evidence, wheel, heading, driven, ground, rank)
+        for rank, wheel in enumerate(wheels)
     ]
     if kind == "skid-steer" and evidence.spec.track is not None:
         wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
@@ -57,13 +60,19 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         point=(float(point[0]), float(point[1])),
         heading=0.0 if kind not in WITH_AXLE else heading,
         track=track,
-        ground=float(np.mean([wheel.bottom for wheel in wheels])),
+        ground=ground,
         swivels=swivels,
         evidence=_account(kind, evidence),
-        doubts=(*evidence.standing.doubts, *(s.doubt for s in evidence.swivels if s.doubt), *doubt),
+        doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
     )
     _require_steering(evidence, drive)
     return drive
+
+
+def _doubts(evidence: Evidence) -> tuple[str, ...]:
+    """Return what was assumed of swivels and suspensions, in sentences."""
+    said = (*(swivel.doubt for swivel in evidence.swivels), evidence.hung)
+    return tuple(filter(None, said))
 
 
 def _heading(kind: str, evidence: Evidence) -> float:
@@ -109,7 +118,12 @@ def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, .
     spec = evidence.spec
     told = {name: wheel.driven for name, wheel in spec.wheels.items() if wheel.driven is not None}
     told |= {name: turn.driven for name, turn in spec.swivels.items() if turn.driven is not None}
-    names = [wheel.joint.name for wheel in wheels if not _trailing(evidence, wheel)]
+    strays = _strays(kind, evidence)
+    names = [
+        wheel.joint.name
+        for wheel in wheels
+        if not _trailing(evidence, wheel) and wheel.joint.name not in strays
+    ]
     limited = {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
     doubts: tuple[str, ...] = ()
     if any(name in evidence.actuated for name in names):
@@ -123,7 +137,7 @@ def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, .
             "steered ones not; say driven = true or false of each [[wheel]] in a drive file",
         )
     else:
-        rolling = set(names) - _strays(kind, evidence)
+        rolling = set(names)
     turning = {s.joint.name for s in swivels if s.role == "steered" and s.joint.mimic is None}
     driven = {name for name in rolling | turning if told.get(name, True)}
     return frozenset(driven | {name for name, yes in told.items() if yes}), doubts
@@ -136,10 +150,14 @@ def _trailing(evidence: Evidence, wheel: Candidate) -> bool:
 
 
 def _strays(kind: str, evidence: Evidence) -> set[str]:
-    """Return the wheels beside a differential drive's axle: they roll along, undriven."""
-    if kind != "differential":
-        return set()
-    return {line[0].joint.name for line in evidence.lines if len(line) == 1}
+    """Return the wheels that roll along, undriven, and slide sideways where they have to.
+
+    Balls do, and so do wheels beside a differential drive's axle.
+    """
+    strays = {wheel.joint.name for wheel in evidence.balls}
+    if kind == "differential":
+        strays |= {line[0].joint.name for line in evidence.lines if len(line) == 1}
+    return strays
 
 
 def _wheel(
@@ -148,6 +166,7 @@ def _wheel(
     wheel: Candidate,
     heading: float,
     driven: frozenset[str],
+    ground: float,
     rank: int,
 ) -> Wheel:
     """Return the record of a wheel; ``rank`` counts from the front left."""
@@ -157,16 +176,17 @@ def _wheel(
     direction = math.atan2(-own[0], own[1]) + 0.0
     if swivel is not None:
         direction = swivel.heading
+    elif name in _strays(kind, evidence):
+        pass  # it rolls along its own direction
     elif kind == "mecanum":
         # The rollers on the ground lie along (1, −1) at the front left and the rear right, along
         # (1, 1) at the other two: seen from above, those on top form an X.
         told = evidence.spec.wheels.get(name)
         lie = told.roller if told is not None and told.roller is not None else None
         direction = heading + (lie if lie is not None else (-ROLLER, ROLLER, ROLLER, -ROLLER)[rank])
-    elif kind in WITH_AXLE and name not in _strays(kind, evidence):
+    elif kind in WITH_AXLE:
         direction = heading
     x, y, z = wheel.joint.axis.tolist()
-    holder = f'"{wheel.swivel.name}"' if wheel.swivel else "the root link"
     return Wheel(
         joint=name,
         radius=radius,
@@ -177,8 +197,23 @@ def _wheel(
         driven=name in driven,
         swivel=wheel.swivel.name if wheel.swivel else None,
         lateral=swivel.lateral(wheel) if swivel else 0.0,
-        why=f"turns without limits about a level axle held by {holder}, and reaches the ground",
+        why=_why(kind, evidence, wheel, ground),
     )
+
+
+def _why(kind: str, evidence: Evidence, wheel: Candidate, ground: float) -> str:
+    """Return why a wheel is one, in words."""
+    holder = f'"{wheel.swivel.name}"' if wheel.swivel else "the root link"
+    gap = 1e3 * (wheel.bottom - ground)
+    foot = "ends on the ground"
+    if abs(gap) >= 0.05:
+        foot = f"ends {abs(gap):.2g} mm {'above' if gap > 0.0 else 'below'} the ground"
+    why = f"turns without limits about a level axle, held by {holder}, {foot}"
+    if wheel in evidence.balls:
+        return f"{why}; a ball, which slides sideways, too"
+    if wheel.joint.name in _strays(kind, evidence):
+        return f"{why}; off the axle, so it rolls along, and slides sideways in bends"
+    return why
 
 
 def _swivels(
@@ -245,12 +280,10 @@ def _account(kind: str, evidence: Evidence) -> tuple[str, ...]:
     """Return how the drive was found, in sentences."""
     said = []
     if evidence.spec.type is not None:
-        said.append(f"{kind}: the drive file or option says so")
+        said.append(f"{kind}, for the drive file or option says so")
     for line in evidence.lines:
         names = ", ".join(wheel.joint.name for wheel in line)
-        said.append(f"on one line, held by the root link: {names}" if len(line) > 1 else
-                    f"on its own line, held by the root link: {names}")  # fmt: skip
+        what = f"{len(line)} wheels on one axle" if len(line) > 1 else "a wheel on its own axle"
+        said.append(f"{what}, held by the root link: {names}")
     said += [f"{s.joint.name}: {s.role}, for {s.why}" for s in evidence.swivels]
-    speeds = ", ".join(BASE_SPEEDS[kind])
-    said.append(f"free speeds of the base itself: {speeds}")
     return (*said, *evidence.standing.aloft)

@@ -129,9 +129,13 @@ def _role(
         return "steered", f'it mimics "{joint.mimic.joint}"', ""
     if actuated:
         return "steered", "a transmission drives it", ""
+    named = any(word in joint.name.lower() for word in CASTER_WORDS)
+    doubt = f'"{joint.name}" is taken for a caster; say role = "steered" of its [[swivel]] in a '
+    doubt += 'drive file if it steers, "caster" if not'
     if trails and not limited:
-        doubt = f'"{joint.name}" is taken for a caster; [[swivel]] role = "steered" if it steers'
-        named = any(word in joint.name.lower() for word in CASTER_WORDS)
         return "caster", f"{distance}, it turns without limits", "" if named else doubt
+    if trails and named:
+        why = f"{distance}, and its name says so, though it has limits"
+        return "caster", why, f"{doubt}; a caster would run into its limits"
     why = "it turns between limits" if limited else distance
     return "steered", why, ""
