@@ -203,12 +203,11 @@ def _wheel(
 
 def _why(kind: str, evidence: Evidence, wheel: Candidate, ground: float) -> str:
     """Return why a wheel is one, in words."""
-    holder = f'"{wheel.swivel.name}"' if wheel.swivel else "the root link"
     gap = 1e3 * (wheel.bottom - ground)
     foot = "ends on the ground"
     if abs(gap) >= 0.05:
         foot = f"ends {abs(gap):.2g} mm {'above' if gap > 0.0 else 'below'} the ground"
-    why = f"turns without limits about a level axle, held by {holder}, {foot}"
+    why = f"turns without limits about a level axle and {foot}"
     if wheel in evidence.balls:
         return f"{why}; a ball, which slides sideways, too"
     if wheel.joint.name in _strays(kind, evidence):
@@ -281,9 +280,14 @@ def _account(kind: str, evidence: Evidence) -> tuple[str, ...]:
     said = []
     if evidence.spec.type is not None:
         said.append(f"{kind}, for the drive file or option says so")
-    for line in evidence.lines:
+    for line in evidence.pairs:
         names = ", ".join(wheel.joint.name for wheel in line)
-        what = f"{len(line)} wheels on one axle" if len(line) > 1 else "a wheel on its own axle"
-        said.append(f"{what}, held by the root link: {names}")
-    said += [f"{s.joint.name}: {s.role}, for {s.why}" for s in evidence.swivels]
+        said.append(f"{len(line)} wheels on one axle, held by the root link: {names}")
+    lone = [line[0].joint.name for line in evidence.lines if len(line) == 1]
+    balls = [wheel.joint.name for wheel in evidence.balls]
+    for what, group in (("on axles of their own", lone), ("balls", balls)):
+        said += [f"{what}, held by the root link: {', '.join(group)}"] if group else []
+    for role in ("steered", "caster"):
+        names = ", ".join(s.joint.name for s in evidence.swivels if s.role == role)
+        said += [f"wheels on upright joints, {role}: {names}"] if names else []
     return (*said, *evidence.standing.aloft)

@@ -122,7 +122,9 @@ def _role(
     radius = max(wheel.radius or 0.0 for wheel in wheels)
     trails = abs(trail) > max(TRAIL, TRAIL_SHARE * radius)
     limited = math.isfinite(joint.upper - joint.lower)
-    distance = f"its contact is {1e3 * abs(trail):.3g} mm off its axis"
+    distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
+    if abs(trail) < STEADY:
+        distance = "contact below its axis"
     if told.role is not None:
         return told.role, "the drive file says so", ""
     if joint.mimic is not None:
@@ -133,9 +135,8 @@ def _role(
     doubt = f'"{joint.name}" is taken for a caster; say role = "steered" of its [[swivel]] in a '
     doubt += 'drive file if it steers, "caster" if not'
     if trails and not limited:
-        return "caster", f"{distance}, it turns without limits", "" if named else doubt
+        return "caster", f"{distance}, no limits", "" if named else doubt
     if trails and named:
-        why = f"{distance}, and its name says so, though it has limits"
+        why = f"{distance}, its name; but it has limits"
         return "caster", why, f"{doubt}; a caster would run into its limits"
-    why = "it turns between limits" if limited else distance
-    return "steered", why, ""
+    return "steered", f"{distance}, {'limits' if limited else 'no limits'}", ""
