@@ -125,10 +125,11 @@ def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, .
         if not _trailing(evidence, wheel) and wheel.joint.name not in strays
     ]
     limited = {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
+    split = any(len(limited & {w.joint.name for w in p}) not in (0, len(p)) for p in evidence.pairs)
     doubts: tuple[str, ...] = ()
     if any(name in evidence.actuated for name in names):
         rolling = {name for name in names if name in evidence.actuated}
-    elif limited and any(name not in limited for name in names):
+    elif limited and any(name not in limited for name in names) and not split:
         rolling = {name for name in names if name in limited}
     elif evidence.steered and evidence.fixed:
         rolling = {wheel.joint.name for wheel in evidence.fixed}

@@ -144,4 +144,4 @@ def _named(
             "continuous, about a level axis, and held by the root link, rigidly or by one upright "
             "joint"
         )
-    return [fit[name] for name in spec.wheels]
+    return [candidate for candidate in candidates if candidate.joint.name in spec.wheels]
