@@ -17,6 +17,7 @@ from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
 from rpctl.robot.model import BASE_NV, Robot
+from rpctl.robot.steering import regular
 
 if TYPE_CHECKING:
     from rpctl.equivalence.mujoco_engine import MujocoEngine
@@ -177,11 +178,15 @@ def _power(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     """Follow a motion; its energy must change by the actuators' work.
 
     A tenth of the random speeds and accelerations keeps the motion within what the step resolves.
+    It ends early where it steers to an angle at which ν determines no one motion.
     """
-    q, nu = state.q, 0.1 * state.nu
+    robot, q, nu = dynamics.robot, state.q, 0.1 * state.nu
     tau = dynamics.efforts(q, dynamics.inverse(q, nu, 0.1 * state.nu_dot))
     start, work, moved = dynamics.energy(q, nu), 0.0, 0.0
+    steered = robot.drive.steered
     for _ in range(POWER_STEPS):
+        if not regular(robot.drive, {s.joint: robot.joint_position(q, s.joint) for s in steered}):
+            break
         q, nu, done = rk4_step(dynamics, q, nu, tau, POWER_STEP)
         work, moved = work + done, moved + abs(done)
     gap = (dynamics.energy(q, nu) - start - work) / max(moved, 1.0)

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.description.records import Array
-from rpctl.errors import DriveError
-from rpctl.robot.drive import WITH_AXLE, Drive, Swivel, Wheel
+from rpctl.robot.drive import WITH_AXLE, Drive, Wheel
 from rpctl.robot.evidence import Evidence
-from rpctl.robot.swivels import Found
+from rpctl.robot.roles import assign_roles
 from rpctl.robot.wheels import Candidate, leftward
 
 ROLLER = 0.25 * math.pi  # rad; how rollers of mecanum wheels lie unless a drive file says otherwise
@@ -42,7 +41,7 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     driven, doubt = _driven(kind, evidence)
     point = _point(kind, evidence)
     track = _track(evidence, left)
-    swivels = _swivels(kind, evidence, forward, driven)
+    swivels = assign_roles(kind, evidence, forward, driven)
     ground = float(np.mean([wheel.bottom for wheel in wheels]))
     records = [
         _wheel(kind, evidence, wheel, heading, driven, ground, rank)
@@ -54,7 +53,7 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
             replace(record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left)))
             for record, wheel in zip(records, wheels, strict=True)
         ]
-    drive = Drive(
+    return Drive(
         type=kind,
         wheels=tuple(records),
         point=(float(point[0]), float(point[1])),
@@ -65,8 +64,6 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         evidence=_account(kind, evidence),
         doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
     )
-    _require_steering(evidence, drive)
-    return drive
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
@@ -214,66 +211,6 @@ def _why(kind: str, evidence: Evidence, wheel: Candidate, ground: float) -> str:
     if wheel.joint.name in _strays(kind, evidence):
         return f"{why}; off the axle, so it rolls along, and slides sideways in bends"
     return why
-
-
-def _swivels(
-    kind: str, evidence: Evidence, forward: Array, driven: frozenset[str]
-) -> tuple[Swivel, ...]:
-    """Return the records of the swivels, each with its role in the drive."""
-    steered = _leading(kind, evidence, forward)
-    lead = 2 if kind == "steered" else 1
-    leaders = {swivel.joint.name for swivel in steered[:lead]}
-    records = []
-    for swivel in (*steered, *(s for s in evidence.swivels if s.role == "caster")):
-        name, shares, role = swivel.joint.name, None, swivel.role
-        if swivel.joint.mimic is not None:
-            role, shares = "mimic", swivel.joint.mimic.joint
-        elif role == "steered" and name not in leaders:
-            free = evidence.spec.steering == "free"
-            role = "steered" if free else "follower"
-            shares = steered[0].joint.name if free else None
-        records.append(swivel.record(role, name in driven, shares))
-    return tuple(records)
-
-
-def _leading(kind: str, evidence: Evidence, forward: Array) -> list[Found]:
-    """Return the steered swivels, those first whose rates are quasi-velocities.
-
-    Of several axles two wheels one behind the other lead: their axles fix one centre of rotation
-    but where both point at each other, and straight ahead, in bends and on the spot they do not.
-    """
-    left = np.array([-forward[1], forward[0]])
-    steered = sorted(
-        evidence.steered,
-        key=lambda s: (-round(float(s.pivot @ forward), 3), -float(s.pivot @ left)),
-    )
-    steered.sort(key=lambda swivel: swivel.joint.mimic is not None)
-    if kind != "steered":
-        return steered
-    pairs = [(a, b) for i, a in enumerate(steered) for b in steered[i + 1 :]]
-    first, second = max(pairs, key=lambda pair: _apart(pair[0], pair[1], forward))
-    return [first, second, *(s for s in steered if s not in (first, second))]
-
-
-def _apart(a: Found, b: Found, forward: Array) -> float:
-    """Return how much further one swivel is ahead of another than beside it, m."""
-    between = a.pivot - b.pivot
-    ahead = abs(float(between @ forward))
-    return ahead - math.sqrt(max(0.0, float(between @ between) - ahead**2))
-
-
-def _require_steering(evidence: Evidence, drive: Drive) -> None:
-    """Refuse followers whose contact is off their axis: they have no centre to keep to."""
-    for swivel in drive.swivels:
-        shared = swivel.role == "follower" or (drive.type == "steered" and swivel.role != "caster")
-        if shared and swivel.trail:
-            joint = evidence.description.joint[swivel.joint]
-            raise DriveError(
-                f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
-                f"{1e3 * abs(swivel.trail):.3g} mm off its axis, where several steered wheels are "
-                "to share one centre of rotation; put them under the axis, or say role = "
-                '"caster" of its [[swivel]] in a drive file'
-            )
 
 
 def _account(kind: str, evidence: Evidence) -> tuple[str, ...]:

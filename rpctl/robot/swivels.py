@@ -16,7 +16,8 @@ from rpctl.robot.wheels import Candidate, leftward, upright_axis
 TRAIL = 5e-3  # m, or
 TRAIL_SHARE = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
 CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
-STEADY = 2e-3  # m; a smaller trail of a steered wheel is rounding, and left out
+STEADY = 2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
+ROUNDING = 1e-9  # m; a smaller one is that of numbers
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,13 @@ class Found:
 
     def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
         """Return the drive's record of it."""
-        steady = role != "caster" and abs(self.trail) < STEADY
         return Swivel(
             joint=self.joint.name,
             role=role,
             pivot=(float(self.pivot[0]), float(self.pivot[1])),
             heading=self.heading,
             sign=self.sign,
-            trail=0.0 if steady else self.trail,
+            trail=0.0 if abs(self.trail) < ROUNDING else self.trail,
             driven=driven,
             shares=shares,
             why=self.why,

@@ -479,6 +479,51 @@ def test_driven_flags(files: Files) -> None:
     assert files.load(tricycle(), said).actuators == ("front",)
 
 
+# Swivels that mimic.
+
+
+def hubs(mimic: str) -> Parts:
+    parts = body()
+    rear_axle(parts)
+    for name, y, more in (("left", 0.25, mimic), ("right", -0.25, mimic)):
+        parts.swivel(f"{name}_hub", f"0.7 {y} 0.1", "revolute", more=more)
+        parts.wheel(f"front_{name}", f"{name}_hub_fork", "0 0 0")
+    parts.link("cabin_wheel", 0.5)
+    parts.joint("cabin_joint", "revolute", ("base", "cabin_wheel"), "0.3 0 0.6", "0.6 0 0.8")
+    return parts
+
+
+def test_hubs_that_mimic_what_is_no_swivel(files: Files) -> None:
+    told = files.refusal(hubs('<mimic joint="cabin_joint" multiplier="0.1"/>'))
+    assert 'the swivel "left_hub" mimics "cabin_joint", which steers no wheel' in told
+    assert "take its <mimic> out" in told
+    assert files.load(hubs("")).drive.type == "car-like"
+
+
+def test_wheels_that_all_steer_do_not_mimic(files: Files) -> None:
+    """Front and rear of a double Ackermann: in the model they follow without the mimic."""
+    text, mimic = vehicle("steered"), '<mimic joint="fl_steer" multiplier="-1"/>'
+    rear = text.index('<joint name="rl_steer"')
+    end = text.index("</joint>", rear)
+    told = files.refusal(text[:end] + mimic + text[end:])
+    assert 'the swivel "rl_steer" mimics "fl_steer", but no multiple keeps all wheels on' in told
+
+
+def test_a_mimic_of_a_mimic(files: Files) -> None:
+    parts = hubs('<mimic joint="left_hub"/>')
+    text = xml(parts).replace('<mimic joint="left_hub"/>', "", 1)
+    extra = Parts([])
+    extra.swivel("middle_hub", "0.9 0 0.1", "revolute", more='<mimic joint="right_hub"/>')
+    extra.wheel("front_middle", "middle_hub_fork", "0 0 0")
+    robot = files.load(text.replace("</robot>", "".join(extra.xml) + "</robot>"))
+    assert [(s.role, s.shares) for s in robot.drive.swivels] == [
+        ("steered", None),
+        ("mimic", "left_hub"),
+        ("mimic", "left_hub"),
+    ]
+    assert rpctl.verify(robot, samples=2).passed
+
+
 # Types that a drive file, or the option, has to tell.
 
 
