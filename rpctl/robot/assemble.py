@@ -67,8 +67,14 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
-    """Return what was assumed of swivels and suspensions, in sentences."""
-    said = (*(swivel.doubt for swivel in evidence.swivels), evidence.hung)
+    """Return what was assumed of meshes, swivels and suspensions, in sentences."""
+    uneven = (
+        f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
+        "is: correct the <axis>, or give its radius in a drive file"
+        for wheel in evidence.standing.wheels
+        if wheel.uneven
+    )
+    said = (*uneven, *(swivel.doubt for swivel in evidence.swivels), evidence.hung)
     return tuple(filter(None, said))
 
 
@@ -111,34 +117,40 @@ def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, .
     The drive file tells; then the transmissions; then effort limits, where some have them; else
     the fixed wheels drive and the steered ones do not.
     """
-    wheels, swivels = evidence.standing.wheels, evidence.swivels
     spec = evidence.spec
     told = {name: wheel.driven for name, wheel in spec.wheels.items() if wheel.driven is not None}
     told |= {name: turn.driven for name, turn in spec.swivels.items() if turn.driven is not None}
     strays = _strays(kind, evidence)
-    names = [
+    names = {
         wheel.joint.name
-        for wheel in wheels
+        for wheel in evidence.standing.wheels
         if not _trailing(evidence, wheel) and wheel.joint.name not in strays
-    ]
-    limited = {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
-    split = any(len(limited & {w.joint.name for w in p}) not in (0, len(p)) for p in evidence.pairs)
-    doubts: tuple[str, ...] = ()
-    if any(name in evidence.actuated for name in names):
-        rolling = {name for name in names if name in evidence.actuated}
-    elif limited and any(name not in limited for name in names) and not split:
-        rolling = {name for name in names if name in limited}
-    elif evidence.steered and evidence.fixed:
-        rolling = {wheel.joint.name for wheel in evidence.fixed}
-        doubts = (
-            "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
-            "steered ones not; say driven = true or false of each [[wheel]] in a drive file",
-        )
-    else:
-        rolling = set(names)
-    turning = {s.joint.name for s in swivels if s.role == "steered" and s.joint.mimic is None}
-    driven = {name for name in rolling | turning if told.get(name, True)}
+    }
+    rolling, doubts = _rolling(evidence, names)
+    if told.keys() >= names:
+        doubts = ()
+    driven = rolling | {s.joint.name for s in evidence.steered if s.joint.mimic is None}
+    driven = {name for name in driven if told.get(name, True)}
     return frozenset(driven | {name for name, yes in told.items() if yes}), doubts
+
+
+def _rolling(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
+    """Return which of the wheels ``names`` the URDF tells are driven, and what was assumed."""
+    if names & evidence.actuated:
+        return names & evidence.actuated, ()
+    wheels = evidence.standing.wheels
+    limited = names & {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
+    pairs = ({wheel.joint.name for wheel in pair} for pair in evidence.pairs)
+    whole = all(pair <= limited or not pair & limited for pair in pairs)
+    if limited and limited != names and whole:
+        return limited, ()
+    if evidence.steered and evidence.fixed:
+        doubt = (
+            "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
+            "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
+        )
+        return {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
+    return names, ()
 
 
 def _trailing(evidence: Evidence, wheel: Candidate) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from rpctl.robot.drive_file import WheelSpec
 AXLE_TILT = 0.02  # sine of the largest angle between a wheel axle and the ground (CAD rounding)
 AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, of that between the wheels
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
+EVEN = 0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Candidate:
         source: Where the radius came from.
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
         ball: Whether its shape is a sphere: a ball, unless nothing else is a wheel.
+        uneven: The extents of its mesh across the axis, where they are not a wheel's, in words.
     """
 
     joint: Joint
@@ -43,6 +46,7 @@ class Candidate:
     source: str
     offset: float
     ball: bool
+    uneven: str
 
     @property
     def centre(self) -> Array:
@@ -82,15 +86,19 @@ def find_candidates(
         axle = pose[:3, :3] @ joint.axis
         if abs(axle[2]) > AXLE_TILT:
             continue
-        radius, source, offset = _size(description, joint, paths)
+        size = _size(description, joint, paths)
         given = told.get(joint.name, WheelSpec()).radius
         if given is not None:
-            radius, source = given, "drive file"
+            size = size._replace(radius=given, source="drive file", uneven="")
         swivel = carriers[0] if carriers else None
         place = (pose[:3, 3], axle, pose[:3, :3])
         shapes = round_shapes(description, joint)
         ball = bool(shapes) and all(shape.kind == "sphere" for shape, _ in shapes)
-        found.append(Candidate(joint, *place, swivel, radius, source, offset, ball))
+        found.append(
+            Candidate(
+                joint, *place, swivel, size.radius, size.source, size.offset, ball, size.uneven
+            )
+        )
     return found
 
 
@@ -166,18 +174,22 @@ def round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, st
     ]
 
 
-def _size(
-    description: Description, joint: Joint, paths: MeshPaths
-) -> tuple[float | None, str, float]:
-    """Return a wheel's radius (m), where it came from, and its centre's offset along the axle.
+class _Size(NamedTuple):
+    """What a wheel's shapes tell of it; without a radius the source says why no mesh does."""
 
-    Without a radius the source says why no mesh tells it.
-    """
+    radius: float | None  # m
+    source: str
+    offset: float  # of its centre along the axle, m
+    uneven: str = ""  # see Candidate
+
+
+def _size(description: Description, joint: Joint, paths: MeshPaths) -> _Size:
+    """Return the size of a wheel, from a primitive shape or the bounds of a mesh."""
     shapes = round_shapes(description, joint)
     if shapes:
         offset = float(shapes[0][0].origin[:3, 3] @ joint.axis)
         widest, role = max(shapes, key=lambda item: item[0].size[0])
-        return widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset
+        return _Size(widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset)
     link = description.link[joint.child]
     reason = ""
     for role, shapes_of in (("collision", link.collisions), ("visual", link.visuals)):
@@ -185,19 +197,20 @@ def _size(
             if shape.kind != "mesh":
                 continue
             try:
-                radius, offset = _bounds(shape, joint.axis, paths)
+                across, offset = _bounds(shape, joint.axis, paths)
             except MeshError as error:
                 reason = f'mesh "{shape.mesh}" {error}'
                 continue
-            return radius, f"bounds of the {role} mesh, line {shape.line}", offset
-    return None, reason, 0.0
+            # Half of the widest extent is the reach, which a tread's lugs do not tilt.
+            narrow, wide = sorted(across.tolist())
+            uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < EVEN * wide else ""
+            source = f"bounds of the {role} mesh, line {shape.line}"
+            return _Size(0.5 * wide, source, offset, uneven)
+    return _Size(None, reason, 0.0)
 
 
-def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[float, float]:
-    """Return how far a mesh reaches from an axis through the joint's origin, and its middle on it.
-
-    The reach is half of the widest extent across the axis, which a tread's lugs do not tilt.
-    """
+def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[Array, float]:
+    """Return a mesh's two extents (2,) across an axis, and its middle along it, m."""
     surfaces = mesh_files.read(paths.resolve(str(shape.mesh)))
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
     points = points @ shape.origin[:3, :3].T + shape.origin[:3, 3]
@@ -205,5 +218,4 @@ def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[float, float]:
     first = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     first /= np.linalg.norm(first)
     across = points @ np.column_stack([first, np.cross(axis, first)])
-    radius = 0.5 * float(np.ptp(across, axis=0).max())
-    return radius, 0.5 * float(along.min() + along.max())
+    return np.ptp(across, axis=0), 0.5 * float(along.min() + along.max())

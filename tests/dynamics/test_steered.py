@@ -6,7 +6,7 @@ speeds are φ̇ r, m/s.
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, pi, sin, tan
+from math import atan2, cos, hypot, pi, remainder, sin, tan
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.description.records import Array
 from rpctl.dynamics.motion import rk4_step
 from rpctl.errors import SingularBasisError
+from rpctl.robot.steering import follow
 from tests import random_vehicles
 from tests.robots import write
 from tests.vehicles import vehicle
@@ -71,6 +72,27 @@ def test_no_contact_slips(tmp_path: Path, kind: str, rng: np.random.Generator) -
         assert np.abs(contact_velocities(robot, q, v)).max() < 1e-11 * np.abs(v).max(), seed
         tried += 1
     assert tried > 4
+
+
+@pytest.mark.parametrize("kind", ["car-like", "steered"])
+def test_followers_keep_to_the_centre(tmp_path: Path, kind: str, rng: np.random.Generator) -> None:
+    """A follower's rate is what its position changes by as the others steer."""
+    step, tried = 1e-6, 0
+    for seed in range(12):
+        robot = rpctl.load(write(tmp_path, random_vehicles.vehicle(kind, seed)[0]))
+        q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+        v = ReducedDynamics(robot).basis(q) @ nu
+        now = {s.joint: robot.joint_position(q, s.joint) for s in robot.drive.steered}
+        ahead, behind = (
+            follow(robot.drive, {n: a + s * v[robot.velocity_index(n)] for n, a in now.items()})
+            for s in (step, -step)
+        )
+        for swivel in robot.drive.followers:
+            turned = remainder(ahead[swivel.joint] - behind[swivel.joint], pi)
+            rate = v[robot.velocity_index(swivel.joint)]
+            assert turned / (2 * step) == pytest.approx(rate, rel=1e-5, abs=1e-5)
+            tried += 1
+    assert tried > 8
 
 
 def test_ackermann(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
@@ -215,6 +216,21 @@ def test_meshes_that_are_not_there_on_a_root_in_the_middle_of_the_body(files: Fi
     told = files.refusal(parts)
     assert 'the radius of wheel "left_link" is not known' in told
     assert "or its radius in a drive file" in told
+
+
+def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
+    """Of four wheels with the default axis those of a side share a line: only the mesh tells."""
+    lying = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # turns z to −y
+    disc = trimesh.creation.cylinder(radius=0.1, height=0.04, transform=lying)
+    disc.export(files.folder / "disc.stl")
+    parts = body()
+    for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)):
+        meshed(parts, f"wheel_{x}_{y}", f"{x} {y} 0.1")
+    text = xml(parts).replace("gone.stl", "disc.stl")
+    assert files.load(text, "skid-steer").drive.doubts == ()
+    doubts = files.load(text.replace('<axis xyz="0 1 0"/>', ""), "skid-steer").drive.doubts
+    assert len(doubts) == 4
+    assert "is 0.04 m by 0.2 m across its axis, which no wheel is: correct the <axis>" in doubts[0]
 
 
 # Roots and signs.
