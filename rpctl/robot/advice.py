@@ -86,8 +86,7 @@ def _mend(evidence: Evidence, locked: Mapping[str, float]) -> str:
     still = [] if evidence.pairs else still_wheels(evidence.description, locked)
     if still:
         ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
-    if evidence.hung:
-        ways.append(evidence.hung)
+    ways += evidence.near
     return "; ".join(ways)
 
 

@@ -67,14 +67,14 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
-    """Return what was assumed of meshes, swivels and suspensions, in sentences."""
+    """Return what was assumed of meshes, swivels and near misses, in sentences."""
     uneven = (
         f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
         "is: correct the <axis>, or give its radius in a drive file"
         for wheel in evidence.standing.wheels
         if wheel.uneven
     )
-    said = (*uneven, *(swivel.doubt for swivel in evidence.swivels), evidence.hung)
+    said = (*uneven, *(swivel.doubt for swivel in evidence.swivels), *evidence.near)
     return tuple(filter(None, said))
 
 
@@ -207,6 +207,7 @@ def _wheel(
         driven=name in driven,
         swivel=wheel.swivel.name if wheel.swivel else None,
         lateral=swivel.lateral(wheel) if swivel else 0.0,
+        slides=name in _strays(kind, evidence),
         why=_why(kind, evidence, wheel, ground),
     )
 

@@ -108,7 +108,7 @@ def _mentions(evidence: Evidence, word: str) -> bool:
 
 def _arm(evidence: Evidence, locked: Mapping[str, float]) -> bool:
     """Return whether joints move, and nothing is, or looks like, a wheel."""
-    if evidence.standing.wheels or evidence.hung:
+    if evidence.standing.wheels or evidence.near:
         return False
     moving = any(joint.moving for joint in evidence.description.joints)
     return moving and not still_wheels(evidence.description, locked)

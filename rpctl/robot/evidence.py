@@ -10,7 +10,7 @@ from lxml import etree
 from rpctl.description.records import Description
 from rpctl.errors import DriveError, UnknownNameError
 from rpctl.robot.drive_file import DriveSpec
-from rpctl.robot.near_misses import advise_lock, hung_wheels
+from rpctl.robot.near_misses import advise_lock, advise_mimics
 from rpctl.robot.standing import Standing, stand
 from rpctl.robot.swivels import Found, find_swivels
 from rpctl.robot.wheels import Candidate, coaxial
@@ -28,7 +28,7 @@ class Evidence:
         swivels: Upright joints that carry the other wheels.
         actuated: Joints that a ``<transmission>`` names.
         spec: What the user says.
-        hung: What hangs on joints that move, in a sentence, or nothing.
+        near: What is nearly a wheel: hangs on a joint that moves, or mimics another; sentences.
     """
 
     description: Description
@@ -38,7 +38,7 @@ class Evidence:
     swivels: tuple[Found, ...]
     actuated: frozenset[str]
     spec: DriveSpec
-    hung: str
+    near: tuple[str, ...]
 
     @property
     def fixed(self) -> tuple[Candidate, ...]:
@@ -85,9 +85,8 @@ def gather(
     balls = tuple(wheel for wheel in held if wheel.ball)
     if not any(len(line) > 1 for line in lines):  # then spheres are the wheels
         lines, balls = _lines(held), ()
-    hung = hung_wheels(description, locked)
-    told = advise_lock(hung) if hung else ""
-    return Evidence(description, standing, lines, balls, tuple(swivels), actuated, spec, told)
+    near = (*advise_lock(description, locked), *advise_mimics(description, locked))
+    return Evidence(description, standing, lines, balls, tuple(swivels), actuated, spec, near)
 
 
 def _lines(wheels: list[Candidate]) -> tuple[tuple[Candidate, ...], ...]:

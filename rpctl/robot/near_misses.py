@@ -13,6 +13,7 @@ from rpctl.robot.wheels import (
     AXLE_TILT,
     Candidate,
     mostly_left,
+    root_axis,
     round_shapes,
     turns,
     upright,
@@ -48,37 +49,35 @@ def still_wheels(description: Description, locked: Mapping[str, float]) -> list[
     return told
 
 
-def hung_wheels(description: Description, locked: Mapping[str, float]) -> dict[str, list[str]]:
-    """Return wheels (joints) that hang on joints that move, by the joint to lock.
-
-    Such a joint is a suspension's: it slides upright, or turns about a level axis; on the latter
-    only what is named a wheel counts, for so do the joints of arms.
-    """
-    found: dict[str, list[str]] = {}
-    for joint in description.joints:
-        if not turns(joint) or joint.name in locked or joint.mimic is not None:
-            continue
-        carriers = _carriers(description, locked, joint)
-        moving = [c for c in carriers if not upright(description, locked, c)]
-        pose = description.pose(joint.parent, dict(locked)) @ joint.origin
-        level = abs(float((pose[:3, :3] @ joint.axis)[2])) <= AXLE_TILT
-        if not moving or not level or _carries(description, joint):
-            continue
-        sliding = len(moving) == 1 and moving[0].kind == "prismatic"
-        if _called_wheel(joint) or (sliding and round_shapes(description, joint)):
-            for carrier in moving:
-                found.setdefault(carrier.name, []).append(joint.name)
-    return found
-
-
-def advise_lock(hung: Mapping[str, list[str]]) -> str:
-    """Return what to do about wheels that hang on joints that move."""
+def advise_lock(description: Description, locked: Mapping[str, float]) -> list[str]:
+    """Return what to do about wheels that hang on joints that move, in a sentence, if any."""
+    hung = _hung_wheels(description, locked)
+    if not hung:
+        return []
     wheels = dict.fromkeys(name for names in hung.values() for name in names)
     options = " ".join(f"--lock {name}" for name in hung)
-    return (
+    return [
         f"{', '.join(wheels)} hang on joints that move, a suspension, which is outside the planar "
         f"model; hold it: {options}"
-    )
+    ]
+
+
+def advise_mimics(description: Description, locked: Mapping[str, float]) -> list[str]:
+    """Return what to do about wheels whose joints mimic others, in sentences.
+
+    What rolls on the ground turns as the ground has it, not as another joint does.
+    """
+    told = []
+    for joint in description.joints:
+        if joint.mimic is None or not turns(joint) or joint.name in locked:
+            continue
+        upheld = all(upright(description, locked, c) for c in _carriers(description, locked, joint))
+        if upheld and _level(description, locked, joint) and round_shapes(description, joint):
+            told.append(
+                f'"{joint.name}" mimics "{joint.mimic.joint}", so it is taken for no wheel; if it '
+                f"stands on the ground, take its <mimic> out (line {joint.line})"
+            )
+    return told
 
 
 def crosswise(description: Description, candidates: tuple[Candidate, ...]) -> list[str]:
@@ -105,6 +104,33 @@ def crosswise(description: Description, candidates: tuple[Candidate, ...]) -> li
 def triple(vector: Array) -> str:
     """Return a vector (3,) as a URDF has it."""
     return " ".join(f"{value:.6g}" for value in np.round(vector, 6) + 0.0)
+
+
+def _hung_wheels(description: Description, locked: Mapping[str, float]) -> dict[str, list[str]]:
+    """Return wheels (joints) that hang on joints that move, by the joint to lock.
+
+    Such a joint is a suspension's: it slides upright, or turns about a level axis; on the latter
+    only what is named a wheel counts, for so do the joints of arms.
+    """
+    found: dict[str, list[str]] = {}
+    for joint in description.joints:
+        if not turns(joint) or joint.name in locked or joint.mimic is not None:
+            continue
+        carriers = _carriers(description, locked, joint)
+        moving = [c for c in carriers if not upright(description, locked, c)]
+        level = _level(description, locked, joint)
+        if not moving or not level or _carries(description, joint):
+            continue
+        sliding = len(moving) == 1 and moving[0].kind == "prismatic"
+        if _called_wheel(joint) or (sliding and round_shapes(description, joint)):
+            for carrier in moving:
+                found.setdefault(carrier.name, []).append(joint.name)
+    return found
+
+
+def _level(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
+    """Return whether a joint's axis is level."""
+    return abs(float(root_axis(description, locked, joint)[2])) <= AXLE_TILT
 
 
 def _carriers(description: Description, locked: Mapping[str, float], joint: Joint) -> list[Joint]:

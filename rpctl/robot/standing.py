@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.description.records import Description, Joint
 from rpctl.errors import DriveError
+from rpctl.robot.drive_file import suggest
 from rpctl.robot.wheels import Candidate
 
 TOUCH = 5e-3  # m; wheels reach the ground together to within this,
@@ -86,7 +87,7 @@ def stand(
         height, name = float(candidate.centre[2]) - ground, candidate.joint.name
         if candidate.radius is None:
             if height <= 0.0:
-                raise _unknown_radius(description, candidate.joint)
+                raise _unknown_radius(description, candidate.joint, candidates)
             if height > ALIKE * widest and not all_of_them:
                 aloft.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
                 continue
@@ -133,10 +134,13 @@ def _lost(candidate: Candidate) -> str:
     return f" ({candidate.source})" if candidate.source else ""
 
 
-def _unknown_radius(description: Description, joint: Joint) -> DriveError:
+def _unknown_radius(
+    description: Description, joint: Joint, candidates: list[Candidate]
+) -> DriveError:
+    start = suggest("differential", {c.joint.name: c.radius for c in candidates})
     return DriveError(
         f'{description.path}:{joint.line}: the radius of wheel "{joint.child}" is not known: no '
         "cylinder or sphere among its shapes, no mesh that can be read, and its axle is not above "
         'the root link; give the link a <collision> with <cylinder radius="..." length="..."/> '
-        "along the axle, or its radius in a drive file"
+        f"along the axle, or its radius in a drive file (--drive FILE):\n{start}"
     )

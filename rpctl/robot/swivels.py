@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.description.records import Array, Description, Joint
 from rpctl.robot.drive import Swivel
 from rpctl.robot.drive_file import SwivelSpec
-from rpctl.robot.wheels import Candidate, leftward, upright_axis
+from rpctl.robot.wheels import Candidate, leftward, root_axis
 
 TRAIL = 5e-3  # m, or
 TRAIL_SHARE = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
@@ -100,7 +100,7 @@ def _found(
     assert joint is not None
     pose = description.pose(joint.parent, dict(locked)) @ joint.origin
     pivot = pose[:2, 3]
-    up = upright_axis(description, locked, joint)[2]
+    up = root_axis(description, locked, joint)[2]
     left = leftward(wheels[0].axle)
     ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)

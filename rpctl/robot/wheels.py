@@ -108,7 +108,7 @@ def turns(joint: Joint) -> bool:
     return joint.kind == "continuous" or endless
 
 
-def upright_axis(description: Description, locked: Mapping[str, float], joint: Joint) -> Array:
+def root_axis(description: Description, locked: Mapping[str, float], joint: Joint) -> Array:
     """Return a joint's unit axis (3,) in the root link's frame."""
     pose = description.pose(joint.parent, dict(locked)) @ joint.origin
     return np.asarray(pose[:3, :3] @ joint.axis)
@@ -116,7 +116,7 @@ def upright_axis(description: Description, locked: Mapping[str, float], joint: J
 
 def upright(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
     """Return whether a joint turns about an upright axis."""
-    axis = upright_axis(description, locked, joint)
+    axis = root_axis(description, locked, joint)
     return joint.kind != "prismatic" and math.hypot(axis[0], axis[1]) <= AXLE_TILT
 
 

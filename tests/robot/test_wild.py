@@ -170,6 +170,21 @@ def test_a_rocker_is_to_be_locked(files: Files) -> None:
     assert doubt.endswith("hold it: --lock rocker_joint")
 
 
+def test_wheels_that_mimic_others(files: Files) -> None:
+    """A rear wheel tied to the front one by a <mimic>: the ground would turn it, too."""
+    text = xml(axles(0.25, -0.25))
+    for side in ("left", "right"):
+        start = text.index(f'<joint name="axle1_{side}"')
+        end = text.index("</joint>", start)
+        text = f'{text[:end]}<mimic joint="axle0_{side}"/>{text[end:]}'
+    drive = files.load(text).drive
+    assert (drive.type, len(drive.wheels)) == ("differential", 2)
+    assert drive.doubts[0] == (
+        '"axle1_left" mimics "axle0_left", so it is taken for no wheel; if it stands on the '
+        "ground, take its <mimic> out (line 1)"
+    )
+
+
 def test_one_wheel_is_none(files: Files) -> None:
     parts = body()
     rear_axle(parts)
@@ -215,7 +230,8 @@ def test_meshes_that_are_not_there_on_a_root_in_the_middle_of_the_body(files: Fi
     meshed(parts, "right", "0 -0.3 -0.1")
     told = files.refusal(parts)
     assert 'the radius of wheel "left_link" is not known' in told
-    assert "or its radius in a drive file" in told
+    start = told.partition("(--drive FILE):\n")[2]
+    assert files.load(parts, start.replace("# radius", "radius")).drive.wheels[0].radius == 0.1
 
 
 def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
@@ -439,6 +455,7 @@ def test_a_lone_wheel_beside_a_pair_rolls_along(files: Files) -> None:
     assert robot.actuators == ("rear_left", "rear_right")
     assert "on axles of their own, held by the root link: third" in robot.drive.evidence
     third = robot.drive.wheels[-1]
+    assert ReducedDynamics(robot).rolling.across == ((3, (0, 1)),)  # it takes no lateral force
     assert third.why.endswith("off the axle, so it rolls along, and slides sideways in bends")
     assert rpctl.verify(robot, samples=2).passed
 
