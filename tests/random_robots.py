@@ -151,7 +151,14 @@ def _base(tree: Tree) -> tuple[str, Array, Array]:
 
 
 def add_wheel(
-    tree: Tree, name: str, radius: float, carrier: str, centre: Array, R: Array, left: Array
+    tree: Tree,
+    name: str,
+    radius: float,
+    carrier: str,
+    centre: Array,
+    R: Array,
+    left: Array,
+    ball: bool = False,
 ) -> None:
     """Add a wheel of any frame and axle sign; its joint may lie beside its centre.
 
@@ -163,6 +170,7 @@ def add_wheel(
         centre: The wheel's centre (3,) in the carrier's frame, m.
         R: The carrier's rotation (3, 3) in the root link's frame.
         left: The axle (3,) towards the left, in the root link's axes.
+        ball: Whether it is a sphere.
     """
     sign = 1.0 if tree.flag() else -1.0
     offset, rpy = tree.choose.number(-0.1, 0.1), tree.angles()
@@ -170,7 +178,8 @@ def add_wheel(
     axis = rotation(rpy).T @ in_carrier
     axis = axis / np.linalg.norm(axis)
     upright = np.array([0.0, math.acos(np.clip(axis[2], -1.0, 1.0)), math.atan2(axis[1], axis[0])])
-    tyre = f'<geometry><cylinder radius="{radius!r}" length="0.04"/></geometry>'
+    tyre = "sphere" if ball else 'cylinder length="0.04"'
+    tyre = f'<geometry><{tyre} radius="{radius!r}"/></geometry>'
     shape = f"<collision>{origin(offset * axis, upright)}{tyre}</collision>"
     tree.link(f"{name}_wheel", (0.2, 3.0), shape)
     more = f'<axis xyz="{numbers(axis)}"/>'

@@ -24,11 +24,13 @@ from tests.random_robots import (
 )
 
 KINDS = ("casters", "car-like", "free", "tied", "tricycle", "bicycle", "steered", "omni",
-         "skid-steer", "mecanum")  # fmt: skip
-TYPES = {"casters": "differential", "free": "car-like", "tied": "car-like"}
+         "skid-steer", "wide", "mecanum")  # fmt: skip
+TYPES = {"casters": "differential", "free": "car-like", "tied": "car-like", "wide": "skid-steer"}
+WIDE = (0.9, 0.1, -0.05)  # effective track and centre of rotation that a drive file tells, m
 DRIVES = {  # what their drive files say; the others are found
     "free": 'type = "car-like"\nsteering = "free"\n',
     "skid-steer": 'type = "skid-steer"\n',
+    "wide": f'type = "skid-steer"\ntrack = {WIDE[0]}\npoint = [{WIDE[1]}, {WIDE[2]}]\n',
     "mecanum": 'type = "mecanum"\n',
 }
 
@@ -70,14 +72,19 @@ class Vehicle:
         return np.asarray(leaned / np.linalg.norm(leaned))
 
     def wheel(
-        self, name: str, place: Array, angle: float, carrier: tuple[str, Array, Array] | None = None
+        self,
+        name: str,
+        place: Array,
+        angle: float,
+        carrier: tuple[str, Array, Array] | None = None,
+        ball: bool = False,
     ) -> None:
         """Add a wheel at a place (2,), heading along an angle of the root link's frame (rad)."""
         radius = self.tree.choose.number(0.03, 0.3)
         link, origin, R = carrier or ("base", self.place, self.R)
         centre = np.array([*place, self.ground + radius])
         left = self.leaning(np.array([-math.sin(angle), math.cos(angle), 0.0]))
-        add_wheel(self.tree, name, radius, link, R.T @ (centre - origin), R, left)
+        add_wheel(self.tree, name, radius, link, R.T @ (centre - origin), R, left, ball)
         self.radii[f"{name}_joint"] = radius
 
     def swivel(
@@ -137,7 +144,12 @@ def pair(built: Vehicle, name: str, ahead: float) -> None:
 
 def car(built: Vehicle, kind: str) -> None:
     number = built.tree.choose.number
-    pair(built, "rear", 0.0)
+    if built.tree.flag():
+        pair(built, "rear", 0.0)
+    else:  # a lorry
+        reach = number(0.1, 0.3)
+        pair(built, "rear_1", reach)
+        pair(built, "rear_2", -reach)
     ahead, limit = number(0.4, 1.5), number(0.4, 1.2)
     ahead *= 1.0 if built.tree.flag() else -1.0  # some steer at the back
     trail = 0.0 if kind == "car-like" else number(-0.03, 0.03)
@@ -184,15 +196,17 @@ def omni(built: Vehicle, _: str) -> None:
 def axles(built: Vehicle, kind: str) -> None:
     reach = built.tree.choose.number(0.3, 0.6)
     places = [reach, -reach]
-    if kind == "skid-steer" and built.tree.flag():
+    if kind != "mecanum" and built.tree.flag():
         places.append(0.0)
     for k, ahead in enumerate(places):
         pair(built, f"axle_{k}", ahead)
+    if kind == "wide":
+        built.point = np.array(WIDE[1:])
 
 
 BUILDERS = {"casters": lambda built, _: pair(built, "drive", 0.0), "car-like": car, "free": car,
             "tied": car, "tricycle": one_steered, "bicycle": one_steered, "steered": steered,
-            "omni": omni, "skid-steer": axles, "mecanum": axles}  # fmt: skip
+            "omni": omni, "skid-steer": axles, "wide": axles, "mecanum": axles}  # fmt: skip
 
 
 def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
@@ -216,6 +230,9 @@ def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
         where = built.at(number(-1.5, -0.8), number(-0.5, 0.5))
         trail = -number(0.04, 0.12)
         built.swivel(f"caster_{index}", where, number(-3.0, 3.0), "caster", trail)
+    if kind not in ("bicycle", "steered", "omni") and tree.flag():
+        where = built.at(number(0.8, 1.5), number(-0.5, 0.5))
+        built.wheel("ball", where, number(-3.0, 3.0), ball=True)
     mount = built.R.T @ (np.array([0.0, 0.0, ground + 0.3 + MOUNT]) - place)
     for index in range(tree.choose.integer(0, 3)):
         add_arm_joint(tree, index, mount)
