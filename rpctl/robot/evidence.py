@@ -12,8 +12,10 @@ from rpctl.errors import DriveError, UnknownNameError
 from rpctl.robot.drive_file import DriveSpec
 from rpctl.robot.near_misses import advise_lock, advise_mimics
 from rpctl.robot.standing import Standing, stand
-from rpctl.robot.swivels import Found, find_swivels
+from rpctl.robot.swivels import CASTER_WORDS, Found, find_swivels
 from rpctl.robot.wheels import Candidate, coaxial
+
+BALL_WORDS = ("ball", *CASTER_WORDS)
 
 
 @dataclass(frozen=True)
@@ -81,12 +83,30 @@ def gather(
     swivels = find_swivels(description, locked, standing.wheels, spec.swivels, actuated)
     _require_swivels(description, spec, {swivel.joint.name for swivel in swivels})
     held = [wheel for wheel in standing.wheels if wheel.swivel is None]
-    lines = _lines([wheel for wheel in held if not wheel.ball])
-    balls = tuple(wheel for wheel in held if wheel.ball)
-    if not any(len(line) > 1 for line in lines):  # then spheres are the wheels
-        lines, balls = _lines(held), ()
+    lines, balls = _apart(held)
     near = (*advise_lock(description, locked), *advise_mimics(description, locked))
     return Evidence(description, standing, lines, balls, tuple(swivels), actuated, spec, near)
+
+
+def _apart(
+    held: list[Candidate],
+) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Candidate, ...]]:
+    """Return the lines of wheels that the root link holds, and the balls beside them.
+
+    Where all are spheres, names tell which are balls; where no pair is left, none is.
+    """
+    spheres = tuple(wheel for wheel in held if wheel.ball)
+    named = tuple(wheel for wheel in spheres if _called_ball(wheel))
+    for balls in (spheres, named):
+        lines = _lines([wheel for wheel in held if wheel not in balls])
+        if any(len(line) > 1 for line in lines):
+            return lines, balls
+    return _lines(held), ()
+
+
+def _called_ball(wheel: Candidate) -> bool:
+    names = f"{wheel.joint.name} {wheel.joint.child}".lower()
+    return any(word in names for word in BALL_WORDS)
 
 
 def _lines(wheels: list[Candidate]) -> tuple[tuple[Candidate, ...], ...]:

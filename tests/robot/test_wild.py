@@ -444,6 +444,15 @@ def test_wheels_drawn_as_spheres_are_wheels(files: Files) -> None:
     text = re.sub(r'<cylinder radius="0.1"[^>]*>', '<sphere radius="0.1"/>', xml(parts))
     drive = files.load(text).drive
     assert (drive.type, len(drive.wheels)) == ("differential", 2)
+    # Two balls make a second axle of spheres, unless a name calls them so.
+    balls = Parts([])
+    for side, y in (("left", 0.1), ("right", -0.1)):
+        balls.wheel(f"{side}_roll", "base", f"0.3 {y} 0.04", r=0.04)
+    more = re.sub(r'<cylinder radius="0.04"[^>]*>', '<sphere radius="0.04"/>', "".join(balls.xml))
+    text = text.replace("</robot>", f"{more}</robot>")
+    assert "2 pairs of wheels on one axle" in files.refusal(text)
+    called = files.load(text.replace("_roll", "_caster")).drive
+    assert [wheel.slides for wheel in called.wheels] == [False, False, True, True]
 
 
 def test_a_lone_wheel_beside_a_pair_rolls_along(files: Files) -> None:
