@@ -46,7 +46,8 @@ def why_not(evidence: Evidence, locked: Mapping[str, float], kind: str | None) -
     said += "".join(f"; {reason}" for reason in standing.aloft)
     mend = _mend(evidence, locked)
     if mend:
-        return f"{said}; {mend}"
+        arm = "" if standing.wheels else "; or say --drive fixed for an arm"
+        return f"{said}; {mend}{arm}"
     if not standing.wheels:
         return (
             f"{said}; it needs continuous joints about level axles that reach the ground, held by "

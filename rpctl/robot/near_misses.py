@@ -109,10 +109,11 @@ def triple(vector: Array) -> str:
 def _hung_wheels(description: Description, locked: Mapping[str, float]) -> dict[str, list[str]]:
     """Return wheels (joints) that hang on joints that move, by the joint to lock.
 
-    Such a joint is a suspension's: it slides upright, or turns about a level axis; on the latter
-    only what is named a wheel counts, for so do the joints of arms.
+    Such a joint is a suspension's: it slides, and what hangs on it is round and near the floor;
+    where it turns about a level axis, as joints of arms do, only what is named a wheel counts.
     """
     found: dict[str, list[str]] = {}
+    floor = _floor(description, locked)
     for joint in description.joints:
         if not turns(joint) or joint.name in locked or joint.mimic is not None:
             continue
@@ -122,7 +123,11 @@ def _hung_wheels(description: Description, locked: Mapping[str, float]) -> dict[
         if not moving or not level or _carries(description, joint):
             continue
         sliding = len(moving) == 1 and moving[0].kind == "prismatic"
-        if _called_wheel(joint) or (sliding and round_shapes(description, joint)):
+        shapes = round_shapes(description, joint)
+        if shapes:
+            bottom = lowest(description, locked, joint.child)
+            sliding = sliding and bottom - floor <= 2.0 * shapes[0][0].size[0]
+        if _called_wheel(joint) or (sliding and shapes):
             for carrier in moving:
                 found.setdefault(carrier.name, []).append(joint.name)
     return found

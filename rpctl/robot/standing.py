@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +20,14 @@ ALIKE = 2.0  # a wheel of unknown size is at most so much larger than the known 
 
 def lowest(description: Description, locked: Mapping[str, float], link: str) -> float:
     """Return the height of a link's lowest point, m; inf where it has meshes alone, or nothing."""
+    return min((low for low, _ in _heights(description, locked, link)), default=math.inf)
+
+
+def _heights(
+    description: Description, locked: Mapping[str, float], link: str
+) -> Iterator[tuple[float, float]]:
+    """Yield the heights of the lowest and the highest point of a link's shapes but meshes, m."""
     body, pose = description.link[link], description.pose(link, dict(locked))
-    ends = [math.inf]
     for shape in body.collisions + body.visuals:
         place = pose @ shape.origin
         size, up = shape.size, np.abs(place[2, :3])
@@ -34,8 +40,7 @@ def lowest(description: Description, locked: Mapping[str, float], link: str) -> 
             reach = size[0] + 0.5 * size[1] * float(up[2])
         elif shape.kind == "cylinder":
             reach = size[0] * math.sqrt(max(0.0, 1.0 - up[2] ** 2)) + 0.5 * size[1] * float(up[2])
-        ends.append(float(place[2, 3]) - reach)
-    return min(ends)
+        yield float(place[2, 3]) - reach, float(place[2, 3]) + reach
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,10 @@ def _on_the_floor(
         for link in description.links
         if not any(j.moving and j.name not in locked for j in description.chain(link.name))
     ]
-    floor = min(lowest(description, locked, link) for link in body)
+    heights = [ends for link in body for ends in _heights(description, locked, link)]
+    foot = min((c.bottom for c in candidates if c.radius is not None), default=math.nan)
+    # A shape that the lowest wheel stands on is the ground, as files of simulators have it.
+    floor = min((low for low, high in heights if not abs(high - foot) <= TOUCH), default=math.inf)
     kept, aloft = [], []
     for candidate in candidates:
         name, radius = candidate.joint.name, candidate.radius

@@ -160,6 +160,17 @@ def test_a_suspension_is_to_be_locked(files: Files) -> None:
     assert robot.drive.doubts == ()
 
 
+def test_a_roller_on_a_lift_hangs_on_no_suspension(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.link("lift", 1.0)
+    limits = '<limit lower="0" upper="0.3" effort="100" velocity="1"/>'
+    parts.joint("lift_joint", "prismatic", ("base", "lift"), "0 0 0.5", "0 0 1", limits)
+    parts.wheel("roller", "lift", "0 0 0.1", r=0.05)
+    robot = files.load(parts, strict=True)
+    assert robot.quasi_velocities == ("v", "omega", "lift_joint", "roller")
+
+
 def test_a_rocker_is_to_be_locked(files: Files) -> None:
     parts = body()
     rear_axle(parts)
@@ -261,6 +272,18 @@ def test_a_root_called_world(files: Files) -> None:
     assert robot.drive.type == "differential"
     assert robot.drive.point == pytest.approx((0.5, 0.2))
     assert robot.drive.ground == pytest.approx(0.3)
+
+
+def test_a_root_with_the_ground_in_it(files: Files) -> None:
+    """A simulator's file: the world has a slab on which the wheels stand."""
+    parts = body()
+    rear_axle(parts)
+    slab = (
+        '<collision><origin xyz="0 0 -0.5"/><geometry><box size="90 90 1"/></geometry></collision>'
+    )
+    parts.xml.insert(0, f'<link name="world">{slab}</link>')
+    parts.joint("anchor", "fixed", ("world", "base"), "0 0 0", "0 0 1")
+    assert files.load(parts).drive.type == "differential"
 
 
 def test_a_root_high_above_the_ground(files: Files) -> None:
