@@ -589,6 +589,12 @@ def test_a_mimic_of_a_mimic(files: Files) -> None:
     assert rpctl.verify(robot, samples=2).passed
 
 
+def test_steering_that_is_locked_holds_its_wheel(files: Files) -> None:
+    drive = files.load(tricycle(), lock=["steer"]).drive
+    assert (drive.type, drive.swivels) == ("differential", ())
+    assert [wheel.joint for wheel in drive.wheels if wheel.slides] == ["front"]
+
+
 # Types that a drive file, or the option, has to tell.
 
 
