@@ -152,7 +152,7 @@ def test_a_deep_robot_is_read(tmp_path: Path) -> None:
     path.write_text(chain(2000), encoding="utf-8")
     description = read(path)
     assert len(description.chain("l1999")) == 1999
-    with patience(PATIENCE), pytest.raises(RpctlError, match="no differential drive"):
+    with patience(PATIENCE), pytest.raises(RpctlError, match="no known drive"):
         rpctl.load(path)
 
 
