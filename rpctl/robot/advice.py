@@ -54,7 +54,7 @@ def why_not(evidence: Evidence, locked: Mapping[str, float], kind: str | None) -
             f'the root link "{evidence.description.root}"; make the wheels\' joints '
             'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
         )
-    if kind is None and len(evidence.pairs) > 1 and not evidence.swivels:
+    if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
         said += "; nothing in a URDF tells skid-steer from mecanum wheels"
     return f"{said}; say which it is, a drive file to start from (--drive FILE):\n" + _start(
         evidence, kind

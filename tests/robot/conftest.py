@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.wild import (
-    Files,
-)
+from tests.robot.wild import Files
 
 
 @pytest.fixture
