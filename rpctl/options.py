@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from rpctl.errors import RpctlError
+from rpctl.robot.drive_file import TYPES
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
@@ -27,8 +28,7 @@ DriveOption = Annotated[
     str | None,
     typer.Option(
         metavar="TYPE|FILE",
-        help="differential, skid-steer, car-like, tricycle, bicycle, steered, omni, mecanum, "
-        "fixed, or a drive file (TOML).",
+        help=f"{', '.join(TYPES)}, or a drive file (TOML).",
     ),
 ]
 DensityOption = Annotated[
@@ -47,7 +47,10 @@ PackageDirOption = Annotated[
         "Repeatable.",
     ),
 ]
-StrictOption = Annotated[bool, typer.Option("--strict", help="Take warnings as errors.")]
+StrictOption = Annotated[
+    bool,
+    typer.Option("--strict", help="Take warnings, and what was assumed of the drive, as errors."),
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
 ]

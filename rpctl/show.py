@@ -16,10 +16,12 @@ from rich.table import Table
 from rpctl.dynamics.contact import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
+from rpctl.robot.drive import WITH_AXLE
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
 STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
+SHOWN = 8  # names that a line lists
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
 
 
@@ -40,41 +42,131 @@ def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def show_robot(robot: Robot) -> None:
-    """Print what a robot is."""
+    """Print what a robot is, how one can tell, and what is doubtful."""
     out, known = console(), facts(robot)
     drive = known["drive"]
-    out.print(f"[bold]{escape(robot.name)}[/]  {escape(known['file'])}")
+    out.print(f"[bold]{escape(robot.name)}[/]  {escape(known['file'])}", soft_wrap=True)
     grid = Table.grid(padding=(0, 2))
-    grid.add_row("[dim]drive", drive["type"])
-    for wheel in drive["wheels"]:
-        text = f"{wheel['joint']}: radius {wheel['radius']:.4g} m ({wheel['source']})"
-        limits = f"{_limit(wheel['effort'], 'N·m')}, {_limit(wheel['velocity'], 'rad/s')}"
-        grid.add_row("[dim]wheel", escape(f"{text}; {limits}"))
-    if drive["wheels"]:
-        x, y = drive["point"]
-        grid.add_row("[dim]track", f"{drive['track']:.4g} m, midpoint P at ({x:.4g}, {y:.4g}) m, "
-                     f"forward at {drive['heading_deg']:.4g}° of the root link")  # fmt: skip
-    grid.add_row("[dim]mass", f"{known['mass']:.4g} kg")
-    grid.add_row("[dim]dof", f"{known['dof']} quasi-velocities: "
-                 + escape(", ".join(known["quasi_velocities"])))  # fmt: skip
-    grid.add_row("[dim]end effector", escape(known["end_effector"] or "none"))
-    if known["estimated_links"]:
-        estimated = ", ".join(known["estimated_links"])
-        grid.add_row("[dim]estimated", escape(f"mass and inertia of {estimated}"))
-    if known["locked"]:
-        grid.add_row("[dim]locked", escape(", ".join(known["locked"])))
-    if known["mimics"]:
-        grid.add_row("[dim]mimic", escape(", ".join(known["mimics"])))
+    for label, text in (*_drive_rows(drive), *_robot_rows(known)):
+        grid.add_row(f"[dim]{label}", text)
     out.print(grid)
-    if known["joints"]:
-        out.print(_joint_table(known["joints"]))
+    if drive["wheels"]:
+        out.print()
+        out.print(_wheel_table(drive["wheels"]))
+        out.print(*_reasons(drive["wheels"]), sep="\n")
+    for rows, table in ((drive["swivels"], _swivel_table), (known["joints"], _joint_table)):
+        if rows:
+            out.print()
+            out.print(table(rows))
+    remarks = [*_remarks(robot)]
+    if remarks:
+        out.print()
+        out.print(*remarks, sep="\n")
+
+
+def _remarks(robot: Robot) -> Iterator[str]:
+    """Yield markup for what is doubtful, and for what was noticed."""
+    for doubt in robot.drive.doubts:
+        yield f"[yellow]doubt[/] {escape(doubt)}"
     contacts = find_contacts(ReducedDynamics(robot))
     for note in contacts.notes if contacts else ():
-        out.print(f"[dim]ground[/] {escape(note)}")
+        yield f"[dim]ground[/] {escape(note)}"
     for finding in robot.findings:
         place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
         style = STYLES[finding.severity]
-        out.print(f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}")
+        yield f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
+
+
+def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield a label and markup for the drive, its evidence, and its measures."""
+    yield "drive", f"[bold]{drive['type']}[/]"
+    for sentence in drive["evidence"]:
+        yield "", escape(sentence)
+    if drive["wheels"]:
+        x, y = drive["point"]
+        what = "centre of rotation" if drive["type"] == "skid-steer" else "middle of the axle"
+        what = what if drive["type"] in WITH_AXLE else "origin of the root link"
+        yield "track", f"{drive['track']:.4g} m; P, the {what}, at ({x:.4g}, {y:.4g}) m"
+        height = round(-drive["ground"], 6) + 0.0
+        yield (
+            "root link",
+            f"forward at {drive['heading_deg']:.4g}°, {height:.4g} m above the ground",
+        )
+
+
+def _reasons(wheels: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield markup that tells why wheels are wheels, those with one reason together."""
+    reasons: dict[str, list[str]] = {}
+    for wheel in wheels:
+        reasons.setdefault(wheel["why"], []).append(wheel["joint"])
+    for why, names in reasons.items():
+        who = ", ".join(names) if len(reasons) > 1 else "each"
+        yield f"[dim]{escape(f'{who} {why}')}[/]"
+
+
+def _wheel_table(wheels: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table("wheel", box=None, header_style="dim", padding=(0, 2, 0, 0))
+    table.add_column("radius", justify="right")
+    for heading in ("known from", "held by", "driven"):
+        table.add_column(heading)
+    for heading in ("velocity", "effort"):
+        table.add_column(heading, justify="right")
+    for wheel in wheels:
+        table.add_row(
+            escape(wheel["joint"]),
+            f"{wheel['radius']:.4g} m",
+            escape(wheel["source"]),
+            escape(wheel["swivel"] or "root"),
+            "yes" if wheel["driven"] else "no",
+            _limit(wheel["velocity"], "rad/s"),
+            _limit(wheel["effort"], "N·m"),
+        )
+    return table
+
+
+def _swivel_table(swivels: Sequence[Mapping[str, Any]]) -> Table:
+    headings = ("swivel", "role", "driven", "at x, y", "trail", "because")
+    table = Table(*headings, box=None, header_style="dim", padding=(0, 2, 0, 0))
+    for swivel in swivels:
+        x, y = swivel["pivot"]
+        table.add_row(
+            escape(swivel["joint"]),
+            swivel["role"],
+            "yes" if swivel["driven"] else "no",
+            f"{x:.4g}, {y:.4g} m",
+            f"{-1e3 * swivel['trail']:.3g} mm" if swivel["trail"] else "-",
+            escape(swivel["why"]),
+        )
+    return table
+
+
+def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield a label and markup for what is known of the whole robot."""
+    yield "mass", f"{known['mass']:.4g} kg"
+    arm = {joint["name"] for joint in known["joints"]}
+    yield "dof", f"{known['dof']} quasi-velocities"
+    for name in known["quasi_velocities"]:
+        if name not in arm:
+            yield "", escape(f"{name}: {known['meanings'][name]}")
+    if arm:
+        joints = _few([joint["name"] for joint in known["joints"]])
+        lead = "and the" if len(arm) < known["dof"] else "the"
+        yield "", f"{lead} rate{'s' * (len(arm) > 1)} of {joints}"
+    yield "end effector", escape(known["end_effector"] or "none")
+    if known["estimated_links"]:
+        estimated = ", ".join(known["estimated_links"])
+        yield "estimated", escape(f"mass and inertia of {estimated}")
+    if known["locked"]:
+        yield "locked", _few(list(known["locked"]))
+    if known["mimics"]:
+        yield "mimic", escape(", ".join(known["mimics"]))
+
+
+def _few(names: Sequence[str]) -> str:
+    """Return a list of names as markup, cut short where it is long."""
+    listed = ", ".join(names[:SHOWN])
+    more = len(names) - SHOWN
+    return escape(listed) + (f" and {more} more (--json lists them)" if more > 0 else "")
 
 
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:

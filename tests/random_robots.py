@@ -49,7 +49,7 @@ class WheeledRobot:
 
 
 @dataclass
-class _Tree:
+class Tree:
     """A robot under construction."""
 
     choose: Choose
@@ -116,20 +116,20 @@ def origin(xyz: Array, rpy: Array) -> str:
 
 def build(choose: Choose, joints: int | None = None) -> WheeledRobot:
     """Return a differential drive with an arm, or several; ``joints`` says how many they have."""
-    tree = _Tree(choose)
+    tree = Tree(choose)
     height = choose.number(-0.3, 0.3)  # of the axle over the root link's origin
     carrier, place, turn = _base(tree)
     radius, track = choose.number(0.03, 0.3), choose.number(0.3, 1.2)
     point = choose.number(-0.4, 0.4), choose.number(-0.4, 0.4)
-    heading = choose.number(-HEADING, HEADING)
+    heading, R = choose.number(-HEADING, HEADING), rotation(turn)
     for name, side in (("left", 1.0), ("right", -1.0)):
         left = np.array([-math.sin(heading), math.cos(heading), 0.0])
         centre = np.array([*point, height]) + 0.5 * side * track * left
-        _wheel(tree, name, radius, carrier, rotation(turn).T @ (centre - place), turn, left)
-    mount = rotation(turn).T @ (np.array([0.0, 0.0, height + MOUNT]) - place)
+        add_wheel(tree, name, radius, carrier, R.T @ (centre - place), R, left)
+    mount = R.T @ (np.array([0.0, 0.0, height + MOUNT]) - place)
     count = choose.integer(0, MAX_JOINTS) if joints is None else joints
     for index in range(count):
-        _arm_joint(tree, index, mount)
+        add_arm_joint(tree, index, mount)
     if tree.flag():  # a file may name its parts in any order
         tree.parts.reverse()
     text = "\n".join(['<robot name="random">', *tree.parts, "</robot>\n"])
@@ -137,7 +137,7 @@ def build(choose: Choose, joints: int | None = None) -> WheeledRobot:
     return WheeledRobot(text, radius, track, point, heading, ground, count, tree.mimics)
 
 
-def _base(tree: _Tree) -> tuple[str, Array, Array]:
+def _base(tree: Tree) -> tuple[str, Array, Array]:
     """Add the root, or a massless one that holds it; return the wheels' link and its pose."""
     place, turn = np.zeros(3), np.zeros(3)
     if tree.flag():
@@ -150,27 +150,36 @@ def _base(tree: _Tree) -> tuple[str, Array, Array]:
     return "base", place, turn
 
 
-def _wheel(
-    tree: _Tree, name: str, radius: float, carrier: str, centre: Array, turn: Array, left: Array
+def add_wheel(
+    tree: Tree,
+    name: str,
+    radius: float,
+    carrier: str,
+    centre: Array,
+    R: Array,
+    left: Array,
+    ball: bool = False,
 ) -> None:
     """Add a wheel of any frame and axle sign; its joint may lie beside its centre.
 
     Args:
         tree: The robot.
-        name: ``"left"`` or ``"right"``.
+        name: What its link and its joint are called, before ``_wheel`` and ``_joint``.
         radius: m.
         carrier: The link that holds it.
         centre: The wheel's centre (3,) in the carrier's frame, m.
-        turn: The carrier's roll, pitch, yaw in the root link's frame, rad.
+        R: The carrier's rotation (3, 3) in the root link's frame.
         left: The axle (3,) towards the left, in the root link's axes.
+        ball: Whether it is a sphere.
     """
     sign = 1.0 if tree.flag() else -1.0
     offset, rpy = tree.choose.number(-0.1, 0.1), tree.angles()
-    in_carrier = sign * rotation(turn).T @ left
+    in_carrier = sign * R.T @ left
     axis = rotation(rpy).T @ in_carrier
     axis = axis / np.linalg.norm(axis)
     upright = np.array([0.0, math.acos(np.clip(axis[2], -1.0, 1.0)), math.atan2(axis[1], axis[0])])
-    tyre = f'<geometry><cylinder radius="{radius!r}" length="0.04"/></geometry>'
+    tyre = "sphere" if ball else 'cylinder length="0.04"'
+    tyre = f'<geometry><{tyre} radius="{radius!r}"/></geometry>'
     shape = f"<collision>{origin(offset * axis, upright)}{tyre}</collision>"
     tree.link(f"{name}_wheel", (0.2, 3.0), shape)
     more = f'<axis xyz="{numbers(axis)}"/>'
@@ -178,7 +187,7 @@ def _wheel(
     tree.joint(f"{name}_joint", "continuous", ends, centre - offset * in_carrier, rpy, more)
 
 
-def _arm_joint(tree: _Tree, index: int, mount: Array) -> None:
+def add_arm_joint(tree: Tree, index: int, mount: Array) -> None:
     """Add a joint to any link, perhaps with a fixed link before it and one behind."""
     choose = tree.choose
     parent = tree.movable[choose.integer(0, len(tree.movable) - 1)]
@@ -204,14 +213,14 @@ def _arm_joint(tree: _Tree, index: int, mount: Array) -> None:
     tree.movable.append(f"{name}_link")
 
 
-def _limits(tree: _Tree, kind: str) -> str:
+def _limits(tree: Tree, kind: str) -> str:
     if kind == "continuous":
         return ""
     low, high = -tree.choose.number(0.1, 2.5), tree.choose.number(0.1, 2.5)
     return f'<limit lower="{low!r}" upper="{high!r}" effort="50.0" velocity="2.0"/>'
 
 
-def _mimic(tree: _Tree) -> str:
+def _mimic(tree: Tree) -> str:
     tree.mimics += 1
     leader = tree.leaders[tree.choose.integer(0, len(tree.leaders) - 1)]
     factor = tree.choose.number(0.2, 2.0) * (1.0 if tree.flag() else -1.0)
@@ -241,7 +250,7 @@ class _Drawn:
 
 
 @dataclass(frozen=True)
-class _Generated:
+class Generated:
     """A random generator answers."""
 
     rng: np.random.Generator
@@ -263,7 +272,7 @@ def robots(draw: Callable[..., float]) -> WheeledRobot:
 
 def generate(rng: np.random.Generator, joints: int | None = None) -> WheeledRobot:
     """Return a random wheeled robot with ``joints`` arm joints (None: 0 to 6)."""
-    return build(_Generated(rng), joints)
+    return build(Generated(rng), joints)
 
 
 def random_robot(rng: np.random.Generator, joints: int | None = None) -> str:

@@ -119,7 +119,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
         friction=friction,
         balanced=balanced,
         determinate=balanced and len(names) == 3,
-        notes=_notes(names, supports, balanced),
+        notes=_notes(names, supports, balanced, _unheld(points, robot.drive.heading)),
         points=points,
         supports=supports,
         along=along,
@@ -225,7 +225,19 @@ def _multipliers(A: Array) -> Array:
     return np.asarray(np.linalg.pinv(A.T, rcond=RANK_MARGIN), dtype=float)
 
 
-def _notes(names: tuple[str, ...], supports: Supports, balanced: bool) -> tuple[str, ...]:
+def _unheld(points: Array, heading: float) -> str:
+    """Return the freedom that contacts (n, 2) on one line leave, in words."""
+    along = np.ptp(points, axis=0) if len(points) < 2 else points[-1] - points[0]
+    ahead = abs(along @ [math.cos(heading), math.sin(heading)])
+    aside = abs(along @ [-math.sin(heading), math.cos(heading)])
+    if max(ahead, aside) <= NARROW:
+        return "pitch and roll"
+    return "pitch" if aside > ahead else "roll"
+
+
+def _notes(
+    names: tuple[str, ...], supports: Supports, balanced: bool, unheld: str
+) -> tuple[str, ...]:
     fix = "give each caster a <collision> with a <sphere> or <cylinder> that reaches the ground"
     if supports.unknown:
         listed = ", ".join(supports.unknown)
@@ -236,7 +248,8 @@ def _notes(names: tuple[str, ...], supports: Supports, balanced: bool) -> tuple[
     if not balanced:
         return (
             f"only {', '.join(names)} are known to touch the ground, on one line: the planar model "
-            f"assumes balance, so loads and margins are not defined; {fix}",
+            f"assumes balance and leaves {unheld} out, so loads and margins are not defined; if "
+            f"the robot does not balance, {fix}",
         )
     if len(names) > 3:
         return (

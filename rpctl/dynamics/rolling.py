@@ -88,7 +88,8 @@ def find_rolling(robot: Robot) -> Rolling:
     across: dict[int, list[int]] = {}
     if drive.has_axle:
         rows.append(_axle_row(robot))
-        across[row] = [i for i, wheel in enumerate(drive.wheels) if wheel.swivel is None]
+        held = (i for i, wheel in enumerate(drive.wheels) if wheel.swivel is None)
+        across[row] = [i for i in held if not drive.wheels[i].slides]
         row += 1
     lateral: dict[str, int] = {}
     followers = []

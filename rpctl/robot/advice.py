@@ -2,66 +2,93 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 
-from rpctl.description.records import Array, Description
 from rpctl.robot.drive_file import suggest
-from rpctl.robot.swivels import Found
-from rpctl.robot.wheels import AXLE_TILT, Candidate, Standing, mostly_left
+from rpctl.robot.evidence import Evidence
+from rpctl.robot.near_misses import still_wheels, triple
+from rpctl.robot.wheels import AXLE_TILT, Candidate, mostly_left
 
 MANY = 8  # pairs or joints that a message lists
-TOUCH = 5e-3  # m; wheels reach the ground together to within this
+NEEDS = {
+    "differential": "one pair of wheels on one axle, held by the root link, and none steered",
+    "skid-steer": "two or more pairs of wheels, held by the root link, and none steered",
+    "mecanum": "two pairs of wheels, held by the root link, and none steered",
+    "omni": "three or more wheels, held by the root link, and none steered",
+    "bicycle": "a wheel that the root link holds, and a steered one",
+    "tricycle": "a pair of wheels that the root link holds, and a steered wheel",
+    "car-like": "wheels that the root link holds, and two or more steered ones",
+    "steered": "two or more steered wheels, and none that the root link holds",
+}
 
 
-def why_not(
-    description: Description,
-    standing: Standing,
-    pairs: tuple[tuple[Candidate, ...], ...],
-    swivels: tuple[Found, ...],
-    kind: str | None,
-) -> str:
+def why_not(evidence: Evidence, locked: Mapping[str, float], kind: str | None) -> str:
     """Return why no drive was found, and what to write to have one.
 
     Args:
-        description: The robot.
-        standing: The joints that could carry wheels.
-        pairs: Those that share an axle.
-        swivels: The upright joints that carry wheels.
+        evidence: The wheels.
+        locked: Frozen joints and their positions (rad or m).
         kind: Type of the drive that was asked for, or None.
     """
-    where = f"{description.path}: no {kind or 'known'} drive"
-    start = "a drive file to start from (--drive FILE):\n"
-    names = [wheel.joint.name for wheel in standing.wheels[:MANY]]
-    roles = {swivel.joint.name: swivel.role for swivel in swivels[:MANY]}
-    if pairs or swivels:
-        listed = "; ".join(" + ".join(w.joint.name for w in pair) for pair in pairs[:MANY])
-        axles = f"{len(pairs)} pair{'s' * (len(pairs) != 1)} of wheels on one axle"
-        axles += f" ({listed})" if pairs else ""
-        turning = [f"{name} ({role})" for name, role in roles.items()]
-        turns = f", wheels on swivels: {', '.join(turning)}" if turning else ""
-        guess = "skid-steer" if len(pairs) > 1 else "differential"
-        guess = "steered" if not pairs else guess
-        advice = suggest(kind or guess, names, roles)
-        return f"{where}: {axles}{turns}; say which it is, {start}{advice}"
-    aloft = "".join(f"; {reason}" for reason in standing.aloft)
-    if standing.wheels:
-        listed = ", ".join(
-            f'"{c.joint.name}" (line {c.joint.line}, axle {np.round(c.axle, 3).tolist()} '
-            f"at {np.round(c.origin, 3).tolist()})"
-            for c in standing.wheels[:MANY]
+    standing = evidence.standing
+    said = f"{evidence.description.path}: no {kind or 'known'} drive: "
+    if kind is not None:
+        said += f"it takes {NEEDS[kind]}; "
+    if evidence.pairs or evidence.swivels:
+        said += _counted(evidence)
+    elif standing.wheels:
+        said += f"no two wheels share one axle; joints on a level axis: {_places(evidence)}"
+    else:
+        said += "no joint could carry a wheel"
+    said += "".join(f"; {reason}" for reason in standing.aloft)
+    mend = _mend(evidence, locked)
+    if mend:
+        arm = "" if standing.wheels else "; or say --drive fixed for an arm"
+        return f"{said}; {mend}{arm}"
+    if not standing.wheels:
+        return (
+            f"{said}; it needs continuous joints about level axles that reach the ground, held by "
+            f'the root link "{evidence.description.root}"; make the wheels\' joints '
+            'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
         )
-        more = "".join(_turned_axes(standing.wheels)) + aloft
-        return f"{where}: no two wheels share one axle; joints on a level axis: {listed}{more}"
-    still = still_wheels(description)
-    if still:
-        return f"{where}: wheels are held by fixed joints; make {'; '.join(still)}"
-    return (
-        f"{where}: it needs continuous joints about level axles that reach the ground, held by "
-        f'the root link "{description.root}"; make the wheels\' joints '
-        f'type="continuous" with the axle as <axis>, or say --drive fixed for an arm{aloft}'
+    if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
+        said += "; nothing in a URDF tells skid-steer from mecanum wheels"
+    return f"{said}; say which it is, a drive file to start from (--drive FILE):\n" + _start(
+        evidence, kind
     )
+
+
+def _counted(evidence: Evidence) -> str:
+    """Return the pairs and the swivels, in words."""
+    pairs = evidence.pairs
+    listed = "; ".join(" + ".join(w.joint.name for w in pair) for pair in pairs[:MANY])
+    axles = f"{len(pairs)} pair{'s' * (len(pairs) != 1)} of wheels on one axle"
+    axles += f" ({listed})" if pairs else ""
+    lone = [line[0].joint.name for line in evidence.lines if len(line) == 1]
+    axles += f", on their own: {', '.join(lone[:MANY])}" if lone else ""
+    turning = [f"{s.joint.name} ({s.role})" for s in evidence.swivels[:MANY]]
+    return axles + (f", wheels on swivels: {', '.join(turning)}" if turning else "")
+
+
+def _places(evidence: Evidence) -> str:
+    return ", ".join(
+        f'"{c.joint.name}" (line {c.joint.line}, axle {(np.round(c.axle, 3) + 0.0).tolist()} '
+        f"at {(np.round(c.origin, 3) + 0.0).tolist()})"
+        for c in evidence.standing.wheels[:MANY]
+    )
+
+
+def _mend(evidence: Evidence, locked: Mapping[str, float]) -> str:
+    """Return what of the URDF, or of the options, to change before a drive can be found."""
+    ways = _turned_axes(evidence.fixed) if not evidence.pairs else []
+    still = [] if evidence.pairs else still_wheels(evidence.description, locked)
+    if still:
+        ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
+    ways += evidence.near
+    return "; ".join(ways)
 
 
 def _turned_axes(candidates: tuple[Candidate, ...]) -> list[str]:
@@ -73,34 +100,17 @@ def _turned_axes(candidates: tuple[Candidate, ...]) -> list[str]:
         parallel = abs(float(a.axle @ b.axle)) > 1.0 - AXLE_TILT**2
         if parallel and abs(float(a.axle @ line)) < AXLE_TILT and abs(line[2]) < AXLE_TILT:
             left = line if mostly_left(line) > 0 else -line
-            axes = (f'"{c.joint.name}" <axis xyz="{_triple(c.frame.T @ left)}"/>' for c in (a, b))
+            axes = (f'"{c.joint.name}" <axis xyz="{triple(c.frame.T @ left)}"/>' for c in (a, b))
             advice.append(
-                f"; their axles lie across the line that joins them: give {', '.join(axes)}"
+                f"their axles lie across the line that joins them: give {', '.join(axes)}"
             )
     return advice
 
 
-def still_wheels(description: Description) -> list[str]:
-    """Return what to write for round links on fixed joints that reach as low as any link does."""
-    found = []
-    for joint in description.joints:
-        shapes = [s for s in description.link[joint.child].collisions if s.kind == "cylinder"]
-        if joint.kind != "fixed" or not shapes:
-            continue
-        pose = description.pose(joint.child)
-        axle = pose[:3, :3] @ shapes[0].origin[:3, 2]
-        if abs(axle[2]) > AXLE_TILT or len(description.child_joints[joint.child]):
-            continue
-        left = axle if mostly_left(axle) > 0 else -axle
-        axis = _triple(pose[:3, :3].T @ left)
-        found.append((float(pose[2, 3]) - shapes[0].size[0], joint, axis))
-    lowest = min((bottom for bottom, _, _ in found), default=0.0)
-    return [
-        f'"{joint.name}" (line {joint.line}) type="continuous" with <axis xyz="{axis}"/>'
-        for bottom, joint, axis in found
-        if bottom - lowest < TOUCH
-    ]
-
-
-def _triple(vector: Array) -> str:
-    return " ".join(f"{value:.6g}" for value in np.round(vector, 6) + 0.0)
+def _start(evidence: Evidence, kind: str | None) -> str:
+    """Return a drive file of what was found."""
+    roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
+    guess = "skid-steer" if len(evidence.pairs) > 1 else "differential"
+    guess = guess if evidence.pairs else "steered"
+    wheels = {wheel.joint.name: wheel.radius for wheel in evidence.standing.wheels}
+    return suggest(kind or guess, wheels, roles)

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.description.records import Array
-from rpctl.errors import DriveError
-from rpctl.robot.drive import BASE_SPEEDS, WITH_AXLE, Drive, Swivel, Wheel
+from rpctl.robot.drive import WITH_AXLE, Drive, Wheel
 from rpctl.robot.evidence import Evidence
-from rpctl.robot.swivels import Found
+from rpctl.robot.roles import assign_roles
 from rpctl.robot.wheels import Candidate, leftward
 
 ROLLER = 0.25 * math.pi  # rad; how rollers of mecanum wheels lie unless a drive file says otherwise
@@ -30,10 +29,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     heading = _heading(kind, evidence)
     forward = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-forward[1], forward[0]])
+    strays = _strays(kind, evidence)
     wheels = sorted(
         evidence.standing.wheels,
         key=lambda wheel: (
-            _trailing(evidence, wheel),
+            _trailing(evidence, wheel) or wheel.joint.name in strays,
             -round(float(wheel.centre[:2] @ forward), 3),
             -float(wheel.centre[:2] @ left),
         ),
@@ -41,9 +41,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     driven, doubt = _driven(kind, evidence)
     point = _point(kind, evidence)
     track = _track(evidence, left)
-    swivels = _swivels(kind, evidence, forward, driven)
+    swivels = assign_roles(kind, evidence, forward, driven)
+    ground = float(np.mean([wheel.bottom for wheel in wheels]))
     records = [
-        _wheel(kind, evidence, wheel, heading, driven, rank) for rank, wheel in enumerate(wheels)
+        _wheel(kind, evidence, wheel, heading, driven, ground, rank)
+        for rank, wheel in enumerate(wheels)
     ]
     if kind == "skid-steer" and evidence.spec.track is not None:
         wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
@@ -51,19 +53,29 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
             replace(record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left)))
             for record, wheel in zip(records, wheels, strict=True)
         ]
-    drive = Drive(
+    return Drive(
         type=kind,
         wheels=tuple(records),
         point=(float(point[0]), float(point[1])),
         heading=0.0 if kind not in WITH_AXLE else heading,
         track=track,
-        ground=float(np.mean([wheel.bottom for wheel in wheels])),
+        ground=ground,
         swivels=swivels,
         evidence=_account(kind, evidence),
-        doubts=(*evidence.standing.doubts, *(s.doubt for s in evidence.swivels if s.doubt), *doubt),
+        doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
     )
-    _require_steering(evidence, drive)
-    return drive
+
+
+def _doubts(evidence: Evidence) -> tuple[str, ...]:
+    """Return what was assumed of meshes, swivels and near misses, in sentences."""
+    uneven = (
+        f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
+        "is: correct the <axis>, or give its radius in a drive file"
+        for wheel in evidence.standing.wheels
+        if wheel.uneven
+    )
+    said = (*uneven, *(swivel.doubt for swivel in evidence.swivels), *evidence.near)
+    return tuple(filter(None, said))
 
 
 def _heading(kind: str, evidence: Evidence) -> float:
@@ -105,28 +117,40 @@ def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, .
     The drive file tells; then the transmissions; then effort limits, where some have them; else
     the fixed wheels drive and the steered ones do not.
     """
-    wheels, swivels = evidence.standing.wheels, evidence.swivels
     spec = evidence.spec
     told = {name: wheel.driven for name, wheel in spec.wheels.items() if wheel.driven is not None}
     told |= {name: turn.driven for name, turn in spec.swivels.items() if turn.driven is not None}
-    names = [wheel.joint.name for wheel in wheels if not _trailing(evidence, wheel)]
-    limited = {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
-    doubts: tuple[str, ...] = ()
-    if any(name in evidence.actuated for name in names):
-        rolling = {name for name in names if name in evidence.actuated}
-    elif limited and any(name not in limited for name in names):
-        rolling = {name for name in names if name in limited}
-    elif evidence.steered and evidence.fixed:
-        rolling = {wheel.joint.name for wheel in evidence.fixed}
-        doubts = (
-            "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
-            "steered ones not; say driven = true or false of each [[wheel]] in a drive file",
-        )
-    else:
-        rolling = set(names) - _strays(kind, evidence)
-    turning = {s.joint.name for s in swivels if s.role == "steered" and s.joint.mimic is None}
-    driven = {name for name in rolling | turning if told.get(name, True)}
+    strays = _strays(kind, evidence)
+    names = {
+        wheel.joint.name
+        for wheel in evidence.standing.wheels
+        if not _trailing(evidence, wheel) and wheel.joint.name not in strays
+    }
+    rolling, doubts = _rolling(evidence, names)
+    if told.keys() >= names:
+        doubts = ()
+    driven = rolling | {s.joint.name for s in evidence.steered if s.joint.mimic is None}
+    driven = {name for name in driven if told.get(name, True)}
     return frozenset(driven | {name for name, yes in told.items() if yes}), doubts
+
+
+def _rolling(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
+    """Return which of the wheels ``names`` the URDF tells are driven, and what was assumed."""
+    if names & evidence.actuated:
+        return names & evidence.actuated, ()
+    wheels = evidence.standing.wheels
+    limited = names & {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
+    pairs = ({wheel.joint.name for wheel in pair} for pair in evidence.pairs)
+    whole = all(pair <= limited or not pair & limited for pair in pairs)
+    if limited and limited != names and whole:
+        return limited, ()
+    if evidence.steered and evidence.fixed:
+        doubt = (
+            "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
+            "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
+        )
+        return {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
+    return names, ()
 
 
 def _trailing(evidence: Evidence, wheel: Candidate) -> bool:
@@ -136,10 +160,14 @@ def _trailing(evidence: Evidence, wheel: Candidate) -> bool:
 
 
 def _strays(kind: str, evidence: Evidence) -> set[str]:
-    """Return the wheels beside a differential drive's axle: they roll along, undriven."""
-    if kind != "differential":
-        return set()
-    return {line[0].joint.name for line in evidence.lines if len(line) == 1}
+    """Return the wheels that roll along, undriven, and slide sideways where they have to.
+
+    Balls do, and so do wheels beside a differential drive's axle.
+    """
+    strays = {wheel.joint.name for wheel in evidence.balls}
+    if kind == "differential":
+        strays |= {line[0].joint.name for line in evidence.lines if len(line) == 1}
+    return strays
 
 
 def _wheel(
@@ -148,6 +176,7 @@ def _wheel(
     wheel: Candidate,
     heading: float,
     driven: frozenset[str],
+    ground: float,
     rank: int,
 ) -> Wheel:
     """Return the record of a wheel; ``rank`` counts from the front left."""
@@ -157,16 +186,17 @@ def _wheel(
     direction = math.atan2(-own[0], own[1]) + 0.0
     if swivel is not None:
         direction = swivel.heading
+    elif name in _strays(kind, evidence):
+        pass  # it rolls along its own direction
     elif kind == "mecanum":
         # The rollers on the ground lie along (1, −1) at the front left and the rear right, along
         # (1, 1) at the other two: seen from above, those on top form an X.
         told = evidence.spec.wheels.get(name)
         lie = told.roller if told is not None and told.roller is not None else None
         direction = heading + (lie if lie is not None else (-ROLLER, ROLLER, ROLLER, -ROLLER)[rank])
-    elif kind in WITH_AXLE and name not in _strays(kind, evidence):
+    elif kind in WITH_AXLE:
         direction = heading
     x, y, z = wheel.joint.axis.tolist()
-    holder = f'"{wheel.swivel.name}"' if wheel.swivel else "the root link"
     return Wheel(
         joint=name,
         radius=radius,
@@ -177,80 +207,38 @@ def _wheel(
         driven=name in driven,
         swivel=wheel.swivel.name if wheel.swivel else None,
         lateral=swivel.lateral(wheel) if swivel else 0.0,
-        why=f"turns without limits about a level axle held by {holder}, and reaches the ground",
+        slides=name in _strays(kind, evidence),
+        why=_why(kind, evidence, wheel, ground),
     )
 
 
-def _swivels(
-    kind: str, evidence: Evidence, forward: Array, driven: frozenset[str]
-) -> tuple[Swivel, ...]:
-    """Return the records of the swivels, each with its role in the drive."""
-    steered = _leading(kind, evidence, forward)
-    lead = 2 if kind == "steered" else 1
-    leaders = {swivel.joint.name for swivel in steered[:lead]}
-    records = []
-    for swivel in (*steered, *(s for s in evidence.swivels if s.role == "caster")):
-        name, shares, role = swivel.joint.name, None, swivel.role
-        if swivel.joint.mimic is not None:
-            role, shares = "mimic", swivel.joint.mimic.joint
-        elif role == "steered" and name not in leaders:
-            free = evidence.spec.steering == "free"
-            role = "steered" if free else "follower"
-            shares = steered[0].joint.name if free else None
-        records.append(swivel.record(role, name in driven, shares))
-    return tuple(records)
-
-
-def _leading(kind: str, evidence: Evidence, forward: Array) -> list[Found]:
-    """Return the steered swivels, those first whose rates are quasi-velocities.
-
-    Of several axles two wheels one behind the other lead: their axles fix one centre of rotation
-    but where both point at each other, and straight ahead, in bends and on the spot they do not.
-    """
-    left = np.array([-forward[1], forward[0]])
-    steered = sorted(
-        evidence.steered,
-        key=lambda s: (-round(float(s.pivot @ forward), 3), -float(s.pivot @ left)),
-    )
-    steered.sort(key=lambda swivel: swivel.joint.mimic is not None)
-    if kind != "steered":
-        return steered
-    pairs = [(a, b) for i, a in enumerate(steered) for b in steered[i + 1 :]]
-    first, second = max(pairs, key=lambda pair: _apart(pair[0], pair[1], forward))
-    return [first, second, *(s for s in steered if s not in (first, second))]
-
-
-def _apart(a: Found, b: Found, forward: Array) -> float:
-    """Return how much further one swivel is ahead of another than beside it, m."""
-    between = a.pivot - b.pivot
-    ahead = abs(float(between @ forward))
-    return ahead - math.sqrt(max(0.0, float(between @ between) - ahead**2))
-
-
-def _require_steering(evidence: Evidence, drive: Drive) -> None:
-    """Refuse followers whose contact is off their axis: they have no centre to keep to."""
-    for swivel in drive.swivels:
-        shared = swivel.role == "follower" or (drive.type == "steered" and swivel.role != "caster")
-        if shared and swivel.trail:
-            joint = evidence.description.joint[swivel.joint]
-            raise DriveError(
-                f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
-                f"{1e3 * abs(swivel.trail):.3g} mm off its axis, where several steered wheels are "
-                "to share one centre of rotation; put them under the axis, or say role = "
-                '"caster" of its [[swivel]] in a drive file'
-            )
+def _why(kind: str, evidence: Evidence, wheel: Candidate, ground: float) -> str:
+    """Return why a wheel is one, in words."""
+    gap = 1e3 * (wheel.bottom - ground)
+    foot = "ends on the ground"
+    if abs(gap) >= 0.05:
+        foot = f"ends {abs(gap):.2g} mm {'above' if gap > 0.0 else 'below'} the ground"
+    why = f"turns without limits about a level axle and {foot}"
+    if wheel in evidence.balls:
+        return f"{why}; a ball, which slides sideways, too"
+    if wheel.joint.name in _strays(kind, evidence):
+        return f"{why}; off the axle, so it rolls along, and slides sideways in bends"
+    return why
 
 
 def _account(kind: str, evidence: Evidence) -> tuple[str, ...]:
     """Return how the drive was found, in sentences."""
     said = []
     if evidence.spec.type is not None:
-        said.append(f"{kind}: the drive file or option says so")
-    for line in evidence.lines:
+        said.append(f"{kind}, for the drive file or option says so")
+    for line in evidence.pairs:
         names = ", ".join(wheel.joint.name for wheel in line)
-        said.append(f"on one line, held by the root link: {names}" if len(line) > 1 else
-                    f"on its own line, held by the root link: {names}")  # fmt: skip
-    said += [f"{s.joint.name}: {s.role}, for {s.why}" for s in evidence.swivels]
-    speeds = ", ".join(BASE_SPEEDS[kind])
-    said.append(f"free speeds of the base itself: {speeds}")
+        said.append(f"{len(line)} wheels on one axle, held by the root link: {names}")
+    lone = [line[0].joint.name for line in evidence.lines if len(line) == 1]
+    balls = [wheel.joint.name for wheel in evidence.balls]
+    for what, group in (("on axles of their own", lone), ("balls", balls)):
+        said += [f"{what}, held by the root link: {', '.join(group)}"] if group else []
+    for role in ("steered", "caster"):
+        names = ", ".join(s.joint.name for s in evidence.swivels if s.role == role)
+        said += [f"wheels on upright joints, {role}: {names}"] if names else []
     return (*said, *evidence.standing.aloft)

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 from rpctl.description.records import Description
 from rpctl.errors import DriveError, UnknownNameError
-from rpctl.robot.advice import still_wheels, why_not
+from rpctl.robot.advice import why_not
 from rpctl.robot.assemble import assemble
 from rpctl.robot.drive import FIXED, Drive
 from rpctl.robot.drive_file import DriveSpec
 from rpctl.robot.evidence import Evidence, gather
+from rpctl.robot.near_misses import crosswise, still_wheels
 from rpctl.robot.wheels import Candidate, find_candidates, parallel
 
 MECANUM = "mecanum"  # nothing but this word tells four such wheels from four ordinary ones
@@ -44,14 +45,18 @@ def detect(
     candidates = find_candidates(description, locked, spec.wheels)
     if spec.wheels:
         candidates = _named(description, candidates, spec)
-    if not candidates and spec.type is None and _arm(description):
-        return _fixed(description)
     evidence = gather(description, locked, candidates, spec)
+    if spec.type is None and _arm(evidence, locked):
+        return _fixed(evidence)
+    crossed = [] if spec.wheels else crosswise(description, evidence.standing.wheels)
+    if crossed:
+        raise DriveError(
+            f"{description.path}: the joints of wheels turn across their cylinders' axles; give "
+            f"{', '.join(crossed)}, or name the wheels in a drive file"
+        )
     kind = spec.type or _kind(evidence)
     if kind is None or not _fits(kind, evidence):
-        raise DriveError(
-            why_not(description, evidence.standing, evidence.pairs, evidence.swivels, spec.type)
-        )
+        raise DriveError(why_not(evidence, locked, spec.type))
     return assemble(kind, evidence)
 
 
@@ -101,17 +106,20 @@ def _mentions(evidence: Evidence, word: str) -> bool:
     return any(word in name.lower() for name in (*names, evidence.description.name))
 
 
-def _arm(description: Description) -> bool:
-    """Return whether joints move, and none of the fixed links looks like a wheel."""
-    moving = any(joint.moving for joint in description.joints)
-    return moving and not still_wheels(description)
+def _arm(evidence: Evidence, locked: Mapping[str, float]) -> bool:
+    """Return whether joints move, and nothing is, or looks like, a wheel."""
+    if evidence.standing.wheels or evidence.near:
+        return False
+    moving = any(joint.moving for joint in evidence.description.joints)
+    return moving and not still_wheels(evidence.description, locked)
 
 
-def _fixed(description: Description) -> Drive:
+def _fixed(evidence: Evidence) -> Drive:
+    aloft = "".join(f"{reason}; " for reason in evidence.standing.aloft)
     doubt = (
-        "no joint could carry a wheel, so the base is taken for fixed; a wheel's joint is "
-        'type="continuous", about a level axis, held by the root link '
-        f'"{description.root}" or by an upright joint of it'
+        "no joint could carry a wheel, so the base is taken for fixed: say --drive fixed if it is; "
+        f'{aloft}a wheel\'s joint is type="continuous", about a level axis, held by the root link '
+        f'"{evidence.description.root}" or by an upright joint of it'
     )
     return Drive("fixed", doubts=(doubt,))
 
@@ -136,4 +144,4 @@ def _named(
             "continuous, about a level axis, and held by the root link, rigidly or by one upright "
             "joint"
         )
-    return [fit[name] for name in spec.wheels]
+    return [candidate for candidate in candidates if candidate.joint.name in spec.wheels]

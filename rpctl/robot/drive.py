@@ -39,6 +39,7 @@ class Wheel:
         lateral: Distance of its contact to the left of its swivel's axis, m.
         shift: How far to the left of itself the wheel grips, m: half of what the effective track
             of a skid-steer drive is wider than the wheels'.
+        slides: Whether nothing holds it sideways: a ball, or a wheel off a differential's axle.
         why: Why it is a wheel, in words.
     """
 
@@ -52,6 +53,7 @@ class Wheel:
     swivel: str | None = None
     lateral: float = 0.0
     shift: float = 0.0
+    slides: bool = False
     why: str = ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Collection, Iterable, Mapping
@@ -98,11 +99,16 @@ class _Reader:
                 self.faults.append(f"{name} is of skid-steer drives only; leave it out")
         if point is not None and not _pair(point):
             self.faults.append(f"point is {point!r}; give [x, y] in m")
+        for name in ("wheel", "swivel"):
+            if name in data and kind == "fixed":
+                self.faults.append(f"a fixed base has no {name}; leave [[{name}]] out")
         if "steering" in data and kind != "car-like":
             self.faults.append("steering is of car-like drives only; leave it out")
         return DriveSpec(
             type=kind,
-            wheels={name: self._wheel(where, t) for where, name, t in self._tables(data, "wheel")},
+            wheels={
+                name: self._wheel(where, t, kind) for where, name, t in self._tables(data, "wheel")
+            },
             swivels={
                 name: self._swivel(where, t) for where, name, t in self._tables(data, "swivel")
             },
@@ -111,9 +117,11 @@ class _Reader:
             steering=self._choice(data, "steering", STEERING, "") or STEERING[0],
         )
 
-    def _wheel(self, where: str, table: dict[str, Any]) -> WheelSpec:
+    def _wheel(self, where: str, table: dict[str, Any], kind: str | None) -> WheelSpec:
         self._known(table, ("joint", "radius", "roller_deg", "driven"), where, "a wheel")
         roller = table.get("roller_deg")
+        if roller is not None and kind != "mecanum":
+            self.faults.append(f"{where}roller_deg is of mecanum drives only; leave it out")
         if roller is not None and not (_number(roller) and abs(roller) < 90.0):
             self.faults.append(f"{where}roller_deg is {roller!r}; give degrees between -90 and 90")
             roller = None
@@ -191,20 +199,30 @@ def _pair(value: Any) -> TypeGuard[list[float]]:
     return isinstance(value, list) and len(value) == 2 and all(map(_number, value))
 
 
-def suggest(kind: str, joints: Iterable[str], swivels: Mapping[str, str] | None = None) -> str:
+def suggest(
+    kind: str, wheels: Mapping[str, float | None], swivels: Mapping[str, str] | None = None
+) -> str:
     """Return a drive file to start from.
 
     Args:
         kind: Type of the drive.
-        joints: Joints that could carry wheels.
+        wheels: Radius (m) of each joint that could carry a wheel, None where it is not known.
         swivels: Role of each joint that could be a swivel.
     """
-    wheels = "".join(f'\n[[wheel]]\njoint = "{joint}"\n# radius = 0.1  # m\n' for joint in joints)
-    turns = "".join(
-        f'\n[[swivel]]\njoint = "{joint}"\nrole = "{role}"  # {", ".join(ROLES)}\n'
+    rolling = ""
+    for joint, radius in wheels.items():
+        size = 0.1 if radius is None else radius
+        rolling += f"\n[[wheel]]\njoint = {_quoted(joint)}\n# radius = {size:.6g}  # m\n"
+    turning = "".join(
+        f'\n[[swivel]]\njoint = {_quoted(joint)}\nrole = "{role}"  # {", ".join(ROLES)}\n'
         for joint, role in (swivels or {}).items()
     )
-    return f'type = "{kind}"  # {", ".join(TYPES)}\n{wheels}{turns}'
+    return f'type = "{kind}"  # {", ".join(TYPES)}\n{rolling}{turning}'
+
+
+def _quoted(name: str) -> str:
+    """Return a name as a TOML string: JSON's are such."""
+    return json.dumps(name, ensure_ascii=False)
 
 
 def _refused(path: str | Path, faults: list[str]) -> DescriptionError:

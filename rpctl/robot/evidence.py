@@ -8,10 +8,14 @@ from dataclasses import dataclass
 from lxml import etree
 
 from rpctl.description.records import Description
-from rpctl.errors import UnknownNameError
+from rpctl.errors import DriveError, UnknownNameError
 from rpctl.robot.drive_file import DriveSpec
-from rpctl.robot.swivels import Found, find_swivels
-from rpctl.robot.wheels import Candidate, Standing, coaxial, stand
+from rpctl.robot.near_misses import advise_lock, advise_mimics
+from rpctl.robot.standing import Standing, stand
+from rpctl.robot.swivels import CASTER_WORDS, Found, find_swivels
+from rpctl.robot.wheels import Candidate, coaxial
+
+BALL_WORDS = ("ball", *CASTER_WORDS)
 
 
 @dataclass(frozen=True)
@@ -22,21 +26,25 @@ class Evidence:
         description: The robot.
         standing: The wheels on the ground, and what does not reach it.
         lines: Wheels that the root link holds, those about one line together.
+        balls: Spheres that the root link holds beside a pair of wheels: they slide sideways, too.
         swivels: Upright joints that carry the other wheels.
         actuated: Joints that a ``<transmission>`` names.
         spec: What the user says.
+        near: What is nearly a wheel: hangs on a joint that moves, or mimics another; sentences.
     """
 
     description: Description
     standing: Standing
     lines: tuple[tuple[Candidate, ...], ...]
+    balls: tuple[Candidate, ...]
     swivels: tuple[Found, ...]
     actuated: frozenset[str]
     spec: DriveSpec
+    near: tuple[str, ...]
 
     @property
     def fixed(self) -> tuple[Candidate, ...]:
-        """The wheels that the root link holds."""
+        """The wheels that the root link holds, balls left out."""
         return tuple(wheel for line in self.lines for wheel in line)
 
     @property
@@ -66,20 +74,68 @@ def gather(
 
     Raises:
         DriveError: The radius of a wheel is not known.
+        DriveError: A joint that is called a swivel carries no wheel.
         UnknownNameError: A swivel's joint is not known.
     """
-    standing = stand(description, candidates, bool(spec.wheels))
+    standing = stand(description, locked, candidates, bool(spec.wheels))
     document = etree.fromstring(description.xml.encode())
     actuated = frozenset(joint.get("name") for joint in document.iterfind("transmission/joint"))
-    for name in spec.swivels:
-        if name not in description.joint:
-            raise UnknownNameError("swivel joint", name, description.joint)
+    swivels = find_swivels(description, locked, standing.wheels, spec.swivels, actuated)
+    _require_swivels(description, spec, {swivel.joint.name for swivel in swivels})
+    held = [wheel for wheel in standing.wheels if wheel.swivel is None]
+    lines, balls = _apart(held)
+    near = (*advise_lock(description, locked), *advise_mimics(description, locked))
+    return Evidence(description, standing, lines, balls, tuple(swivels), actuated, spec, near)
+
+
+def _apart(
+    held: list[Candidate],
+) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Candidate, ...]]:
+    """Return the lines of wheels that the root link holds, and the balls beside them.
+
+    Where all are spheres, names tell which are balls; where no pair is left, none is.
+    """
+    spheres = tuple(wheel for wheel in held if wheel.ball)
+    named = tuple(wheel for wheel in spheres if _called_ball(wheel))
+    for balls in (spheres, named):
+        lines = _lines([wheel for wheel in held if wheel not in balls])
+        if any(len(line) > 1 for line in lines):
+            return lines, balls
+    return _lines(held), ()
+
+
+def _called_ball(wheel: Candidate) -> bool:
+    names = f"{wheel.joint.name} {wheel.joint.child}".lower()
+    return any(word in names for word in BALL_WORDS)
+
+
+def _lines(wheels: list[Candidate]) -> tuple[tuple[Candidate, ...], ...]:
+    """Return wheels, those about one line together."""
     lines: list[list[Candidate]] = []
-    for wheel in (wheel for wheel in standing.wheels if wheel.swivel is None):
+    for wheel in wheels:
         line = next((line for line in lines if coaxial(line[0], wheel)), None)
         if line is None:
             lines.append([wheel])
         else:
             line.append(wheel)
-    swivels = find_swivels(description, locked, standing.wheels, spec.swivels, actuated)
-    return Evidence(description, standing, tuple(map(tuple, lines)), tuple(swivels), actuated, spec)
+    return tuple(map(tuple, lines))
+
+
+def _require_swivels(description: Description, spec: DriveSpec, found: set[str]) -> None:
+    """Refuse swivels of a drive file that are none.
+
+    Raises:
+        DriveError: A joint carries no wheel.
+        UnknownNameError: A joint is not known.
+    """
+    for name in spec.swivels:
+        if name not in description.joint:
+            raise UnknownNameError("swivel joint", name, description.joint)
+        if name not in found:
+            joint = description.joint[name]
+            listed = f"; swivels are {', '.join(sorted(found))}" if found else ""
+            raise DriveError(
+                f'{description.path}:{joint.line}: joint "{name}" is no swivel: it has to turn '
+                "about an upright axis, be held by the root link, and carry a wheel that stands "
+                f"on the ground{listed}"
+            )

@@ -36,14 +36,14 @@ def load(
     Args:
         source: A URDF path, a .xacro that becomes one (it is evaluated, so trust it), or a
             catalogue name (``rpctl robots``).
-        drive: The drive, its type (``"differential"``, ``"skid-steer"``, ``"mecanum"``,
-            ``"fixed"``), or a drive file (TOML); None finds it.
+        drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
+            drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
             position}`` (rad or m). They add to those that the catalogue freezes.
         density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
             None leaves these links massless, or refuses them where a joint moves nothing else.
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
-        strict: Whether warnings are errors.
+        strict: Whether warnings are errors, and what was assumed of the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
             ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
             the file come after them.
@@ -87,6 +87,8 @@ def _load(
     if not isinstance(drive, Drive):
         told = entry.drive if drive is None and entry else drive
         drive = detect(description, locked, None if told is None else _specification(told))
+        if strict:
+            _refuse_doubts(path, [Finding("warning", None, doubt) for doubt in drive.doubts])
     model = build(description, locked)
     rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
     joints = tuple(

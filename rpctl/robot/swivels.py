@@ -11,12 +11,13 @@ import numpy as np
 from rpctl.description.records import Array, Description, Joint
 from rpctl.robot.drive import Swivel
 from rpctl.robot.drive_file import SwivelSpec
-from rpctl.robot.wheels import Candidate, leftward, upright_axis
+from rpctl.robot.wheels import Candidate, leftward, root_axis
 
 TRAIL = 5e-3  # m, or
 TRAIL_SHARE = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
 CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
-STEADY = 2e-3  # m; a smaller trail of a steered wheel is rounding, and left out
+STEADY = 2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
+ROUNDING = 1e-9  # m; a smaller one is that of numbers
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,6 @@ class Found:
 
     def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
         """Return the drive's record of it."""
-        steady = role != "caster" and abs(self.trail) < STEADY
         mimic = self.joint.mimic
         return Swivel(
             joint=self.joint.name,
@@ -65,7 +65,7 @@ class Found:
             pivot=(float(self.pivot[0]), float(self.pivot[1])),
             heading=self.heading,
             sign=self.sign,
-            trail=0.0 if steady else self.trail,
+            trail=0.0 if abs(self.trail) < ROUNDING else self.trail,
             driven=driven,
             shares=shares,
             ratio=1.0 if mimic is None else mimic.multiplier,
@@ -103,7 +103,7 @@ def _found(
     assert joint is not None
     pose = description.pose(joint.parent, dict(locked)) @ joint.origin
     pivot = pose[:2, 3]
-    up = upright_axis(description, locked, joint)[2]
+    up = root_axis(description, locked, joint)[2]
     left = leftward(wheels[0].axle)
     ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
@@ -125,16 +125,21 @@ def _role(
     radius = max(wheel.radius or 0.0 for wheel in wheels)
     trails = abs(trail) > max(TRAIL, TRAIL_SHARE * radius)
     limited = math.isfinite(joint.upper - joint.lower)
-    distance = f"its contact is {1e3 * abs(trail):.3g} mm off its axis"
+    distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
+    if abs(trail) < STEADY:
+        distance = "contact below its axis"
     if told.role is not None:
         return told.role, "the drive file says so", ""
     if joint.mimic is not None:
         return "steered", f'it mimics "{joint.mimic.joint}"', ""
     if actuated:
         return "steered", "a transmission drives it", ""
+    named = any(word in joint.name.lower() for word in CASTER_WORDS)
+    doubt = f'"{joint.name}" is taken for a caster; say role = "steered" of its [[swivel]] in a '
+    doubt += 'drive file if it steers, "caster" if not'
     if trails and not limited:
-        doubt = f'"{joint.name}" is taken for a caster; [[swivel]] role = "steered" if it steers'
-        named = any(word in joint.name.lower() for word in CASTER_WORDS)
-        return "caster", f"{distance}, it turns without limits", "" if named else doubt
-    why = "it turns between limits" if limited else distance
-    return "steered", why, ""
+        return "caster", f"{distance}, no limits", "" if named else doubt
+    if trails and named:
+        why = f"{distance}, its name; but it has limits"
+        return "caster", why, f"{doubt}; a caster would run into its limits"
+    return "steered", f"{distance}, {'limits' if limited else 'no limits'}", ""

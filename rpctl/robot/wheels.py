@@ -1,25 +1,23 @@
-"""Wheels one by one: the joints that could carry one, how large it is, whether it stands."""
+"""Wheels one by one: the joints that could carry one, where, and how large it is."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Array, Description, Joint, Shape
-from rpctl.errors import DriveError
 from rpctl.robot.drive_file import WheelSpec
 
 AXLE_TILT = 0.02  # sine of the largest angle between a wheel axle and the ground (CAD rounding)
-AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, relative to the track
+AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, of that between the wheels
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
-TOUCH = 5e-3  # m; wheels reach the ground together to within this,
-TOUCH_SHARE = 0.1  # or within this share of the radius, whichever is more
-ALIKE = 2.0  # a wheel of unknown size is at most so much larger than the known or lowest one
+EVEN = 0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,8 @@ class Candidate:
         radius: m; None while it is not known.
         source: Where the radius came from.
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
+        ball: Whether its shape is a sphere: a ball, unless nothing else is a wheel.
+        uneven: The extents of its mesh across the axis, where they are not a wheel's, in words.
     """
 
     joint: Joint
@@ -45,6 +45,8 @@ class Candidate:
     radius: float | None
     source: str
     offset: float
+    ball: bool
+    uneven: str
 
     @property
     def centre(self) -> Array:
@@ -73,105 +75,72 @@ def find_candidates(
     found = []
     paths = MeshPaths(description.path, description.package_dirs)
     for joint in description.joints:
-        turns = joint.kind == "continuous" or (
-            joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
-        )
-        if not turns or joint.name in locked or joint.mimic is not None:
+        if not turns(joint) or joint.name in locked or joint.mimic is not None:
             continue
         carriers = [j for j in description.chain(joint.parent) if j.moving and j.name not in locked]
-        if len(carriers) > 1 or not all(_upright(description, locked, j) for j in carriers):
+        if len(carriers) > 1 or not all(upright(description, locked, j) for j in carriers):
+            continue
+        if _carries_arm(description, locked, joint):
             continue
         pose = description.pose(joint.parent, dict(locked)) @ joint.origin
         axle = pose[:3, :3] @ joint.axis
         if abs(axle[2]) > AXLE_TILT:
             continue
-        radius, source, offset = _size(description, joint, paths)
+        size = _size(description, joint, paths)
         given = told.get(joint.name, WheelSpec()).radius
         if given is not None:
-            radius, source = given, "drive file"
+            size = size._replace(radius=given, source="drive file", uneven="")
         swivel = carriers[0] if carriers else None
         place = (pose[:3, 3], axle, pose[:3, :3])
-        found.append(Candidate(joint, *place, swivel, radius, source, offset))
+        shapes = round_shapes(description, joint)
+        ball = bool(shapes) and all(shape.kind == "sphere" for shape, _ in shapes)
+        found.append(
+            Candidate(
+                joint, *place, swivel, size.radius, size.source, size.offset, ball, size.uneven
+            )
+        )
     return found
 
 
-def upright_axis(description: Description, locked: Mapping[str, float], joint: Joint) -> Array:
+def turns(joint: Joint) -> bool:
+    """Return whether a joint turns without limits."""
+    endless = joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
+    return joint.kind == "continuous" or endless
+
+
+def root_axis(description: Description, locked: Mapping[str, float], joint: Joint) -> Array:
     """Return a joint's unit axis (3,) in the root link's frame."""
     pose = description.pose(joint.parent, dict(locked)) @ joint.origin
     return np.asarray(pose[:3, :3] @ joint.axis)
 
 
-def _upright(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
-    axis = upright_axis(description, locked, joint)
+def upright(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
+    """Return whether a joint turns about an upright axis."""
+    axis = root_axis(description, locked, joint)
     return joint.kind != "prismatic" and math.hypot(axis[0], axis[1]) <= AXLE_TILT
 
 
-@dataclass(frozen=True)
-class Standing:
-    """Which candidates stand on the ground.
-
-    Attributes:
-        wheels: Those that do, with their radii.
-        aloft: Why each of the others does not, in sentences.
-        doubts: What was assumed of their sizes, in sentences.
-    """
-
-    wheels: tuple[Candidate, ...]
-    aloft: tuple[str, ...]
-    doubts: tuple[str, ...]
-
-
-def stand(description: Description, candidates: list[Candidate], all_of_them: bool) -> Standing:
-    """Tell which candidates reach the ground, which is where the lowest of them ends.
-
-    A wheel whose size nothing tells has its axle's height over the ground for a radius; where no
-    size is known, the ground is at the root link's origin.
-
-    Args:
-        description: The robot.
-        candidates: Joints that could carry wheels.
-        all_of_them: Whether the user says that all of them are wheels.
-
-    Raises:
-        DriveError: A wheel's radius is not known, and its axle is not above the root link.
-    """
-    known = [c for c in candidates if c.radius is not None]
-    ground = min((c.bottom for c in known), default=0.0)
-    lowest = min((float(c.centre[2]) - ground for c in candidates), default=0.0)
-    widest = max((float(c.radius) for c in known if c.radius is not None), default=lowest)
-    place = "the other wheels' ground" if known else f'the root link "{description.root}"'
-    wheels, aloft, doubts = [], [], []
-    for candidate in candidates:
-        height, name = float(candidate.centre[2]) - ground, candidate.joint.name
-        if candidate.radius is None:
-            if height <= 0.0:
-                raise _unknown_radius(description, candidate.joint)
-            if height > ALIKE * widest and not all_of_them:
-                aloft.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
-                continue
-            source = f"axle height over {place}"
-            doubts.append(
-                f'no shape tells the size of wheel "{name}"{_lost(candidate)}: its radius, '
-                f"{height:.4g} m, is the {source}; give its radius in a drive file if it is another"
-            )
-            candidate = replace(candidate, radius=height, source=source)
-        gap, radius = candidate.bottom - ground, candidate.radius or 0.0
-        if gap > max(TOUCH, TOUCH_SHARE * radius) and not all_of_them:
-            aloft.append(f'"{name}": it ends {gap:.3g} m above the ground: no wheel')
-            continue
-        wheels.append(candidate)
-    return Standing(tuple(wheels), tuple(aloft), tuple(doubts))
-
-
-def _lost(candidate: Candidate) -> str:
-    return f" ({candidate.source})" if candidate.source else ""
+def _carries_arm(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
+    """Return whether a joint moves others than the rollers of a wheel, which turn freely on it."""
+    edge = [(below, 0) for below in description.child_joints[joint.child]]
+    while edge:
+        below, depth = edge.pop()
+        if below.moving and below.name not in locked:
+            depth += 1
+            if depth > 1 or not turns(below):
+                return True
+        edge.extend((further, depth) for further in description.child_joints[below.child])
+    return False
 
 
 def coaxial(a: Candidate, b: Candidate) -> bool:
-    """Return whether two wheels turn about one line, apart from a file's rounding."""
-    between = b.origin - a.origin
-    distance = float(np.linalg.norm(between))
-    apart = float(np.linalg.norm(np.cross(a.axle, between)))
+    """Return whether two wheels turn about one line seen from above, but for a file's rounding.
+
+    Wheels of two sizes have axles of two heights; only where they stand matters.
+    """
+    between = (b.centre - a.centre)[:2]
+    distance = math.hypot(*between)
+    apart = abs(float(a.axle[0] * between[1] - a.axle[1] * between[0]))
     return parallel(a, b) and distance > 0.0 and apart <= AXLE_OFFSET * distance
 
 
@@ -205,18 +174,22 @@ def round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, st
     ]
 
 
-def _size(
-    description: Description, joint: Joint, paths: MeshPaths
-) -> tuple[float | None, str, float]:
-    """Return a wheel's radius (m), where it came from, and its centre's offset along the axle.
+class _Size(NamedTuple):
+    """What a wheel's shapes tell of it; without a radius the source says why no mesh does."""
 
-    Without a radius the source says why no mesh tells it.
-    """
+    radius: float | None  # m
+    source: str
+    offset: float  # of its centre along the axle, m
+    uneven: str = ""  # see Candidate
+
+
+def _size(description: Description, joint: Joint, paths: MeshPaths) -> _Size:
+    """Return the size of a wheel, from a primitive shape or the bounds of a mesh."""
     shapes = round_shapes(description, joint)
     if shapes:
         offset = float(shapes[0][0].origin[:3, 3] @ joint.axis)
         widest, role = max(shapes, key=lambda item: item[0].size[0])
-        return widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset
+        return _Size(widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset)
     link = description.link[joint.child]
     reason = ""
     for role, shapes_of in (("collision", link.collisions), ("visual", link.visuals)):
@@ -224,19 +197,20 @@ def _size(
             if shape.kind != "mesh":
                 continue
             try:
-                radius, offset = _bounds(shape, joint.axis, paths)
+                across, offset = _bounds(shape, joint.axis, paths)
             except MeshError as error:
                 reason = f'mesh "{shape.mesh}" {error}'
                 continue
-            return radius, f"bounds of the {role} mesh, line {shape.line}", offset
-    return None, reason, 0.0
+            # Half of the widest extent is the reach, which a tread's lugs do not tilt.
+            narrow, wide = sorted(across.tolist())
+            uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < EVEN * wide else ""
+            source = f"bounds of the {role} mesh, line {shape.line}"
+            return _Size(0.5 * wide, source, offset, uneven)
+    return _Size(None, reason, 0.0)
 
 
-def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[float, float]:
-    """Return how far a mesh reaches from an axis through the joint's origin, and its middle on it.
-
-    The reach is half of the widest extent across the axis, which a tread's lugs do not tilt.
-    """
+def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[Array, float]:
+    """Return a mesh's two extents (2,) across an axis, and its middle along it, m."""
     surfaces = mesh_files.read(paths.resolve(str(shape.mesh)))
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
     points = points @ shape.origin[:3, :3].T + shape.origin[:3, 3]
@@ -244,14 +218,4 @@ def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[float, float]:
     first = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     first /= np.linalg.norm(first)
     across = points @ np.column_stack([first, np.cross(axis, first)])
-    radius = 0.5 * float(np.ptp(across, axis=0).max())
-    return radius, 0.5 * float(along.min() + along.max())
-
-
-def _unknown_radius(description: Description, joint: Joint) -> DriveError:
-    return DriveError(
-        f'{description.path}:{joint.line}: the radius of wheel "{joint.child}" is not known: no '
-        "cylinder or sphere among its shapes, no mesh that can be read, and its axle is not above "
-        'the root link; give the link a <collision> with <cylinder radius="..." length="..."/> '
-        "along the axle, or its radius in a drive file"
-    )
+    return np.ptp(across, axis=0), 0.5 * float(along.min() + along.max())

@@ -87,6 +87,6 @@ def test_a_run_finds_its_drive_again(tmp_path: Path) -> None:
 
 
 def test_the_start_is_a_drive_file(tmp_path: Path) -> None:
-    spec = read_drive(file(tmp_path, suggest("differential", ["a", "b"])))
+    spec = read_drive(file(tmp_path, suggest("differential", {"a": 0.2, "b": None})))
     assert spec.type == "differential"
     assert spec.wheels == {"a": WheelSpec(), "b": WheelSpec()}
