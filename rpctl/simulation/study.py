@@ -16,8 +16,8 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 import numpy as np
 
 from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import Startable, started
 from rpctl.control.laws import kinematic_by_name
-from rpctl.control.law import started
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
@@ -100,13 +100,13 @@ class Stopwatch:
     def __init__(self) -> None:
         self.seconds: list[float] = []  # of each call, the laws in turn
 
-    def times(self, law: Law) -> _Timed[Law]:
+    def times(self, law: Law | Startable[Law]) -> _Timed[Law]:
         """Return a law that is timed."""
         return _Timed(law, self.seconds)
 
 
 class _Timed(Generic[Law]):
-    def __init__(self, law: Law, seconds: list[float]) -> None:
+    def __init__(self, law: Law | Startable[Law], seconds: list[float]) -> None:
         self._law, self._seconds = law, seconds
 
     def start(self, dynamics: ReducedDynamics, control_period: float) -> Law:
