@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from rpctl import __version__
+from rpctl.cli_compare import compare_command
 from rpctl.cli_view import plot_command, view_command
 from rpctl.control.config import Config, read_config, write_config
 from rpctl.control.laws import KINEMATIC_LAWS
@@ -305,6 +306,9 @@ app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-
 )
 app.command("plot", epilog="Example: rpctl plot runs/tiago-eight --out tiago.pdf")(
     _guarded(plot_command)
+)
+app.command("compare", epilog="Example: rpctl compare tiago --references line,eight")(
+    _guarded(compare_command)
 )
 
 
