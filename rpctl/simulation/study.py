@@ -19,7 +19,7 @@ from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.law import Startable, started
 from rpctl.control.laws import kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
@@ -130,6 +130,9 @@ class Bench:
         robot: The robot.
         duration: Of each run, s; None: as long as its reference moves.
         initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
+
+    Raises:
+        RpctlError: The duration is not positive.
     """
 
     def __init__(
@@ -138,6 +141,8 @@ class Bench:
         duration: float | None = None,
         initial_error: Sequence[float] = INITIAL_ERROR,
     ) -> None:
+        if duration is not None:
+            require_positive("duration", duration)
         self.robot, self.duration, self.initial_error = robot, duration, tuple(initial_error)
         self._references: dict[str, Reference] = {}
 

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LABELS, PANEL = 1.55, 0.92  # widths, inches
-LINE, GAP, HEAD, FOOT = 0.115, 0.16, 0.42, 0.72  # heights, inches
+LINE, GAP, HEAD, FOOT = 0.115, 0.16, 0.52, 0.62  # heights, inches
 MILLI = 1e3  # mm of a m
 ROOM = 1.6  # times the extreme errors: where the axis ends
 GREY = "#9aa2ad"
-BROKEN = LIGHT.third
+BROKEN: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
 
 
 def study_figure(rows: Sequence[Row], title: str) -> Figure:
@@ -55,7 +55,7 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
                 _names(axes, scenario, laws)
     figure.text(
         (LABELS + 0.5 * PANEL * len(references)) / width,
-        0.44 / height,
+        0.36 / height,
         "rms error, mm (logarithmic)",
         ha="center",
         fontsize=SMALL,
@@ -87,7 +87,7 @@ def _panel(
     last: bool,
 ) -> None:
     """Draw a dot for the base and a ring for the end effector of each law, from the top down."""
-    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 
     axes.set_xscale("log")
     axes.set_xlim(*span)
@@ -99,8 +99,7 @@ def _panel(
     axes.grid(True, axis="x", color=LIGHT.faint, lw=0.5)
     axes.set_axisbelow(True)
     axes.tick_params(length=0, labelsize=SMALL - 1, colors=LIGHT.ink, pad=2)
-    if not last:
-        axes.xaxis.set_major_formatter(NullFormatter())
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}") if last else NullFormatter())
     for spine in axes.spines.values():
         spine.set(color=LIGHT.faint, linewidth=0.6)
     for row in rows:
@@ -119,7 +118,7 @@ def _mark(axes: Axes, row: Row, line: int, span: tuple[float, float]) -> None:
         axes.plot([MILLI * tip], [line], "o", mfc=LIGHT.paper, mec=colour, mew=0.9, ms=3.4)
     axes.plot([MILLI * base], [line], "o", color=colour, ms=3.6, zorder=4)
     if figures.violations:
-        axes.plot([span[0] * ROOM**0.6], [line], marker="$!$", color=BROKEN, ms=4.6, mew=0.4)
+        axes.plot([span[0] * ROOM**0.6], [line], **BROKEN)
 
 
 def _colour(controller: Controller) -> str:
@@ -146,15 +145,9 @@ def _legend(figure: Figure, height: float) -> None:
         f"{PAPER} (the paper's)": {"marker": "o", "color": LIGHT.tip, "ms": 3.6},
         "others": {"marker": "o", "color": GREY, "ms": 3.6},
         "base": {"marker": "o", "color": LIGHT.ink, "ms": 3.6, "ls": ""},
-        "end effector": {
-            "marker": "o",
-            "mfc": LIGHT.paper,
-            "color": LIGHT.ink,
-            "ms": 3.4,
-            "ls": "",
-        },
+        "end effector": ring,
         "did not run": {"marker": "x", "color": GREY, "ms": 3.6, "ls": ""},
-        "broke a limit": {"marker": "$!$", "color": BROKEN, "ms": 4.6, "ls": ""},
+        "broke a limit": BROKEN,
     }
     handles = [Line2D([], [], label=label, lw=0.8, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.04 / height),
