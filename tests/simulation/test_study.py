@@ -124,15 +124,6 @@ def test_processes_find_what_one_does(paper: Robot) -> None:
     assert not mp.active_children()
 
 
-def test_what_stops_the_grid_ends_its_processes(paper: Robot) -> None:
-    def stop(done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_grid(Bench(paper, 0.5), grid(["nominal"], ["line", "eight"], PAIRS[:4]), 2, stop)
-    assert not mp.active_children()
-
-
 def row(controller: Controller, base: float, tip: float | None = 1.0, *broken: str) -> Row:
     cell = Cell("nominal", "line", controller)
     return Row(cell, Figures(base, base, base, tip, tip, 0.5, 0.1, broken, 1e-5, 1e-4), None)
