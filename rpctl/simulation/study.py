@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import product
@@ -89,8 +90,7 @@ class Row(NamedTuple):
             "kinematic": controller.kinematic,
             "dynamic": controller.dynamic,
             "failure": self.failure,
-            **(dict.fromkeys(Figures.__annotations__) if self.figures is None else {}),
-            **({} if self.figures is None else asdict(self.figures)),
+            **(asdict(self.figures) if self.figures else dict.fromkeys(Figures.__annotations__)),
         }
 
 
@@ -230,11 +230,17 @@ def run_grid(
             rows.append(bench(cell))
             tell(done, len(cells))
         return rows
-    with _workers(bench, jobs) as submit:
-        futures = [submit(cell) for cell in cells]
-        for done, _ in enumerate(as_completed(futures), start=1):
-            tell(done, len(cells))
-        return [future.result() for future in futures]
+    try:
+        with _workers(bench, jobs) as submit:
+            futures = [submit(cell) for cell in cells]
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                tell(done, len(cells))
+            return [future.result() for future in futures]
+    except BrokenProcessPool:
+        raise RpctlError(
+            "a process of the benchmark was killed; if memory ran out, take fewer --jobs"
+        ) from None
 
 
 @contextmanager

@@ -21,7 +21,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl import Robot, UnifiedKinematic
+from rpctl import Robot, RpctlError, UnifiedKinematic
 from rpctl.cli import app
 from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.errors import UnknownNameError
@@ -106,7 +106,7 @@ def test_a_timed_law_does_as_the_law_does(paper: Robot) -> None:
 
 
 def errors(rows: Sequence[Row]) -> list[tuple[float | None, str | None]]:
-    return [(row.figures and row.figures.rms_base, row.failure) for row in rows]
+    return [(row.figures.rms_base if row.figures else None, row.failure) for row in rows]
 
 
 def test_processes_find_what_one_does(paper: Robot) -> None:
@@ -122,6 +122,16 @@ def test_processes_find_what_one_does(paper: Robot) -> None:
     assert refused[0].failure is not None
     assert "turns on the spot" in refused[0].failure
     assert not mp.active_children()
+
+
+def test_a_process_that_is_killed_is_told(paper: Robot) -> None:
+    def kill(done: int, total: int) -> None:
+        for process in mp.active_children():
+            process.kill()
+
+    cells = grid(["nominal"], ["line", "eight"], [PAPER, OURS, KANAYAMA])
+    with pytest.raises(RpctlError, match="killed; if memory ran out, take fewer --jobs"):
+        run_grid(Bench(paper, 0.5), cells, 2, kill)
 
 
 def row(controller: Controller, base: float, tip: float | None = 1.0, *broken: str) -> Row:
