@@ -7,11 +7,14 @@ from pathlib import Path
 
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.end_effector import EndEffector
 from rpctl.control.feedback_linearization import FeedbackLinearization
+from rpctl.control.horizon import Horizon
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import Efforts, Limit
+from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
@@ -31,9 +34,13 @@ __version__ = "0.1.0"
 __all__ = [
     "BoundedDynamic",
     "Certificate",
+    "Disc",
     "Drive",
     "Efforts",
+    "EndEffector",
     "FeedbackLinearization",
+    "HalfPlane",
+    "Horizon",
     "IntegralDynamic",
     "Kanayama",
     "Limit",

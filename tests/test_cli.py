@@ -273,7 +273,7 @@ def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
     runs = str(tmp_path / "one"), str(tmp_path / "two" / "run.npz")
     code, out, _ = run("view", *runs, "--html", str(page))
     assert code == 0
-    assert out.strip() == str(page)
+    assert out.strip() == f"wrote {page}"
     text = page.read_text(encoding="utf-8")
     assert "2 runs: one · two" in text
     assert str(tmp_path) not in text

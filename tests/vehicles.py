@@ -76,7 +76,7 @@ def vehicle(kind: str) -> str:
             caster(parts, f"caster_{k}", x, y, trail, twin=k == 1)
     elif kind in ("car-like", "parallel"):
         rear_axle(parts)
-        mimic = '<mimic joint="steer_left" multiplier="0.9"/>' if kind == "parallel" else ""
+        mimic = '<mimic joint="steer_left" multiplier="-0.9"/>' if kind == "parallel" else ""
         parts.swivel("steer_left", "0.7 0.25 0.1", "revolute")
         parts.wheel("front_left", "steer_left_fork", "0 0.05 0")
         parts.swivel("steer_right", "0.7 -0.25 0.1", "revolute", "0 0 -1", mimic)

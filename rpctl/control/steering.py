@@ -15,6 +15,8 @@ from rpctl.robot.steering import steer
 
 SLOW = 0.1  # m/s: well below it steering keeps to the reference, well above it to the twist
 SHARE = 0.25  # of the law's horizon: steering has to be faster than what it serves
+AHEAD = 1.0  # how far a base with an axle may steer off the reference's direction, of 1
+APART, LEAST = 0.8, 0.2  # the same of steered wheels only: a share of the room there is, at least
 ROOM = 0.02  # rad that a commanded steering angle keeps from the joint's limits
 
 
@@ -26,7 +28,8 @@ def base_command(
     Without steered wheels these are the twist's own entries. Steered wheels turn towards
     m = ĝ + u t⊥/(u² + ρ²): ĝ is the reference's direction, u and t⊥ are the twist's parts along
     and across it. At speed m is the twist's own direction; near standstill, where the direction of
-    a small twist says nothing, m tends to ĝ. The angles δ* and their rates are exact; then
+    a small twist says nothing, m tends to ĝ; far off ĝ it is drawn back smoothly. The angles δ*
+    and their rates are exact; then
 
         δ̇_d = δ̇* + (δ* − δ)/h_s,    δ̈_d = δ̈_r + (δ̇* − δ̇)/h_s,    h_s = h/4,
 
@@ -44,26 +47,34 @@ def base_command(
     if not drive.steered:
         keep = [0, 2] if drive.has_axle else list(range(len(drive.base_speeds)))
         return twist.value[keep], twist.rate[keep]
-    speed = (twist.value[0], twist.rate[0]) if drive.has_axle else _rolling(dynamics, q, nu, twist)
     rates, accelerations = _steering(dynamics, state, q, nu, twist, SHARE * h)
+    speed = twist.value[0], twist.rate[0]
+    if not drive.has_axle:
+        speed = _rolling(dynamics, q, nu, accelerations, twist)
     return np.array([speed[0], *rates]), np.array([speed[1], *accelerations])
 
 
-def _rolling(dynamics: ReducedDynamics, q: Array, nu: Array, twist: Twist) -> tuple[float, float]:
+def _rolling(
+    dynamics: ReducedDynamics, q: Array, nu: Array, accelerations: Array, twist: Twist
+) -> tuple[float, float]:
     """Return the base's speed, and its rate, whose twist is nearest to the one asked for.
 
-    T = n ν₁ with the steering as it is: ν₁ = n·t/n·n. Ṡ is linear in the rates of steering, of
-    which ν₁ has none, so ṅ is the difference of two drifts.
+    With the steering as it is, T = n ν₁ + T_δ, T_δ what turning wheels beside their axis make of
+    it: ν₁ = n·(t − T_δ)/n·n. Ṡ is linear in the rates of steering, of which ν₁ has none, so ṅ is
+    the difference of two drifts.
     """
-    robot = dynamics.robot
+    robot, count = dynamics.robot, len(dynamics.robot.drive.steered)
     weights = _weights(dynamics)
-    unit = np.eye(robot.dof)[0]
+    unit, turning, turned = np.eye(robot.dof)[0], np.zeros(robot.dof), np.zeros(robot.dof)
+    turning[1 : 1 + count], turned[1 : 1 + count] = nu[1 : 1 + count], accelerations
+    drift = dynamics.basis_drift(q, turning)
     n = dynamics.twist(q, unit)
-    change = dynamics.basis_drift(q, nu + unit) - dynamics.basis_drift(q, nu)
-    n_dot = robot.point_velocity @ change[:3]
+    n_dot = robot.point_velocity @ (dynamics.basis_drift(q, turning + unit) - drift)[:3]
+    t = twist.value - dynamics.twist(q, turning)
+    t_dot = twist.rate - dynamics.twist(q, turned) - robot.point_velocity @ drift[:3]
     square = n @ (weights * n)
-    speed = float(n @ (weights * twist.value) / square)
-    rate = n_dot @ (weights * twist.value) + n @ (weights * twist.rate)
+    speed = float(n @ (weights * t) / square)
+    rate = n_dot @ (weights * t) + n @ (weights * t_dot)
     return speed, float((rate - 2.0 * speed * (n @ (weights * n_dot))) / square)
 
 
@@ -72,8 +83,7 @@ def _steering(
 ) -> tuple[Array, Array]:
     """Return the steered joints' rates and accelerations (n_steered,) to ask for."""
     robot = dynamics.robot
-    towards = _direction(dynamics, state, twist) @ robot.root_velocity.T
-    wanted, wanted_rate, _ = steer(robot.drive, towards)
+    wanted, wanted_rate = towards(dynamics, state, twist)
     feedforward = steering(robot, state)[2]
     steered = robot.drive.steered
     actual = np.array([robot.joint_position(q, swivel.joint) for swivel in steered])
@@ -92,6 +102,12 @@ def _steering(
     return np.clip(asked, -fastest, fastest), np.where(limited, 0.0, change)
 
 
+def towards(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
+    """Return the angles δ* that take the base along m, and their rates, (2, n_steered)."""
+    robot = dynamics.robot
+    return steer(robot.drive, _direction(dynamics, state, twist) @ robot.root_velocity.T)[:2]
+
+
 def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
     """Return m, ṁ and zeros (3, 3): where steered wheels are to take the base."""
     weights = _weights(dynamics)
@@ -106,8 +122,28 @@ def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -
     across_dot = t_dot - u_dot * g_hat - u * g_hat_dot
     square = u**2 + SLOW**2
     trust, trust_dot = u / square, u_dot * (SLOW**2 - u**2) / square**2
-    rate = g_hat_dot + trust_dot * across + trust * across_dot
-    return np.array([g_hat + trust * across, rate, np.zeros(3)])
+    bend, bend_dot = trust * across, trust_dot * across + trust * across_dot
+    most = _most(dynamics)
+    share = 1.0 / math.sqrt(1.0 + bend @ (weights * bend) / most**2)
+    share_dot = -(share**3) * (bend @ (weights * bend_dot)) / most**2
+    rate = g_hat_dot + share * bend_dot + share_dot * bend
+    return np.array([g_hat + share * bend, rate, np.zeros(3)])
+
+
+def _most(dynamics: ReducedDynamics) -> float:
+    """Return how far m may lie off ĝ: so far that a robot on the spot keeps its centre apart.
+
+    Where only steered wheels carry the base, its centre of rotation must not come onto the line
+    through the two that lead: their axles would no longer tell it.
+    """
+    drive = dynamics.robot.drive
+    if drive.has_axle:
+        return AHEAD
+    first, second = (np.array(swivel.pivot) for swivel in drive.steered[:2])
+    along, off = second - first, np.array(drive.point) - first
+    apart = abs(along[0] * off[1] - along[1] * off[0]) / float(np.linalg.norm(along))
+    reach = math.sqrt(_weights(dynamics)[2])
+    return max(APART * apart / reach, LEAST)
 
 
 def _weights(dynamics: ReducedDynamics) -> Array:

@@ -71,6 +71,8 @@ class Swivel:
             negative where it lies behind.
         driven: Whether it has an actuator.
         shares: Swivel with which it shares one lateral constraint: on average the two do not slip.
+        ratio: Of one that mimics: its position is ``ratio`` times the other's, plus ``offset``.
+        offset: rad.
         why: The reason for the role, in words.
     """
 
@@ -82,6 +84,8 @@ class Swivel:
     trail: float = 0.0
     driven: bool = True
     shares: str | None = None
+    ratio: float = 1.0
+    offset: float = 0.0
     why: str = ""
 
 

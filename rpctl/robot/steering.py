@@ -19,6 +19,8 @@ import numpy as np
 from rpctl.description.records import Array, Joint
 from rpctl.robot.drive import Drive, Swivel
 
+NEWTON = 4  # steps to the angle of wheels that mimic one another; quadratic from near
+TINY = 1e-12  # m/s: a place that stands still has no heading
 STEEP = 1.3  # rad; nearer to a right angle steering is not asked to go
 REGULAR = 0.1  # of 1: steering nearer to a singular one is not drawn at random
 
@@ -94,8 +96,9 @@ def regular(drive: Drive, positions: Mapping[str, float]) -> bool:
 def steer(drive: Drive, direction: Array) -> Array:
     """Return the steered joints' positions, rates and accelerations (3, n_steered) along a twist.
 
-    Each wheel heads along the velocity V of its place, φ = atan2(V_y, V_x), so that
-    φ̇ = V × V̇/|V|² and φ̈ = (V × V̈ − 2 φ̇ V·V̇)/|V|². A contact off the steering axis (trail k)
+    With V the velocity of a wheel's place, its lateral row asks n·V = 0, so that the angle φ is
+    V's; differentiated, φ̇ d·V = n·V̇ and φ̈ d·V = n·V̈ − 2 φ̇ d·V̇ − φ̇² n·V. Swivels that mimic
+    another one count along with it, each by its ratio. A contact off the steering axis (trail k)
     turns a steady bend's angle by asin(k ω/|V|).
 
     Args:
@@ -108,17 +111,55 @@ def steer(drive: Drive, direction: Array) -> Array:
     """
     found = np.zeros((3, len(drive.steered)))
     for column, swivel in zip(found.T, drive.steered, strict=True):
-        x, y = swivel.pivot
-        V, V_dot, V_ddot = ((d[0] - d[2] * y, d[1] + d[2] * x) for d in direction)
-        square = max(V[0] ** 2 + V[1] ** 2, np.finfo(float).tiny)
-        rate = (V[0] * V_dot[1] - V[1] * V_dot[0]) / square
-        along = V[0] * V_dot[0] + V[1] * V_dot[1]
-        bend = (V[0] * V_ddot[1] - V[1] * V_ddot[0] - 2.0 * rate * along) / square
-        shift = swivel.trail * direction[0, 2] / math.sqrt(square)
-        offset = swivel.sign * math.asin(min(1.0, max(-1.0, shift)))
-        position = heading_along(swivel, direction[0]) + offset
-        column[:] = position, swivel.sign * rate, swivel.sign * bend
+        group = [s for s in drive.swivels if s.role == "mimic" and s.shares == swivel.joint]
+        places = [(swivel, 1.0, 0.0), *((s, s.ratio, s.offset) for s in group)]
+        position = heading_along(swivel, direction[0])
+        for _ in range(NEWTON if group else 0):
+            position += _lateral_sums(places, direction, position)[0]
+        _, *rates = _lateral_sums(places, direction, position)
+        column[:] = position, *rates
+        if swivel.trail:
+            column += swivel.sign * _trail_angle(swivel, direction)
     return found
+
+
+def _trail_angle(swivel: Swivel, direction: Array) -> Array:
+    """Return asin(k ω/|V|) of a swivel with trail k, and its first two derivatives (3,)."""
+    (x, y), turn = swivel.pivot, direction[:, 2]
+    V = np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+    size = max(float(np.linalg.norm(V[0])), TINY)
+    pace, spread = V[0] @ V[1] / size**2, (V[1] @ V[1] + V[0] @ V[2]) / size**2
+    u = swivel.trail * turn[0] / size
+    u_dot = swivel.trail * turn[1] / size - u * pace
+    u_ddot = swivel.trail * (turn[2] - turn[1] * pace) / size - u_dot * pace
+    u_ddot -= u * (spread - 2.0 * pace**2)
+    if abs(u) >= 1.0:  # the bend is tighter than the trail: no steady angle
+        return np.array([math.copysign(0.5 * math.pi, u), 0.0, 0.0])
+    level = 1.0 / math.sqrt(1.0 - u**2)
+    return np.array([math.asin(u), level * u_dot, level * u_ddot + level**3 * u * u_dot**2])
+
+
+def _lateral_sums(
+    places: list[tuple[Swivel, float, float]], direction: Array, position: float
+) -> tuple[float, float, float]:
+    """Return Newton's step of a steered position, its rate and its acceleration.
+
+    ``places`` are the swivels that turn with it, each with its ratio and offset.
+    """
+    rows, second = np.zeros((3, 2)), 0.0  # Σ n·V⁽ⁱ⁾ and Σ g d·V⁽ⁱ⁾ with φ̇ = g δ̇; Σ g² n·V
+    for swivel, ratio, offset in places:
+        gain, (x, y) = swivel.sign * ratio, swivel.pivot
+        angle = angle_of(swivel, ratio * position + offset)
+        cos, sin = math.cos(angle), math.sin(angle)
+        turn = direction[:, 2]
+        V = np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+        across, along = V @ [-sin, cos], V @ [cos, sin]
+        rows += np.column_stack([across, gain * along])
+        second += gain**2 * across[0]
+    slope = rows[0, 1] if abs(rows[0, 1]) > TINY else math.inf
+    rate = rows[1, 0] / slope
+    bend = (rows[2, 0] - 2.0 * rate * rows[1, 1] - rate**2 * second) / slope
+    return rows[0, 0] / slope, rate, bend
 
 
 def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:

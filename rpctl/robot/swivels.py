@@ -58,6 +58,7 @@ class Found:
     def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
         """Return the drive's record of it."""
         steady = role != "caster" and abs(self.trail) < STEADY
+        mimic = self.joint.mimic
         return Swivel(
             joint=self.joint.name,
             role=role,
@@ -67,6 +68,8 @@ class Found:
             trail=0.0 if steady else self.trail,
             driven=driven,
             shares=shares,
+            ratio=1.0 if mimic is None else mimic.multiplier,
+            offset=0.0 if mimic is None else mimic.offset,
             why=self.why,
         )
 

@@ -132,6 +132,9 @@ def track(
         if progress is not None:
             progress(k, steps)
     wall_time = time.perf_counter() - began
+    report = getattr(kinematic_law, "report", None)
+    if report is not None:  # a law that counts has more to tell than its settings
+        settings["kinematic_report"] = report()
     return Run(
         **recorder.arrays(),
         **facts(robot, contacts),

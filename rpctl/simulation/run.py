@@ -20,7 +20,7 @@ from rpctl.robot.drive import Drive
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
-SCHEMA = 1
+SCHEMA = 2
 META = "meta"  # the one entry of the file that is text: JSON
 
 

@@ -21,7 +21,8 @@ def summarize(run: Run) -> dict[str, Any]:
     largest over the second half. ``limits_violated`` lists every limit of the URDF that was
     broken, as :func:`violations` does, and ``limits_bound`` every one that the dynamic law had to
     heed, as :func:`bound` does. A robot without an arm has None for its end
-    effector; one without effort limits has None for ``max_effort_ratio``. What the ground does is
+    effector; one without effort limits has None for ``max_effort_ratio``. What a kinematic law
+    counts is in ``kinematic_report``, None for a law that counts nothing. What the ground does is
     in the keys of :func:`ground`.
     """
     base = np.hypot(run.e[:, 0], run.e[:, 1])
@@ -54,6 +55,7 @@ def summarize(run: Run) -> dict[str, Any]:
         "limits_violated": violations(run),
         "limits_bound": bound(run),
         **ground(run),
+        "kinematic_report": run.settings.get("kinematic_report"),
         "energy_residual": _energy_residual(run),
         "constraint_residual": float(run.constraint_residual.max()),
         "wall_time": run.wall_time,

@@ -1,4 +1,4 @@
-"""How the figure of a run looks: colours on paper and on a dark page, axes, legends."""
+"""How the figure of a run looks: colours, axes, legends."""
 
 from __future__ import annotations
 
@@ -44,16 +44,6 @@ LIGHT = Theme(
     tip="#D55E00",
     third="#009E73",
     cycle=("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7A6A53"),
-)
-DARK = Theme(
-    paper="#1a1d21",
-    ink="#e8eaed",
-    faint="#343a42",
-    desired="#b4bcc6",
-    base="#56B4E9",
-    tip="#F5873B",
-    third="#35C492",
-    cycle=("#3D9BE0", "#F5873B", "#35C492", "#E39CC4", "#9BD6F7", "#F0C24B", "#BCA98A"),
 )
 
 

@@ -1,4 +1,4 @@
-"""The figure of a run: paths, tracking errors, speeds and efforts, on paper or on a dark page."""
+"""The figure of a run: paths, tracking errors, speeds and efforts."""
 
 from __future__ import annotations
 
@@ -13,15 +13,12 @@ from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files import write_atomically
 from rpctl.simulation.run import Run
 from rpctl.view.plot_panels import Panel, find_panels
-from rpctl.view.plot_style import DARK, LIGHT, dress, explain, joint_legend, names
+from rpctl.view.plot_style import LIGHT, dress, explain, joint_legend, names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE, COLUMN = (
-    180.0 / 25.4,
-    88.0 / 25.4,
-)  # widths of a page's text and of one of its two columns, in
+PAGE, COLUMN = 180.0 / 25.4, 88.0 / 25.4  # widths of a page and of one of its two columns, inches
 ROW, WIDE_ROW = 58.0 / 25.4, 75.0 / 25.4  # heights of a row of panels, inches
 LEGEND_ROW = 0.14  # inches
 DPI = 200  # of the figure in a run's folder
@@ -44,9 +41,9 @@ def save_tracking_figure(run: Run, path: str | Path) -> Path:
     return write_atomically(path, tracking_image(run))
 
 
-def tracking_image(run: Run, dark: bool = False) -> bytes:
+def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
-    return to_png(tracking_figure(run, dark=dark), DPI)
+    return to_png(tracking_figure(run), DPI)
 
 
 def save_figure(
@@ -74,14 +71,12 @@ def save_figure(
     return write_atomically(path, to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI))
 
 
-def tracking_figure(
-    run: Run, *, panels: Sequence[str] = (), column: bool = False, dark: bool = False
-) -> Figure:
+def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
     """Return the figure of a run; panels that the robot has nothing for are left out."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    theme = DARK if dark else LIGHT
+    theme = LIGHT
     shown = _choose(find_panels(run), panels)
     width, columns = (COLUMN, 1) if column or len(shown) == 1 else (PAGE, 2)
     places = _places(shown, columns)

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import base64
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -25,10 +21,10 @@ from rpctl.view.chart_data import chart_data
 from rpctl.view.compare import merge
 from rpctl.view.compare_panel import compare_legend, compare_panel
 from rpctl.view.overlay import overlay
+from rpctl.view.page import asset, embed, meshcat_script, policy
 from rpctl.view.panel import headline, legend, panel, public, subtitle
 from rpctl.view.scene import Scene, build_scene
 
-MESHCAT_SCRIPT = "viewer/dist/main.min.js"
 SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
 
 
@@ -134,12 +130,12 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _render(page: Page) -> str:
-    meshcat, uplot = _meshcat(), _uplot()
-    script = '"use strict";\n(() => {\n' + "\n".join(map(_asset, SCRIPTS)) + "})();\n"
-    return Template(_asset("template.html")).substitute(
-        policy=_policy(meshcat, uplot, script),
+    meshcat, uplot = meshcat_script(), _uplot()
+    script = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
+    return Template(asset("template.html")).substitute(
+        policy=policy(meshcat, uplot, script),
         title=f"{escape(page.title)} · rpctl",
-        css=_asset("uplot/uPlot.min.css") + _asset("report.css") + _asset("charts.css"),
+        css=asset("uplot/uPlot.min.css") + asset("report.css") + asset("charts.css"),
         name=escape(page.title),
         subtitle=page.subtitle,
         scene_label=escape(page.scene_label),
@@ -152,14 +148,6 @@ def _render(page: Page) -> str:
         uplot=uplot,
         script=script,
     )
-
-
-def embed(value: Any) -> str:
-    """Return JSON that can stand inside a ``<script>``: no ``<``, so nothing ends it early."""
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
 
 
 def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
@@ -182,30 +170,6 @@ def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
     }
 
 
-def _policy(*scripts: str) -> str:
-    """Return a policy under which only these scripts run, and nothing is fetched from anywhere."""
-    digests = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
-    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
-    return (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"
-    )
-
-
-def _asset(name: str) -> str:
-    return files("rpctl.view").joinpath("assets", name).read_text(encoding="utf-8")
-
-
 def _uplot() -> str:
     """Return uPlot's script with its licence, which goes where the script goes."""
-    return f"/*\n{_asset('uplot/LICENSE')}*/\n{_asset('uplot/uPlot.iife.min.js')}"
-
-
-def _meshcat() -> str:
-    """Return meshcat's viewer; the package is found, not imported (it would load IPython)."""
-    found = find_spec("meshcat")
-    folders = found.submodule_search_locations if found else None
-    for folder in folders or ():
-        file = Path(folder) / MESHCAT_SCRIPT
-        if file.is_file():
-            return file.read_text(encoding="utf-8").replace("</script", "<\\/script")
-    raise RpctlError(f"meshcat or its {MESHCAT_SCRIPT} is not there; run: pip install meshcat")
+    return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"

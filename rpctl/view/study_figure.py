@@ -18,12 +18,13 @@ LABELS, PANEL = 1.55, 0.92  # widths, inches
 LINE, GAP, HEAD, FOOT = 0.115, 0.16, 0.52, 0.62  # heights, inches
 MILLI = 1e3  # mm of a m
 ROOM = 1.6  # times the extreme errors: where the axis ends
+NARROW = 50.0  # times the least value of an axis: up to there 2 and 5 are marked, too
 GREY = "#9aa2ad"
 BROKEN: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
 
 
 def study_figure(rows: Sequence[Row], title: str) -> Figure:
-    """Return the figure: rms errors of base and end effector on one logarithmic axis.
+    """Return the figure: rms errors of base and end effector; one axis a reference.
 
     Args:
         rows: The rows of a grid.
@@ -39,7 +40,8 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
     height = HEAD + (tall + GAP) * len(scenarios) + FOOT
     figure = Figure((width, height))
     figure.set_facecolor(LIGHT.paper)
-    groups, span = dict(places(rows)), _span(rows)
+    groups = dict(places(rows))
+    spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
     for i, scenario in enumerate(scenarios):
         for j, reference in enumerate(references):
             bottom = height - HEAD - (i + 1) * tall - i * GAP
@@ -48,7 +50,7 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
                 (box[0] / width, box[1] / height, box[2] / width, box[3] / height)
             )
             last = i == len(scenarios) - 1
-            _panel(axes, groups.get((scenario, reference), []), laws, span, last)
+            _panel(axes, groups.get((scenario, reference), []), laws, spans[reference], last)
             if i == 0:
                 axes.set_title(reference, fontsize=TEXT, fontweight="bold", color=LIGHT.ink, pad=5)
             if j == 0:
@@ -68,7 +70,7 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
 
 
 def _span(rows: Sequence[Row]) -> tuple[float, float]:
-    """Return the ends of the common axis, mm."""
+    """Return the ends of the axis of one reference, mm."""
     errors = [
         MILLI * error
         for row in rows
@@ -94,7 +96,8 @@ def _panel(
     axes.set_ylim(len(laws), -1)
     axes.set_facecolor(LIGHT.paper)
     axes.yaxis.set_major_locator(NullLocator())
-    axes.xaxis.set_major_locator(LogLocator(numticks=4))
+    steps = (1.0, 2.0, 5.0) if span[1] < NARROW * span[0] else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=4))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(True, axis="x", color=LIGHT.faint, lw=0.5)
     axes.set_axisbelow(True)

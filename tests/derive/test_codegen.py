@@ -21,8 +21,10 @@ from rpctl.derive.codegen import c_source, comment, identifier, python_source
 from rpctl.derive.program import program
 from rpctl.derive.write import derive
 from rpctl.description.records import Array
+from rpctl.errors import RpctlError
 from tests.random_robots import random_robot
 from tests.robots import SET_A, platform, write
+from tests.vehicles import KINDS, vehicle
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 ROBOTS = ["paper", "mixed_chain", "tiago", "panda", "asr_twodof", "allegro"]
@@ -113,6 +115,18 @@ def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> N
     text = random_robot(np.random.default_rng([3, seed]))
     robot = rpctl.load(write(tmp_path, text))
     check(robot, *executed(robot), rng)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_wheel(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
+    robot = rpctl.load(write(tmp_path, vehicle(kind)))
+    check(robot, *executed(robot), rng)
+
+
+def test_wheels_that_swivel_have_no_closed_form_to_read(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, vehicle("bicycle")))
+    with pytest.raises(RpctlError, match="take the code: --format python or c"):
+        derive(robot)
 
 
 def test_the_platform_needs_no_positions(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -79,7 +79,7 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
     cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
-        ({"schema": 99}, {}, "schema 99, this rpctl reads 1"),
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 2"),
         ({"robot": None}, {}, "missing or not known: robot"),
         ({"colour": "red"}, {}, "missing or not known: colour"),
         ({}, {"tau": None}, "missing or not known: tau"),

@@ -13,8 +13,9 @@ import pytest
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.view.page import embed
 from rpctl.view.panel import length, panel, public
-from rpctl.view.report import embed, write_report
+from rpctl.view.report import write_report
 from tests.view.samples import BOX, mesh_visual, short_run, write_cart
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"

@@ -1,0 +1,142 @@
+"""The end effector first: the arm makes up for what the base has not reached yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rpctl.control.box_least_squares import Box, Rated, nearest
+from rpctl.control.command import Command, KinematicLaw
+from rpctl.control.frame_motion import end_effector_frame, jacobian, pursuit, reference_motion
+from rpctl.control.unified import UnifiedKinematic
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import require_positive
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.robot.model import Robot
+
+FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
+SPEED_SHARE = 0.95  # of a velocity limit: what is asked for, so that following it overshoots none
+
+
+@dataclass(frozen=True)
+class EndEffector:
+    """A predictive law whose outputs are the base's pose and the end effector's.
+
+    The base follows a law of its own. Given the base's quasi-velocities ν_b of that law, the arm's
+    rates q̇ make the end effector's error, predicted to first order over the horizon h, vanish:
+
+        J_arm q̇ + J_base ν_b = p*,    p* = ṗ_r + (p_r − p)/h
+
+    so it decays as exp(−t/h) whatever the base's error does. The reference p_r is where the end
+    effector is when base and arm are on theirs, so both outputs agree once the base is there.
+
+    - Redundancy: of all such rates they are the nearest, in shares of the joints' full speeds, to
+      those of the base's law, q̇_r + (q_r − q)/h.
+    - Limits: |q̇| ≤ 0.95 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
+      the position limits: a joint comes to its limit as exp(−t/h), and never beyond.
+    - Singularities, and what limits leave out of reach: p* is met as long as that takes a pull on
+      the posture of 1/``damping`` at most; beyond, the rates come as near as that pull brings them,
+      see :func:`nearest`. Along a direction in which the arm at full speed moves the end effector
+      at σ (m/s), they leave the posture's by σ/``damping`` shares at most. An arm of few joints
+      does what it can, and the base goes its way.
+
+    The base does not wait for the arm: where it passes out of the arm's reach of p_r, the error
+    grows until it is back.
+
+    ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
+    any; it jumps when a bound becomes active, ν_d does not. Of a base whose S changes with q the
+    drift Ṡν is that of the actual motion, exact once ν has come to ν_d.
+
+    Attributes:
+        base: The law of the base; its arm rates are the posture's.
+        horizon: Prediction time h of the end effector, s.
+        orientation: Whether its orientation is an output too, or its position only.
+        lever: Length (m) at the end of which an error of orientation counts as one of position.
+        damping: m/s; a direction in which the arm at full speed is slower counts as lost.
+    """
+
+    base: KinematicLaw = field(default_factory=UnifiedKinematic)
+    horizon: float = 0.4
+    orientation: bool = False
+    lever: float = 0.3
+    damping: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Refuse settings that leave the law undefined."""
+        for name in ("horizon", "lever", "damping"):
+            require_positive(name, getattr(self, name))
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        """Return ν_d and its analytic derivative along the actual motion.
+
+        Raises:
+            RpctlError: The robot has no arm.
+        """
+        robot = dynamics.robot
+        first = robot.dof - len(robot.joints)
+        base = self.base(dynamics, reference, t, q, nu)
+        S, full = dynamics.basis(q), np.minimum(_fastest(robot), FULL_SPEED)
+        G, y = self._task(dynamics, reference(t), q, nu, base)
+        G = Rated(*(part @ (S[:, first:] * full) for part in G))
+        z = nearest(
+            G,
+            y,
+            Rated(*(part[first:] / full for part in base)),
+            self._box(robot, q, nu[first:], full),
+            1.0 / self.damping,
+        )
+        return Command(
+            np.concatenate([base.nu_d[:first], full * z.value]),
+            np.concatenate([base.nu_d_dot[:first], full * z.rate]),
+        )
+
+    def _task(
+        self, dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, base: Command
+    ) -> tuple[Rated, Rated]:
+        """Return the end effector's Jacobian, and what the base leaves to do of p*.
+
+        Rows are 3, or with the orientation 6, in m/s.
+        """
+        frame = end_effector_frame(dynamics.robot)
+        first = dynamics.robot.dof - len(dynamics.robot.joints)
+        S = dynamics.basis(q)
+        v, carried = S @ nu, S[:, :first] @ base.nu_d[:first]
+        carried_rate = S[:, :first] @ base.nu_d_dot[:first] + dynamics.basis_drift(q, nu)
+        target = reference_motion(dynamics, state, S[:, first:], frame)
+        pose, J, J_dot = jacobian(dynamics, q, v, frame)
+        wanted = pursuit(target, pose, J @ v, self.horizon)
+        left = wanted.value - J @ carried
+        left_rate = wanted.rate - J_dot @ carried - J @ carried_rate
+        size = np.repeat([1.0, self.lever], 3)[: 6 if self.orientation else 3]
+        rows = slice(len(size))
+        return (
+            Rated(size[:, None] * J[rows], size[:, None] * J_dot[rows]),
+            Rated(size * left[rows], size * left_rate[rows]),
+        )
+
+    def _box(self, robot: Robot, q: Array, rates: Array, full: Array) -> Box:
+        """Return the bounds of the arm's rates, in shares of ``full``.
+
+        Args:
+            robot: The robot.
+            q: Configuration (nq,).
+            rates: Rates that the arm's joints have (n_joints,).
+            full: What a share is of (n_joints,).
+        """
+        fastest, positions = SPEED_SHARE * _fastest(robot), robot.joint_positions(q)
+        bounds = []
+        for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
+            room = (np.array(limits) - positions) / self.horizon
+            value = np.clip(room, -fastest, fastest)
+            rate = np.where(value == room, -rates / self.horizon, 0.0)
+            bounds.append(Rated(value / full, rate / full))
+        return Box(*bounds)
+
+
+def _fastest(robot: Robot) -> Array:
+    """Return the velocity limits of the arm's joints (n_joints,), rad/s or m/s."""
+    return np.array([joint.velocity for joint in robot.joints])

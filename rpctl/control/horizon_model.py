@@ -1,0 +1,223 @@
+"""The prediction of the horizon law: a motion under given accelerations, and its derivatives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.robot.model import BASE_NV, Robot
+
+Indices = NDArray[np.intp]
+
+STEP = 1e-6  # rad: of the differences by steering angles; half the digits of the twist
+PROBE = 0.1  # rad or m: how far about home these postures lie
+PROBES = 3  # postures at which it is found out which entries of a matrix are not always zero
+
+
+class Motion(NamedTuple):
+    """A predicted motion over N steps under accelerations held in each."""
+
+    pose: Array  # (N + 1, 3) of P: m, m, rad
+    joints: Array  # (N + 1, n_joints)
+    nu: Array  # (N + 1, dof)
+    nu_dot: Array  # (N, dof)
+    twist: Array  # (N, 3) of the base at the middle of each step
+    to_twist: Array  # (N, 3, dof) or (1, 3, dof): twist = to_twist ν, at the middle of each step
+
+
+class PoseSlopes(NamedTuple):
+    """How the base's pose after a step depends on what it was before, and on the acceleration.
+
+    The pose itself counts fully, its heading as ``heading`` besides.
+    """
+
+    heading: Array  # (N, 2) of x, y
+    nu: Array  # (N, 3, n_moving)
+    nu_dot: Array  # (N, 3, n_moving)
+    joints: Array  # (N, 3, n_steering)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What the prediction needs to know of a robot, found once.
+
+    Attributes:
+        dynamics: Its dynamics.
+        steps: Steps N of the prediction.
+        dt: Their length, s.
+        base: Number of quasi-velocities of the base.
+        steering: Joints (indices) that the base's twist at given ν depends on.
+        moving: Quasi-velocities (indices) that move the base, the steering joints' included.
+        to_twist: Map (3, dof) from ν to the twist, or None where it depends on the posture.
+        spread: Map (nv, n_joints) from the arm's rates to v, mimic joints included.
+        places: Index in q of each joint of the arm, with whether it is a pair (cos, sin).
+    """
+
+    dynamics: ReducedDynamics
+    steps: int
+    dt: float
+    base: int
+    steering: Indices
+    moving: Indices
+    to_twist: Array | None
+    spread: Array
+    places: tuple[tuple[Indices, Indices], tuple[Indices, Indices]]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.dynamics.robot
+
+    def configuration(self, joints: Array, pose: Array | None = None) -> Array:
+        """Return q (nq,) at arm positions (n_joints,) and a pose of P; None: root at the origin."""
+        if self.robot.mimics:
+            return self._configuration_of_mimics(joints, pose)
+        q: Array = pin.neutral(self.robot.model)
+        (index, where), (pairs, of) = self.places
+        q[index] = joints[where]
+        if len(pairs):
+            q[pairs], q[pairs + 1] = np.cos(joints[of]), np.sin(joints[of])
+        if pose is not None:
+            theta = pose[2] - self.robot.drive.heading
+            cos, sin = math.cos(theta), math.sin(theta)
+            px, py = self.robot.drive.point
+            q[:4] = pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py, cos, sin
+        return q
+
+    def _configuration_of_mimics(self, joints: Array, pose: Array | None) -> Array:
+        if pose is not None:
+            return self.robot.configuration_at(pose, joints)
+        names = (joint.name for joint in self.robot.joints)
+        return self.robot.configuration(joints=dict(zip(names, joints, strict=True)))
+
+    def predict(self, pose: Array, joints: Array, nu: Array, nu_dot: Array) -> Motion:
+        """Return the motion from a state under accelerations (N, dof) held in each step.
+
+        ν and the arm follow exactly; the base moves with the twist of the middle of each step in
+        the heading there, which is exact to second order.
+        """
+        dt = self.dt
+        speeds = np.vstack([nu, nu + dt * np.cumsum(nu_dot, axis=0)])
+        middle = speeds[:-1] + 0.5 * dt * nu_dot
+        moved = dt * np.cumsum(middle[:, self.base :], axis=0)
+        arm = np.vstack([joints, joints + moved])
+        to_twist = self._to_twist(arm[:-1], speeds[:-1], nu_dot)
+        twist = np.einsum(
+            "kij,kj->ki", np.broadcast_to(to_twist, (self.steps, *to_twist.shape[1:])), middle
+        )
+        poses = np.empty((self.steps + 1, BASE_NV))
+        poses[0] = pose
+        poses[1:, 2] = pose[2] + dt * np.cumsum(twist[:, 2])
+        cos, sin = _turned(poses[:-1, 2] + 0.5 * dt * twist[:, 2])
+        poses[1:, 0] = pose[0] + dt * np.cumsum(cos * twist[:, 0] - sin * twist[:, 1])
+        poses[1:, 1] = pose[1] + dt * np.cumsum(sin * twist[:, 0] + cos * twist[:, 1])
+        return Motion(poses, arm, speeds, nu_dot, twist, to_twist)
+
+    def _to_twist(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
+        if self.to_twist is not None:
+            return self.to_twist[None]
+        middle = self._middle(joints, nu[:, self.base :], nu_dot[:, self.base :])
+        return np.array([twist_map(self.dynamics, self.configuration(at)) for at in middle])
+
+    def _middle(self, joints: Array, rates: Array, accelerations: Array) -> Array:
+        return joints + 0.5 * self.dt * rates + 0.125 * self.dt**2 * accelerations
+
+    def slopes(self, motion: Motion) -> PoseSlopes:
+        """Return how each pose of a motion depends on the state and acceleration before it."""
+        dt, n = self.dt, self.steps
+        cos, sin = _turned(motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2])
+        turn = np.zeros((n, 3, 3))
+        turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = cos, -sin, sin, cos
+        turn[:, 2, 2] = 1.0
+        swing = np.empty((n, 2))  # d/dθ of R(θ) (vx, vy)
+        swing[:, 0] = -sin * motion.twist[:, 0] - cos * motion.twist[:, 1]
+        swing[:, 1] = cos * motion.twist[:, 0] - sin * motion.twist[:, 1]
+        turn[:, :2, 2] += 0.5 * dt * swing
+        by_nu = dt * turn @ motion.to_twist[:, :, self.moving]
+        by_nu_dot = 0.5 * dt * by_nu
+        by_joints = np.zeros((n, 3, len(self.steering)))
+        if len(self.steering):
+            by_joints = dt * turn @ self._steered(motion)
+            at = np.searchsorted(self.moving, self.base + self.steering)
+            by_nu[:, :, at] += 0.5 * dt * by_joints
+            by_nu_dot[:, :, at] += 0.125 * dt**2 * by_joints
+        return PoseSlopes(dt * swing, by_nu, by_nu_dot, by_joints)
+
+    def _steered(self, motion: Motion) -> Array:
+        """Return the derivative (N, 3, n_steering) of each twist by the steering angles."""
+        rates, accelerations = motion.nu[:-1, self.base :], motion.nu_dot[:, self.base :]
+        middle = self._middle(motion.joints[:-1], rates, accelerations)
+        nu = motion.nu[:-1] + 0.5 * self.dt * motion.nu_dot
+        found = np.empty((self.steps, 3, len(self.steering)))
+        for k, posture in enumerate(middle):
+            for column, joint in enumerate(self.steering):
+                ahead = posture.copy()
+                ahead[joint] += STEP
+                twist = self.dynamics.twist(self.configuration(ahead), nu[k])
+                found[k, :, column] = (twist - motion.twist[k]) / STEP
+        return found
+
+
+def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
+    """Return what the prediction over ``steps`` of ``dt`` (s) needs to know of a robot."""
+    robot, base = dynamics.robot, len(dynamics.robot.drive.base_speeds)
+    rng = np.random.default_rng(0)
+    postures = [
+        robot.configuration_at(
+            np.zeros(BASE_NV), robot.home + PROBE * rng.uniform(-1, 1, robot.home.shape)
+        )
+        for _ in range(PROBES)
+    ]
+    maps = [twist_map(dynamics, q) for q in postures]
+    steering = [] if dynamics.constant else _steering(dynamics, postures)
+    found = np.abs(maps).max(axis=(0, 1)) > 0.0
+    found[[base + joint for joint in steering]] = True
+    spread = dynamics.basis(postures[0])[:, base:].copy()
+    spread[:BASE_NV] = 0.0
+    entries = [robot.model.joints[robot.model.getJointId(joint.name)] for joint in robot.joints]
+    single = np.array([i for i, entry in enumerate(entries) if entry.nq == 1], dtype=np.intp)
+    pairs = np.array([i for i, entry in enumerate(entries) if entry.nq == 2], dtype=np.intp)
+    return Model(
+        dynamics=dynamics,
+        steps=steps,
+        dt=dt,
+        base=base,
+        steering=np.array(steering, dtype=np.intp),
+        moving=np.flatnonzero(found) if base else np.empty(0, dtype=np.intp),
+        to_twist=maps[0] if dynamics.constant else None,
+        spread=spread,
+        places=(
+            (np.array([entries[i].idx_q for i in single], dtype=np.intp), single),
+            (np.array([entries[i].idx_q for i in pairs], dtype=np.intp), pairs),
+        ),
+    )
+
+
+def twist_map(dynamics: ReducedDynamics, q: Array) -> Array:
+    """Return the map (3, dof) from ν to the base's twist."""
+    return np.asarray(dynamics.twist(q, np.eye(dynamics.robot.dof)))
+
+
+def _steering(dynamics: ReducedDynamics, postures: list[Array]) -> list[int]:
+    """Return the joints (indices) that the map from ν to the twist depends on."""
+    robot = dynamics.robot
+    found = []
+    for index, joint in enumerate(robot.joints):
+        for q in postures:
+            moved = q.copy()
+            robot.set_joint(moved, joint.name, robot.joint_position(q, joint.name) + STEP)
+            if np.abs(twist_map(dynamics, moved) - twist_map(dynamics, q)).max() > STEP**1.5:
+                found.append(index)
+                break
+    return found
+
+
+def _turned(angle: Array) -> tuple[Array, Array]:
+    return np.cos(angle), np.sin(angle)

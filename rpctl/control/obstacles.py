@@ -1,0 +1,161 @@
+"""Obstacles on the floor: discs to stay out of and half-planes to stay in, as linear bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.errors import RpctlError, require_positive
+
+MARGIN = 0.01  # m: how far a detour keeps from a disc besides, so that it seldom touches it
+NEAR = 1e-6  # m: a point this near to a disc's centre has no direction away from it
+
+
+class Line(NamedTuple):
+    """Linear bounds on K points: normal · p ≥ level for each."""
+
+    normal: Array  # (K, 2) unit vectors
+    level: Array  # (K,) m
+
+
+class Obstacle(Protocol):
+    """A part of the floor that a round body must not enter."""
+
+    def distance(self, points: Array) -> Array:
+        """Return the distance (K,) of points (K, 2) to it, m; negative inside."""
+
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+        """Return half-planes that hold no point nearer to it than ``radius`` (m).
+
+        Args:
+            points: Where the body is predicted to be (K, 2), m.
+            radius: Of the body, m.
+            stride: How far it moves from one prediction to the next, m: it takes the chord.
+        """
+
+    def around(self, start: Array, goals: Array, radius: float) -> Array:
+        """Return goals (K, 2) that can be headed for: those behind it give way to a detour.
+
+        Args:
+            start: Where the body is (2,), m.
+            goals: Where it should be (K, 2), m.
+            radius: Of the body, m.
+        """
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A round obstacle that stands on the floor, without end upwards.
+
+    Attributes:
+        x: Its centre, m.
+        y: Its centre, m.
+        radius: m.
+    """
+
+    x: float
+    y: float
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no disc."""
+        _require_finite("centre of a disc", self.x, self.y)
+        require_positive("radius of a disc", self.radius)
+
+    def distance(self, points: Array) -> Array:
+        """Return the distance (K,) of points (K, 2) to the disc, m; negative inside."""
+        return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius)
+
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+        """Return the tangents of the disc grown by ``radius`` that face the points.
+
+        It is grown so much more that a chord of one ``stride`` between two points does not cut it.
+        """
+        grown = math.hypot(self.radius + radius, 0.5 * stride)
+        away = points - (self.x, self.y)
+        angle = np.arctan2(away[:, 1], away[:, 0])
+        normal = np.column_stack([np.cos(angle), np.sin(angle)])
+        return Line(normal, grown + normal @ (self.x, self.y))
+
+    def around(self, start: Array, goals: Array, radius: float) -> Array:
+        """Return goals, those behind the disc turned about ``start`` onto its tangent.
+
+        Linear bounds alone would stop the body before a disc on its way: which side to take is a
+        choice that no linear bound holds. It is the side on which the goals pass the centre, or
+        where they pass through it, that on which the body is.
+        """
+        grown = self.radius + radius + MARGIN
+        x, y = (self.x, self.y) - start
+        ahead = goals - start
+        gap, length = math.hypot(x, y), np.hypot(ahead[:, 0], ahead[:, 1])
+        half = math.asin(min(grown / max(gap, NEAR), 1.0))
+        centre = math.atan2(y, x)
+        off = np.remainder(np.arctan2(ahead[:, 1], ahead[:, 0]) - centre + math.pi, 2.0 * math.pi)
+        off -= math.pi  # angle from the disc's centre to each goal, seen from the start
+        inside = np.hypot(*(goals - (self.x, self.y)).T) < grown
+        behind = (np.abs(off) < half) & (inside | (length > gap))
+        if not behind.any():
+            return goals
+        turned = centre + self._side(start, goals) * half
+        detour = start + length[:, None] * (math.cos(turned), math.sin(turned))
+        return np.where(behind[:, None], detour, goals)
+
+    def _side(self, start: Array, goals: Array) -> float:
+        """Return 1.0 where goals pass the centre on their left, seen along them, else -1.0."""
+        along = goals[-1] - goals[0]
+        if np.hypot(*along) < NEAR:
+            along = goals[-1] - start
+        for place in (goals[-1], start):
+            left = along[1] * (self.x - place[0]) - along[0] * (self.y - place[1])
+            if abs(left) > NEAR * self.radius:
+                return math.copysign(1.0, left)
+        return 1.0
+
+
+@dataclass(frozen=True)
+class HalfPlane:
+    """The floor beyond a straight line: a body must keep nx x + ny y ≥ offset.
+
+    Attributes:
+        nx: Normal of the line, towards the free side.
+        ny: Normal of the line.
+        offset: Distance of the line from the origin along the unit normal, m.
+    """
+
+    nx: float
+    ny: float
+    offset: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no line."""
+        _require_finite("half-plane", self.nx, self.ny, self.offset)
+        require_positive("length of a half-plane's normal", math.hypot(self.nx, self.ny))
+
+    @property
+    def normal(self) -> Array:
+        """Unit normal (2,) towards the free side."""
+        return np.array([self.nx, self.ny]) / math.hypot(self.nx, self.ny)
+
+    def distance(self, points: Array) -> Array:
+        """Return the distance (K,) of points (K, 2) to the line, m; negative beyond."""
+        return np.asarray(points @ self.normal - self.offset)
+
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+        """Return the line itself, ``radius`` before the edge, for every point."""
+        del stride
+        count = len(points)
+        return Line(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
+
+    def around(self, start: Array, goals: Array, radius: float) -> Array:
+        """Return the goals themselves: before a wall there is no way round."""
+        del start, radius
+        return goals
+
+
+def _require_finite(what: str, *values: float) -> None:
+    if not all(map(math.isfinite, values)):
+        raise RpctlError(f"{what} is {values}; give finite numbers")

@@ -1,0 +1,258 @@
+"""The end effector first: its error vanishes at its horizon, whatever the base's does."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl.control.box_least_squares import Box, Rated
+from rpctl.control.command import KinematicLaw
+from rpctl.control.end_effector import EndEffector
+from rpctl.control.error import tracking_error
+from rpctl.control.frame_motion import end_effector_frame, jacobian, reference_motion
+from rpctl.control.laws import kinematic_by_name
+from rpctl.description.records import Array
+from rpctl.reference.end_effector import end_effector_reference
+from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from tests.robots import SET_B, platform, write
+
+STEP = 1e-6
+SLOW = PaperKinematic()  # a law of the base that leaves the arm enough to do
+
+
+@pytest.fixture(scope="module", params=["paper", "mecanum", "tiago", "panda"])
+def any_robot(request: pytest.FixtureRequest) -> Robot:
+    return rpctl.load(request.param)
+
+
+def beside(robot: Robot, reference: Reference, error: tuple[float, float, float]) -> Array:
+    """Return q (nq,) whose base is off the reference's start, arm on it."""
+    state = reference(0.0)
+    return robot.configuration_at(state.pose - np.array(error), state.joints)
+
+
+def obey(
+    law: KinematicLaw, robot: Robot, reference: Reference, q: Array, duration: float
+) -> tuple[Array, Array, Array]:
+    """Move a robot that does at once what the law asks (midpoint rule, 100 Hz).
+
+    Returns:
+        Times (K,), configurations (K, nq) and what was asked there (K, dof).
+    """
+    dynamics, step = ReducedDynamics(robot), 0.01
+    still = np.zeros(robot.dof)
+    times = np.arange(0.0, duration, step)
+    path, asked = [], []
+    for t in times:
+        nu = law(dynamics, reference, t, q, still).nu_d
+        path.append(q)
+        asked.append(nu)
+        half = pin.integrate(robot.model, q, 0.5 * step * dynamics.basis(q) @ nu)
+        nu = law(dynamics, reference, t + 0.5 * step, half, still).nu_d
+        q = pin.integrate(robot.model, q, step * dynamics.basis(half) @ nu)
+    return times, np.array(path), np.array(asked)
+
+
+def errors(robot: Robot, reference: Reference, times: Array, path: Array) -> tuple[Array, Array]:
+    """Return distance (m) and angle (rad) of the end effector from its reference, (K,) each."""
+    data, gaps = robot.model.createData(), []
+    for t, q in zip(times, path, strict=True):
+        is_at = robot.end_effector_pose(data, q)
+        should = end_effector_reference(robot, data, reference(t))
+        turn = pin.log3(is_at.rotation.T @ should.rotation)
+        gaps.append([np.linalg.norm(v) for v in (should.translation - is_at.translation, turn)])
+    distance, angle = np.array(gaps).T
+    return distance, angle
+
+
+def test_the_reference_moves_as_it_says(any_robot: Robot) -> None:
+    dynamics, reference = ReducedDynamics(any_robot), reference_by_name(any_robot, "eight")
+    frame, data = end_effector_frame(any_robot), any_robot.model.createData()
+    arm = dynamics.basis(pin.neutral(any_robot.model))[:, -len(any_robot.joints) :]
+    for t in (2.0, 5.0, 9.0):
+        motion = reference_motion(dynamics, reference(t), arm, frame)
+        behind, ahead = (
+            end_effector_reference(any_robot, data, reference(t + s)) for s in (-STEP, STEP)
+        )
+        velocity = np.concatenate(
+            [ahead.translation - behind.translation, pin.log3(ahead.rotation @ behind.rotation.T)]
+        ) / (2 * STEP)
+        np.testing.assert_allclose(motion.velocity, velocity, atol=1e-8)
+        slow, fast = (
+            reference_motion(dynamics, reference(t + s), arm, frame).velocity for s in (-STEP, STEP)
+        )
+        np.testing.assert_allclose(motion.acceleration, (fast - slow) / (2 * STEP), atol=1e-8)
+
+
+@pytest.mark.parametrize("orientation", [False, True])
+def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
+    any_robot: Robot, rng: np.random.Generator, orientation: bool
+) -> None:
+    """Bounds are active in some of these states."""
+    reference, dynamics = reference_by_name(any_robot, "eight"), ReducedDynamics(any_robot)
+    law = EndEffector(SLOW, orientation=orientation)
+    wheeled = bool(any_robot.drive.base_speeds)
+    for t in (2.0, 5.0, 9.0, 14.0):
+        nu = rng.normal(size=any_robot.dof)
+        pose = reference(t).pose + wheeled * rng.normal(size=3) * [0.1, 0.1, 0.2]
+        joints = any_robot.home + 0.05 * rng.normal(size=len(any_robot.joints))
+        q = any_robot.configuration_at(pose, joints)
+        v = dynamics.basis(q) @ nu
+
+        def asked(s: float) -> Array:
+            at = pin.integrate(any_robot.model, q, s * v)  # noqa: B023 - called in this turn only
+            return law(dynamics, reference, t + s, at, nu).nu_d  # noqa: B023
+
+        rate = law(dynamics, reference, t, q, nu).nu_d_dot
+        slope = (asked(STEP) - asked(-STEP)) / (2 * STEP)
+        np.testing.assert_allclose(rate, slope, atol=1e-6 * (1 + np.abs(rate).max()))
+
+
+def test_the_error_decays_at_the_horizon_while_the_base_converges(tiago: Robot) -> None:
+    reference, law = reference_by_name(tiago, "eight"), EndEffector(SLOW)
+    times, path, _ = obey(law, tiago, reference, beside(tiago, reference, (0.04, 0.06, 0.1)), 1.6)
+    distance, _ = errors(tiago, reference, times, path)
+    np.testing.assert_allclose(distance, distance[0] * np.exp(-times / law.horizon), rtol=0.01)
+    base = [tracking_error(tiago, reference(times[k]), path[k])[:2] for k in (0, -1)]
+    assert np.linalg.norm(base[1]) > 0.4 * np.linalg.norm(base[0])
+    assert distance[-1] < 0.02 * distance[0]
+
+
+def test_orientation_decays_too(tiago: Robot) -> None:
+    """The wrist is bent away from where two of its axes are one."""
+    eight, bend = reference_by_name(tiago, "eight"), np.zeros(len(tiago.joints))
+    bend[tiago.quasi_velocities.index("arm_6_joint") - 2] = 0.7
+    law = EndEffector(SLOW, orientation=True)
+
+    def reference(t: float) -> ReferenceState:
+        state = eight(t)
+        return state._replace(joints=state.joints + bend)
+
+    times, path, _ = obey(law, tiago, reference, beside(tiago, reference, (0.02, 0.03, 0.08)), 1.6)
+    ideal = np.exp(-times / law.horizon)
+    for error in errors(tiago, reference, times, path):
+        np.testing.assert_allclose(error, error[0] * ideal, rtol=0.05)
+    free = obey(EndEffector(SLOW), tiago, reference, path[0], 1.6)[1]
+    assert errors(tiago, reference, times, free)[1][-1] > 0.05
+
+
+def test_on_a_line_the_arm_makes_up_for_what_the_base_never_reaches(tiago: Robot) -> None:
+    """The paper's law leaves a lateral error on a straight line, of the end effector as well."""
+    reference, e0 = reference_by_name(tiago, "line"), (0.1, 0.15, 0.1)
+    left = {}
+    for law in (PaperKinematic(), EndEffector(SLOW)):
+        times, path, _ = obey(law, tiago, reference, beside(tiago, reference, e0), 6.0)
+        lateral = tracking_error(tiago, reference(times[-1]), path[-1])[1]
+        assert abs(lateral) > 0.1
+        left[type(law)] = errors(tiago, reference, times, path)[0][-1]
+    assert left[PaperKinematic] > 0.1
+    assert left[EndEffector] < 1e-4
+
+
+def unbounded(_: EndEffector, robot: Robot, *others: Array) -> Box:
+    wide = np.full(len(robot.joints), np.inf)
+    return Box(Rated(-wide, 0.0 * robot.home), Rated(wide, 0.0 * robot.home))
+
+
+def test_limits_hold_where_the_end_effector_would_break_them(
+    tiago: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reference = reference_by_name(tiago, "eight")
+    lower, upper, fastest = (
+        np.array([getattr(joint, key) for joint in tiago.joints])
+        for key in ("lower", "upper", "velocity")
+    )
+
+    def worst() -> tuple[float, float]:
+        """Return how far positions leave their limits, and the largest share of full speed."""
+        q = beside(tiago, reference, (0.3, 0.5, 0.8))
+        _, path, asked = obey(EndEffector(SLOW), tiago, reference, q, 4.0)
+        positions = np.array([tiago.joint_positions(q) for q in path])
+        beyond = float(np.maximum(positions - upper, lower - positions).max())
+        return beyond, float((np.abs(asked[:, 2:]) / fastest).max())
+
+    beyond, share = worst()
+    assert beyond <= 0.0
+    assert share <= 1.0 + 1e-12
+    monkeypatch.setattr(EndEffector, "_box", unbounded)
+    beyond, share = worst()
+    assert beyond > 0.1
+    assert share > 1.1
+
+
+def test_rates_stay_bounded_near_a_stretched_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A UR5 with its elbow almost straight, asked to draw its hand in along the arm."""
+    robot = rpctl.load("ur5")
+    dynamics, law = ReducedDynamics(robot), EndEffector(SLOW)
+    monkeypatch.setattr(EndEffector, "_box", unbounded)
+    reference = reference_by_name(robot, "eight")
+    goal = reference(0.0)._replace(joints=np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]))
+    frame = end_effector_frame(robot)
+    for bend in np.logspace(-9, -1, 17):
+        joints = np.array([0.0, 0.0, bend, -0.5 * math.pi, 0.0, 0.0])
+        q = robot.configuration_at(goal.pose, joints)
+        rates = law(dynamics, lambda _: goal, 0.0, q, np.zeros(6)).nu_d
+        assert np.abs(rates - (goal.joints - joints) / 0.8).max() < 10.0
+    J = jacobian(dynamics, q, np.zeros(robot.nv), frame).J[:3, 3:]  # at the largest bend
+    assert np.linalg.svd(J)[1][-1] < 0.05  # without damping the rates would go with 1/bend
+
+
+def test_a_short_arm_does_what_it_can_and_the_base_goes_its_way(paper: Robot) -> None:
+    """A turning and a sliding joint move the hand in a plane: two of three directions."""
+    reference, base = reference_by_name(paper, "eight"), PaperKinematic(0.5, 1.2)
+    q = beside(paper, reference, (0.1, 0.1, 0.2))
+    times, path, asked = obey(EndEffector(base), paper, reference, q, 4.0)
+    _, plain, alone = obey(base, paper, reference, q, 4.0)
+    np.testing.assert_allclose(asked[:, :2], alone[:, :2], atol=1e-9)
+    with_arm, without = (errors(paper, reference, times, at)[0] for at in (path, plain))
+    assert with_arm[200] < 0.1 * without[200]
+    assert with_arm[-1] < 1e-3
+
+
+def test_a_fixed_base_is_an_arm_alone() -> None:
+    robot = rpctl.load("panda")
+    reference, law = reference_by_name(robot, "eight"), EndEffector(SLOW, orientation=True)
+    state = reference(0.0)
+    away = state.joints + 0.1 * np.array([1, -1, 1, 1, -1, 1, 1, 0])
+    q = robot.configuration_at(state.pose, away)
+    times, path, _ = obey(law, robot, reference, q, 2.0)
+    for error in errors(robot, reference, times, path):
+        np.testing.assert_allclose(error, error[0] * np.exp(-times / law.horizon), rtol=0.05)
+
+
+def test_the_whole_robot_follows(tiago: Robot) -> None:
+    """With the dynamics: seconds 1 to 3 beside the paper's law, joints within their limits."""
+    rms = {}
+    fastest = [joint.velocity for joint in tiago.joints]
+    for law in (PaperKinematic(), EndEffector(SLOW)):
+        run = rpctl.track(tiago, "eight", 3.0, (0.3, 0.5, 0.8), kinematic=law)
+        distance = np.linalg.norm(run.ee - run.ee_ref, axis=1)
+        assert (np.abs(run.nu[:, 2:]) <= fastest).all()
+        assert ((run.joints >= run.lower_limits) & (run.joints <= run.upper_limits)).all()
+        rms[type(law)] = math.sqrt(float(np.mean(distance[500:] ** 2)))
+    assert rms[EndEffector] < 0.15 * rms[PaperKinematic]
+
+
+def test_robots_without_an_arm_are_told(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, platform(SET_B)))
+    reference, q = reference_by_name(robot, "line"), robot.configuration()
+    with pytest.raises(RpctlError, match=r"platform has no arm.*take a kinematic law of the base"):
+        EndEffector()(ReducedDynamics(robot), reference, 0.0, q, np.zeros(2))
+
+
+def test_settings_are_positive() -> None:
+    for name in ("horizon", "lever", "damping"):
+        settings: dict[str, Any] = {name: 0.0}
+        with pytest.raises(RpctlError, match=f"{name} is 0; give a positive number"):
+            EndEffector(**settings)
+
+
+def test_the_law_has_a_name() -> None:
+    assert kinematic_by_name("end-effector") == EndEffector()

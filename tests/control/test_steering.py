@@ -1,0 +1,166 @@
+"""Steered wheels: on the reference they keep to it, off it they lead back, and fast enough."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, summarize, track
+from rpctl.control.error import observe
+from rpctl.control.holonomic import holonomic
+from rpctl.control.steering import base_command, towards
+from rpctl.control.twist import Twist
+from rpctl.description.records import Array
+from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.rates import direction, reference_rates, steering
+from rpctl.robot.steering import turning_radius
+from tests.robots import write
+from tests.vehicles import vehicle
+
+STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
+EXACT = [kind for kind in STEERED if kind != "tricycle"]  # whose trailing wheel lags a little
+STEP = 1e-6
+
+
+def load(folder: Path, kind: str) -> Robot:
+    return rpctl.load(write(folder, vehicle(kind)))
+
+
+def on(robot: Robot, state: ReferenceState) -> Array:
+    return robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+
+
+@pytest.mark.parametrize("kind", EXACT)
+@pytest.mark.parametrize("name", ["circle", "eight", "reverse"])
+def test_a_reference_moves_as_the_robot_can(tmp_path: Path, kind: str, name: str) -> None:
+    """Its twist is S ν, its rates are their differences, its wheels do not slip."""
+    robot = load(tmp_path, kind)
+    reference, dynamics = reference_by_name(robot, name), ReducedDynamics(robot)
+    for t in (0.4, 2.0, 7.0, 13.0):
+        state = reference(t)
+        q, (nu, nu_dot) = on(robot, state), reference_rates(robot, state)
+        np.testing.assert_allclose(dynamics.twist(q, nu), state.twist, atol=1e-12)
+        ahead, behind = (reference_rates(robot, reference(t + s)).nu for s in (STEP, -STEP))
+        np.testing.assert_allclose((ahead - behind) / (2 * STEP), nu_dot, atol=2e-6)
+        places = [steering(robot, reference(t + s))[0] for s in (STEP, -STEP)]
+        turned = (places[0] - places[1]) / (2 * STEP)
+        np.testing.assert_allclose(turned, steering(robot, state)[1], atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", EXACT)
+def test_on_the_reference_the_law_asks_for_the_reference(tmp_path: Path, kind: str) -> None:
+    robot = load(tmp_path, kind)
+    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    for t in (1.0, 5.0, 9.0):
+        state = reference(t)
+        q, rates = on(robot, state), reference_rates(robot, state)
+        nu_d, nu_d_dot = UnifiedKinematic()(dynamics, reference, t, q, rates.nu)
+        np.testing.assert_allclose(nu_d, rates.nu, atol=1e-9)
+        np.testing.assert_allclose(nu_d_dot, rates.nu_dot, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", STEERED)
+def test_the_angles_asked_for_change_as_their_rates_say(
+    tmp_path: Path, kind: str, rng: np.random.Generator
+) -> None:
+    """Along an actual motion that has nothing to do with the reference."""
+    robot = load(tmp_path, kind)
+    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    for t in (4.0, 9.0):
+        nu = 0.2 * rng.normal(size=robot.dof)
+        start = on(robot, reference(t))
+        q = pin.integrate(robot.model, start, 0.1 * dynamics.basis(start) @ nu)
+        v = dynamics.basis(q) @ nu
+
+        def asked(s: float) -> Array:
+            at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
+            tracking = observe(dynamics, reference(t + s), at, nu)  # noqa: B023
+            unicycle = UnifiedKinematic().unicycle(tracking)
+            twist = unicycle if robot.drive.has_axle else holonomic(tracking, 0.6)
+            return towards(dynamics, tracking.state, twist)
+
+        slope = (asked(STEP)[0] - asked(-STEP)[0]) / (2 * STEP)
+        np.testing.assert_allclose(slope, asked(0.0)[1], atol=1e-6 * (1 + np.abs(slope).max()))
+
+
+@pytest.mark.parametrize("kind", ["steered", "twin"])
+def test_the_rolling_speed_changes_as_its_rate_says(
+    tmp_path: Path, kind: str, rng: np.random.Generator
+) -> None:
+    robot = load(tmp_path, kind)
+    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    nu, rates = 0.2 * rng.normal(size=robot.dof), np.zeros(robot.dof)
+    start = on(robot, reference(4.0))
+    q = pin.integrate(robot.model, start, 0.1 * dynamics.basis(start) @ nu)
+    v = dynamics.basis(q) @ nu
+
+    def asked(s: float) -> tuple[Array, Array]:
+        at = pin.integrate(robot.model, q, s * v)
+        tracking = observe(dynamics, reference(4.0 + s), at, nu)
+        twist = holonomic(tracking, 0.6)
+        return base_command(dynamics, tracking.state, at, nu + s * rates, twist, 0.6)
+
+    for _ in range(3):  # steering accelerates as it is asked to
+        rates[1:3] = asked(0.0)[1][1:]
+    twist = holonomic(observe(dynamics, reference(4.0), q, nu), 0.6)
+    moved = dynamics.twist(q, asked(0.0)[0] @ np.eye(robot.dof)[:3])
+    assert abs(moved[0] - twist.value[0]) < 0.2
+    slope = (asked(STEP)[0][0] - asked(-STEP)[0][0]) / (2 * STEP)
+    assert slope == pytest.approx(asked(0.0)[1][0], abs=1e-5)
+
+
+@pytest.mark.parametrize("kind", STEERED)
+@pytest.mark.parametrize("name", ["line", "reverse", "circle", "eight"])
+def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
+    robot = load(tmp_path, kind)
+    off = (0.1, -0.1, 0.1)
+    run = track(robot, name, 10.0, off, control_period=0.01, plant_step=0.01)
+    figures = summarize(run)
+    assert figures["final_base_error"] < (0.02 if kind == "tricycle" else 3e-3)
+    assert not figures["limits_violated"]
+    assert figures["constraint_residual"] < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["steered", "twin"])
+def test_swerves_turn_on_the_spot(tmp_path: Path, kind: str) -> None:
+    robot = load(tmp_path, kind)
+    run = track(robot, "spin", 10.0, (0.1, -0.1, 0.1), control_period=0.01, plant_step=0.01)
+    assert summarize(run)["final_base_error"] < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["car-like", "tricycle", "bicycle"])
+def test_others_say_that_they_cannot(tmp_path: Path, kind: str) -> None:
+    with pytest.raises(RpctlError, match="does not turn on the spot"):
+        reference_by_name(load(tmp_path, kind), "spin")
+
+
+def test_paths_grow_where_the_steering_is_tight(tmp_path: Path) -> None:
+    """A circle's radius leaves half as much again as the tightest bend."""
+    text = vehicle("bicycle").replace('lower="-1.2" upper="1.2"', 'lower="-0.2" upper="0.3"')
+    robot = rpctl.load(write(tmp_path, text))
+    least = turning_radius(robot.drive, robot.description.joint)
+    assert least == pytest.approx(0.8 / np.tan(0.2))
+    state = reference_by_name(robot, "circle")(5.0)
+    assert state.twist[0] / state.twist[2] == pytest.approx(1.5 * least)
+    figures = summarize(track(robot, "circle", 12.0, control_period=0.01, plant_step=0.01))
+    assert not figures["limits_violated"]
+    assert figures["final_base_error"] < 1e-3
+
+
+def test_steering_stays_inside_its_limits(tmp_path: Path) -> None:
+    """Even where the error asks for far more."""
+    robot = load(tmp_path, "car-like")
+    run = track(robot, "line", 10.0, (0.2, 0.8, 1.2), control_period=0.01, plant_step=0.01)
+    index = [robot.velocity_index(name) + 1 for name in ("steer_left", "steer_right")]
+    assert np.abs(run.q[:, index]).max() < 1.2
+    assert summarize(run)["final_lateral_error"] < 0.1
+
+
+def test_a_reference_without_a_direction_leaves_the_wheels_ahead() -> None:
+    still = ReferenceState(*np.zeros((3, 3)), *np.empty((3, 0)))
+    np.testing.assert_array_equal(direction(still), [[1, 0, 0], [0, 0, 0], [0, 0, 0]])
+    assert Twist(still.twist, still.twist_dot).value.shape == (3,)
