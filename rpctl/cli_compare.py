@@ -30,7 +30,7 @@ from rpctl.options import (
     read_triple,
 )
 from rpctl.show import console, progress_bar
-from rpctl.simulation.scenarios import OURS, PAPER, SCENARIOS, Controller, controllers
+from rpctl.simulation.scenarios import PAPER, SCENARIOS, Controller, controllers, proposed
 from rpctl.simulation.standings import MEASURES, TIE, Verdict, best, places, verdicts
 from rpctl.simulation.study import INITIAL_ERROR, REFERENCES, Bench, Row, grid, run_grid
 
@@ -109,28 +109,29 @@ def compare_command(
         rows = run_grid(Bench(loaded, duration, error), cells, min(jobs, len(cells)), advance)
     if all(row.figures is None for row in rows):
         raise RpctlError(f"nothing ran: {rows[0].failure}")
+    ours = proposed(loaded)
     told = {
         "robot": loaded.name,
         "duration": duration,
         "initial_error": list(error),
         "scenarios": {name: SCENARIOS[name].told for name in troubles},
         "controllers": list(map(str, chosen)),
-        "ours": str(OURS),
+        "ours": str(ours),
         "rows": [row.to_dict() for row in rows],
-        "verdicts": [verdict.to_dict() for verdict in verdicts(rows)],
+        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
     }
-    _write(folder, told, rows)
+    _write(folder, told, rows, ours)
     if as_json:
         typer.echo(to_json(told))
     else:
-        show(rows, folder)
+        show(rows, ours, folder)
 
 
 def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _write(folder: Path, told: Mapping[str, Any], rows: Sequence[Row]) -> None:
+def _write(folder: Path, told: Mapping[str, Any], rows: Sequence[Row], ours: Controller) -> None:
     """Write the table as JSON and CSV, and the picture as PNG and PDF."""
     from rpctl.view.plots import to_pdf, to_png
     from rpctl.view.study_figure import study_figure
@@ -141,7 +142,7 @@ def _write(folder: Path, told: Mapping[str, Any], rows: Sequence[Row]) -> None:
         raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
     write_atomically(folder / "compare.json", (to_json(told) + "\n").encode())
     write_atomically(folder / "compare.csv", _csv(told["rows"]).encode())
-    figure = study_figure(rows, told["robot"])
+    figure = study_figure(rows, told["robot"], ours)
     write_atomically(folder / "compare.pdf", to_pdf(figure))
     write_atomically(folder / "compare.png", to_png(figure, DPI))
 
@@ -155,7 +156,7 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     return text.getvalue()
 
 
-def show(rows: Sequence[Row], folder: Path) -> None:
+def show(rows: Sequence[Row], ours: Controller, folder: Path) -> None:
     """Print a table a scenario, who won, and where the files lie."""
     out = console()
     if not out.is_terminal:
@@ -163,13 +164,13 @@ def show(rows: Sequence[Row], folder: Path) -> None:
     for scenario in dict.fromkeys(row.cell.scenario for row in rows):
         out.print(f"\n[bold]{scenario}[/]: {SCENARIOS[scenario].told}")
         shown = [row for row in rows if row.cell.scenario == scenario]
-        out.print(_table(shown))
+        out.print(_table(shown, ours))
         _show_notes(out, shown)
-    _show_verdicts(out, verdicts(rows))
+    _show_verdicts(out, verdicts(rows, ours), ours)
     out.print(f"wrote [bold]{escape(str(folder))}[/]: compare.json, .csv, .png, .pdf")
 
 
-def _table(rows: Sequence[Row]) -> Table:
+def _table(rows: Sequence[Row], ours: Controller) -> Table:
     """Return the rows of one scenario; the least errors of working laws are green."""
     table = Table("reference", "law", box=None, header_style="dim", padding=(0, 2, 0, 0))
     table.columns[0].no_wrap = table.columns[1].no_wrap = True
@@ -180,14 +181,10 @@ def _table(rows: Sequence[Row]) -> Table:
         least = [best(group, measure) for measure in ("rms_base", "rms_end_effector")]
         for number, row in enumerate(group):
             name = escape(Path(reference).name) if number == 0 else ""
-            last = number == len(group) - 1
-            table.add_row(name, _law(row.cell.controller), *_figures(row, least), end_section=last)
+            law = row.cell.controller
+            style = "bold" if law == ours else "default" if law == PAPER else "dim"
+            table.add_row(name, f"[{style}]{law}[/]", *_figures(row, least))
     return table
-
-
-def _law(controller: Controller) -> str:
-    style = {OURS: "bold", PAPER: ""}.get(controller, "dim")
-    return f"[{style}]{controller}[/]" if style else str(controller)
 
 
 def _figures(row: Row, least: Sequence[tuple[float, Controller] | None]) -> list[str]:
@@ -230,13 +227,13 @@ def _show_notes(out: Console, rows: Sequence[Row]) -> None:
         out.print(f"[dim]{controller}, {escape(', '.join(references))}:[/] {escape(told)}")
 
 
-def _show_verdicts(out: Console, found: Sequence[Verdict]) -> None:
+def _show_verdicts(out: Console, found: Sequence[Verdict], ours: Controller) -> None:
     """Print how many cells the proposed controller won, and each that it did not."""
     if not found:
         return
     met = [verdict for verdict in found if verdict.paper is not None]
     good = sum(not verdict.worse_than_paper for verdict in met)
-    out.print(f"\n[bold]{OURS}[/] has the least rms error, or within 1 % of it, in "
+    out.print(f"\n[bold]{ours}[/] has the least rms error, or within 1 % of it, in "
               f"{sum(verdict.won for verdict in found)} of {len(found)} comparisons; where "
               f"{PAPER} works, it is at least as good in {good} of {len(met)}")  # fmt: skip
     lost = [verdict for verdict in found if not verdict.won]
@@ -247,7 +244,7 @@ def _show_verdicts(out: Console, found: Sequence[Verdict]) -> None:
         table.add_column(heading, justify="right")
     table.add_column("by")
     for verdict in lost:
-        ours, paper, least = (
+        own, paper, least = (
             "-" if error is None else f"{MILLI * error:.2f}"
             for error in (verdict.ours, verdict.paper, verdict.best)
         )
@@ -255,7 +252,7 @@ def _show_verdicts(out: Console, found: Sequence[Verdict]) -> None:
             verdict.scenario,
             escape(Path(verdict.reference).name),
             MEASURES[verdict.measure],
-            ours,
+            own,
             f"[yellow]{paper}[/]" if verdict.worse_than_paper else paper,
             least,
             str(verdict.by),

@@ -95,18 +95,24 @@ class Controller:
 
 
 PAPER = Controller("paper", "paper")
+OURS = Controller("end-effector", "integral")  # what rpctl proposes for a robot with an arm
+OURS_ARMLESS = Controller("unified", "integral")  # the same without an end effector to keep
 # The dynamic laws tell apart where limits bind or the model is wrong: one kinematic law shows that.
 PAIRS = (
     PAPER,
     Controller("unified", "paper"),
     Controller("unified", "bounded"),
-    Controller("unified", "integral"),
-    Controller("end-effector", "bounded"),
+    OURS_ARMLESS,
+    OURS,
     Controller("horizon", "bounded"),
     Controller("kanayama", "paper"),
     Controller("feedback-linearization", "paper"),
 )
-OURS = PAIRS[3]
+
+
+def proposed(robot: Robot) -> Controller:
+    """Return the controller that rpctl proposes for a robot."""
+    return OURS if robot.joints else OURS_ARMLESS
 
 
 def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[Controller]:

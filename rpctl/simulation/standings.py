@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any, NamedTuple
 
-from rpctl.simulation.scenarios import OURS, PAPER, Controller
+from rpctl.simulation.scenarios import PAPER, Controller
 from rpctl.simulation.study import Row
 
 MEASURES = {"rms_base": "base", "rms_end_effector": "end effector"}
@@ -61,14 +61,19 @@ def best(rows: Sequence[Row], measure: str) -> tuple[float, Controller] | None:
     return errors[by], by
 
 
-def verdicts(rows: Sequence[Row]) -> list[Verdict]:
-    """Return the verdict on each scenario, reference and measure in which a controller works."""
+def verdicts(rows: Sequence[Row], proposed: Controller) -> list[Verdict]:
+    """Return the verdict on each scenario, reference and measure in which a controller works.
+
+    Args:
+        rows: Of a grid.
+        proposed: The controller that rpctl proposes; none of the rows is its: no verdict.
+    """
     found = []
     for (scenario, reference), group in places(rows):
         for measure in MEASURES:
             least, errors = best(group, measure), _errors(group, measure)
-            if least is not None and any(row.cell.controller == OURS for row in group):
-                ours, paper = errors.get(OURS), errors.get(PAPER)
+            if least is not None and any(row.cell.controller == proposed for row in group):
+                ours, paper = errors.get(proposed), errors.get(PAPER)
                 found.append(Verdict(scenario, reference, measure, ours, paper, *least))
     return found
 

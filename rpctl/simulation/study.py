@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing as mp
+import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -275,6 +277,15 @@ _benches: list[Bench] = []  # of a worker: its one
 
 def _set_bench(bench: Bench) -> None:
     _benches[:] = [bench]
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that started it was killed."""
+    parent = mp.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
 
 
 def _run_cell(cell: Cell) -> Row:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rpctl.simulation.scenarios import OURS, PAPER, Controller
+from rpctl.simulation.scenarios import PAPER, Controller
 from rpctl.simulation.standings import places
 from rpctl.simulation.study import Row
 from rpctl.view.plot_style import LIGHT, SMALL, TEXT
@@ -20,15 +20,17 @@ MILLI = 1e3  # mm of a m
 ROOM = 1.6  # times the extreme errors: where the axis ends
 NARROW = 50.0  # times the least value of an axis: up to there 2 and 5 are marked, too
 GREY = "#9aa2ad"
+Colours = dict[Controller, str]  # of the two that matter
 BROKEN: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
 
 
-def study_figure(rows: Sequence[Row], title: str) -> Figure:
+def study_figure(rows: Sequence[Row], title: str, proposed: Controller) -> Figure:
     """Return the figure: rms errors of base and end effector; one axis a reference.
 
     Args:
         rows: The rows of a grid.
         title: What it is of.
+        proposed: The controller that rpctl proposes.
     """
     from matplotlib.figure import Figure
 
@@ -40,6 +42,7 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
     height = HEAD + (tall + GAP) * len(scenarios) + FOOT
     figure = Figure((width, height))
     figure.set_facecolor(LIGHT.paper)
+    colours = {PAPER: LIGHT.tip, proposed: LIGHT.base}
     groups = dict(places(rows))
     spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
     for i, scenario in enumerate(scenarios):
@@ -50,11 +53,13 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
                 (box[0] / width, box[1] / height, box[2] / width, box[3] / height)
             )
             last = i == len(scenarios) - 1
-            _panel(axes, groups.get((scenario, reference), []), laws, spans[reference], last)
+            _panel(
+                axes, groups.get((scenario, reference), []), laws, colours, spans[reference], last
+            )
             if i == 0:
                 axes.set_title(reference, fontsize=TEXT, fontweight="bold", color=LIGHT.ink, pad=5)
             if j == 0:
-                _names(axes, scenario, laws)
+                _names(axes, scenario, laws, colours)
     figure.text(
         (LABELS + 0.5 * PANEL * len(references)) / width,
         0.36 / height,
@@ -65,7 +70,7 @@ def study_figure(rows: Sequence[Row], title: str) -> Figure:
     )
     figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", fontsize=TEXT + 1,
                 fontweight="bold", color=LIGHT.ink)  # fmt: skip
-    _legend(figure, height)
+    _legend(figure, height, proposed)
     return figure
 
 
@@ -85,6 +90,7 @@ def _panel(
     axes: Axes,
     rows: Sequence[Row],
     laws: Sequence[Controller],
+    colours: Colours,
     span: tuple[float, float],
     last: bool,
 ) -> None:
@@ -106,11 +112,11 @@ def _panel(
     for spine in axes.spines.values():
         spine.set(color=LIGHT.faint, linewidth=0.6)
     for row in rows:
-        _mark(axes, row, laws.index(row.cell.controller), span)
+        colour = colours.get(row.cell.controller, GREY)
+        _mark(axes, row, laws.index(row.cell.controller), colour, span)
 
 
-def _mark(axes: Axes, row: Row, line: int, span: tuple[float, float]) -> None:
-    colour = _colour(row.cell.controller)
+def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float]) -> None:
     figures = row.figures
     if figures is None:
         axes.plot([span[1] / ROOM**0.6], [line], "x", color=GREY, ms=3.6, mew=1.0)
@@ -124,27 +130,23 @@ def _mark(axes: Axes, row: Row, line: int, span: tuple[float, float]) -> None:
         axes.plot([span[0] * ROOM**0.6], [line], **BROKEN)
 
 
-def _colour(controller: Controller) -> str:
-    return {OURS: LIGHT.base, PAPER: LIGHT.tip}.get(controller, GREY)
-
-
-def _names(axes: Axes, scenario: str, laws: Sequence[Controller]) -> None:
+def _names(axes: Axes, scenario: str, laws: Sequence[Controller], colours: Colours) -> None:
     """Write the scenario and the names of its lines left of a panel."""
     for line, law in enumerate(laws):
         axes.annotate(str(law), (0, line), (-4, 0), ("axes fraction", "data"), "offset points",
                       ha="right", va="center", fontsize=SMALL - 1.2,
-                      color=LIGHT.ink if law in (OURS, PAPER) else LIGHT.desired)  # fmt: skip
+                      color=LIGHT.ink if law in colours else LIGHT.desired)  # fmt: skip
     axes.annotate(scenario, (0, 1), (-LABELS * 72 + 4, 1), "axes fraction", "offset points",
                   ha="left", va="bottom", fontsize=TEXT, fontweight="bold",
                   color=LIGHT.ink)  # fmt: skip
 
 
-def _legend(figure: Figure, height: float) -> None:
+def _legend(figure: Figure, height: float, proposed: Controller) -> None:
     from matplotlib.lines import Line2D
 
     ring = {"marker": "o", "mfc": LIGHT.paper, "color": LIGHT.ink, "ms": 3.4, "ls": ""}
     looks: dict[str, dict[str, Any]] = {
-        f"{OURS} (rpctl's)": {"marker": "o", "color": LIGHT.base, "ms": 3.6},
+        f"{proposed} (rpctl's)": {"marker": "o", "color": LIGHT.base, "ms": 3.6},
         f"{PAPER} (the paper's)": {"marker": "o", "color": LIGHT.tip, "ms": 3.6},
         "others": {"marker": "o", "color": GREY, "ms": 3.6},
         "base": {"marker": "o", "color": LIGHT.ink, "ms": 3.6, "ls": ""},

@@ -25,7 +25,15 @@ from rpctl import Robot, RpctlError, UnifiedKinematic
 from rpctl.cli import app
 from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.errors import UnknownNameError
-from rpctl.simulation.scenarios import OURS, PAIRS, PAPER, SCENARIOS, Controller, controllers
+from rpctl.simulation.scenarios import (
+    OURS,
+    PAIRS,
+    PAPER,
+    SCENARIOS,
+    Controller,
+    controllers,
+    proposed,
+)
 from rpctl.simulation.standings import Verdict, verdicts
 from rpctl.simulation.study import Bench, Cell, Figures, Row, Stopwatch, figures, grid, run_grid
 from tests.robots import SET_A, platform, write
@@ -59,7 +67,7 @@ def test_a_robot_without_arm_or_wheels_says_so(tmp_path: Path) -> None:
     )
     pushed = SCENARIOS["wheel-bias"].make(bare).plant.tau_bias
     assert list(pushed.values()) == [1.0]
-    found = Bench(bare, 0.1)(Cell("nominal", "line", OURS)).figures
+    found = Bench(bare, 0.1)(Cell("nominal", "line", proposed(bare))).figures
     assert found is not None
     assert found.rms_end_effector is found.peak_effort is found.rms_effort is None
     assert Bench(fixed, 0.1)(Cell("nominal", "eight", OURS)).figures is not None
@@ -141,23 +149,23 @@ def row(controller: Controller, base: float, tip: float | None = 1.0, *broken: s
 
 def test_verdicts() -> None:
     rows = [row(PAPER, 2.0), row(OURS, 1.005), row(KANAYAMA, 1.0)]
-    assert verdicts(rows) == [
+    assert verdicts(rows, OURS) == [
         Verdict("nominal", "line", "rms_base", 1.005, 2.0, 1.0, KANAYAMA),
         Verdict("nominal", "line", "rms_end_effector", 1.0, 1.0, 1.0, PAPER),
     ]
-    assert verdicts(rows)[0].won
-    assert not verdicts(rows)[0].worse_than_paper
-    worse = verdicts([row(PAPER, 1.0), row(OURS, 1.1)])[0]
+    assert verdicts(rows, OURS)[0].won
+    assert not verdicts(rows, OURS)[0].worse_than_paper
+    worse = verdicts([row(PAPER, 1.0), row(OURS, 1.1)], OURS)[0]
     assert (worse.won, worse.worse_than_paper) == (False, True)
 
 
 def test_who_breaks_a_limit_wins_nothing() -> None:
-    base, _ = verdicts([row(PAPER, 1.0, 1.0, "wheel effort"), row(OURS, 3.0)])
+    base, _ = verdicts([row(PAPER, 1.0, 1.0, "wheel effort"), row(OURS, 3.0)], OURS)
     assert (base.won, base.worse_than_paper, base.paper) == (True, False, None)
-    base, _ = verdicts([row(PAPER, 3.0), row(OURS, 1.0, 1.0, "wheel effort")])
+    base, _ = verdicts([row(PAPER, 3.0), row(OURS, 1.0, 1.0, "wheel effort")], OURS)
     assert (base.won, base.worse_than_paper, base.ours) == (False, True, None)
-    assert verdicts([row(PAPER, 1.0)]) == []
-    assert len(verdicts([row(PAPER, 1.0, None), row(OURS, 1.0, None)])) == 1
+    assert verdicts([row(PAPER, 1.0)], OURS) == []
+    assert len(verdicts([row(PAPER, 1.0, None), row(OURS, 1.0, None)], OURS)) == 1
 
 
 def compare(*words: str) -> Any:
@@ -167,7 +175,7 @@ def compare(*words: str) -> Any:
 def test_compare_writes_a_table_and_a_picture(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "folder"
     words = ["--references", "spin,line", "--scenarios", "delay", "--duration", "0.1"]
-    words += ["--laws", "paper,unified+integral,feedback-linearization", "--out", str(out)]
+    words += ["--laws", "paper,end-effector,feedback-linearization", "--out", str(out)]
     result = compare(*words, "--json")
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
@@ -187,7 +195,7 @@ def test_compare_writes_a_table_and_a_picture(tmp_path: Path) -> None:
     assert (out / "compare.png").read_bytes().startswith(b"\x89PNG")
     assert (out / "compare.pdf").read_bytes().startswith(b"%PDF")
     text = compare(*words).stdout
-    for word in ("delay: 20 ms", "unified+integral", "did not run", "where paper+paper works"):
+    for word in ("delay: 20 ms", "end-effector+integral", "did not run", "where paper+paper works"):
         assert word in text
 
 
@@ -210,7 +218,9 @@ def test_wrong_input_exits_2(words: tuple[str, ...], told: str, tmp_path: Path) 
     assert not (tmp_path / "out").exists()
 
 
-def test_ctrl_c_exits_130_and_leaves_no_process(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+def test_no_process_is_left(ending: signal.Signals, tmp_path: Path) -> None:
+    """A Ctrl-C reaches all processes, and exits 130; a kill reaches the first one only."""
     out = tmp_path / "out"
     words = ["-m", "rpctl", "compare", "paper", "--duration", "600", "--jobs", "2"]
     process = subprocess.Popen(
@@ -223,12 +233,15 @@ def test_ctrl_c_exits_130_and_leaves_no_process(tmp_path: Path) -> None:
         deadline = time.monotonic() + 60.0
         while members(group) < 4 and time.monotonic() < deadline:  # a tracker and two workers
             time.sleep(0.2)
-        os.killpg(group, signal.SIGINT)  # as a terminal does
+        if ending == signal.SIGINT:
+            os.killpg(group, ending)
+        else:
+            process.kill()
         _, err = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert process.returncode == 130
-    assert err.strip() == "interrupted"
+    if ending == signal.SIGINT:
+        assert (process.returncode, err.strip()) == (130, "interrupted")
     assert not out.exists()
     deadline = time.monotonic() + 20.0
     while members(group) and time.monotonic() < deadline:  # the tracker sees itself left alone
