@@ -18,7 +18,7 @@ LABELS, PANEL = 1.55, 0.92  # widths, inches
 LINE, GAP, HEAD, FOOT = 0.115, 0.16, 0.52, 0.62  # heights, inches
 MILLI = 1e3  # mm of a m
 ROOM = 1.6  # times the extreme errors: where the axis ends
-NARROW = 50.0  # times the least value of an axis: up to there 2 and 5 are marked, too
+NARROW = 50.0  # times the least value of an axis: up to there 3 is marked, too
 GREY = "#9aa2ad"
 Colours = dict[Controller, str]  # of the two that matter
 BROKEN: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
@@ -102,7 +102,7 @@ def _panel(
     axes.set_ylim(len(laws), -1)
     axes.set_facecolor(LIGHT.paper)
     axes.yaxis.set_major_locator(NullLocator())
-    steps = (1.0, 2.0, 5.0) if span[1] < NARROW * span[0] else (1.0,)
+    steps = (1.0, 3.0) if span[1] < NARROW * span[0] else (1.0,)
     axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=4))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(True, axis="x", color=LIGHT.faint, lw=0.5)
@@ -119,7 +119,7 @@ def _panel(
 def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float]) -> None:
     figures = row.figures
     if figures is None:
-        axes.plot([span[1] / ROOM**0.6], [line], "x", color=GREY, ms=3.6, mew=1.0)
+        axes.plot([span[1] / ROOM**0.35], [line], "x", color=GREY, ms=3.6, mew=1.0)
         return
     base, tip = figures.rms_base, figures.rms_end_effector
     if tip:
@@ -127,7 +127,7 @@ def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float
         axes.plot([MILLI * tip], [line], "o", mfc=LIGHT.paper, mec=colour, mew=0.9, ms=3.4)
     axes.plot([MILLI * base], [line], "o", color=colour, ms=3.6, zorder=4)
     if figures.violations:
-        axes.plot([span[0] * ROOM**0.6], [line], **BROKEN)
+        axes.plot([span[0] * ROOM**0.35], [line], **BROKEN)
 
 
 def _names(axes: Axes, scenario: str, laws: Sequence[Controller], colours: Colours) -> None:
