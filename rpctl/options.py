@@ -27,7 +27,8 @@ DriveOption = Annotated[
     str | None,
     typer.Option(
         metavar="TYPE|FILE",
-        help="differential, skid-steer, mecanum, fixed, or a drive file (TOML).",
+        help="differential, skid-steer, car-like, tricycle, bicycle, steered, omni, mecanum, "
+        "fixed, or a drive file (TOML).",
     ),
 ]
 DensityOption = Annotated[

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import rpctl
 from rpctl.cli import app
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^\$ rpctl (.*)$", TEXT, flags=re.MULTILINE)
+DRIVE_FILE = re.findall(r"```toml\n(type = .*?)```", TEXT, flags=re.DOTALL)[0]
 EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
 
 pytestmark = pytest.mark.slow
@@ -46,3 +48,11 @@ def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLES[0])
     assert printed == told
     assert (tmp_path / "report.html").stat().st_size > 1e6
+
+
+def test_the_drive_file(tmp_path: Path) -> None:
+    (tmp_path / "drive.toml").write_text(DRIVE_FILE, encoding="utf-8")
+    told = rpctl.load("tricycle", drive=tmp_path / "drive.toml").drive
+    found = rpctl.load("tricycle").drive
+    assert [(w.joint, w.driven) for w in told.wheels] == [(w.joint, w.driven) for w in found.wheels]
+    assert [(s.joint, s.role) for s in told.swivels] == [(s.joint, s.role) for s in found.swivels]

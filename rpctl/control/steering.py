@@ -17,6 +17,7 @@ SLOW = 0.1  # m/s: well below it steering keeps to the reference, well above it 
 SHARE = 0.25  # of the law's horizon: steering has to be faster than what it serves
 AHEAD = 1.0  # how far a base with an axle may steer off the reference's direction, of 1
 APART, LEAST = 0.8, 0.2  # the same of steered wheels only: a share of the room there is, at least
+BRISK = 0.9  # of the fastest that a steered joint may turn: what is asked for at most
 ROOM = 0.02  # rad that a commanded steering angle keeps from the joint's limits
 
 
@@ -89,10 +90,8 @@ def _steering(
     actual = np.array([robot.joint_position(q, swivel.joint) for swivel in steered])
     rates = nu[1 : 1 + len(steered)]
     wanted = wanted + math.pi * np.round((actual - wanted) / math.pi)  # heading back is as good
-    joints = [robot.description.joint[swivel.joint] for swivel in steered]
-    lower = np.array([joint.lower + ROOM for joint in joints])
-    upper = np.array([joint.upper - ROOM for joint in joints])
-    fastest = np.array([joint.velocity for joint in joints])
+    limits = robot.steering_limits
+    lower, upper, fastest = limits.lower + ROOM, limits.upper - ROOM, BRISK * limits.fastest
     held = (wanted < lower) | (wanted > upper)
     wanted = np.clip(wanted, lower, upper)
     wanted_rate = np.where(held, 0.0, wanted_rate)

@@ -148,8 +148,10 @@ def reference_by_name(robot: Robot, name: str) -> PathReference:
             f"{robot.name} cannot follow a spin: a {robot.drive.type} base does not turn on the "
             "spot; take line, reverse, circle or eight"
         )
-    path = paths.scaled(make(), _growth(robot, make()))
-    return PathReference(path, rate, waves(robot), RAMP)
+    growth = _growth(robot, make())
+    # As the size grows, the pace falls: the acceleration into the bends stays what it was.
+    path = paths.scaled(make(), growth)
+    return PathReference(path, rate / math.sqrt(growth), waves(robot), RAMP)
 
 
 def _growth(robot: Robot, path: paths.Path) -> float:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from rpctl.description.records import Array, Description, Joint
 from rpctl.errors import Finding, RpctlError, UnknownNameError
 from rpctl.robot.drive import Drive
-from rpctl.robot.steering import follow, regular
+from rpctl.robot.steering import SteeringLimits, follow, regular, steering_limits
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
 BASE_NV = 3
@@ -105,6 +105,11 @@ class Robot:
     def effort_limits(self) -> Array:
         """Limits of τ (n_act,), N·m or N; inf where the URDF gives none."""
         return np.array([self.description.joint[name].effort for name in self.actuators])
+
+    @cached_property
+    def steering_limits(self) -> SteeringLimits:
+        """Limits of the steered joints, with those of the wheels that follow them."""
+        return steering_limits(self.drive, self.description.joint)
 
     def velocity_index(self, joint: str) -> int:
         """Return a joint's index in v."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from rpctl.robot.drive import Drive, Swivel
 
 NEWTON = 4  # steps to the angle of wheels that mimic one another; quadratic from near
 TINY = 1e-12  # m/s: a place that stands still has no heading
+LOOKS = 251  # positions of a leader to each side at which its followers are looked at
+JUMP = 0.5  # rad; no follower turns so far between two of them
 STEEP = 1.3  # rad; nearer to a right angle steering is not asked to go
 REGULAR = 0.1  # of 1: steering nearer to a singular one is not drawn at random
 
@@ -182,3 +185,49 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
         limit = min(float(np.abs(turn).min()), STEEP)
         radii.append(abs(float(reach @ ahead)) / math.tan(limit) + abs(float(reach @ left)))
     return max(radii)
+
+
+class SteeringLimits(NamedTuple):
+    """What the steered joints may do so that they and their followers keep their limits."""
+
+    lower: Array  # (n_steered,) rad
+    upper: Array  # (n_steered,) rad
+    fastest: Array  # (n_steered,) rad/s
+
+
+def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits:
+    """Return the limits of the steered joints, tighter where a follower's would be broken.
+
+    With one leader and a fixed axle, each follower is a function of it: its range is looked
+    through in small steps. Followers of two leaders keep to their own limits only.
+
+    Args:
+        drive: The drive.
+        joints: Joints by name.
+    """
+    own = [joints[swivel.joint] for swivel in drive.steered]
+    lower, upper, fastest = (
+        np.array([getattr(joint, name) for joint in own]) for name in ("lower", "upper", "velocity")
+    )
+    if len(own) == 1 and drive.has_axle and drive.followers:
+        (name,) = (joint.name for joint in own)
+        for swivel in drive.followers:
+            follower = joints[swivel.joint]
+            places = [
+                _outwards(drive, name, follower, bound * np.linspace(0.0, 1.0, LOOKS))
+                for bound in (max(lower[0], -STEEP), min(upper[0], STEEP))
+            ]
+            lower[0], upper[0] = (leader[-1] for leader, _ in places)
+            gains = [np.diff(turned) / np.diff(leader) for leader, turned in places]
+            gain = max(float(np.abs(each).max(initial=1.0)) for each in gains)
+            fastest[0] = min(fastest[0], follower.velocity / gain)
+    return SteeringLimits(lower, upper, fastest)
+
+
+def _outwards(drive: Drive, leader: str, follower: Joint, grid: Array) -> tuple[Array, Array]:
+    """Return the leader's positions from 0 on along which a follower keeps its limits, and its."""
+    turned = np.array([follow(drive, {leader: x})[follower.name] for x in grid])
+    broken = (turned < follower.lower) | (turned > follower.upper)
+    broken[1:] |= np.abs(np.diff(turned)) > JUMP  # beyond a right angle it counts from behind
+    end = int(np.argmax(broken)) if broken.any() else len(grid)
+    return grid[: max(end, 1)], turned[: max(end, 1)]

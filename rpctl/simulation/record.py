@@ -69,6 +69,7 @@ class Recorder:
                 "joints": robot.joint_positions(q),
                 "joints_ref": state.joints,
                 "steering_ref": steering(robot, state)[0],
+                "steering": np.array([robot.joint_position(q, name) for name in _turned(robot)]),
                 "e": e,
                 "energy": dynamics.energy(q, nu),
                 "work": work,
@@ -114,12 +115,22 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
         "velocity_limits": tuple(robot.description.joint[n].velocity for n in robot.actuators),
         "lower_limits": tuple(joint.lower for joint in joints),
         "upper_limits": tuple(joint.upper for joint in joints),
+        "steering_names": _turned(robot),
+        "steering_limits": tuple(
+            (robot.description.joint[name].lower, robot.description.joint[name].upper)
+            for name in _turned(robot)
+        ),
         "end_effector": robot.end_effector,
         "contacts": contacts.names if contacts else (),
         "contact_points": tuple(map(tuple, contacts.points.tolist())) if contacts else (),
         "axles": contacts.axles if contacts else (),
         "ground_notes": contacts.notes if contacts else (),
     }
+
+
+def _turned(robot: Robot) -> tuple[str, ...]:
+    """Return the joints that turn wheels, but for casters."""
+    return tuple(swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster")
 
 
 def describe(law: object) -> dict[str, Any]:

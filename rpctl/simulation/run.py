@@ -40,6 +40,7 @@ class Run:
         base_ref: Reference pose of P (K, 3).
         joints: Positions of the arm (K, n_joints); rad or m.
         joints_ref: Their references (K, n_joints).
+        steering: Positions of the joints that steer wheels (K, n_steering), rad.
         e: Tracking error (K, 3 + n_joints): longitudinal, lateral, heading, joints.
         q_ref: Configuration of the reference robot (K, nq), wheels turned as they would roll.
         ee: Position of the end effector (K, 3), m; (K, 0) for a robot without an arm.
@@ -73,6 +74,8 @@ class Run:
         velocity_limits: Limits of the actuators' rates; inf where the URDF gives none.
         lower_limits: Lower limits of the arm's positions; -inf where there is none.
         upper_limits: Upper limits of the arm's positions; inf where there is none.
+        steering_names: Joints that steer wheels.
+        steering_limits: Their limits (lower, upper), rad.
         end_effector: The link that was tracked, or None.
         contacts: Names of the contacts with the ground, wheels first; none for a fixed base.
         contact_points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
@@ -96,6 +99,7 @@ class Run:
     base_ref: Array
     joints: Array
     joints_ref: Array
+    steering: Array
     e: Array
     q_ref: Array
     ee: Array
@@ -126,6 +130,8 @@ class Run:
     velocity_limits: tuple[float, ...]
     lower_limits: tuple[float, ...]
     upper_limits: tuple[float, ...]
+    steering_names: tuple[str, ...]
+    steering_limits: tuple[tuple[float, float], ...]
     end_effector: str | None
     contacts: tuple[str, ...]
     contact_points: tuple[tuple[float, float], ...]

@@ -111,6 +111,11 @@ def violations(run: Run) -> list[dict[str, Any]]:
     ):
         found += _violation(run, name, "lower", -position, -lower)
         found += _violation(run, name, "upper", position, upper)
+    for name, position, (lower, upper) in zip(
+        run.steering_names, run.steering.T, run.steering_limits, strict=True
+    ):
+        found += _violation(run, name, "lower", -position, -lower)
+        found += _violation(run, name, "upper", position, upper)
     return found
 
 

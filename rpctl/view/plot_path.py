@@ -47,11 +47,12 @@ def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
 def _draw_poses(axes: Axes, run: Run, theme: Theme) -> None:
     """Draw the robot's outline and heading at regular times."""
     outline = support_outline(run)
-    interval = _interval(run, outline)
+    size = _size(run)
+    interval = _interval(run, size)
     wanted = np.arange(run.t[0], run.t[-1] + 1e-9, interval) if interval else run.t[:1]
     for k in np.searchsorted(run.t, wanted).clip(max=len(run.t) - 1):
         x, y, heading = run.base[k]
-        length = HEADING * run.drive["track"]
+        length = HEADING * size
         tick = [x, x + length * np.cos(heading)], [y, y + length * np.sin(heading)]
         axes.plot(*tick, color=theme.ink, lw=0.9, zorder=3.5)
         if outline is not None:
@@ -83,11 +84,17 @@ def _turn(q: Array) -> Array:
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
-def _interval(run: Run, outline: Array | None) -> float:
+def _size(run: Run) -> float:
+    """Return how far apart the contacts are, m: the size of what is drawn of the robot."""
+    points = np.array(run.contact_points).reshape(-1, 2)
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    return max(extent, run.drive["track"]) or 1.0
+
+
+def _interval(run: Run, size: float) -> float:
     """Return a round time between poses, s, in which the robot leaves its place; 0: never."""
     duration = float(run.t[-1] - run.t[0])
     length = float(np.linalg.norm(np.diff(run.base[:, :2], axis=0), axis=1).sum())
-    size = run.drive["track"] if outline is None else float(np.ptp(outline, axis=0).max())
     count = min(POSES, length / (CLEAR * size))
     if count < 1.0:
         return 0.0

@@ -8,6 +8,15 @@ import rpctl
 from rpctl.errors import UnknownNameError
 from rpctl.robot.catalog import ENTRIES, find, names
 
+DETECTED = {  # where the wheels tell another drive than a differential one
+    "car": "car-like",
+    "tricycle": "tricycle",
+    "bicycle": "bicycle",
+    "swerve": "steered",
+    "twin_casters": "steered",
+    "omni": "omni",
+}
+
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
 def test_every_entry_has_a_file(entry: rpctl.robot.catalog.Entry) -> None:
@@ -18,7 +27,7 @@ def test_every_entry_has_a_file(entry: rpctl.robot.catalog.Entry) -> None:
 def test_robots_load(name: str) -> None:
     robot = rpctl.load(name)
     assert robot.name == name
-    assert robot.drive.type == (find(name).drive or "differential")
+    assert robot.drive.type == (find(name).drive or DETECTED.get(name, "differential"))
     assert robot.dof <= len(robot.actuators)
 
 
