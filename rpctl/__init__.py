@@ -24,7 +24,7 @@ from rpctl.errors import RpctlError
 from rpctl.robot.drive import Drive, Wheel
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import scale_limits, scale_masses
+from rpctl.robot.vary import scale_limits, scale_masses, set_limits
 from rpctl.simulation.loop import track
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -57,6 +57,7 @@ __all__ = [
     "load",
     "scale_limits",
     "scale_masses",
+    "set_limits",
     "summarize",
     "track",
     "verify",

@@ -12,9 +12,10 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from rpctl import __version__
+from rpctl.cli_compare import compare_command
 from rpctl.cli_view import plot_command, view_command
-from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
+from rpctl.control.config import Config, read_config, write_config
+from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.description.expansion import expand
 from rpctl.description.packages import require_folders
 from rpctl.dynamics.contact import FRICTION
@@ -37,6 +38,7 @@ from rpctl.reference.load import load_reference
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
+from rpctl.robot.vary import set_limits
 from rpctl.show import (
     certificate_line,
     console,
@@ -176,35 +178,49 @@ def track_command(
     strict: StrictOption = False,
     package_dir: PackageDirOption = None,
     reference: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
             help="Path of the base or of the end effector: a name, a path file (TOML), or "
-            "time-stamped poses (CSV).",
+            "time-stamped poses (CSV); eight if not given.",
         ),
-    ] = "eight",
+    ] = None,
     duration: Annotated[
         float | None,
         typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
     ] = None,
     initial_error: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="X,Y,THETA",
             help="Tracking error at the start: how far the reference is ahead and to the left of "
-            "the robot (m) and turned from it (rad).",
+            "the robot (m) and turned from it (rad); none if not given.",
         ),
-    ] = "0,0,0",
+    ] = None,
     kinematic: Annotated[
-        str,
-        typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law."),
-    ] = "unified",
+        str | None,
+        typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
+    ] = None,
     dynamic: Annotated[
-        str, typer.Option(metavar="paper|bounded|integral", help="Dynamic law.")
-    ] = "paper",
+        str | None,
+        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
+    ] = None,
     friction: Annotated[
-        float, typer.Option(help="Friction coefficient of the wheels, to tell if they would slip.")
-    ] = FRICTION,
+        float | None,
+        typer.Option(
+            help="Friction coefficient of the wheels, to tell if they would slip; "
+            f"{FRICTION:g} if not given."
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Laws, their settings, limits and all else (TOML); options win."
+        ),
+    ] = None,
+    save_config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the configuration in use.")
+    ] = None,
     samples: Annotated[
         int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
     ] = 20,
@@ -230,10 +246,17 @@ def track_command(
 
     Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
     """
-    error = read_triple(initial_error)
-    laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
+    error = None if initial_error is None else read_triple(initial_error)
+    chosen = (Config() if config is None else read_config(config)).with_laws(kinematic, dynamic)
+    chosen = chosen.with_run(
+        reference=reference, duration=duration, initial_error=error, friction=friction
+    )
     loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-{Path(reference).stem}")
+    loaded = set_limits(loaded, chosen.limits.effort, chosen.limits.velocity)
+    if save_config is not None:
+        write_config(chosen, save_config)
+    told = f"{loaded.name}-{Path(chosen.run.reference).stem}"
+    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", told)
     if png:
         from rpctl.view.browser import require_browser
 
@@ -247,17 +270,15 @@ def track_command(
     if live:
         from rpctl.view.live import broadcast
 
-        path = load_reference(loaded, reference)
-        lasts = lasting(path) if duration is None else duration
+        path = load_reference(loaded, chosen.run.reference)
+        lasts = lasting(path) if chosen.run.duration is None else chosen.run.duration
         watcher = context.with_resource(broadcast(loaded, path, lasts, say.print))
     with progress_bar("simulate") as advance:
         run = track(
             loaded,
-            reference,
-            duration,
-            error,
-            *laws,
-            friction=friction,
+            kinematic=chosen.kinematic,
+            dynamic=chosen.dynamic,
+            **vars(chosen.run),
             certificate=certificate,
             progress=advance,
             watch=watcher,
@@ -285,6 +306,9 @@ app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-
 )
 app.command("plot", epilog="Example: rpctl plot runs/tiago-eight --out tiago.pdf")(
     _guarded(plot_command)
+)
+app.command("compare", epilog="Example: rpctl compare tiago --references line,eight")(
+    _guarded(compare_command)
 )
 
 

@@ -286,7 +286,7 @@ def test_robots_lists_the_catalogue() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["inspect", "verify", "derive", "track", "view", "plot", "robots"]
+    "command", ["inspect", "verify", "derive", "track", "compare", "view", "plot", "robots"]
 )
 def test_help_has_an_example(command: str) -> None:
     code, out, _ = run(command, "--help")

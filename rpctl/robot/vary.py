@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import pinocchio as pin
 
@@ -29,9 +31,36 @@ def scale_limits(robot: Robot, effort: float = 1.0, velocity: float = 1.0) -> Ro
     def scaled(joint: Joint) -> Joint:
         return replace(joint, effort=effort * joint.effort, velocity=velocity * joint.velocity)
 
-    joints = tuple(map(scaled, robot.description.joints))
-    description = replace(robot.description, joints=joints)
-    return replace(robot, description=description, joints=tuple(map(scaled, robot.joints)))
+    return _with_joints(robot, scaled)
+
+
+def set_limits(
+    robot: Robot,
+    effort: Mapping[str, float] | None = None,
+    velocity: Mapping[str, float] | None = None,
+) -> Robot:
+    """Return a robot with effort and velocity limits of its own, where another has the file's.
+
+    Args:
+        robot: The other one.
+        effort: Effort limits (N·m or N) by pattern of joint names (``"arm_*"``); the last that
+            matches counts.
+        velocity: Velocity limits (rad/s or m/s), likewise.
+
+    Raises:
+        RpctlError: A limit is not positive, or no joint has such a name.
+    """
+    names = list(robot.model.names)[2:]
+    given: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for kind, limits in (("effort", effort or {}), ("velocity", velocity or {})):
+        for pattern, limit in limits.items():
+            require_positive(f"the {kind} limit of {pattern}", limit)
+            matching = [name for name in names if fnmatchcase(name, pattern)]
+            if not matching:
+                raise UnknownNameError("joint", pattern, names)
+            for name in matching:
+                given[name][kind] = limit
+    return _with_joints(robot, lambda joint: replace(joint, **given.get(joint.name, {})))
 
 
 def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
@@ -58,3 +87,10 @@ def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
             scale * inertia.mass, inertia.lever, scale * inertia.inertia
         )
     return replace(robot, model=model)
+
+
+def _with_joints(robot: Robot, change: Callable[[Joint], Joint]) -> Robot:
+    """Return a robot whose joints are another's, each changed."""
+    joints = tuple(map(change, robot.description.joints))
+    description = replace(robot.description, joints=joints)
+    return replace(robot, description=description, joints=tuple(map(change, robot.joints)))

@@ -43,7 +43,7 @@ def save_tracking_figure(run: Run, path: str | Path) -> Path:
 
 def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
-    return _png(tracking_figure(run), DPI)
+    return to_png(tracking_figure(run), DPI)
 
 
 def save_figure(
@@ -68,7 +68,7 @@ def save_figure(
     if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
     figure = tracking_figure(run, panels=panels, column=column)
-    return write_atomically(path, _pdf(figure) if suffix == ".pdf" else _png(figure, PRINT_DPI))
+    return write_atomically(path, to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI))
 
 
 def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
@@ -122,7 +122,8 @@ def _choose(found: Sequence[Panel], wanted: Sequence[str]) -> list[Panel]:
     return [panel for name in wanted for panel in found if panel.name == name]
 
 
-def _png(figure: Figure, dpi: int) -> bytes:
+def to_png(figure: Figure, dpi: int) -> bytes:
+    """Return a figure as the bytes of a PNG, its colours few."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
@@ -135,7 +136,8 @@ def _png(figure: Figure, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
-def _pdf(figure: Figure) -> bytes:
+def to_pdf(figure: Figure) -> bytes:
+    """Return a figure as the bytes of a PDF, its fonts in it."""
     from matplotlib import rc_context
 
     buffer = io.BytesIO()

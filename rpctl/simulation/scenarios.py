@@ -1,0 +1,142 @@
+"""What a benchmark does to a robot behind its controller's back, and the controllers it takes."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.control.dynamic import DYNAMIC_LAWS
+from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.model import Robot
+from rpctl.robot.vary import scale_limits, scale_masses
+from rpctl.simulation.plant import Plant
+
+ARM_SHARE = 0.7  # of the arm's mass: what the controller takes it for
+BIAS_SHARE = 0.05  # of the first wheel's effort limit
+BIAS = 1.0  # N·m, where it has none
+DELAY = 0.02  # s
+EFFORT_SHARE = 0.5  # of each effort limit that is left
+
+
+class Case(NamedTuple):
+    """The robot that is simulated and controlled, and what its controller does not know of."""
+
+    robot: Robot
+    plant: Plant
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A kind of trouble.
+
+    Attributes:
+        told: What it is, in a line.
+        make: The case of a robot.
+    """
+
+    told: str
+    make: Callable[[Robot], Case]
+
+
+def _light_arm(robot: Robot) -> Case:
+    if not robot.joints:
+        raise RpctlError(f"{robot.name} has no arm")
+    believed = robot
+    for joint in robot.joints:
+        believed = scale_masses(believed, glob.escape(joint.name), ARM_SHARE)
+    return Case(robot, Plant(believed=believed))
+
+
+def _wheel_bias(robot: Robot) -> Case:
+    wheels = {wheel.joint for wheel in robot.drive.wheels}
+    for name, limit in zip(robot.actuators, robot.effort_limits, strict=True):
+        if name in wheels:
+            bias = BIAS_SHARE * float(limit) if np.isfinite(limit) else BIAS
+            return Case(robot, Plant(tau_bias={name: bias}))
+    raise RpctlError(f"{robot.name} has no driven wheel")
+
+
+SCENARIOS = {
+    "nominal": Scenario("the model is right", lambda robot: Case(robot, Plant())),
+    "arm-mass": Scenario(
+        "the controller takes every moving link of the arm to weigh 30 % less than it does",
+        _light_arm,
+    ),
+    "wheel-bias": Scenario(
+        "the first driven wheel is pushed by 5 % of its effort limit (1 N·m without one)",
+        _wheel_bias,
+    ),
+    "delay": Scenario(
+        "20 ms from a measurement to the efforts it leads to",
+        lambda robot: Case(robot, Plant(delay=DELAY)),
+    ),
+    "half-limits": Scenario(
+        "half the effort limits; references and speed limits stay",
+        lambda robot: Case(scale_limits(robot, effort=EFFORT_SHARE), Plant()),
+    ),
+}
+
+
+@dataclass(frozen=True, order=True)
+class Controller:
+    """A kinematic and a dynamic law, by name."""
+
+    kinematic: str
+    dynamic: str
+
+    def __str__(self) -> str:
+        """Return ``KINEMATIC+DYNAMIC``."""
+        return f"{self.kinematic}+{self.dynamic}"
+
+
+PAPER = Controller("paper", "paper")
+OURS = Controller("end-effector", "integral")  # what rpctl proposes for a robot with an arm
+OURS_ARMLESS = Controller("unified", "integral")  # the same without an end effector to keep
+# The dynamic laws tell apart where limits bind or the model is wrong: one kinematic law shows that.
+PAIRS = (
+    PAPER,
+    Controller("unified", "paper"),
+    Controller("unified", "bounded"),
+    OURS_ARMLESS,
+    OURS,
+    Controller("horizon", "bounded"),
+    Controller("kanayama", "paper"),
+    Controller("feedback-linearization", "paper"),
+)
+
+
+def proposed(robot: Robot) -> Controller:
+    """Return the controller that rpctl proposes for a robot."""
+    return OURS if robot.joints else OURS_ARMLESS
+
+
+def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[Controller]:
+    """Return the controllers that are asked for.
+
+    Args:
+        laws: ``KINEMATIC+DYNAMIC``, or ``KINEMATIC`` alone: with ``dynamic``, else every pair of
+            :data:`PAIRS` that has it. Nothing: all kinematic laws.
+        dynamic: The dynamic law of kinematic laws that stand alone.
+
+    Raises:
+        UnknownNameError: There is no such law.
+    """
+    chosen: list[Controller] = []
+    for name in laws or KINEMATIC_LAWS:
+        kinematic, _, own = name.partition("+")
+        if kinematic not in KINEMATIC_LAWS:
+            raise UnknownNameError("kinematic law", kinematic, KINEMATIC_LAWS)
+        wanted = own or dynamic
+        if wanted is not None and wanted not in DYNAMIC_LAWS:
+            raise UnknownNameError("dynamic law", wanted, DYNAMIC_LAWS)
+        pairs = [pair for pair in PAIRS if pair.kinematic == kinematic]
+        if wanted is not None:
+            pairs = [Controller(kinematic, wanted)]
+        chosen += pairs or [Controller(kinematic, "bounded")]
+    order = {pair: place for place, pair in enumerate(PAIRS)}
+    return sorted(dict.fromkeys(chosen), key=lambda pair: order.get(pair, len(PAIRS)))

@@ -1,0 +1,30 @@
+"""What the benchmark table claims, on the cells of the paper's robot that tell most."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from rpctl import Robot
+from rpctl.simulation.scenarios import OURS, PAPER
+from rpctl.simulation.standings import verdicts
+from rpctl.simulation.study import Bench, grid, run_grid
+
+NOTHING = 1e-3  # m: what is left of the lateral error on a line
+
+
+@pytest.mark.benchmark(group="benchmark table")
+def test_table(benchmark: BenchmarkFixture, paper: Robot) -> None:
+    cells = grid(["nominal", "wheel-bias"], ["line", "spin", "circle"], [PAPER, OURS])
+    once: Any = benchmark.pedantic
+    rows = once(run_grid, (Bench(paper, 12.0), cells), rounds=1)
+    for row in rows:
+        if row.cell.controller == OURS:
+            assert row.figures is not None
+            assert not row.figures.violations
+            assert row.cell.reference != "line" or row.figures.final_lateral < NOTHING
+    found = verdicts(rows, OURS)
+    assert len(found) == 12
+    assert [verdict for verdict in found if verdict.worse_than_paper] == []

@@ -1,0 +1,192 @@
+"""The configuration file: what is written comes back, and what is wrong is told, all of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl import BoundedDynamic, IntegralDynamic, Kanayama, PaperKinematic, RpctlError, Run
+from rpctl.cli import app
+from rpctl.control.command import KinematicLaw
+from rpctl.control.config import Circumstances, Config, Limits, read_config, write_config
+from rpctl.control.dynamic import DYNAMIC_LAWS
+from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.control.settings import from_table, to_table
+from rpctl.errors import DescriptionError, UnknownNameError
+
+FULL = Config(
+    Kanayama(kx=2.0, ky=9.0),
+    IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
+    Circumstances("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
+    Limits(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
+)
+
+
+@pytest.mark.parametrize("config", [FULL, Config()], ids=["full", "default"])
+def test_what_is_written_comes_back(config: Config, tmp_path: Path) -> None:
+    assert read_config(write_config(config, tmp_path / "config.toml")) == config
+
+
+@pytest.mark.parametrize("kinematic", KINEMATIC_LAWS)
+@pytest.mark.parametrize("dynamic", DYNAMIC_LAWS)
+def test_every_law_comes_back(kinematic: str, dynamic: str, tmp_path: Path) -> None:
+    config = Config().with_laws(kinematic, dynamic)
+    path = write_config(config, tmp_path / "config.toml")
+    assert f'law = "{kinematic}"' in path.read_text()
+    assert read_config(path) == config
+
+
+def test_a_part_is_enough(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text('[kinematic]\nlaw = "paper"\nhorizon = 1\n')
+    config = read_config(path)
+    assert config == Config(kinematic=PaperKinematic(horizon=1.0))
+    assert isinstance(config.kinematic, PaperKinematic)
+    assert isinstance(config.kinematic.horizon, float)
+
+
+WRONG = """
+other = 1
+limits = 3
+[kinematic]
+law = "unified"
+horizn = 3
+beta = "x"
+bend = true
+[dynamic]
+law = "integral"
+gain = -1
+inner.weights.v = "a"
+[run]
+initial_error = [1, 2]
+reference = 3
+"""
+
+
+def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(WRONG)
+    with pytest.raises(DescriptionError) as caught:
+        read_config(path)
+    assert str(caught.value).splitlines() == [
+        f"{path}: error: {told}"
+        for told in (
+            "other: is no table of a configuration; it has kinematic, dynamic, run and limits",
+            "limits: is 3; write [limits]",
+            "kinematic.horizn: setting 'horizn' is not known; did you mean horizon?",
+            "kinematic.beta: is 'x'; give a number",
+            "kinematic.bend: is True; give a number",
+            "dynamic.inner.weights.v: is 'a'; give a number",
+            "dynamic: gain is -1; give a positive number",
+            "run.initial_error: is [1, 2]; give 3 numbers, [0.1, ...]",
+            "run.reference: is 3; give a text",
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[kinematic]\nhorizon = 1", 'kinematic: names no law; write [kinematic], then law = "'),
+        ("kinematic = 3", "kinematic: names no law"),
+        ('[dynamic]\nlaw = "papr"', "dynamic.law: dynamic law 'papr' is not known; did you mean"),
+        ('[dynamic]\nlaw = "integral"\ninner = 2', "dynamic.inner: is 2; write [dynamic.inner]"),
+        ("a = ", "not TOML"),
+        ("\xff", "not TOML"),
+    ],
+)
+def test_a_wrong_file_is_told(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(DescriptionError) as caught:
+        read_config(path)
+    assert str(caught.value).startswith(f"{path}: error: {told}")
+
+
+@dataclass(frozen=True)
+class _Nested:
+    """Settings as a law of laws may have them."""
+
+    fallback: KinematicLaw = field(default_factory=PaperKinematic)
+    names: tuple[str, ...] = ()
+    radius: float | None = None
+    obstacles: tuple[_Nested, ...] = ()
+
+
+def test_a_law_within_a_law_is_named() -> None:
+    nested, faults = _Nested(Kanayama(kx=3.0), ("a", "b"), 0.5), list[str]()
+    table = to_table(nested)
+    assert table["fallback"]["law"] == "kanayama"
+    assert from_table(_Nested, table, "here", faults) == nested
+    assert from_table(_Nested, to_table(_Nested()), "here", faults) == _Nested()
+    assert not faults
+    assert from_table(_Nested, {"obstacles": [1], "fallback": {"law": "x"}}, "here", faults) is None
+    assert faults[0] == "here.obstacles: is 1; write [here.obstacles]"
+    assert faults[1].startswith("here.fallback.law: kinematic law 'x' is not known")
+
+
+def test_what_no_file_can_say_is_refused() -> None:
+    with pytest.raises(RpctlError, match=r"_Nested.obstacles is .*, which no file can say"):
+        to_table(_Nested(obstacles=(_Nested(),)))
+    with pytest.raises(RpctlError, match="_Nested is none of"):
+        write_config(Config(kinematic=_Nested()), "never.toml")  # type: ignore[arg-type]
+
+
+def test_the_law_that_is_named_again_keeps_its_settings() -> None:
+    assert FULL.with_laws("kanayama", None) is not FULL
+    assert FULL.with_laws("kanayama", "integral") == FULL
+    assert FULL.with_laws("paper", None).kinematic == PaperKinematic()
+    assert FULL.with_laws(None, "bounded").dynamic == BoundedDynamic()
+    assert FULL.with_run(duration=9.0, friction=None).run.duration == 9.0
+    with pytest.raises(UnknownNameError, match="did you mean paper"):
+        FULL.with_laws("papers", None)
+
+
+def track(*words: str) -> str:
+    result = CliRunner().invoke(app, ["track", "paper", "--samples", "0", *words])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
+    one, two, saved = tmp_path / "one", tmp_path / "two", tmp_path / "saved.toml"
+    mine = write_config(FULL, tmp_path / "mine.toml")
+    words = ("--duration", "0.2", "--initial-error", "0.3,0,0")
+    track("--config", str(mine), *words, "--save-config", str(saved), "--out", str(one))
+    track("--config", str(saved), "--out", str(two))
+    first, second = Run.load(one / "run.npz"), Run.load(two / "run.npz")
+    np.testing.assert_array_equal(first.nu, second.nu)
+    np.testing.assert_array_equal(first.tau, second.tau)
+    assert first.settings == second.settings
+    assert first.t[-1] == pytest.approx(0.2)
+    np.testing.assert_allclose(first.e[0, :3], [0.3, 0.0, 0.0], atol=1e-12)
+    assert first.settings["kinematic"]["kx"] == 2.0
+    assert first.settings["control_period"] == 0.004
+    assert first.effort_limits == (5.0, 5.0, 7.0, 120.0)
+    assert first.velocity_limits[2:] == (0.5, 0.5)
+    assert first.friction == 0.5
+
+
+@pytest.mark.parametrize(
+    ("limit", "told"),
+    [("arn = 1", "joint 'arn' is not known"), ('"arm_*" = -1', "effort limit of arm_* is -1")],
+)
+def test_wrong_limits_exit_2(limit: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(f"[limits.effort]\n{limit}\n")
+    result = CliRunner().invoke(app, ["track", "paper", "--config", str(path)])
+    assert result.exit_code == 2
+    assert told in result.stderr
+
+
+def test_limits_are_set_by_pattern() -> None:
+    robot = rpctl.load("paper")
+    changed = rpctl.set_limits(robot, {"*": 9.0, "arm_*": 3.0}, {"arm_prismatic_joint": 0.1})
+    assert changed.effort_limits.tolist() == [9.0, 9.0, 3.0, 3.0]
+    assert [joint.velocity for joint in changed.joints] == [robot.joints[0].velocity, 0.1]
+    assert robot.effort_limits.tolist() == [40.0, 40.0, 60.0, 120.0]
