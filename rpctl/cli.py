@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,17 +12,14 @@ import typer
 
 from rpctl import __version__
 from rpctl.cli_compare import compare_command
+from rpctl.cli_track import track_command
 from rpctl.cli_view import plot_command, view_command
-from rpctl.control.config import Config, read_config, write_config
-from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.description.expansion import expand
 from rpctl.description.packages import require_folders
-from rpctl.dynamics.contact import FRICTION
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError, format_finding
 from rpctl.files import to_json
 from rpctl.options import (
+    CHECK_FAILED,
     DensityOption,
     DriveOption,
     JsonOption,
@@ -31,24 +27,16 @@ from rpctl.options import (
     PackageDirOption,
     RobotArgument,
     StrictOption,
+    certify,
     load_robot,
-    read_triple,
 )
-from rpctl.reference.load import load_reference
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.facts import facts
-from rpctl.robot.model import Robot
-from rpctl.robot.vary import set_limits
 from rpctl.show import (
-    certificate_line,
-    console,
-    progress_bar,
     show_catalogue,
     show_certificate,
     show_robot,
-    show_summary,
 )
-from rpctl.simulation.loop import lasting, track
 
 app = typer.Typer(
     help="From any wheeled robot's URDF to a verified model, predictive control and an animation.",
@@ -57,7 +45,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-CHECK_FAILED, INTERRUPTED = 1, 130
+INTERRUPTED = 130
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -123,7 +111,7 @@ def verify_command(
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = _certify(
+    certificate = certify(
         load_robot(robot, drive, lock, density, strict, package_dir), samples, seed, wanted
     )
     if html is not None:
@@ -165,142 +153,9 @@ def derive_command(
         typer.echo(text, nl=False)
 
 
-@app.command(
+app.command(
     "track", epilog="Example: rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1"
-)
-@_guarded
-def track_command(
-    context: typer.Context,
-    robot: RobotArgument,
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
-            help="Path of the base or of the end effector: a name, a path file (TOML), or "
-            "time-stamped poses (CSV); eight if not given.",
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
-    ] = None,
-    initial_error: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,THETA",
-            help="Tracking error at the start: how far the reference is ahead and to the left of "
-            "the robot (m) and turned from it (rad); none if not given.",
-        ),
-    ] = None,
-    kinematic: Annotated[
-        str | None,
-        typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
-    ] = None,
-    dynamic: Annotated[
-        str | None,
-        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
-    ] = None,
-    friction: Annotated[
-        float | None,
-        typer.Option(
-            help="Friction coefficient of the wheels, to tell if they would slip; "
-            f"{FRICTION:g} if not given."
-        ),
-    ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Laws, their settings, limits and all else (TOML); options win."
-        ),
-    ] = None,
-    save_config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the configuration in use.")
-    ] = None,
-    samples: Annotated[
-        int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
-    ] = 20,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
-    ] = None,
-    max_megabytes: Annotated[
-        float,
-        typer.Option(
-            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
-        ),
-    ] = 6.0,
-    live: Annotated[
-        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
-    ] = False,
-    png: Annotated[
-        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Close the loop with the predictive controllers; write run, figures, plots and report.
-
-    Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
-    """
-    error = None if initial_error is None else read_triple(initial_error)
-    chosen = (Config() if config is None else read_config(config)).with_laws(kinematic, dynamic)
-    chosen = chosen.with_run(
-        reference=reference, duration=duration, initial_error=error, friction=friction
-    )
-    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    loaded = set_limits(loaded, chosen.limits.effort, chosen.limits.velocity)
-    if save_config is not None:
-        write_config(chosen, save_config)
-    told = f"{loaded.name}-{Path(chosen.run.reference).stem}"
-    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", told)
-    if png:
-        from rpctl.view.browser import require_browser
-
-        require_browser()  # before the simulation, not after it
-    say = console(stderr=as_json)
-    say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
-    certificate = _certify(loaded, samples, 0, []) if samples else None
-    if certificate is not None:
-        say.print(certificate_line(certificate))
-    watcher = None
-    if live:
-        from rpctl.view.live import broadcast
-
-        path = load_reference(loaded, chosen.run.reference)
-        lasts = lasting(path) if chosen.run.duration is None else chosen.run.duration
-        watcher = context.with_resource(broadcast(loaded, path, lasts, say.print))
-    with progress_bar("simulate") as advance:
-        run = track(
-            loaded,
-            kinematic=chosen.kinematic,
-            dynamic=chosen.dynamic,
-            **vars(chosen.run),
-            certificate=certificate,
-            progress=advance,
-            watch=watcher,
-        )
-    from rpctl.view.folder import REPORT, write_folder  # matplotlib loads only once needed
-
-    with progress_bar("draw"):
-        summary = write_folder(run, folder, max_megabytes)
-        if png:
-            from rpctl.view.film import SCENE, write_still
-
-            write_still(run, folder / SCENE)
-    if watcher is not None:
-        watcher.finish(folder / REPORT)
-    if as_json:
-        _print_json(summary)
-    else:
-        show_summary(summary, folder)
-    if summary["limits_violated"] or (certificate is not None and not certificate.passed):
-        raise typer.Exit(CHECK_FAILED)
-
-
+)(_guarded(track_command))
 app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-eight")(
     _guarded(view_command)
 )
@@ -355,11 +210,6 @@ def _root(
     ] = False,
 ) -> None:
     pass
-
-
-def _certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:
-    with progress_bar("verify") as advance:
-        return verify(robot, samples, seed, engines, lambda done: advance(done, samples))
 
 
 def _print_json(value: object) -> None:

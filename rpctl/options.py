@@ -6,11 +6,15 @@ from typing import Annotated
 
 import typer
 
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.robot.drive_file import TYPES
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from rpctl.show import progress_bar
 
+CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 RobotArgument = Annotated[
     str,
     typer.Argument(
@@ -92,3 +96,9 @@ def read_triple(text: str) -> tuple[float, ...]:
     except ValueError:
         raise RpctlError(f"--initial-error {text}: give three numbers, as 0.1,-0.1,0.1") from None
     return x, y, theta
+
+
+def certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:
+    """Verify a robot, with a bar on a terminal."""
+    with progress_bar("verify") as advance:
+        return verify(robot, samples, seed, engines, lambda done: advance(done, samples))

@@ -22,7 +22,7 @@ ROOMS = [
     "derive",
 ]
 ROOMS += ["derive", "reference", "control", "simulation", "view", "show", "options"]
-ROOMS += ["cli_view", "cli_compare", "cli"]
+ROOMS += ["cli_track", "cli_view", "cli_compare", "cli"]
 UP = {"simulation/run.py imports rpctl.view.notebook.show"}  # IPython asks the Run
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
