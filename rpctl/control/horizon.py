@@ -47,8 +47,8 @@ class Horizon:
     state, the robot is linearised about it, and a QP finds the accelerations ν̇ of the N steps
     that bring pose, arm, end effector and ν nearest to the reference (one step of sequential
     quadratic programming, [DBS05]'s real-time iteration). Until the next solve the command is
-    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. Steering angles are states of the
-    prediction as the arm's are.
+    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. Steering
+    angles are states of the prediction as the arm's are.
 
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
     zero-moment point, the wheels' grip and clearances may give way at a price above what errors

@@ -11,6 +11,7 @@ import pinocchio as pin
 from rpctl.control.horizon_model import Indices, Model
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts, stance_at
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
 
@@ -56,7 +57,7 @@ class ForceModel:
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
         self._faces = 2.0 * math.pi * (np.arange(FACES) + 0.5) / FACES
         self._stance: Stance | None = None
-        self._fixed_maps: tuple[Array, Array] | None = None
+        self._known: tuple[Array, bool, tuple[Array, Array]] | None = None  # the last maps, where
         self._gliding, self._loose = _casters(model.dynamics)
         if contacts is not None and contacts.balanced:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
@@ -85,40 +86,43 @@ class ForceModel:
 
     def value(self, q: Array, nu: Array, nu_dot: Array) -> Forces:
         """Return the forces at a foreseen q (nq,), ν (dof,) and ν̇ (dof,), one column."""
-        S, drift = self._basis(q, nu, now=False)
+        S, drift = self._basis(q, now=False), self._drift(q, nu, now=False)
         force = pin.rnea(self._model.robot.model, self._data, q, S @ nu, S @ nu_dot + drift)
         wrench = self._data.f[ROOT_JOINT].vector
         return Forces(q, False, force[:, None].copy(), wrench[:, None].copy())
 
-    def _basis(self, q: Array, nu: Array, now: bool) -> tuple[Array, Array]:
-        """Return S and Ṡν."""
-        dynamics = self._model.dynamics
-        S, drift = dynamics.basis(q), dynamics.basis_drift(q, nu)
-        if now or not len(self._gliding):
-            return S, drift
-        S, drift = S.copy(), drift.copy()
-        S[self._gliding], drift[self._gliding] = 0.0, 0.0
-        return S, drift
+    def _basis(self, q: Array, now: bool) -> Array:
+        S = self._model.dynamics.basis(q)
+        if not now and len(self._gliding):
+            S = S.copy()
+            S[self._gliding] = 0.0
+        return S
+
+    def _drift(self, q: Array, nu: Array, now: bool) -> Array:
+        """Return Ṡν (nv,)."""
+        drift = self._model.dynamics.basis_drift(q, nu)
+        if not now and len(self._gliding):
+            drift = drift.copy()
+            drift[self._gliding] = 0.0
+        return drift
 
     def at(self, q: Array, nu: Array, nu_dot: Array, now: bool = False) -> Forces:
         """Return the forces at q (nq,), ν (dof,) and ν̇ (dof,), all columns.
 
         Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
-        quadratic in ν at a posture, so that central differences of any step are exact.
+        quadratic in ν, so that central differences of any step are exact where S is constant;
+        where wheels are steered the slopes by ν are those at the motion's Ṡν.
         """
         model, data = self._model.robot.model, self._data
-        S, drift = self._basis(q, nu, now)
+        S, drift = self._basis(q, now), self._drift(q, nu, now)
         base, dof = self._model.moving, S.shape[1]
         force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
         for column in range(base):
-            ends = []
-            for sign in (1.0, -1.0):
-                moved = nu + sign * np.eye(dof)[column]
-                turned = self._basis(q, moved, now)[1]
-                ends.append(pin.rnea(model, data, q, S @ moved, turned).copy())
-                ends.append(data.f[ROOT_JOINT].vector.copy())
-            force[:, 1 + dof + column] = 0.5 * (ends[0] - ends[2])
-            wrench[:, 1 + dof + column] = 0.5 * (ends[1] - ends[3])
+            v, step = S @ nu, S[:, column]
+            ahead = pin.rnea(model, data, q, v + step, drift).copy()
+            wrench_ahead = data.f[ROOT_JOINT].vector.copy()
+            force[:, 1 + dof + column] = 0.5 * (ahead - pin.rnea(model, data, q, v - step, drift))
+            wrench[:, 1 + dof + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
         force[:, 0] = pin.rnea(model, data, q, S @ nu, S @ nu_dot + drift)
         wrench[:, 0] = data.f[ROOT_JOINT].vector
         force[:, 1 : 1 + dof] = pin.crba(model, data, q) @ S
@@ -137,9 +141,9 @@ class ForceModel:
     def ground(self, forces: Forces) -> Array:
         """Return rows (rows, columns) that are ≥ 0 where the robot neither tips nor slips.
 
-        One row an edge of the support polygon (some twice where its edges change in number): the
-        moment about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a polygon inside the circle of its
-        grip: grip left, over the grip at its whole weight.
+        One row an edge of the support polygon (some twice where their number changes): the moment
+        about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
+        polygon inside the circle of its grip: grip left, over the grip at its whole weight.
         """
         contacts, stance = self._contacts, self._stance
         if contacts is None or stance is None:
@@ -164,10 +168,12 @@ class ForceModel:
     def _maps(self, q: Array, now: bool) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""
         dynamics, dof = self._model.dynamics, self._model.robot.dof
-        fixed = dynamics.constant or not (self._model.steered or now)
-        if fixed and self._fixed_maps is not None:
-            return self._fixed_maps
-        allocation = dynamics.efforts(q, np.eye(dof)) @ self._basis(q, np.zeros(dof), now)[0].T
+        if self._known is not None:
+            at, then, maps = self._known
+            same = dynamics.constant or (then == now and not (self._model.steered or now))
+            if same or (then == now and np.array_equal(at, q)):
+                return maps
+        allocation = dynamics.efforts(q, np.eye(dof)) @ self._basis(q, now).T
         horizontal = np.empty((0, len(self._columns)))
         if self._contacts is not None:
             A = dynamics.constraint(q)
@@ -178,8 +184,7 @@ class ForceModel:
             forces = np.vstack([self._contacts.along, self._contacts.across]) @ multipliers
             horizontal = forces @ (np.eye(len(self._columns)) - self._columns @ allocation)
         maps = allocation, horizontal
-        if fixed:
-            self._fixed_maps = maps
+        self._known = q.copy(), now, maps
         return maps
 
 

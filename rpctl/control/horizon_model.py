@@ -10,13 +10,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from rpctl.control.horizon_steering import Steering
 from rpctl.description.records import Array, Joint
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.model import BASE_NV, Robot
 
 Indices = NDArray[np.intp]
-
-STEP = 1e-6  # rad: of the differences by steering angles; half the digits of the twist
 
 
 class Motion(NamedTuple):
@@ -57,7 +56,8 @@ class Model:
         base: Number of quasi-velocities of the base that are no joints' rates; 0 if it is fixed.
         joints: The steered joints, then the arm's.
         steered: Number of steered joints: the base's twist at given ν depends on them.
-        to_twist: Map (3, dof) from ν to the twist, or None where it depends on the steering.
+        steering: The steered joints' effect on the twist, None without them.
+        to_twist: Map (3, dof) from ν to the twist; its columns of the arm alone with ``steering``.
         spread: Map (nv, n_joints) from the joints' rates to v, mimic joints included.
         places: Index in q of each joint, with whether it is a pair (cos, sin).
     """
@@ -68,7 +68,8 @@ class Model:
     base: int
     joints: tuple[Joint, ...]
     steered: int
-    to_twist: Array | None
+    steering: Steering | None
+    to_twist: Array
     spread: Array
     places: tuple[tuple[Indices, Indices], tuple[Indices, Indices]]
 
@@ -107,9 +108,7 @@ class Model:
 
     def _configuration_by_name(self, joints: Array, pose: Array | None) -> Array:
         if pose is not None:
-            return self.robot.configuration_at(
-                pose, joints[self.steered :], joints[: self.steered]
-            )
+            return self.robot.configuration_at(pose, joints[self.steered :], joints[: self.steered])
         names = (joint.name for joint in self.joints)
         return self.robot.configuration(joints=dict(zip(names, joints.tolist(), strict=True)))
 
@@ -125,9 +124,7 @@ class Model:
         moved = dt * np.cumsum(middle[:, self.base :], axis=0)
         arm = np.vstack([joints, joints + moved])
         to_twist = self._to_twist(arm[:-1], speeds[:-1], nu_dot)
-        twist = np.einsum(
-            "kij,kj->ki", np.broadcast_to(to_twist, (self.steps, *to_twist.shape[1:])), middle
-        )
+        twist = (to_twist @ middle[:, :, None])[:, :, 0]
         poses = np.empty((self.steps + 1, BASE_NV))
         poses[0] = pose
         poses[1:, 2] = pose[2] + dt * np.cumsum(twist[:, 2])
@@ -137,12 +134,18 @@ class Model:
         return Motion(q, poses, arm, speeds, nu_dot, twist, to_twist)
 
     def _to_twist(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
-        if self.to_twist is not None:
+        if self.steering is None:
             return self.to_twist[None]
-        middle = self._middle(joints, nu[:, self.base :], nu_dot[:, self.base :])
-        return np.array([twist_map(self.dynamics, self.configuration(at)) for at in middle])
+        found = np.tile(self.to_twist, (self.steps, 1, 1))
+        found[:, :, : self.moving] = self.steering.maps(self._angles(joints, nu, nu_dot))
+        return found
 
-    def _middle(self, joints: Array, rates: Array, accelerations: Array) -> Array:
+    def _angles(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
+        """Return the steering angles (N, n_steered) at the middle of each step."""
+        joints, rates, accelerations = (
+            part[:, first : first + self.steered]
+            for part, first in ((joints, 0), (nu, self.base), (nu_dot, self.base))
+        )
         return joints + 0.5 * self.dt * rates + 0.125 * self.dt**2 * accelerations
 
     def slopes(self, motion: Motion) -> PoseSlopes:
@@ -159,25 +162,13 @@ class Model:
         by_nu = dt * turn @ motion.to_twist[:, :, : self.moving]
         by_nu_dot = 0.5 * dt * by_nu
         by_steering = np.zeros((n, 3, self.steered))
-        if self.steered:
-            by_steering = dt * turn @ self._by_steering(motion)
+        if self.steering is not None:
+            angles = self._angles(motion.joints[:-1], motion.nu[:-1], motion.nu_dot)
+            speeds = (motion.nu[:-1] + 0.5 * dt * motion.nu_dot)[:, : self.moving]
+            by_steering = dt * turn @ self.steering.slopes(angles, speeds)
             by_nu[:, :, self.base :] += 0.5 * dt * by_steering
             by_nu_dot[:, :, self.base :] += 0.125 * dt**2 * by_steering
         return PoseSlopes(dt * swing, by_nu, by_nu_dot, by_steering)
-
-    def _by_steering(self, motion: Motion) -> Array:
-        """Return the derivative (N, 3, n_steered) of each twist by the steering angles."""
-        rates, accelerations = motion.nu[:-1, self.base :], motion.nu_dot[:, self.base :]
-        middle = self._middle(motion.joints[:-1], rates, accelerations)
-        nu = motion.nu[:-1] + 0.5 * self.dt * motion.nu_dot
-        found = np.empty((self.steps, 3, self.steered))
-        for k, posture in enumerate(middle):
-            for joint in range(self.steered):
-                ahead = posture.copy()
-                ahead[joint] += STEP
-                twist = self.dynamics.twist(self.configuration(ahead), nu[k])
-                found[k, :, joint] = (twist - motion.twist[k]) / STEP
-        return found
 
 
 def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
@@ -198,18 +189,14 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
         base=base,
         joints=joints,
         steered=len(steered),
-        to_twist=None if steered else twist_map(dynamics, q),
+        steering=Steering(dynamics) if steered else None,
+        to_twist=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
         spread=spread,
         places=(
             (np.array([entries[i].idx_q for i in single], dtype=np.intp), single),
             (np.array([entries[i].idx_q for i in pairs], dtype=np.intp), pairs),
         ),
     )
-
-
-def twist_map(dynamics: ReducedDynamics, q: Array) -> Array:
-    """Return the map (3, dof) from ν to the base's twist."""
-    return np.asarray(dynamics.twist(q, np.eye(dynamics.robot.dof)))
 
 
 def _turned(angle: Array) -> tuple[Array, Array]:
