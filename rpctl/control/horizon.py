@@ -27,7 +27,7 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError, SingularBasisError, require_positive
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 
@@ -154,7 +154,11 @@ class HorizonLaw:
         """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
         if t - self.solved_at >= self._law.period - ON_TIME:
             self.solved_at = t
-            self._plan = self._solve(reference, t, q, nu)
+            try:
+                self._plan = self._solve(reference, t, q, nu)
+            except SingularBasisError:  # somewhere ahead the steering fixes no one motion
+                self.fallbacks += 1
+                self._plan = None
         if self._plan is None:
             return self._law.fallback(dynamics, reference, t, q, nu)
         nu_dot = self._plan.nu_dot[0]

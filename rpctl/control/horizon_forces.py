@@ -15,6 +15,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
 
+ROOT = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
 FACES = 8  # of the polygon inside each wheel's circle of grip
 RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
 
@@ -114,6 +115,7 @@ class ForceModel:
         where wheels are steered the slopes by ν are those at the motion's Ṡν.
         """
         model, data = self._model.robot.model, self._data
+        q = np.concatenate([ROOT, q[len(ROOT) :]])  # where the world's axes are the root link's
         S, drift = self._basis(q, now), self._drift(q, nu, now)
         base, dof = self._model.moving, S.shape[1]
         force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
