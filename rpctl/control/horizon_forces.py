@@ -112,7 +112,8 @@ class ForceModel:
 
         Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
         quadratic in ν, so that central differences of any step are exact where S is constant;
-        where wheels are steered the slopes by ν are those at the motion's Ṡν.
+        where wheels are steered the slopes by ν are those at the motion's Ṡν. ``now`` takes the
+        casters for where q has them.
         """
         model, data = self._model.robot.model, self._data
         q = np.concatenate([ROOT, q[len(ROOT) :]])  # where the world's axes are the root link's

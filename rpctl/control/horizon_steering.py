@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.dynamics.basis import RANK_MARGIN
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import Turning
 from rpctl.errors import SingularBasisError
@@ -111,7 +112,12 @@ def _direction(part: Part, angles: Array) -> tuple[Array, Array]:
 
 
 def _solve(rows: Array, right: Array) -> Array:
+    """Return rows⁻¹ right of each posture: (K, 3, 3), and (3, n) or (K, 3, n)."""
     try:
-        return np.asarray(np.linalg.solve(rows, right), dtype=float)
+        inverse = np.asarray(np.linalg.inv(rows), dtype=float)
     except np.linalg.LinAlgError:
-        raise SingularBasisError("the steered wheels fix no one motion ahead") from None
+        inverse = np.full(rows.shape, np.inf)
+    size = np.abs(rows).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
+    if not (size * RANK_MARGIN < 1.0).all():
+        raise SingularBasisError("the steered wheels fix no one motion ahead")
+    return inverse @ right

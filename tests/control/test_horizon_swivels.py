@@ -14,7 +14,9 @@ from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.control.horizon import Horizon
 from rpctl.control.horizon_model import make_model
 from rpctl.control.horizon_sample import Reading, look_ahead
+from rpctl.control.horizon_steering import Steering
 from rpctl.description.records import Array, Joint
+from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
 from rpctl.reference.motion import RAMP, PathReference, Reference, reference_by_name, waves
 from rpctl.reference.rates import reference_rates, steering
@@ -121,7 +123,7 @@ def test_wheels_that_head_back_are_asked_for_the_angle_nearest(tmp_path: Path, t
         make_model(ReducedDynamics(robot), 10, 0.1),
         reference_by_name(robot, "eight"),
     )
-    times = 4.0 + 0.1 * np.arange(11)
+    times = np.asarray(4.0 + 0.1 * np.arange(11), dtype=float)
     state = reference(4.0)
     now = np.concatenate([steering(robot, state)[0] + math.pi * turns, state.joints])
     target = look_ahead(model, reference, Reading(times, np.ones(11)), now)
@@ -132,3 +134,25 @@ def test_wheels_that_head_back_are_asked_for_the_angle_nearest(tmp_path: Path, t
         np.testing.assert_allclose(twist, reference(t).twist, atol=1e-9)
         sign = (-1.0) ** turns
         assert target.nu[k, 0] == pytest.approx(sign * reference_rates(robot, reference(t)).nu[0])
+
+
+def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def singular(self: Steering, angles: Array) -> Array:
+        raise SingularBasisError("the steered wheels fix no one motion ahead")
+
+    robot = load(tmp_path, "twin")
+    monkeypatch.setattr(Steering, "maps", singular)
+    run = run_of(robot, "circle", 0.1)
+    assert summarize(run)["kinematic_report"]["fallbacks"] == 6
+    unified = track(robot, "circle", 0.1, OFF, control_period=PERIOD, plant_step=PERIOD)
+    np.testing.assert_array_equal(run.nu_d, unified.nu_d)
+
+
+def test_angles_that_fix_no_one_motion_are_told(tmp_path: Path) -> None:
+    """Both leading wheels of the swerve drive sideways: their axles are one line."""
+    steered = Steering(ReducedDynamics(load(tmp_path, "steered")))
+    steered.maps(np.array([[0.5, 0.5]]))
+    with pytest.raises(SingularBasisError, match="fix no one motion"):
+        steered.maps(np.array([[0.5 * math.pi, 0.5 * math.pi]]))
