@@ -27,7 +27,7 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError, SingularBasisError, require_positive
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 
@@ -47,7 +47,8 @@ class Horizon:
     state, the robot is linearised about it, and a QP finds the accelerations ν̇ of the N steps
     that bring pose, arm, end effector and ν nearest to the reference (one step of sequential
     quadratic programming, [DBS05]'s real-time iteration). Until the next solve the command is
-    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree.
+    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. Steering
+    angles are states of the prediction as the arm's are.
 
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
     zero-moment point, the wheels' grip and clearances may give way at a price above what errors
@@ -134,9 +135,9 @@ class HorizonLaw:
         self._arm = Arm(self.model, reached) if robot.end_effector else None
         self._box = Box(self.model, law.bounds)
         self._radius = law.base_radius or _base_radius(robot, contacts)
-        forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
-        self._clock = Clock(self.model, forces, law.bounds, law.leash)
-        self._soft = _soft_bounds(law, self.model, forces, reached, self._radius)
+        self._forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
+        self._clock = Clock(self.model, self._forces, law.bounds, law.leash)
+        self._soft = _soft_bounds(law, self.model, self._forces, reached, self._radius)
         self.cost = Cost(law.weights, self.model, len(reached))
         self.program = Program(
             self.model,
@@ -153,7 +154,11 @@ class HorizonLaw:
         """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
         if t - self.solved_at >= self._law.period - ON_TIME:
             self.solved_at = t
-            self._plan = self._solve(reference, t, q, nu)
+            try:
+                self._plan = self._solve(reference, t, q, nu)
+            except SingularBasisError:  # somewhere ahead the steering fixes no one motion
+                self.fallbacks += 1
+                self._plan = None
         if self._plan is None:
             return self._law.fallback(dynamics, reference, t, q, nu)
         nu_dot = self._plan.nu_dot[0]
@@ -199,14 +204,15 @@ class HorizonLaw:
 
     def _solve(self, reference: Reference, t: float, q: Array, nu: Array) -> Plan | None:
         """Return what to do from the state at ``t`` on; None where no QP's solution says it."""
-        robot = self.model.robot
-        pose, joints = robot.base_pose(q), robot.joint_positions(q)
+        model = self.model
+        self._forces.stand(q)
+        reading = self._clock(reference, t, model.robot.base_pose(q))
+        target = look_ahead(model, reference, reading, model.posture(q))
         nu_dot = self._foreseen(t)
-        target = look_ahead(robot, reference, self._clock(reference, t, pose))
         self.solves += 1
         slack = 0.0
         for _ in range(COLD_PASSES if self._plan is None else 1):
-            motion = self.model.predict(pose, joints, nu, nu_dot)
+            motion = model.predict(q, nu, nu_dot)
             solution = self._solver.solve(self.write(motion, target))
             if not solution.solved:
                 self.fallbacks += 1

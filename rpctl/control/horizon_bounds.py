@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rpctl.control.horizon_forces import ForceModel, Forces
+from rpctl.control.horizon_forces import ForceModel
 from rpctl.control.horizon_model import Indices, Model, Motion
 from rpctl.control.horizon_program import Family, Places, Soft, Stages
 from rpctl.control.horizon_sample import Sample
@@ -53,7 +53,7 @@ class Bounds:
     def accelerations(self, model: Model) -> Array:
         """Return the largest |ν̇| (dof,)."""
         base = np.where(_turning(model), self.base_turning, self.base_acceleration)
-        limits = np.array([joint.velocity for joint in model.robot.joints])
+        limits = np.array([joint.velocity for joint in model.joints])
         joints = np.where(np.isfinite(limits), limits / self.rise, self.joint_acceleration)
         return np.concatenate([base, joints])
 
@@ -79,7 +79,7 @@ class Box:
     """
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
-        joints, self._base = model.robot.joints, model.base
+        joints, self._base = model.joints, model.base
         self._linear = np.flatnonzero(np.logical_not(_turning(model)))
         self._catch_up, self._dt = bounds.catch_up, model.dt
         self._most = bounds.accelerations(model)
@@ -112,8 +112,8 @@ class Box:
 
 
 def _turning(model: Model) -> list[bool]:
-    """Return which of the base's quasi-velocities turn it (base,)."""
-    return [name == "omega" for name in model.robot.drive.base_speeds]
+    """Return which of the base's own quasi-velocities turn it (base,)."""
+    return [name == "omega" for name in model.robot.drive.base_speeds[: model.base]]
 
 
 class SoftBound(Protocol):
@@ -130,13 +130,13 @@ class WheelSpeeds:
     """Speeds of the wheels within their limits: they are Bᵀν. One unit of slack is one limit."""
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
-        arm = {joint.name for joint in model.robot.joints}
+        joints = {joint.name for joint in model.joints}
         limited, limits = bounds.rates(model.robot)
-        wheels = [i for i, k in enumerate(limited) if model.robot.actuators[k] not in arm]
+        wheels = [i for i, k in enumerate(limited) if model.robot.actuators[k] not in joints]
         self._limited, self._limits = limited[wheels], limits[wheels]
         self._model, self._fixed = model, None
-        if model.dynamics.constant:
-            self._fixed = self._rates(np.zeros(len(model.robot.joints)))
+        if not model.steered:  # casters have no actuators
+            self._fixed = self._rates(np.zeros(len(model.joints)))
 
     def _rates(self, joints: Array) -> Array:
         """Return the map (n, dof) from ν to the wheels' rates over their limits."""
@@ -147,7 +147,7 @@ class WheelSpeeds:
         """Return one family, of the speeds after each step."""
         if not len(self._limited):
             return []
-        return [Family(at.nu[:, self._model.moving], 2 * len(self._limited))]
+        return [Family(at.nu[:, : self._model.moving], 2 * len(self._limited))]
 
     def about(self, sample: Sample) -> list[Soft]:
         """Return its numbers."""
@@ -159,7 +159,7 @@ class WheelSpeeds:
         else:
             rates = np.array([self._rates(joints) for joints in motion.joints[1:]])
         value = np.einsum("kij,kj->ki", rates, motion.nu[1:])
-        slopes = rates[:, :, self._model.moving]
+        slopes = rates[:, :, : self._model.moving]
         return [Soft(np.hstack([value, -value]) - 1.0, np.concatenate([slopes, -slopes], axis=1))]
 
 
@@ -168,8 +168,8 @@ class ForceBounds:
 
     The first step is bounded in all accelerations: it is the one that will be carried out. Later
     steps are looked at for the ground only, at the ``ground`` stages, and there the arm's
-    accelerations are those of the motion: rows that tie all joints together at many stages would
-    cost the QP its sparsity.
+    accelerations and the steering are those of the motion: rows that tie all joints together at
+    many stages would cost the QP its sparsity.
     """
 
     def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
@@ -179,7 +179,7 @@ class ForceBounds:
 
     def families(self, at: Places) -> list[Family]:
         """Return the efforts' family, the ground's now, and the ground's later."""
-        base, count = self._model.base, self._forces.rows
+        base, count = self._model.moving, self._forces.rows
         found = [Family(at.nu_dot[:1], 2 * len(self._limited)), Family(at.nu_dot[:1], count)]
         before = [k - 1 for k in self._later]
         later = np.hstack([at.nu_dot[self._later, :base], at.nu[before, :base]])
@@ -188,28 +188,27 @@ class ForceBounds:
     def about(self, sample: Sample) -> list[Soft]:
         """Return their numbers."""
         found = self._now(sample.motion)
-        base, count = self._model.base, self._forces.rows
+        base, count = self._model.moving, self._forces.rows
         value = np.empty((len(self._later), count))
         slopes = np.empty((len(self._later), count, 2 * base))
         for row, k in enumerate(self._later):
-            room = self._forces.ground(sample.motion.joints[k], self._at(sample.motion, k))
+            motion = sample.motion
+            q = self._model.configuration(motion.joints[k])
+            room = self._forces.ground(self._forces.at(q, motion.nu[k], motion.nu_dot[k]))
             value[row] = -room[:, 0]
             slopes[row, :, :base] = -room[:, 1 : 1 + base]
             slopes[row, :, base:] = -room[:, room.shape[1] - base :]
         return [*found, Soft(value, slopes)]
 
-    def _at(self, motion: Motion, k: int) -> Forces:
-        return self._forces.at(motion.joints[k], motion.nu[k], motion.nu_dot[k])
-
     def _now(self, motion: Motion) -> list[Soft]:
-        joints, forces = motion.joints[0], self._at(motion, 0)
+        forces = self._forces.at(motion.start, motion.nu[0], motion.nu_dot[0], now=True)
         dof = len(motion.nu[0])
-        tau = self._forces.efforts(joints, forces)[self._limited] / self._limits[:, None]
+        tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
         value, slopes = tau[:, 0], tau[:, 1 : 1 + dof]
         efforts = Soft(
             np.append(value, -value)[None] - 1.0, np.concatenate([slopes, -slopes])[None]
         )
         if not self._forces.rows:
             return [efforts, Soft(np.empty((1, 0)), np.empty((1, 0, dof)))]
-        room = self._forces.ground(joints, forces)
+        room = self._forces.ground(forces)
         return [efforts, Soft(-room[None, :, 0], -room[None, :, 1 : 1 + dof])]

@@ -17,7 +17,7 @@ from rpctl.control.horizon_model import Model
 from rpctl.control.horizon_sample import Reading
 from rpctl.description.records import Array
 from rpctl.reference.motion import Reference
-from rpctl.reference.rates import Rates, reference_rates
+from rpctl.reference.rates import Rates, reference_rates, steering
 
 RESERVE = 0.9  # of what the limits leave: the rest is for bringing errors back
 CAUGHT_UP = 1e-6  # s: a lag below it is rounding
@@ -86,30 +86,31 @@ class Clock:
         robot, limits, fastest = self._model.robot, np.empty(len(times)), SLOW
         for j, at in enumerate(times.tolist()):
             state = reference(at)
-            limits[j] = self._limit(state.joints, reference_rates(robot, state))
+            posture = np.concatenate([steering(robot, state)[0], state.joints])
+            limits[j] = self._limit(posture, reference_rates(robot, state))
             fastest = max(fastest, math.hypot(*state.twist[:2]))
         return limits, 0.5 * self._bounds.base_acceleration / fastest
 
     def _limit(self, joints: Array, rates: Rates) -> float:
         """Return the largest pace of the reference at a posture."""
-        still = np.zeros_like(rates.nu)
-        rest = self._room(joints, still, still)
-        spent = rest - self._room(joints, *rates)
+        q, still = self._model.configuration(joints), np.zeros_like(rates.nu)
+        rest = self._room(q, still, still)
+        spent = rest - self._room(q, *rates)
         holds = (rest > 0.0) & (spent > 0.0)
         square = (RESERVE * rest[holds] / spent[holds]).min(initial=HASTE**2)
-        B = self._model.dynamics.actuation(self._model.configuration(joints))
+        B = self._model.dynamics.actuation(q)
         limited, most = self._rates
         speed = (np.abs(B.T[limited] @ rates.nu) / most).max(initial=1.0 / HASTE)
         return min(math.sqrt(square), 1.0 / speed)
 
-    def _room(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
+    def _room(self, q: Array, nu: Array, nu_dot: Array) -> Array:
         """Return what is left of the efforts' and the ground's limits, over these limits."""
-        forces = self._forces.value(joints, nu, nu_dot)
+        forces = self._forces.value(q, nu, nu_dot)
         limited, most = self._efforts
-        tau = self._forces.efforts(joints, forces)[limited, 0] / most
+        tau = self._forces.efforts(forces)[limited, 0] / most
         room = [1.0 - tau, 1.0 + tau]
         if self._forces.rows:
-            room.append(self._forces.ground(joints, forces)[:, 0])
+            room.append(self._forces.ground(forces)[:, 0])
         return np.concatenate(room)
 
     def _wait(self, reference: Reference, pose: Array, latest: float) -> float:

@@ -23,6 +23,7 @@ class Weights:
         position: Of the base's position.
         heading: Of the base's heading.
         joints: Of the arm's positions.
+        steering: Of the steered joints' positions; little, as they serve the base's.
         end_effector: Of the end effector's position.
         rates: Of ν.
         accelerations: Of ν̇.
@@ -31,6 +32,7 @@ class Weights:
     position: float = 300.0
     heading: float = 20.0
     joints: float = 50.0
+    steering: float = 1.0
     end_effector: float = 200.0
     rates: float = 2.0
     accelerations: float = 0.05
@@ -56,18 +58,22 @@ class Cost:
     def __init__(self, weights: Weights, model: Model, reached: int) -> None:
         self._model = model
         self._end_effector = weights.end_effector * model.steps / reached
-        base, joints = model.base, len(model.robot.joints)
+        base = model.base
         position = [weights.position, weights.position, weights.heading][: 3 if base else 0]
         pose = np.tile(position, (model.steps, 1))
-        arm = np.full((model.steps, joints), weights.joints)
-        nu = np.full((model.steps, base + joints), weights.rates)
-        rest = [_remaining(weight, weights, model.dt) for weight in (*position, weights.joints)]
-        pose[-1] = [P[0, 0] for P in rest[:-1]]
-        arm[-1], nu[-1, base:] = rest[-1][0, 0], rest[-1][1, 1]
-        nu[-1, :base] = max(P[1, 1] for P in rest)
-        self.hessian = Stages(np.full(nu.shape, weights.accelerations), pose, arm, nu)
-        self.cross = np.full(joints, rest[-1][0, 1])
-        self._continuous = [i for i, j in enumerate(model.robot.joints) if j.kind == "continuous"]
+        of_joints = np.full(len(model.joints), weights.joints)
+        of_joints[: model.steered] = weights.steering
+        joints = np.tile(of_joints, (model.steps, 1))
+        nu = np.full((model.steps, model.robot.dof), weights.rates)
+        rest = {w: _remaining(w, weights, model.dt) for w in {*position, *of_joints.tolist()}}
+        pose[-1] = [rest[w][0, 0] for w in position]
+        joints[-1] = [rest[w][0, 0] for w in of_joints]
+        nu[-1, base:] = [rest[w][1, 1] for w in of_joints]
+        nu[-1, :base] = max(P[1, 1] for P in rest.values())
+        self.hessian = Stages(np.full(nu.shape, weights.accelerations), pose, joints, nu)
+        self.cross = np.array([rest[w][0, 1] for w in of_joints])
+        continuous = (i for i, joint in enumerate(model.joints) if joint.kind == "continuous")
+        self._continuous = [i for i in continuous if i >= model.steered]  # the arm's
 
     def gradient(self, sample: Sample) -> Stages:
         """Return the gradient, the end effector's share left out."""

@@ -1,7 +1,7 @@
 """The horizon law's QP, written about a predicted motion: dynamics, cost and bounds by stage.
 
 Its unknowns are deviations from that motion: stage k has δν̇ of step k, then what it leads to, the
-deviations of pose, arm and ν at step k + 1; the slacks of all soft bounds come last.
+deviations of pose, joints and ν at step k + 1; the slacks of all soft bounds come last.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Stages(NamedTuple):
 
 
 class Quadratic(NamedTuple):
-    """Part of the cost on pose and arm at one stage: ½ δᵀ H δ + gᵀ δ."""
+    """Part of the cost on pose and joints at one stage: ½ δᵀ H δ + gᵀ δ."""
 
     H: Array
     g: Array
@@ -61,7 +61,7 @@ class Quadratic(NamedTuple):
 
 def lay_out(model: Model) -> Places:
     """Return where each stage's unknowns are."""
-    dof, joints = model.robot.dof, len(model.robot.joints)
+    dof, joints = model.robot.dof, len(model.joints)
     sizes = [dof, BASE_NV if model.base else 0, joints, dof]
     every = np.arange(model.steps * sum(sizes)).reshape(model.steps, -1)
     return Places(*np.split(every, np.cumsum(sizes)[:-1], axis=1))
@@ -142,9 +142,9 @@ class Program:
         if pose:
             places += [
                 _block(of_pose[1:, :2], at.pose[:-1, 2:]),
-                _block(of_pose[1:], at.nu[:-1, moving]),
-                _block(of_pose, at.nu_dot[:, moving]),
-                _block(of_pose[1:], at.joints[:-1, model.steering]),
+                _block(of_pose[1:], at.nu[:-1, :moving]),
+                _block(of_pose, at.nu_dot[:, :moving]),
+                _block(of_pose[1:], at.joints[:-1, : model.steered]),
             ]
         rows, columns = (np.concatenate(part) for part in zip(*places, strict=True))
         self._transition = Pattern((row.size, total), rows, columns)
@@ -203,8 +203,8 @@ class Program:
     def _moving(self, slopes: PoseSlopes) -> list[Array]:
         if not self._model.base:
             return []
-        heading, nu, nu_dot, joints = slopes
-        return [-part.ravel() for part in (heading[1:], nu[1:], nu_dot, joints[1:])]
+        heading, nu, nu_dot, steering = slopes
+        return [-part.ravel() for part in (heading[1:], nu[1:], nu_dot, steering[1:])]
 
 
 def _block(rows: Indices, columns: Indices) -> tuple[Indices, Indices]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,7 @@ import pinocchio as pin
 from rpctl.control.horizon_model import Model, Motion
 from rpctl.description.records import Array
 from rpctl.reference.motion import Reference
-from rpctl.reference.rates import reference_rates
-from rpctl.robot.model import Robot
+from rpctl.reference.rates import reference_rates, steering
 
 
 class Reading(NamedTuple):
@@ -30,7 +30,7 @@ class Target(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """The end effector after some steps, with its derivatives by pose and arm."""
+    """The end effector after some steps, with its derivatives by pose and joints."""
 
     places: Array  # (K, 3) m
     goals: Array  # (K, 3) m, where it should be
@@ -45,14 +45,27 @@ class Sample(NamedTuple):
     reach: Reach | None
 
 
-def look_ahead(robot: Robot, reference: Reference, reading: Reading) -> Target:
-    """Return a reference read at the ends of the steps."""
+def look_ahead(model: Model, reference: Reference, reading: Reading, joints: Array) -> Target:
+    """Return a reference read at the ends of the steps.
+
+    Args:
+        model: The prediction's model.
+        reference: The reference.
+        reading: When to read it.
+        joints: The joints' positions now (n_joints,). A wheel that heads back rolls along as well,
+            so steering angles are asked for that lie nearest to those before, modulo π.
+    """
+    robot, count = model.robot, model.steered
     states = [reference(t) for t in reading.times.tolist()]
-    return Target(
-        np.array([state.pose for state in states]),
-        np.array([state.joints for state in states]),
-        reading.paces[:, None] * [reference_rates(robot, state).nu for state in states],
-    )
+    pose, arm = np.array([state.pose for state in states]), [state.joints for state in states]
+    nu = reading.paces[:, None] * [reference_rates(robot, state).nu for state in states]
+    if not count:
+        return Target(pose, np.array(arm), nu)
+    angles = np.array([steering(robot, state)[0] for state in states])
+    near = np.unwrap(np.vstack([joints[:count], angles]), axis=0, period=math.pi)[1:]
+    if not robot.drive.has_axle:  # the base's speed is the first wheel's, along its own heading
+        nu[:, 0] *= np.where(np.rint((near[:, 0] - angles[:, 0]) / math.pi) % 2.0, -1.0, 1.0)
+    return Target(pose, np.hstack([near, arm]), nu)
 
 
 class Arm:
@@ -77,7 +90,7 @@ class Arm:
         return Reach(np.array(places), np.array(goals), np.array(slopes))
 
     def place(self, pose: Array, joints: Array) -> Array:
-        """Return where it is (3,), m, at a pose of P and arm positions."""
+        """Return where it is (3,), m, at a pose of P and positions of the joints."""
         model = self._model.robot.model
         pin.forwardKinematics(model, self._data, self._model.configuration(joints, pose))
         return pin.updateFramePlacement(model, self._data, self._frame).translation.copy()

@@ -165,13 +165,18 @@ def ground_reaction(
     if not contacts.balanced:
         nothing = np.empty(0)
         return GroundReaction(force, along, lateral, nothing, zmp, None, nothing)
-    stance = contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
+    stance = stance_at(dynamics, contacts, q)
     margin = float((stance.inward @ local + stance.offset).min())
     if fz < floor:
         margin = -abs(margin)  # the ground would have to pull
     load = loads(stance, moments, margin)
     slip = _slip_ratio(contacts, along, lateral, np.maximum(load[: len(along)], floor))
     return GroundReaction(force, along, lateral, load, zmp, margin, slip)
+
+
+def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance:
+    """Return the stance at q (nq,) of a robot that is balanced."""
+    return contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
 
 
 def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -> Array:

@@ -39,9 +39,9 @@ def program(robot: Robot, off: tuple[float, ...]) -> QuadraticProgram:
     model = run.model
     times = np.asarray(NOW + model.dt * np.arange(model.steps + 1))
     reading = Reading(times, np.ones(model.steps + 1))
-    target = look_ahead(robot, reference_by_name(robot, "eight"), reading)
+    target = look_ahead(model, reference_by_name(robot, "eight"), reading, model.posture(q))
     still = np.zeros((model.steps, robot.dof))
-    motion = model.predict(robot.base_pose(q), robot.joint_positions(q), nu, still)
+    motion = model.predict(q, nu, still)
     return run.write(motion, target)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,10 @@ from rpctl.control.horizon_sample import Arm, Reading, Target, look_ahead
 from rpctl.control.obstacles import Disc
 from rpctl.description.records import Array
 from rpctl.reference.motion import reference_by_name
+from rpctl.reference.rates import steering
 from tests.control.limited import limited
+from tests.robots import write
+from tests.vehicles import KINDS, vehicle
 
 STEP = 1e-6
 NOW = 4.0  # s: the reference is at its full speed
@@ -28,11 +33,12 @@ def written(
     run = law.start(ReducedDynamics(robot), 0.002)
     model, reference = run.model, reference_by_name(robot, "eight")
     times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
-    target = look_ahead(robot, reference, Reading(times, np.ones(law.steps + 1)))
+    now = np.concatenate([steering(robot, reference(NOW))[0], reference(NOW).joints])
+    target = look_ahead(model, reference, Reading(times, np.ones(law.steps + 1)), now)
     pose = target.pose[0] + (off if model.base else 0.0)
     nu_dot = 0.1 * rng.normal(size=(law.steps, robot.dof))
-    joints = target.joints[0] + 0.01 * rng.normal(size=len(robot.joints))
-    motion = model.predict(pose, joints, target.nu[0], nu_dot)
+    joints = target.joints[0] + 0.01 * rng.normal(size=len(model.joints))
+    motion = model.predict(model.configuration(joints, pose), target.nu[0], nu_dot)
     return run, motion, target, run.write(motion, target)
 
 
@@ -83,17 +89,18 @@ def test_where_nothing_binds_the_bounds_do_not_matter(rng: np.random.Generator) 
     assert np.abs(free.x[qp.slack :]).max() < 1e-6
 
 
-@pytest.mark.parametrize("name", ["paper", "mecanum", "panda"])
-def test_without_bounds_it_is_least_squares(name: str, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("name", ["paper", "mecanum", "panda", "car-like", "twin"])
+def test_without_bounds_it_is_least_squares(
+    name: str, rng: np.random.Generator, tmp_path: Path
+) -> None:
     """The same step by differences of the prediction and dense least squares (steps = 6)."""
-    robot, law = rpctl.load(name), Horizon(steps=6)
+    source = write(tmp_path, vehicle(name)) if name in KINDS else name
+    robot, law = rpctl.load(source), Horizon(steps=6)
     run, motion, target, qp = written(robot, law, np.array([0.02, -0.03, 0.05]), rng)
     reached = Arm(run.model, [5])
 
     def errors(nu_dot: Array) -> Array:
-        ahead = run.model.predict(
-            motion.pose[0], motion.joints[0], motion.nu[0], nu_dot.reshape(motion.nu_dot.shape)
-        )
+        ahead = run.model.predict(motion.start, motion.nu[0], nu_dot.reshape(motion.nu_dot.shape))
         return _weighted(run, ahead, target, reached)
 
     at = motion.nu_dot.ravel()
