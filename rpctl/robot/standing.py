@@ -27,12 +27,12 @@ def _heights(
     description: Description, locked: Mapping[str, float], link: str
 ) -> Iterator[tuple[float, float]]:
     """Yield the heights of the lowest and the highest point of a link's shapes but meshes, m."""
-    body, pose = description.link[link], description.pose(link, dict(locked))
-    for shape in body.collisions + body.visuals:
+    body = description.link[link]
+    shapes = [shape for shape in body.collisions + body.visuals if shape.kind != "mesh"]
+    pose = description.pose(link, dict(locked)) if shapes else np.eye(4)  # it walks up the tree
+    for shape in shapes:
         place = pose @ shape.origin
         size, up = shape.size, np.abs(place[2, :3])
-        if shape.kind == "mesh":
-            continue
         reach = size[0]
         if shape.kind == "box":
             reach = 0.5 * float(up @ size)
