@@ -18,6 +18,7 @@ SHARE = 0.25  # of the law's horizon: steering has to be faster than what it ser
 AHEAD = 1.0  # how far a base with an axle may steer off the reference's direction, of 1
 APART, LEAST = 0.8, 0.2  # the same of steered wheels only: a share of the room there is, at least
 BRISK = 0.9  # of the fastest that a steered joint may turn: what is asked for at most
+BRAKE = 0.3  # s in which a steered joint comes to rest at a limit, twice the dynamic law's horizon
 ROOM = 0.02  # rad that a commanded steering angle keeps from the joint's limits
 
 
@@ -97,8 +98,13 @@ def _steering(
     wanted_rate = np.where(held, 0.0, wanted_rate)
     asked = wanted_rate + (wanted - actual) / h
     change = np.where(held, 0.0, feedforward) + (wanted_rate - rates) / h
-    limited = np.abs(asked) > fastest
-    return np.clip(asked, -fastest, fastest), np.where(limited, 0.0, change)
+    # The nearer a limit, the slower towards it: (limit − δ)/BRAKE, which never passes it.
+    least = np.maximum(-fastest, (lower - actual) / BRAKE)
+    most = np.minimum(fastest, (upper - actual) / BRAKE)
+    bound = np.clip(asked, least, most)
+    braking = (bound != asked) & (np.abs(bound) < fastest)
+    change = np.where(bound != asked, 0.0, change)
+    return bound, np.where(braking, -rates / BRAKE, change)
 
 
 def towards(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
