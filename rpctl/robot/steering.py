@@ -52,14 +52,17 @@ def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
         drive: A drive with steered wheels.
         positions: Positions of the steered joints, rad; 0 for those left out.
     """
-    rows = [lateral_row(drive.point, drive.heading)] if drive.has_axle else []
-    for swivel in drive.steered:
-        row = lateral_row(swivel.pivot, angle_of(swivel, positions.get(swivel.joint, 0.0)))
-        if swivel.shares is None:
-            rows.append(row)
-        else:
-            rows[-1] = rows[-1] + row
-    return np.cross(rows[0], rows[1])
+    rows = {"": lateral_row(drive.point, drive.heading)} if drive.has_axle else {}
+    for swivel in drive.swivels:
+        if swivel.role not in ("steered", "mimic"):
+            continue
+        leader = swivel.joint if swivel.shares is None else swivel.shares
+        followed = leader if swivel.role == "mimic" else swivel.joint
+        position = swivel.ratio * positions.get(followed, 0.0) + swivel.offset
+        row = lateral_row(swivel.pivot, angle_of(swivel, position))
+        rows[leader] = rows[leader] + row if leader in rows else row
+    first, second = rows.values()
+    return np.cross(first, second)
 
 
 def heading_along(swivel: Swivel, twist: Array) -> float:
