@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import TypeGuard
 
 MAX_SHOWN = 50  # findings that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
@@ -107,6 +108,11 @@ def one_line(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a value of a file is a finite number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def require_positive(name: str, value: float) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.dynamics.rolling import find_rolling
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, is_number
 from rpctl.reference.motion import EASE
 from rpctl.reference.time_law import Bound
 from rpctl.robot.model import BASE_NV, Robot
@@ -49,7 +49,11 @@ class Limits:
         for item in fields(self):
             value = getattr(self, item.name)
             least = "a number from 0 on" if item.name == "turning_radius" else "a positive number"
-            if not _sane(value) or value < 0.0 or (value == 0.0 and item.name != "turning_radius"):
+            if (
+                not is_number(value)
+                or value < 0.0
+                or (value == 0.0 and item.name != "turning_radius")
+            ):
                 raise RpctlError(f"{item.name} is {value!r}; give {least}")
 
     def steerable(self, robot: Robot) -> Limits:
@@ -137,8 +141,3 @@ def limits_from(values: dict[str, Any]) -> Limits:
     if extra:
         raise RpctlError(f'"{extra[0]}" is not known; limits are {", ".join(known)}')
     return Limits(**values)
-
-
-def _sane(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(value)  # type: ignore[arg-type]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.description.caps import cap, raised
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, is_number
 from rpctl.reference.csv_file import read_text, refusal
 from rpctl.reference.curve import Waypoint, check_waypoints
 from rpctl.reference.limits import Limits, limits_from
@@ -61,7 +60,7 @@ def read_path_file(path: str | Path) -> PathFile:
     waypoints = _rows(faults, data, "waypoints", "waypoint", (2, 3), "[x, y] or [x, y, heading]")
     points = _rows(faults, data, "end_effector", "point", (3,), "[x, y, z]")
     corner = data.get("corner", CORNER)
-    if not _number(corner) or not 0.0 < corner < FAR:
+    if not is_number(corner) or not 0.0 < corner < FAR:
         faults.append(f"corner is {corner!r}; give a positive number of metres")
     limits = Limits()
     table = data.get("limits", {})
@@ -93,13 +92,8 @@ def _rows(
         faults.append(f"{len(rows)} {label}s; {most} are the most; {raised('MAX_WAYPOINTS')}")
         return []
     for number, row in enumerate(rows, start=1):
-        if not isinstance(row, list) or len(row) not in lengths or not all(map(_number, row)):
+        if not isinstance(row, list) or len(row) not in lengths or not all(map(is_number, row)):
             faults.append(f"{label} {number} is {row!r}; write {form} in m and rad")
         elif any(abs(value) > FAR for value in row):
             faults.append(f"{label} {number} is {row!r}, farther than {FAR:g} m; use metres")
     return [] if faults else [tuple(map(float, row)) for row in rows]
-
-
-def _number(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(value)  # type: ignore[arg-type]

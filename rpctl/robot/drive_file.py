@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import DescriptionError, Finding, is_number
 from rpctl.robot.drive import BASE_SPEEDS
 
 if sys.version_info >= (3, 11):
@@ -122,7 +122,7 @@ class _Reader:
         roller = table.get("roller_deg")
         if roller is not None and kind != "mecanum":
             self.faults.append(f"{where}roller_deg is of mecanum drives only; leave it out")
-        if roller is not None and not (_number(roller) and abs(roller) < 90.0):
+        if roller is not None and not (is_number(roller) and abs(roller) < 90.0):
             self.faults.append(f"{where}roller_deg is {roller!r}; give degrees between -90 and 90")
             roller = None
         return WheelSpec(
@@ -177,7 +177,7 @@ class _Reader:
         value = table.get(key)
         if value is None:
             return None
-        if not _number(value) or value <= 0:
+        if not is_number(value) or value <= 0:
             self.faults.append(f"{where}{key} is {value!r}; give a positive number of metres")
             return None
         return float(value)
@@ -190,13 +190,8 @@ class _Reader:
         return value
 
 
-def _number(value: Any) -> bool:
-    plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return plain and math.isfinite(value)
-
-
 def _pair(value: Any) -> TypeGuard[list[float]]:
-    return isinstance(value, list) and len(value) == 2 and all(map(_number, value))
+    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
 
 
 def suggest(

@@ -129,10 +129,15 @@ def steer(drive: Drive, direction: Array) -> Array:
     return found
 
 
+def _place_velocities(swivel: Swivel, direction: Array) -> Array:
+    """Return the velocity of a swivel's pivot under a twist, and its derivatives (3, 2)."""
+    (x, y), turn = swivel.pivot, direction[:, 2]
+    return np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+
+
 def _trail_angle(swivel: Swivel, direction: Array) -> Array:
     """Return asin(k ω/|V|) of a swivel with trail k, and its first two derivatives (3,)."""
-    (x, y), turn = swivel.pivot, direction[:, 2]
-    V = np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+    V, turn = _place_velocities(swivel, direction), direction[:, 2]
     size = max(float(np.linalg.norm(V[0])), TINY)
     pace, spread = V[0] @ V[1] / size**2, (V[1] @ V[1] + V[0] @ V[2]) / size**2
     u = swivel.trail * turn[0] / size
@@ -154,11 +159,10 @@ def _lateral_sums(
     """
     rows, second = np.zeros((3, 2)), 0.0  # Σ n·V⁽ⁱ⁾ and Σ g d·V⁽ⁱ⁾ with φ̇ = g δ̇; Σ g² n·V
     for swivel, ratio, offset in places:
-        gain, (x, y) = swivel.sign * ratio, swivel.pivot
+        gain = swivel.sign * ratio
         angle = angle_of(swivel, ratio * position + offset)
         cos, sin = math.cos(angle), math.sin(angle)
-        turn = direction[:, 2]
-        V = np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+        V = _place_velocities(swivel, direction)
         across, along = V @ [-sin, cos], V @ [cos, sin]
         rows += np.column_stack([across, gain * along])
         second += gain**2 * across[0]
