@@ -11,7 +11,7 @@ from scipy.linalg import null_space
 
 from rpctl.control.command import Command
 from rpctl.control.joint_limits import JointBounds, JointLimits
-from rpctl.control.law import Efforts, Limit
+from rpctl.control.law import Efforts, Limit, Rest
 from rpctl.control.least_distance import shortest
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -62,12 +62,15 @@ class BoundedDynamic:
         for name, weight in self.weights.items():
             require_positive(f"the weight of {name}", weight)
 
-    def start(self, dynamics: ReducedDynamics, control_period: float) -> BoundedLaw:
-        """Return the law of one run.
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> BoundedLaw:
+        """Return the law of one run; it does not need to know how the robot stands before.
 
         Raises:
             UnknownNameError: A weight is of no quasi-velocity of the robot.
         """
+        del rest
         return BoundedLaw(self, dynamics, control_period)
 
 

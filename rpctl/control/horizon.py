@@ -22,6 +22,7 @@ from rpctl.control.horizon_model import Model, Motion, make_model
 from rpctl.control.horizon_program import Program, lay_out
 from rpctl.control.horizon_qp import QuadraticProgram, Solver
 from rpctl.control.horizon_sample import Arm, Sample, Target, look_ahead
+from rpctl.control.law import Rest
 from rpctl.control.obstacles import Obstacle
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.description.records import Array
@@ -95,14 +96,17 @@ class Horizon:
                 f"period {self.period:g} s is longer than a step; give at most {self.dt:g} s"
             )
 
-    def start(self, dynamics: ReducedDynamics, control_period: float) -> HorizonLaw:
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> HorizonLaw:
         """Return the law of one run, with nothing foreseen and nothing counted.
 
         Args:
             dynamics: The robot's dynamics.
             control_period: Time between two calls, s; the law looks at the clock, not at it.
+            rest: Not needed.
         """
-        del control_period
+        del control_period, rest
         return HorizonLaw(self, dynamics)
 
 

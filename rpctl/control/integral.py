@@ -8,7 +8,7 @@ import numpy as np
 
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
 from rpctl.control.command import Command
-from rpctl.control.law import Efforts
+from rpctl.control.law import Efforts, Rest
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
@@ -31,6 +31,9 @@ class IntegralDynamic:
     their limits enter ν̇_m as they are, a limit that binds does not wind the integral up; and jumps
     of ν_d, which no disturbance caused, do not enter it.
 
+    A run starts without a bump: d is what the model does not know of the robot at rest, ν̇ = 0, from
+    the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
+
     Attributes:
         gain: k, 1/s.
         inner: The law that finds the efforts.
@@ -43,13 +46,15 @@ class IntegralDynamic:
         """Refuse a gain that integrates nothing."""
         require_positive("gain", self.gain)
 
-    def start(self, dynamics: ReducedDynamics, control_period: float) -> IntegralLaw:
-        """Return the law of one run, its integral zero.
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> IntegralLaw:
+        """Return the law of one run, its integral that of the robot at rest.
 
         Raises:
             RpctlError: The gain is too large for the control period.
         """
-        return IntegralLaw(self, dynamics, control_period)
+        return IntegralLaw(self, dynamics, control_period, rest)
 
 
 class IntegralLaw:
@@ -59,10 +64,15 @@ class IntegralLaw:
         law: Its settings.
         dynamics: The robot's dynamics.
         control_period: s.
+        rest: How the robot stands before.
     """
 
     def __init__(
-        self, law: IntegralDynamic, dynamics: ReducedDynamics, control_period: float
+        self,
+        law: IntegralDynamic,
+        dynamics: ReducedDynamics,
+        control_period: float,
+        rest: Rest | None,
     ) -> None:
         if law.gain * control_period > 1.0:
             raise RpctlError(
@@ -71,7 +81,8 @@ class IntegralLaw:
             )
         self._gain, self._period = law.gain, control_period
         self._inner = BoundedLaw(law.inner, dynamics, control_period)
-        self._disturbance = np.zeros(dynamics.robot.dof)  # d
+        still = np.zeros(dynamics.robot.dof)
+        self._disturbance = still if rest is None else -dynamics.forward(rest.q, still, rest.tau)
         self._expected: Array | None = None  # ν now, if d had been right
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:

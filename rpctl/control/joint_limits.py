@@ -11,7 +11,8 @@ from rpctl.control.law import Limit
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 
-AHEAD = 2.0  # control periods after which a rate is back within its bounds; 1 would be dead-beat
+AHEAD = 0.06  # s in which a rate comes to its bound
+PERIODS = 2.0  # control periods that this takes at least; 1 would be dead-beat
 ROOM = 1e-3  # of a limit, kept free: the prediction is of first order
 BRAKE_SHARE = 0.5  # of what the efforts could do to one joint: others want to brake as well
 LEAST_BRAKE, HARDEST_BRAKE = 0.1, 1e4  # rad/s² or m/s²; where efforts cannot hold, or know no limit
@@ -30,13 +31,15 @@ class JointBounds(NamedTuple):
 class JointLimits:
     """The rate and position limits of all joints that have any: wheels, arm and passive ones.
 
-    A rate ẋ, predicted over T = 2 control periods, is to stay within
+    A rate ẋ, predicted over T = 0.06 s, is to stay within
 
         |ẋ + T ẍ| ≤ velocity limit,    −stop(x − lower) ≤ ẋ + T ẍ ≤ stop(upper − x)
 
-    with x at the end of T. stop(g) is the fastest rate that can still be braked within the gap g:
-    g/h1 near the limit, and √(2a (g − ½ a h1²)) from g = a h1² on, where the former would brake
-    harder than a. So a joint that obeys now is able to obey later.
+    with x at the end of T. So it comes to its limit as exp(−t/T), which efforts that are late by
+    less than T/e still do without overshoot: 20 ms, of which the law need not know. stop(g) is the
+    fastest rate that can still be braked within the gap g: g/h1 near the limit, and
+    √(2a (g − ½ a h1²)) from g = a h1² on, where the former would brake harder than a. So a joint
+    that obeys now is able to obey later.
 
     Args:
         dynamics: The robot's dynamics.
@@ -53,7 +56,7 @@ class JointLimits:
         # A joint without position limits may have two entries in q; none of them binds anything.
         ids = (robot.model.getJointId(name) for name in self.names)
         self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
-        self._horizon, self._ahead = horizon, AHEAD * control_period
+        self._horizon, self._ahead = horizon, max(AHEAD, PERIODS * control_period)
         self._fastest = (1.0 - ROOM) * np.array([joint.velocity for joint in joints])
         self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
         lower, upper = (np.array([getattr(j, end) for j in joints]) for end in ("lower", "upper"))

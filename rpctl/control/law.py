@@ -44,6 +44,13 @@ class DynamicLaw(Protocol):
         """
 
 
+class Rest(NamedTuple):
+    """How a robot stands before a run: what holds it there, measured or known."""
+
+    q: Array  # (nq,)
+    tau: Array  # (n_act,) N·m or N
+
+
 Law = TypeVar("Law")
 LawOfRun = TypeVar("LawOfRun", covariant=True)
 
@@ -51,17 +58,25 @@ LawOfRun = TypeVar("LawOfRun", covariant=True)
 class Startable(Protocol[LawOfRun]):
     """Settings of a law that remembers, or that has to know the control period."""
 
-    def start(self, dynamics: ReducedDynamics, control_period: float) -> LawOfRun:
-        """Return the law of one run, its memory empty.
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> LawOfRun:
+        """Return the law of one run, without a memory of others.
 
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
             control_period: Time between two calls, s.
+            rest: How the robot stands before; None where that is not known.
         """
 
 
-def started(law: Law | Startable[Law], dynamics: ReducedDynamics, control_period: float) -> Law:
+def started(
+    law: Law | Startable[Law],
+    dynamics: ReducedDynamics,
+    control_period: float,
+    rest: Rest | None = None,
+) -> Law:
     """Return the law of one run: what ``law.start`` returns, or a law without ``start`` itself."""
     if hasattr(law, "start"):
-        return cast("Startable[Law]", law).start(dynamics, control_period)
+        return cast("Startable[Law]", law).start(dynamics, control_period, rest)
     return law

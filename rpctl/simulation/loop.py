@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import tracking_error
-from rpctl.control.law import DynamicLaw, Startable, as_efforts, started
+from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, find_contacts
@@ -102,12 +102,13 @@ def track(
     contacts = find_contacts(dynamics, friction)
     believed, bias = plant.believed_dynamics(dynamics), plant.bias(robot)
     recorder = Recorder(dynamics, contacts, bias)
-    kinematic_law = started(kinematic, believed, control_period)
-    dynamic_law = started(dynamic, believed, control_period)
+    q, nu, work = _start(robot, reference(0.0), initial_error), np.zeros(robot.dof), 0.0
+    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
+    kinematic_law = started(kinematic, believed, control_period, rest)
+    dynamic_law = started(dynamic, believed, control_period, rest)
     steps = max(1, round(duration / control_period))
     began = time.perf_counter()
-    q, nu, work = _start(robot, reference(0.0), initial_error), np.zeros(robot.dof), 0.0
-    sent = plant.pipeline(dynamics.efforts(q, dynamics.bias(q, nu)), control_period)
+    sent = plant.pipeline(rest.tau, control_period)
     for k in range(steps + 1):
         t = k * control_period
         state = reference(t)

@@ -11,16 +11,22 @@ import numpy as np
 
 from rpctl.control.dynamic import DYNAMIC_LAWS
 from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.reference.motion import Reference
+from rpctl.reference.rates import steering
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import scale_limits, scale_masses
+from rpctl.robot.vary import scale_masses, set_limits
+from rpctl.simulation.loop import lasting
 from rpctl.simulation.plant import Plant
 
 ARM_SHARE = 0.7  # of the arm's mass: what the controller takes it for
 BIAS_SHARE = 0.05  # of the first wheel's effort limit
 BIAS = 1.0  # N·m, where it has none
 DELAY = 0.02  # s
-EFFORT_SHARE = 0.5  # of each effort limit that is left
+EFFORT_SHARE = 0.5  # of what holding still leaves of each effort limit
+LOOK_EVERY = 0.1  # s: at a reference, for what holding still takes
 
 
 class Case(NamedTuple):
@@ -36,11 +42,11 @@ class Scenario:
 
     Attributes:
         told: What it is, in a line.
-        make: The case of a robot.
+        make: The case of a robot on a reference.
     """
 
     told: str
-    make: Callable[[Robot], Case]
+    make: Callable[[Robot, Reference], Case]
 
 
 def _light_arm(robot: Robot) -> Case:
@@ -61,23 +67,46 @@ def _wheel_bias(robot: Robot) -> Case:
     raise RpctlError(f"{robot.name} has no driven wheel")
 
 
+def _half_limits(robot: Robot, reference: Reference) -> Case:
+    """Halve what is left of the effort limits beyond the most that the reference takes at rest."""
+    limits, holding = robot.effort_limits, _holding(robot, reference)
+    left = limits - EFFORT_SHARE * np.maximum(limits - holding, 0.0)
+    efforts = {
+        glob.escape(name): float(limit)
+        for name, limit in zip(robot.actuators, left, strict=True)
+        if np.isfinite(limit)
+    }
+    return Case(set_limits(robot, effort=efforts), Plant())
+
+
+def _holding(robot: Robot, reference: Reference) -> Array:
+    """Return the largest efforts (n_act,) that hold the robot still anywhere on a reference."""
+    dynamics, still = ReducedDynamics(robot), np.zeros(robot.dof)
+    found = []
+    for t in np.arange(0.0, lasting(reference), LOOK_EVERY).tolist():
+        state = reference(t)
+        q = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+        found.append(np.abs(dynamics.efforts(q, dynamics.bias(q, still))))
+    return np.asarray(np.max(found, axis=0))
+
+
 SCENARIOS = {
-    "nominal": Scenario("the model is right", lambda robot: Case(robot, Plant())),
+    "nominal": Scenario("the model is right", lambda robot, _: Case(robot, Plant())),
     "arm-mass": Scenario(
         "the controller takes every moving link of the arm to weigh 30 % less than it does",
-        _light_arm,
+        lambda robot, _: _light_arm(robot),
     ),
     "wheel-bias": Scenario(
         "the first driven wheel is pushed by 5 % of its effort limit (1 N·m without one)",
-        _wheel_bias,
+        lambda robot, _: _wheel_bias(robot),
     ),
     "delay": Scenario(
         "20 ms from a measurement to the efforts it leads to",
-        lambda robot: Case(robot, Plant(delay=DELAY)),
+        lambda robot, _: Case(robot, Plant(delay=DELAY)),
     ),
     "half-limits": Scenario(
-        "half the effort limits; references and speed limits stay",
-        lambda robot: Case(scale_limits(robot, effort=EFFORT_SHARE), Plant()),
+        "half of each effort limit, beyond what holding still takes; references stay",
+        _half_limits,
     ),
 }
 

@@ -19,7 +19,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 import numpy as np
 
 from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.law import Startable, started
+from rpctl.control.law import Rest, Startable, started
 from rpctl.control.laws import kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
@@ -111,9 +111,11 @@ class _Timed(Generic[Law]):
     def __init__(self, law: Law | Startable[Law], seconds: list[float]) -> None:
         self._law, self._seconds = law, seconds
 
-    def start(self, dynamics: ReducedDynamics, control_period: float) -> Law:
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> Law:
         """Return the law of one run."""
-        law: Any = started(self._law, dynamics, control_period)
+        law: Any = started(self._law, dynamics, control_period, rest)
         seconds = self._seconds
 
         def timed(*arguments: Any) -> Any:
@@ -160,7 +162,8 @@ class Bench:
         return {**vars(self), "_references": {}}
 
     def _run(self, cell: Cell) -> Figures:
-        reference, case = self._reference(cell.reference), SCENARIOS[cell.scenario].make(self.robot)
+        reference = self._reference(cell.reference)
+        case = SCENARIOS[cell.scenario].make(self.robot, reference)
         watch = Stopwatch()
         run = track(
             case.robot,

@@ -21,7 +21,7 @@ from rpctl import (
     track,
 )
 from rpctl.control.command import Command
-from rpctl.control.law import DynamicLaw, Efforts
+from rpctl.control.law import DynamicLaw, Efforts, Rest
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.errors import DivergedError
@@ -203,7 +203,9 @@ def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
     periods = []
 
     class Counting:
-        def start(self, dynamics: ReducedDynamics, control_period: float) -> DynamicLaw:
+        def start(
+            self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        ) -> DynamicLaw:
             periods.append(control_period)
             calls = iter(range(1000))
 

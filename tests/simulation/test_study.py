@@ -21,10 +21,11 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl import Robot, RpctlError, UnifiedKinematic
+from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic
 from rpctl.cli import app
 from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.errors import UnknownNameError
+from rpctl.reference.load import load_reference
 from rpctl.simulation.scenarios import (
     OURS,
     PAIRS,
@@ -43,7 +44,8 @@ LINEARIZATION = Controller("feedback-linearization", "paper")
 
 
 def test_scenarios_are_what_they_say(paper: Robot) -> None:
-    cases = {name: scenario.make(paper) for name, scenario in SCENARIOS.items()}
+    reference = load_reference(paper, "eight")
+    cases = {name: scenario.make(paper, reference) for name, scenario in SCENARIOS.items()}
     assert cases["nominal"].plant == rpctl.Plant()
     believed = cases["arm-mass"].plant.believed
     assert believed is not None
@@ -58,6 +60,19 @@ def test_scenarios_are_what_they_say(paper: Robot) -> None:
     assert [joint.velocity for joint in halved.joints] == [j.velocity for j in paper.joints]
 
 
+def test_halved_limits_still_hold_the_arm_up(tiago: Robot) -> None:
+    """Half of arm_2's 39 N·m would not: it takes 30 at the worst place of the eight."""
+    reference = load_reference(tiago, "eight")
+    limits = SCENARIOS["half-limits"].make(tiago, reference).robot.effort_limits
+    full, dynamics = tiago.effort_limits, ReducedDynamics(tiago)
+    np.testing.assert_allclose(limits[:2], 0.5 * full[:2])
+    for t in np.arange(0.0, 19.0, 0.5):
+        q = tiago.configuration_at(np.zeros(3), reference(float(t)).joints)
+        held = np.abs(dynamics.efforts(q, dynamics.bias(q, np.zeros(tiago.dof))))
+        assert (limits - held >= 0.5 * (full - held) - 1e-9).all()
+    assert dict(zip(tiago.actuators, limits, strict=True))["arm_2_joint"] > 30.0
+
+
 def test_a_robot_without_arm_or_wheels_says_so(tmp_path: Path) -> None:
     bare, fixed = rpctl.load(write(tmp_path, platform(SET_A))), rpctl.load("panda")
     row = Bench(bare, 0.1)(Cell("arm-mass", "line", PAPER))
@@ -65,7 +80,7 @@ def test_a_robot_without_arm_or_wheels_says_so(tmp_path: Path) -> None:
     assert Bench(fixed, 0.1)(Cell("wheel-bias", "eight", PAPER)).failure == (
         "panda has no driven wheel"
     )
-    pushed = SCENARIOS["wheel-bias"].make(bare).plant.tau_bias
+    pushed = SCENARIOS["wheel-bias"].make(bare, load_reference(bare, "line")).plant.tau_bias
     assert list(pushed.values()) == [1.0]
     found = Bench(bare, 0.1)(Cell("nominal", "line", proposed(bare))).figures
     assert found is not None
