@@ -9,10 +9,11 @@ import numpy as np
 from rpctl.control.box_least_squares import Box, Rated, nearest
 from rpctl.control.command import Command, KinematicLaw
 from rpctl.control.frame_motion import end_effector_frame, jacobian, pursuit, reference_motion
-from rpctl.control.unified import UnifiedKinematic
+from rpctl.control.horizon import Horizon
+from rpctl.control.law import Rest, Startable, started
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import require_positive
+from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
@@ -43,7 +44,7 @@ class EndEffector:
       does what it can, and the base goes its way.
 
     The base does not wait for the arm: where it passes out of the arm's reach of p_r, the error
-    grows until it is back.
+    grows until it is back. By default it looks ahead, within its limits; any other law will do.
 
     ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
     any; it jumps when a bound becomes active, ν_d does not. Of a base whose S changes with q the
@@ -57,7 +58,7 @@ class EndEffector:
         damping: m/s; a direction in which the arm at full speed is slower counts as lost.
     """
 
-    base: KinematicLaw = field(default_factory=UnifiedKinematic)
+    base: KinematicLaw | Startable[KinematicLaw] = field(default_factory=Horizon)
     horizon: float = 0.4
     orientation: bool = False
     lever: float = 0.3
@@ -67,18 +68,44 @@ class EndEffector:
         """Refuse settings that leave the law undefined."""
         for name in ("horizon", "lever", "damping"):
             require_positive(name, getattr(self, name))
+        if isinstance(self.base, Horizon) and self.base.end_effector_obstacles:
+            raise RpctlError(
+                "the end effector that comes first would run into end_effector_obstacles; take the "
+                "horizon law alone, which keeps clear of them"
+            )
 
-    def __call__(
-        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
-    ) -> Command:
-        """Return ν_d and its analytic derivative along the actual motion.
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> EndEffectorLaw:
+        """Return the law of one run, its base's law started.
 
         Raises:
             RpctlError: The robot has no arm.
         """
+        frame = end_effector_frame(dynamics.robot)
+        return EndEffectorLaw(self, started(self.base, dynamics, control_period, rest), frame)
+
+
+class EndEffectorLaw:
+    """:class:`EndEffector` on one robot.
+
+    Args:
+        law: Its settings.
+        base: The law of the base, started.
+        frame: Pinocchio's index of the end effector.
+    """
+
+    def __init__(self, law: EndEffector, base: KinematicLaw, frame: int) -> None:
+        self._law, self._base, self._frame = law, base, frame
+        self.report = getattr(base, "report", None)
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        """Return ν_d and its analytic derivative along the actual motion."""
         robot = dynamics.robot
         first = robot.dof - len(robot.joints)
-        base = self.base(dynamics, reference, t, q, nu)
+        base = self._base(dynamics, reference, t, q, nu)
         S, full = dynamics.basis(q), np.minimum(_fastest(robot), FULL_SPEED)
         G, y = self._task(dynamics, reference(t), q, nu, base)
         G = Rated(*(part @ (S[:, first:] * full) for part in G))
@@ -87,7 +114,7 @@ class EndEffector:
             y,
             Rated(*(part[first:] / full for part in base)),
             self._box(robot, q, nu[first:], full),
-            1.0 / self.damping,
+            1.0 / self._law.damping,
         )
         return Command(
             np.concatenate([base.nu_d[:first], full * z.value]),
@@ -101,17 +128,17 @@ class EndEffector:
 
         Rows are 3, or with the orientation 6, in m/s.
         """
-        frame = end_effector_frame(dynamics.robot)
+        law, frame = self._law, self._frame
         first = dynamics.robot.dof - len(dynamics.robot.joints)
         S = dynamics.basis(q)
         v, carried = S @ nu, S[:, :first] @ base.nu_d[:first]
         carried_rate = S[:, :first] @ base.nu_d_dot[:first] + dynamics.basis_drift(q, nu)
         target = reference_motion(dynamics, state, S[:, first:], frame)
         pose, J, J_dot = jacobian(dynamics, q, v, frame)
-        wanted = pursuit(target, pose, J @ v, self.horizon)
+        wanted = pursuit(target, pose, J @ v, law.horizon)
         left = wanted.value - J @ carried
         left_rate = wanted.rate - J_dot @ carried - J @ carried_rate
-        size = np.repeat([1.0, self.lever], 3)[: 6 if self.orientation else 3]
+        size = np.repeat([1.0, law.lever], 3)[: 6 if law.orientation else 3]
         rows = slice(len(size))
         return (
             Rated(size[:, None] * J[rows], size[:, None] * J_dot[rows]),
@@ -130,9 +157,9 @@ class EndEffector:
         fastest, positions = SPEED_SHARE * _fastest(robot), robot.joint_positions(q)
         bounds = []
         for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
-            room = (np.array(limits) - positions) / self.horizon
+            room = (np.array(limits) - positions) / self._law.horizon
             value = np.clip(room, -fastest, fastest)
-            rate = np.where(value == room, -rates / self.horizon, 0.0)
+            rate = np.where(value == room, -rates / self._law.horizon, 0.0)
             bounds.append(Rated(value / full, rate / full))
         return Box(*bounds)
 

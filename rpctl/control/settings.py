@@ -9,7 +9,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.law import DynamicLaw
+from rpctl.control.law import DynamicLaw, Startable
 from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 
@@ -19,6 +19,7 @@ Registry = Mapping[str, Callable[[], Any]]
 LAW = "law"  # the key that names a law
 LAWS: dict[object, tuple[str, Registry]] = {  # what a law within a law may be
     KinematicLaw: ("kinematic law", KINEMATIC_LAWS),
+    KinematicLaw | Startable[KinematicLaw]: ("kinematic law", KINEMATIC_LAWS),
     DynamicLaw: ("dynamic law", DYNAMIC_LAWS),
 }
 WORDS: dict[object, str] = {

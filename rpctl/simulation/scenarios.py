@@ -125,15 +125,15 @@ class Controller:
 
 PAPER = Controller("paper", "paper")
 OURS = Controller("end-effector", "integral")  # what rpctl proposes for a robot with an arm
-OURS_ARMLESS = Controller("unified", "integral")  # the same without an end effector to keep
+OURS_ARMLESS = Controller("horizon", "integral")  # the same without an end effector to keep
 # The dynamic laws tell apart where limits bind or the model is wrong: one kinematic law shows that.
 PAIRS = (
     PAPER,
     Controller("unified", "paper"),
     Controller("unified", "bounded"),
-    OURS_ARMLESS,
+    Controller("unified", "integral"),
     OURS,
-    Controller("horizon", "bounded"),
+    OURS_ARMLESS,
     Controller("kanayama", "paper"),
     Controller("feedback-linearization", "paper"),
 )

@@ -11,12 +11,23 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl import (
+    BoundedDynamic,
+    Disc,
+    Horizon,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    UnifiedKinematic,
+    summarize,
+)
 from rpctl.control.box_least_squares import Box, Rated
 from rpctl.control.command import KinematicLaw
-from rpctl.control.end_effector import EndEffector
+from rpctl.control.end_effector import EndEffector, EndEffectorLaw
 from rpctl.control.error import tracking_error
 from rpctl.control.frame_motion import end_effector_frame, jacobian, reference_motion
+from rpctl.control.law import Startable, started
 from rpctl.control.laws import kinematic_by_name
 from rpctl.description.records import Array
 from rpctl.reference.end_effector import end_effector_reference
@@ -39,7 +50,11 @@ def beside(robot: Robot, reference: Reference, error: tuple[float, float, float]
 
 
 def obey(
-    law: KinematicLaw, robot: Robot, reference: Reference, q: Array, duration: float
+    law: KinematicLaw | Startable[KinematicLaw],
+    robot: Robot,
+    reference: Reference,
+    q: Array,
+    duration: float,
 ) -> tuple[Array, Array, Array]:
     """Move a robot that does at once what the law asks (midpoint rule, 100 Hz).
 
@@ -47,6 +62,7 @@ def obey(
         Times (K,), configurations (K, nq) and what was asked there (K, dof).
     """
     dynamics, step = ReducedDynamics(robot), 0.01
+    law = started(law, dynamics, step)
     still = np.zeros(robot.dof)
     times = np.arange(0.0, duration, step)
     path, asked = [], []
@@ -97,7 +113,7 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
 ) -> None:
     """Bounds are active in some of these states."""
     reference, dynamics = reference_by_name(any_robot, "eight"), ReducedDynamics(any_robot)
-    law = EndEffector(SLOW, orientation=orientation)
+    law = EndEffector(SLOW, orientation=orientation).start(dynamics, 0.01)
     wheeled = bool(any_robot.drive.base_speeds)
     for t in (2.0, 5.0, 9.0, 14.0):
         nu = rng.normal(size=any_robot.dof)
@@ -156,7 +172,7 @@ def test_on_a_line_the_arm_makes_up_for_what_the_base_never_reaches(tiago: Robot
     assert left[EndEffector] < 1e-4
 
 
-def unbounded(_: EndEffector, robot: Robot, *others: Array) -> Box:
+def unbounded(_: EndEffectorLaw, robot: Robot, *others: Array) -> Box:
     wide = np.full(len(robot.joints), np.inf)
     return Box(Rated(-wide, 0.0 * robot.home), Rated(wide, 0.0 * robot.home))
 
@@ -181,7 +197,7 @@ def test_limits_hold_where_the_end_effector_would_break_them(
     beyond, share = worst()
     assert beyond <= 0.0
     assert share <= 1.0 + 1e-12
-    monkeypatch.setattr(EndEffector, "_box", unbounded)
+    monkeypatch.setattr(EndEffectorLaw, "_box", unbounded)
     beyond, share = worst()
     assert beyond > 0.1
     assert share > 1.1
@@ -190,8 +206,9 @@ def test_limits_hold_where_the_end_effector_would_break_them(
 def test_rates_stay_bounded_near_a_stretched_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     """A UR5 with its elbow almost straight, asked to draw its hand in along the arm."""
     robot = rpctl.load("ur5")
-    dynamics, law = ReducedDynamics(robot), EndEffector(SLOW)
-    monkeypatch.setattr(EndEffector, "_box", unbounded)
+    dynamics = ReducedDynamics(robot)
+    law = EndEffector(SLOW).start(dynamics, 0.01)
+    monkeypatch.setattr(EndEffectorLaw, "_box", unbounded)
     reference = reference_by_name(robot, "eight")
     goal = reference(0.0)._replace(joints=np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]))
     frame = end_effector_frame(robot)
@@ -242,9 +259,8 @@ def test_the_whole_robot_follows(tiago: Robot) -> None:
 
 def test_robots_without_an_arm_are_told(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_B)))
-    reference, q = reference_by_name(robot, "line"), robot.configuration()
     with pytest.raises(RpctlError, match=r"platform has no arm.*take a kinematic law of the base"):
-        EndEffector()(ReducedDynamics(robot), reference, 0.0, q, np.zeros(2))
+        EndEffector().start(ReducedDynamics(robot), 0.01)
 
 
 def test_settings_are_positive() -> None:
@@ -256,3 +272,25 @@ def test_settings_are_positive() -> None:
 
 def test_the_law_has_a_name() -> None:
     assert kinematic_by_name("end-effector") == EndEffector()
+
+
+def test_over_a_base_that_looks_ahead_both_errors_are_less(paper: Robot) -> None:
+    """The default: base and end effector both beat those over the unified law, and the report
+    of the base's law is the run's."""
+    rms = []
+    for law in (EndEffector(), EndEffector(UnifiedKinematic())):
+        run = rpctl.track(paper, "circle", 3.0, (0.2, -0.2, 0.2), law, BoundedDynamic())
+        told = summarize(run)
+        rms.append([told["rms_base_error"], told["rms_end_effector_error"]])
+        assert told["limits_violated"] == []
+        counted = run.settings.get("kinematic_report", {})
+        assert counted.get("solves", 0) == (151 if law == EndEffector() else 0)
+    assert rms[0][0] < 0.95 * rms[1][0]
+    assert rms[0][1] <= 1.01 * rms[1][1]
+
+
+def test_obstacles_of_the_end_effector_are_not_passed_over() -> None:
+    base = Horizon(end_effector_obstacles=(Disc(1.0, 0.0, 0.2),))
+    with pytest.raises(RpctlError, match="would run into end_effector_obstacles; take the horizon"):
+        EndEffector(base)
+    EndEffector(Horizon(base_obstacles=(Disc(1.0, 0.0, 0.2),)))
