@@ -15,7 +15,15 @@ from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import DYNAMIC_LAWS, PaperDynamic, dynamic_by_name
 from rpctl.control.law import DynamicLaw, Startable
 from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
-from rpctl.control.settings import Table, from_table, law_from_table, law_to_table, to_table
+from rpctl.control.settings import (
+    DYNAMIC,
+    KINEMATIC,
+    Table,
+    from_table,
+    named_from_table,
+    named_to_table,
+    to_table,
+)
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.contact import FRICTION
 from rpctl.errors import DescriptionError, Finding
@@ -116,9 +124,9 @@ def read_config(path: str | Path) -> Config:
     tables: Table = {}
     for key, table in data.items():
         if key == "kinematic":
-            tables[key] = law_from_table(table, "kinematic law", KINEMATIC_LAWS, key, faults)
+            tables[key] = named_from_table(table, KINEMATIC, key, faults)
         elif key == "dynamic":
-            tables[key] = law_from_table(table, "dynamic law", DYNAMIC_LAWS, key, faults)
+            tables[key] = named_from_table(table, DYNAMIC, key, faults)
         elif key not in ("run", "limits"):
             faults.append(f"{key}: is no table of a configuration; it has kinematic, dynamic, run "
                           "and limits")  # fmt: skip
@@ -139,8 +147,8 @@ def write_config(config: Config, path: str | Path) -> Path:
         RpctlError: A law has no name or a setting that no file can say; the file cannot be written.
     """
     tables = {
-        "kinematic": law_to_table(config.kinematic, KINEMATIC_LAWS),
-        "dynamic": law_to_table(config.dynamic, DYNAMIC_LAWS),
+        "kinematic": named_to_table(config.kinematic, KINEMATIC),
+        "dynamic": named_to_table(config.dynamic, DYNAMIC),
         "run": to_table(config.run),
         "limits": to_table(config.limits),
     }

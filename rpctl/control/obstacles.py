@@ -156,6 +156,9 @@ class HalfPlane:
         return goals
 
 
+OBSTACLES = {"disc": Disc, "half-plane": HalfPlane}
+
+
 def _require_finite(what: str, *values: float) -> None:
     if not all(map(math.isfinite, values)):
         raise RpctlError(f"{what} is {values}; give finite numbers")

@@ -5,22 +5,34 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import DYNAMIC_LAWS
 from rpctl.control.law import DynamicLaw, Startable
 from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.control.obstacles import OBSTACLES, Obstacle
 from rpctl.errors import RpctlError, UnknownNameError
 
 Table = dict[str, Any]
-Registry = Mapping[str, Callable[[], Any]]
 
-LAW = "law"  # the key that names a law
-LAWS: dict[object, tuple[str, Registry]] = {  # what a law within a law may be
-    KinematicLaw: ("kinematic law", KINEMATIC_LAWS),
-    KinematicLaw | Startable[KinematicLaw]: ("kinematic law", KINEMATIC_LAWS),
-    DynamicLaw: ("dynamic law", DYNAMIC_LAWS),
+
+class Kind(NamedTuple):
+    """What a table stands for that says by name which it is."""
+
+    told: str
+    key: str  # of the name
+    known: Mapping[str, Callable[..., Any]]  # by name
+
+
+KINEMATIC = Kind("kinematic law", "law", KINEMATIC_LAWS)
+DYNAMIC = Kind("dynamic law", "law", DYNAMIC_LAWS)
+OBSTACLE = Kind("obstacle", "shape", OBSTACLES)
+KINDS: dict[object, Kind] = {  # what a setting may be, by its type
+    KinematicLaw: KINEMATIC,
+    KinematicLaw | Startable[KinematicLaw]: KINEMATIC,
+    DynamicLaw: DYNAMIC,
+    Obstacle: OBSTACLE,
 }
 WORDS: dict[object, str] = {
     float: "a number",
@@ -36,16 +48,16 @@ class _Unsaid(Exception):
     """A value that TOML has no words for; it never leaves this file."""
 
 
-def law_to_table(law: object, registry: Registry) -> Table:
-    """Return a law's name and settings.
+def named_to_table(thing: object, kind: Kind) -> Table:
+    """Return the name and settings of a law or an obstacle.
 
     Raises:
-        RpctlError: The law is none of the registry's, or a setting of it cannot be said in TOML.
+        RpctlError: It is none that has a name, or a setting of it cannot be said in TOML.
     """
-    for name, kind in registry.items():
-        if type(law) is kind:
-            return {LAW: name, **to_table(law)}
-    raise RpctlError(f"{type(law).__name__} is none of {', '.join(registry)}; it has no name")
+    for name, known in kind.known.items():
+        if type(thing) is known:
+            return {kind.key: name, **to_table(thing)}
+    raise RpctlError(f"{type(thing).__name__} is none of {', '.join(kind.known)}; it has no name")
 
 
 def to_table(settings: Any) -> Table:
@@ -54,14 +66,14 @@ def to_table(settings: Any) -> Table:
     Raises:
         RpctlError: A setting cannot be said in TOML.
     """
-    hints, default = get_type_hints(type(settings)), type(settings)()
+    hints = get_type_hints(type(settings))
     table = {}
     for item in dataclasses.fields(settings):
         value = getattr(settings, item.name)
         try:
             table[item.name] = _plain(value, hints[item.name])
         except _Unsaid:
-            if value != getattr(default, item.name):
+            if value != item.default:
                 told = f"{type(settings).__name__}.{item.name} is {value!r}"
                 raise RpctlError(f"{told}, which no file can say") from None
     return table
@@ -69,8 +81,8 @@ def to_table(settings: Any) -> Table:
 
 def _plain(value: Any, hint: Any) -> Any:
     """Return what TOML holds of a value."""
-    if hint in LAWS:
-        return law_to_table(value, LAWS[hint][1])
+    if hint in KINDS:
+        return named_to_table(value, KINDS[hint])
     if dataclasses.is_dataclass(hint):
         return to_table(value)
     if get_origin(hint) in (Union, UnionType) and value is not None:
@@ -79,29 +91,32 @@ def _plain(value: Any, hint: Any) -> Any:
         return dict(value)
     if isinstance(value, tuple) and all(isinstance(each, str | float | int) for each in value):
         return list(value) if value else _refuse()
+    if get_origin(hint) is tuple and get_args(hint)[0] in KINDS:
+        return [named_to_table(each, KINDS[get_args(hint)[0]]) for each in value]
     return value if isinstance(value, str | float | int) else _refuse()
 
 
-def law_from_table(table: Any, kind: str, registry: Registry, place: str, faults: list[str]) -> Any:
-    """Return the law that a table names, or None; what is wrong is added to the faults.
+def named_from_table(table: Any, kind: Kind, place: str, faults: list[str]) -> Any:
+    """Return the law or obstacle that a table names, or None; what is wrong joins the faults.
 
     Args:
-        table: ``law``, its name, and any of its settings.
-        kind: What laws of the registry are called.
-        registry: The laws by name.
-        place: Where in the file the table is: ``kinematic``.
+        table: Its name and any of its settings.
+        kind: What it may be.
+        place: Where in the file the table is: ``kinematic``, ``kinematic.base_obstacles[1]``.
         faults: All that is wrong with the file so far.
     """
-    if not isinstance(table, Mapping) or not isinstance(table.get(LAW), str):
+    key = kind.key
+    if not isinstance(table, Mapping) or not isinstance(table.get(key), str):
+        head = f"[[{place[: place.index('[')]}]]" if "[" in place else f"[{place}]"
         faults.append(
-            f'{place}: names no law; write [{place}], then law = "{next(iter(registry))}"'
+            f'{place}: names no {key}; write {head}, then {key} = "{next(iter(kind.known))}"'
         )
         return None
-    if table[LAW] not in registry:
-        faults.append(f"{place}.{LAW}: {UnknownNameError(kind, table[LAW], registry)}")
+    if table[key] not in kind.known:
+        faults.append(f"{place}.{key}: {UnknownNameError(kind.told, table[key], kind.known)}")
         return None
-    settings = {key: value for key, value in table.items() if key != LAW}
-    return from_table(registry[table[LAW]], settings, place, faults)
+    settings = {name: value for name, value in table.items() if name != key}
+    return from_table(kind.known[table[key]], settings, place, faults)
 
 
 def from_table(
@@ -111,12 +126,18 @@ def from_table(
 
     Args:
         kind: The dataclass.
-        table: Any of its settings; the others keep their defaults.
+        table: Any of its settings; the others keep their defaults, if they have any.
         place: Where in the file the table is.
         faults: All that is wrong with the file so far.
     """
     hints, before, settings = get_type_hints(kind), len(faults), {}
-    names = [item.name for item in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    items = dataclasses.fields(kind)  # type: ignore[arg-type]
+    names = [item.name for item in items]
+    needed = [
+        item.name
+        for item in items
+        if item.default is item.default_factory is dataclasses.MISSING and item.name not in table
+    ]
     for key, value in table.items():
         where = f"{place}.{key}"
         if key not in names:
@@ -126,6 +147,9 @@ def from_table(
         made = _read(value, hints[key], where, faults)
         if len(faults) == known:
             settings[key] = made
+    if needed:
+        faults.append(f"{place}: lacks {', '.join(needed)}")
+        return None
     try:
         made = kind(**settings)  # even if a fault is known: there may be another
     except RpctlError as error:
@@ -136,8 +160,8 @@ def from_table(
 def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
     """Return the value that TOML's stands for, or None; what is wrong is added to the faults."""
     origin, arguments = get_origin(hint), get_args(hint)
-    if hint in LAWS:
-        return law_from_table(value, *LAWS[hint], where, faults)
+    if hint in KINDS:
+        return named_from_table(value, KINDS[hint], where, faults)
     if origin in (Union, UnionType):
         return _read(value, _without_none(hint), where, faults)
     table = isinstance(origin, type) and issubclass(origin, Mapping)
@@ -149,6 +173,12 @@ def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
         else:
             return {k: _read(v, arguments[1], f"{where}.{k}", faults) for k, v in value.items()}
         return None
+    if origin is tuple and arguments[0] in KINDS:
+        if not isinstance(value, list):
+            faults.append(f"{where}: is {value!r}; write [[{where}]]")
+            return None
+        kind, places = KINDS[arguments[0]], enumerate(value, start=1)
+        return tuple(named_from_table(each, kind, f"{where}[{k}]", faults) for k, each in places)
     if origin is tuple:
         kinds = arguments if arguments[-1] is not ... else arguments[:1] * _length(value)
         if isinstance(value, list) and len(value) == len(kinds):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
@@ -134,12 +135,22 @@ def _turned(robot: Robot) -> tuple[str, ...]:
 
 
 def describe(law: object) -> dict[str, Any]:
-    """Return a law's name and settings, those of a law within it as well."""
+    """Return a law's name and settings, those of laws and obstacles within it as well."""
     if dataclasses.is_dataclass(law) and not isinstance(law, type):
-        settings = {item.name: getattr(law, item.name) for item in dataclasses.fields(law)}
-        inner = {k: describe(v) for k, v in settings.items() if dataclasses.is_dataclass(v)}
-        return {"law": type(law).__name__, **settings, **inner}
+        settings = ((item.name, getattr(law, item.name)) for item in dataclasses.fields(law))
+        return {"law": type(law).__name__, **{name: _plain(value) for name, value in settings}}
     return {"law": getattr(law, "__name__", type(law).__name__)}
+
+
+def _plain(value: object) -> Any:
+    """Return what JSON can say of a setting."""
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, tuple | list | np.ndarray):
+        return [_plain(each) for each in value]
+    return value.item() if isinstance(value, np.generic) else describe(value)
 
 
 def _slip(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:

@@ -10,7 +10,18 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl import BoundedDynamic, IntegralDynamic, Kanayama, PaperKinematic, RpctlError, Run
+from rpctl import (
+    BoundedDynamic,
+    Disc,
+    EndEffector,
+    HalfPlane,
+    Horizon,
+    IntegralDynamic,
+    Kanayama,
+    PaperKinematic,
+    RpctlError,
+    Run,
+)
 from rpctl.cli import app
 from rpctl.control.command import KinematicLaw
 from rpctl.control.config import Circumstances, Config, Limits, read_config, write_config
@@ -106,6 +117,58 @@ def test_a_wrong_file_is_told(text: str, told: str, tmp_path: Path) -> None:
     with pytest.raises(DescriptionError) as caught:
         read_config(path)
     assert str(caught.value).startswith(f"{path}: error: {told}")
+
+
+OBSTACLES = """
+[kinematic]
+law = "end-effector"
+[kinematic.base]
+law = "horizon"
+[[kinematic.base.base_obstacles]]
+shape = "disc"
+x = 1.0
+y = 0.05
+radius = 0.3
+[[kinematic.base.base_obstacles]]
+shape = "half-plane"
+nx = 0
+ny = 1
+offset = -1
+"""
+
+
+def test_obstacles_come_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(OBSTACLES)
+    config = read_config(path)
+    base = Horizon(base_obstacles=(Disc(1.0, 0.05, 0.3), HalfPlane(0.0, 1.0, -1.0)))
+    assert config == Config(kinematic=EndEffector(base))
+    assert read_config(write_config(config, tmp_path / "again.toml")) == config
+
+
+@pytest.mark.parametrize(
+    ("there", "told"),
+    [
+        ('shape = "disk"', "[1].shape: obstacle 'disk' is not known; did you mean disc?"),
+        ("x = 1", '[1]: names no shape; write [[kinematic.base_obstacles]], then shape = "disc"'),
+        ('shape = "disc"\nx = 1', "[1]: lacks y, radius"),
+        ('shape = "disc"\nx = 1\ny = 1\nradius = 0', "[1]: radius of a disc is 0"),
+        ('shape = "half-plane"\nnx = 0\nny = 0\noffset = 1', "[1]: length of a half-plane's"),
+    ],
+)
+def test_a_wrong_obstacle_is_told(there: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(f'[kinematic]\nlaw = "horizon"\n[[kinematic.base_obstacles]]\n{there}\n')
+    with pytest.raises(DescriptionError) as caught:
+        read_config(path)
+    assert str(caught.value).startswith(f"{path}: error: kinematic.base_obstacles{told}")
+
+
+def test_one_table_is_no_list_of_obstacles(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text('[kinematic]\nlaw = "horizon"\n[kinematic.base_obstacles]\nshape = "disc"\n')
+    with pytest.raises(DescriptionError, match=r"write \[\[kinematic.base_obstacles\]\]"):
+        read_config(path)
 
 
 @dataclass(frozen=True)

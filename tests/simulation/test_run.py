@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,20 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Robot, RpctlError, Run, track, verify
+from rpctl import (
+    Disc,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+    UnifiedKinematic,
+    track,
+    verify,
+)
+from rpctl.control.command import Command, KinematicLaw
+from rpctl.description.records import Array
 from rpctl.errors import RunFileError
+from rpctl.reference.motion import Reference
 from rpctl.simulation.run import META
 from tests.robots import SET_A, platform, write
 
@@ -47,6 +60,30 @@ def test_limits_that_bound_come_back(paper: Robot, tmp_path: Path) -> None:
     assert back.active_limits.any()
     np.testing.assert_array_equal(back.active_limits, run.active_limits)
     assert back.settings["dynamic"]["inner"]["law"] == "BoundedDynamic"
+
+
+@dataclass(frozen=True)
+class _Own:
+    inner: KinematicLaw
+    gains: Any
+    least: Any
+    around: tuple[Disc, ...]
+    odd: object
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        return self.inner(dynamics, reference, t, q, nu)
+
+
+def test_settings_within_settings_come_back(paper: Robot, tmp_path: Path) -> None:
+    """Obstacles, and what a law of one's own may have: NumPy's numbers, a function."""
+    law = _Own(UnifiedKinematic(), np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
+    run = track(paper, "line", 0.1, kinematic=law)
+    again = Run.load(run.save(tmp_path / "run.npz")).settings["kinematic"]
+    assert again["inner"]["law"] == "UnifiedKinematic"
+    assert (again["gains"], again["least"], again["odd"]) == ([1, 2], 0.5, {"law": "len"})
+    assert again["around"] == [{"law": "Disc", "x": 1.0, "y": 2.0, "radius": 0.3}]
 
 
 def test_no_arm_comes_back_too(tmp_path: Path) -> None:
