@@ -34,7 +34,7 @@ class EndEffector:
     effector is when base and arm are on theirs, so both outputs agree once the base is there.
 
     - Redundancy: of all such rates they are the nearest, in shares of the joints' full speeds, to
-      those of the base's law, q̇_r + (q_r − q)/h.
+      those that the base's law has for the arm: q̇_r + (q_r − q)/h, or the horizon law's plan.
     - Limits: |q̇| ≤ 0.95 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
       the position limits: a joint comes to its limit as exp(−t/h), and never beyond.
     - Singularities, and what limits leave out of reach: p* is met as long as that takes a pull on
