@@ -13,7 +13,7 @@ from rpctl.control.horizon import Horizon
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
-from rpctl.control.law import Efforts, Limit
+from rpctl.control.law import Efforts, Limit, Rest
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -48,6 +48,7 @@ __all__ = [
     "PaperKinematic",
     "Plant",
     "ReducedDynamics",
+    "Rest",
     "Robot",
     "RpctlError",
     "Run",

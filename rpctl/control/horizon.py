@@ -36,6 +36,7 @@ REACH_EVERY = 5  # steps: how far apart the stages lie that look at the end effe
 CLOSE = 3  # steps from now on at which an end effector among obstacles is looked at, too
 GROUND_EVERY = 3  # steps: how far apart those lie that watch the ground's reactions
 COLD_PASSES = 3  # QPs of the first sample, each about the motion that the last one found
+ADOPT = 0.08  # s in which a plan takes on how the robot moves instead of as planned
 ON_TIME = 1e-9  # s: rounding of a sample's time
 SOFTENED = 1e-3  # of a limit, or m: slack from which a bound counts as given way
 
@@ -159,7 +160,7 @@ class HorizonLaw:
         if t - self.solved_at >= self._law.period - ON_TIME:
             self.solved_at = t
             try:
-                self._plan = self._solve(reference, t, q, nu)
+                self._plan = self._solve(reference, t, q, self._start(t, nu))
             except SingularBasisError:  # somewhere ahead the steering fixes no one motion
                 self.fallbacks += 1
                 self._plan = None
@@ -225,6 +226,18 @@ class HorizonLaw:
             slack = self.program.slack(solution.x)
         self.softened += slack > SOFTENED
         return Plan(t, nu, nu_dot)
+
+    def _start(self, t: float, nu: Array) -> Array:
+        """Return the ν (dof,) to plan from: the last plan's, drawn to the robot's.
+
+        A plan from the robot's own ν would ask for what is there already, and nothing but the far
+        end of the horizon would bring ν back: light joints run away once efforts come 20 ms late.
+        """
+        if self._plan is None:
+            return nu
+        elapsed = t - self._plan.t
+        planned = self._plan.nu + elapsed * self._plan.nu_dot[0]
+        return np.asarray(planned + min(elapsed / ADOPT, 1.0) * (nu - planned))
 
     def _foreseen(self, t: float) -> Array:
         """Return the accelerations (N, dof) that the last plan foresaw for the steps from t on."""

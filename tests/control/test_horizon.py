@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError, Run, summarize
+from rpctl import (
+    EndEffector,
+    IntegralDynamic,
+    PaperKinematic,
+    Plant,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+    summarize,
+)
 from rpctl.control.command import KinematicLaw
 from rpctl.control.horizon import Horizon, HorizonLaw
 from rpctl.control.horizon_qp import QuadraticProgram, Solution, Solver
@@ -210,6 +220,30 @@ def test_command_and_rate_agree(paper: Robot) -> None:
     rate = (commands[2].nu_d - commands[0].nu_d) / 0.016
     np.testing.assert_allclose(commands[1].nu_d_dot, rate, atol=1e-12)
     np.testing.assert_array_equal(commands[0].nu_d, nu)
+
+
+def test_a_plan_goes_on_from_the_last(paper: Robot) -> None:
+    """A push of the robot is not what the next plan asks for: three quarters of it are an error."""
+    dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
+    law, q = (
+        Horizon().start(dynamics, PERIOD),
+        paper.configuration_at(reference(0.0).pose, reference(0.0).joints),
+    )
+    still, push = np.zeros(4), np.array([0.02, -0.03, 0.04, 0.01])
+    law(dynamics, reference, 0.0, q, still)
+    planned = law(dynamics, reference, 0.02 - 1e-6, q, still).nu_d
+    law(dynamics, reference, 0.02, q, planned + push)
+    assert law.solves == 2
+    asked = law(dynamics, reference, 0.02, q, planned + push).nu_d
+    np.testing.assert_allclose(asked - planned, 0.25 * push, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_efforts_that_come_late_do_not_make_light_joints_run_away(tiago: Robot) -> None:
+    """20 ms: where two axes of TIAGo's wrist align, .003 kg m² are all that resists a motion."""
+    law, plant = EndEffector(), Plant(delay=0.02)
+    run = rpctl.track(tiago, "spin", 10.0, (0.1, -0.1, 0.1), law, IntegralDynamic(), plant=plant)
+    assert summarize(run)["limits_violated"] == []
 
 
 def test_settings_that_predict_nothing_are_refused() -> None:
