@@ -46,11 +46,12 @@ class Horizon:
     """Predictive control over N steps of length dt, by one sparse QP a solve.
 
     Each ``period`` the motion that the last solution foresaw is predicted anew from the measured
-    state, the robot is linearised about it, and a QP finds the accelerations ν̇ of the N steps
-    that bring pose, arm, end effector and ν nearest to the reference (one step of sequential
-    quadratic programming, [DBS05]'s real-time iteration). Until the next solve the command is
-    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. Steering
-    angles are states of the prediction as the arm's are.
+    q, the robot is linearised about it, and a QP finds the accelerations ν̇ of the N steps that
+    bring pose, arm, end effector and ν nearest to the reference (one step of sequential quadratic
+    programming, [DBS05]'s real-time iteration). Until the next solve the command is
+    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. ν₀ is
+    where the last plan has come to, drawn towards the measured ν with 0.08 s. Steering angles are
+    states of the prediction as the arm's are.
 
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
     zero-moment point, the wheels' grip and clearances may give way at a price above what errors

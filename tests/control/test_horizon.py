@@ -225,10 +225,8 @@ def test_command_and_rate_agree(paper: Robot) -> None:
 def test_a_plan_goes_on_from_the_last(paper: Robot) -> None:
     """A push of the robot is not what the next plan asks for: three quarters of it are an error."""
     dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
-    law, q = (
-        Horizon().start(dynamics, PERIOD),
-        paper.configuration_at(reference(0.0).pose, reference(0.0).joints),
-    )
+    law, state = Horizon().start(dynamics, PERIOD), reference(0.0)
+    q = paper.configuration_at(state.pose, state.joints)
     still, push = np.zeros(4), np.array([0.02, -0.03, 0.04, 0.01])
     law(dynamics, reference, 0.0, q, still)
     planned = law(dynamics, reference, 0.02 - 1e-6, q, still).nu_d
