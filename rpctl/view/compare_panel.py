@@ -51,7 +51,7 @@ def compare_panel(
 
 
 def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return what is drawn in the scene: every run, what they follow, obstacles, the reference robot."""
+    """Return what is drawn in the scene: every run, what they follow and keep clear of, ghost."""
     entries = [
         entry(f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE})")
         for k, name in enumerate(names)

@@ -141,7 +141,7 @@ def _edges(path: Array, width: float, dashed: bool) -> list[Part]:
 
 def _sides(edge: Array, height: float, opacity: Array) -> Part:
     """Return what stands on an edge (n, 3); its opacity (n,) falls towards its top."""
-    top = edge + [0.0, 0.0, height]
+    top = edge + np.array([0.0, 0.0, height])
     mesh = np.stack([edge, top], 1).reshape(-1, 3), trails.strip(len(edge), 2)
     return mesh, np.column_stack([FOOT * opacity, TOP * opacity]).reshape(-1)
 
@@ -154,13 +154,13 @@ def _geometry(name: str, parts: Sequence[Part], height: float) -> wire.Json:
     mesh = trails.join([part for part, _ in parts])
     if mesh is None:
         raise ValueError("no part of an obstacle")
-    vertices, faces = mesh
+    vertices, faces = mesh[0] + np.array([0.0, 0.0, height]), mesh[1]
     opacity = np.concatenate([alpha for _, alpha in parts])
     paint = np.column_stack([np.full((len(opacity), 3), 255.0), 255.0 * opacity])
     return wire.geometry(
         name,
         {
-            "position": wire.attribute((vertices + [0.0, 0.0, height]).astype(np.float32)),
+            "position": wire.attribute(vertices.astype(np.float32)),
             "color": wire.attribute(np.rint(paint).astype(np.uint8), normalized=True),
         },
         faces,

@@ -1,4 +1,4 @@
-"""The obstacles of a run, as its settings tell of them: their shapes, words, and what frames them."""
+"""The obstacles that a run's settings tell of: their shapes, and the same in words."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BASE, TIP = "base", "tip"  # whom an obstacle is for: the end effector's paths a
 LISTS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
 RADII = {BASE: "base_radius", TIP: "end_effector_radius"}
 TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
-SHAPES = {"Disc": Disc, "HalfPlane": HalfPlane}
+SHAPES: dict[str, type[Disc | HalfPlane]] = {"Disc": Disc, "HalfPlane": HalfPlane}
 RIM = 96  # points of a disc's edge
 REACH = 0.5  # of the diagonal of a motion: obstacles farther from it are not framed
 NOTHING = 1e-9  # of a normal: a component that a reader need not see
@@ -125,7 +125,7 @@ def _tables(settings: Mapping[str, Any]) -> Tables:
         if isinstance(value, Mapping):
             yield from _tables(value)
         elif key in LISTS and isinstance(value, list):
-            yield from ((LISTS[key], table, settings) for table in value)
+            yield from ((LISTS[key], each, settings) for each in value if isinstance(each, Mapping))
 
 
 def _shape(table: Mapping[str, Any]) -> Disc | HalfPlane | None:

@@ -1,4 +1,4 @@
-"""Obstacles in the plane from above: hatched; dashed is how near the middle of the body may come."""
+"""Obstacles from above: hatched, and dashed how near to them the middle of the body may come."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw_obstacles(axes: Axes, run: Run, theme: Theme) -> None:
     obstacles = run_obstacles(run)
     if not obstacles:
         return
-    lower, upper = axes.dataLim.min, axes.dataLim.max
+    lower, upper = np.array(axes.dataLim.min), np.array(axes.dataLim.max)
     shown = near(np.concatenate([rims(obstacles), *_feet(obstacles, run)]), lower, upper)
     if len(shown):
         axes.update_datalim(shown)
@@ -86,7 +86,7 @@ def _draw(axes: Axes, obstacle: Obstacle, centre: Array, far: float, look: dict[
 
 
 def _look(body: str, colour: str) -> dict[str, Any]:
-    """Return how an obstacle is filled: its edge and its hatching in one colour, on a tint of it."""
+    """Return how an obstacle is filled: edge and hatching in one colour, on a tint of it."""
     from matplotlib.colors import to_rgba
 
     tint = to_rgba(colour, 0.1)

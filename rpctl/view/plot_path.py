@@ -22,7 +22,7 @@ HEADING = 0.4  # of the track: length of a heading's tick
 
 
 def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
-    """Draw the paths of base and end effector, actual and desired, the robot now and then, obstacles."""
+    """Draw the paths of base and end effector, actual and desired, robot and obstacles."""
     from matplotlib.ticker import MaxNLocator
 
     pairs = []

@@ -100,7 +100,11 @@ def explain(axes: Axes, theme: Theme, below: bool = False) -> None:
         return
     place: dict[str, Any] = {}
     if below:
-        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3 if entries <= 6 else 2}
+        place = {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, -0.16),
+            "ncols": 3 if entries <= 6 else 2,
+        }
     legend = axes.legend(
         **place,
         fontsize=SMALL - 0.5,
