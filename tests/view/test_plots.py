@@ -214,6 +214,8 @@ def test_obstacles_near_the_paths_are_in_the_picture(paper_run: Run) -> None:
     reach = np.linalg.norm(np.array(paper_run.contact_points) - paper_run.drive["point"], axis=1)
     grown = 0.3 + reach.max(), 1.0 + reach.max(), PILLAR.radius + 0.05
     assert sorted(radii) == pytest.approx(sorted([0.3, 1.0, PILLAR.radius, *grown]))
+    levels = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) == 2]
+    assert any(np.allclose(level, reach.max() - 1.2) for level in levels)
     labels = axes.get_legend_handles_labels()[1]
     assert labels[-2:] == ["obstacle of the base", "obstacle of the end effector"]
 
