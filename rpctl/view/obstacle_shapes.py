@@ -65,10 +65,11 @@ def commands(
                 parts += column(shape, height, width, dashed)
             else:
                 parts += wall(shape, *place, WALL * height, width, dashed)
-        if not parts:
+        mesh = trails.join([part for part, _ in parts])
+        if mesh is None:
             continue
-        name = f"obstacles-{body}"
-        geometries.append(_geometry(name, parts, ground + 0.2 * width))
+        name, opacity = f"obstacles-{body}", np.concatenate([alpha for _, alpha in parts])
+        geometries.append(_geometry(name, mesh, opacity, ground + 0.2 * width))
         materials.append(_material(name, COLOURS[body]))
         nodes.append(wire.node("Mesh", name, geometry=name, material=name, renderOrder=3))
     root = wire.node("Group", "obstacles", children=nodes)
@@ -150,12 +151,9 @@ def _level(points: Array, height: float) -> Array:
     return np.column_stack([points, np.full(len(points), height)])
 
 
-def _geometry(name: str, parts: Sequence[Part], height: float) -> wire.Json:
-    mesh = trails.join([part for part, _ in parts])
-    if mesh is None:
-        raise ValueError("no part of an obstacle")
+def _geometry(name: str, mesh: trails.Mesh, opacity: Array, height: float) -> wire.Json:
+    """Return a mesh, raised by a height (m), white so that its material colours it."""
     vertices, faces = mesh[0] + np.array([0.0, 0.0, height]), mesh[1]
-    opacity = np.concatenate([alpha for _, alpha in parts])
     paint = np.column_stack([np.full((len(opacity), 3), 255.0), 255.0 * opacity])
     return wire.geometry(
         name,

@@ -21,6 +21,7 @@ TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
 SHAPES: dict[str, type[Disc | HalfPlane]] = {"Disc": Disc, "HalfPlane": HalfPlane}
 RIM = 96  # points of a disc's edge
 REACH = 0.5  # of the diagonal of a motion: obstacles farther from it are not framed
+LEAST = 0.5  # m: how far they are framed however small the motion is
 NOTHING = 1e-9  # of a normal: a component that a reader need not see
 
 
@@ -112,7 +113,7 @@ def near(points: Array, lower: Array, upper: Array) -> Array:
         upper: Its largest coordinates, m.
     """
     low, high = lower[:2], upper[:2]
-    reach = REACH * float(np.hypot(*(high - low)))
+    reach = max(REACH * float(np.hypot(*(high - low))), LEAST)
     return points[((points > low - reach) & (points < high + reach)).all(axis=1)]
 
 

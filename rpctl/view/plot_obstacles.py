@@ -1,4 +1,4 @@
-"""Obstacles from above: hatched, and dashed how near to them the middle of the body may come."""
+"""Obstacles from above: hatched, and dashed how near to them the centre of the body may come."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 NAMES = {BASE: "obstacle of the base", TIP: "obstacle of the end effector"}
 HATCHES = {BASE: "////", TIP: "...."}
-FAR = 20.0  # diagonals of what is drawn: how far a half-plane goes on
+FAR = 20.0  # m, or diagonals of what is drawn: how far a half-plane goes on
 ZORDER = 1.2  # above the grid, below the robot
+KEPT: dict[str, Any] = {"lw": 0.6, "ls": (0, (4, 2.5)), "zorder": ZORDER}
 
 
 def draw_obstacles(axes: Axes, run: Run, theme: Theme) -> None:
@@ -33,11 +34,14 @@ def draw_obstacles(axes: Axes, run: Run, theme: Theme) -> None:
         axes.update_datalim(shown)
         axes.autoscale_view()
     colours = {BASE: theme.base_obstacle, TIP: theme.tip_obstacle}
+    far = FAR * max(float(np.hypot(*(upper - lower))), 1.0)
     for obstacle in obstacles:
         look = _look(obstacle.body, colours[obstacle.body])
-        _draw(axes, obstacle, 0.5 * (lower + upper), FAR * float(np.hypot(*(upper - lower))), look)
+        _draw(axes, obstacle, 0.5 * (lower + upper), far, look)
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
         axes.fill([], [], label=NAMES[body], **_look(body, colours[body]))
+    if any(obstacle.radius for obstacle in obstacles):
+        axes.plot([], [], label="as near as its centre may come", color=theme.ink, **KEPT)
 
 
 def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
@@ -73,7 +77,7 @@ def _draw(axes: Axes, obstacle: Obstacle, centre: Array, far: float, look: dict[
     from matplotlib.patches import Circle, Polygon
 
     shape, radius = obstacle.shape, obstacle.radius
-    kept: dict[str, Any] = {"color": look["ec"], "lw": 0.6, "ls": (0, (4, 2.5)), "zorder": ZORDER}
+    kept = {**KEPT, "color": look["ec"]}
     if isinstance(shape, Disc):
         axes.add_artist(Circle((shape.x, shape.y), shape.radius, **look))
         if radius:

@@ -111,6 +111,7 @@ def test_only_what_is_near_is_framed() -> None:
     points = np.array([[1.0, 1.0], [5.9, 0.0], [6.1, 0.0], [0.0, -2.6]])
     shown = near(points, np.zeros(3), np.array([4.0, 0.1, 1.0]) - [0.0, 0.1, 0.0])
     assert shown.tolist() == [[1.0, 1.0], [5.9, 0.0]]
+    assert near(points, np.zeros(2), np.full(2, 0.6)).tolist() == [[1.0, 1.0]]
 
 
 def test_cameras_frame_discs_but_no_half_plane(paper: Robot, paper_run: Run) -> None:

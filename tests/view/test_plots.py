@@ -217,7 +217,7 @@ def test_obstacles_near_the_paths_are_in_the_picture(paper_run: Run) -> None:
     levels = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) == 2]
     assert any(np.allclose(level, reach.max() - 1.2) for level in levels)
     labels = axes.get_legend_handles_labels()[1]
-    assert labels[-2:] == ["obstacle of the base", "obstacle of the end effector"]
+    assert labels[-3:-1] == ["obstacle of the base", "obstacle of the end effector"]
 
 
 def test_paths_without_obstacles_stay_as_they_are(paper_run: Run) -> None:
