@@ -29,6 +29,7 @@ from rpctl.reference.load import load_reference
 from rpctl.robot.vary import set_limits
 from rpctl.show import certificate_line, console, progress_bar, show_summary
 from rpctl.simulation.loop import lasting, track
+from rpctl.simulation.record import describe
 
 
 def track_command(
@@ -131,10 +132,12 @@ def track_command(
     watcher = None
     if live:
         from rpctl.view.live import broadcast
+        from rpctl.view.obstacles import find_obstacles
 
         path = load_reference(loaded, chosen.run.reference)
         lasts = lasting(path) if chosen.run.duration is None else chosen.run.duration
-        watcher = context.with_resource(broadcast(loaded, path, lasts, say.print))
+        obstacles = find_obstacles(describe(chosen.kinematic))
+        watcher = context.with_resource(broadcast(loaded, path, lasts, say.print, obstacles))
     with progress_bar("simulate") as advance:
         run = track(
             loaded,

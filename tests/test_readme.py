@@ -11,10 +11,12 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli import app
+from rpctl.control.config import read_config
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^\$ rpctl (.*)$", TEXT, flags=re.MULTILINE)
 DRIVE_FILE = re.findall(r"```toml\n(type = .*?)```", TEXT, flags=re.DOTALL)[0]
+(OBSTACLES,) = re.findall(r"```toml\n([^`]*base_obstacles[^`]*)```", TEXT)
 EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
 
 pytestmark = pytest.mark.slow
@@ -56,3 +58,10 @@ def test_the_drive_file(tmp_path: Path) -> None:
     found = rpctl.load("tricycle").drive
     assert [(w.joint, w.driven) for w in told.wheels] == [(w.joint, w.driven) for w in found.wheels]
     assert [(s.joint, s.role) for s in told.swivels] == [(s.joint, s.role) for s in found.swivels]
+
+
+def test_the_obstacles(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text(OBSTACLES, encoding="utf-8")
+    law = read_config(tmp_path / "run.toml").kinematic
+    assert isinstance(law, rpctl.Horizon)
+    assert law.base_obstacles == (rpctl.Disc(1.0, 1.1, 0.15), rpctl.HalfPlane(0, 1, -0.95))

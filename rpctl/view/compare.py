@@ -8,35 +8,41 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.simulation.run import Run
-from rpctl.view import stage, wire
+from rpctl.view import obstacle_shapes, stage, wire
+from rpctl.view.obstacles import run_obstacles
 from rpctl.view.scene import ACTUAL, REFERENCE, ROBOTS, Scene
 
 OPACITY = 0.55
-TRAILS, ANIMATION = "/rpctl/trails", "set_animation"
+TRAILS, GROUND, ANIMATION = "/rpctl/trails", "/rpctl/ground", "set_animation"
 
 
 def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
     """Return one scene of several.
 
     Nodes of run k, from 2, are named ``run2-robot-1``, ``run2-trail-base`` and so on; where runs
-    share a robot, they share its meshes.
+    share a robot, they share its meshes. The obstacles of all are drawn, each once.
 
     Args:
         runs: At least one.
         scenes: Their scenes.
     """
     first = scenes[0]
+    ground = float(runs[0].drive["ground"])
     lower = np.min([scene.lower for scene in scenes], axis=0)
     upper = np.max([scene.upper for scene in scenes], axis=0)
     around = {
         "/rpctl/lights": stage.lights_command(lower, upper),
-        "/rpctl/ground": stage.ground_command(lower, upper, float(runs[0].drive["ground"])),
+        GROUND: stage.ground_command(lower, upper, ground),
     }
+    obstacles = tuple(dict.fromkeys(each for run in runs for each in run_obstacles(run)))
+    size = max(float(scene.start[1, 2]) for scene in scenes) - ground
     others = [{_about(c): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
     commands = []
     for packed in first.commands:
         command = _unpack(packed)
         path = _about(command)
+        if path == obstacle_shapes.PATH:
+            continue
         for k, other in enumerate(others, 2):
             if path == ROBOTS:
                 _add_ghost(command["object"], other[path]["object"], k)
@@ -46,6 +52,8 @@ def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
             elif path == ANIMATION:
                 _add_motion(command, other[path], k)
         commands.append(around.get(path) or wire.pack(command))
+        if path == GROUND:
+            commands += obstacle_shapes.commands(obstacles, lower, upper, ground, size)
     return replace(
         first,
         commands=tuple(commands),

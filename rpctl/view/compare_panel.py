@@ -8,7 +8,18 @@ from typing import Any
 
 from rpctl.simulation.run import Run
 from rpctl.view.charts import has_base
-from rpctl.view.panel import MERITS, entry, flat, keys, merits, number, remarks, verified, within
+from rpctl.view.panel import (
+    MERITS,
+    entry,
+    flat,
+    keys,
+    merits,
+    number,
+    obstacle_entries,
+    remarks,
+    verified,
+    within,
+)
 
 PALETTE = 12  # colours --c0 to --c11 of the style sheet
 
@@ -40,13 +51,14 @@ def compare_panel(
 
 
 def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return what is drawn in the scene: every run, what they follow, the reference robot."""
+    """Return what is drawn in the scene: every run, what they follow and keep clear of, ghost."""
     entries = [
         entry(f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE})")
         for k, name in enumerate(names)
     ]
     if any(has_base(run) or run.ee.shape[1] for run in runs):
         entries.append(entry("desired", "Desired"))
+    entries += obstacle_entries(runs)
     return "".join([*entries, entry("ghost", "Reference robot", shown=False)])
 
 

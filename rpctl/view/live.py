@@ -16,6 +16,7 @@ from rpctl.description.records import Array
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.rates import steering
 from rpctl.robot.model import Robot
+from rpctl.view.obstacles import Obstacle
 from rpctl.view.robot_page import Show, robot_page
 from rpctl.view.server import EVENTS, Page, PageServer
 from rpctl.view.stream import Stream
@@ -103,7 +104,11 @@ class Broadcast:
 
 @contextmanager
 def broadcast(
-    robot: Robot, reference: Reference, duration: float, say: Callable[[str], object]
+    robot: Robot,
+    reference: Reference,
+    duration: float,
+    say: Callable[[str], object],
+    obstacles: tuple[Obstacle, ...] = (),
 ) -> Iterator[Broadcast]:
     """Serve the page of a simulation; yields what shows it.
 
@@ -114,13 +119,13 @@ def broadcast(
         reference: What it is to follow.
         duration: s.
         say: Called with what the user should know: the page's URL first.
-
+        obstacles: What it keeps clear of.
     """
     states = [reference(t) for t in np.linspace(0.0, duration, DESIRED)]
     first = states[0]
     start = robot.configuration_at(first.pose, first.joints, steering(robot, first)[0])
     desired = np.array([state.pose for state in states])
-    page = robot_page(robot, Show(EVENTS, start, desired, duration)).encode()
+    page = robot_page(robot, Show(EVENTS, start, desired, duration, obstacles)).encode()
     stream = Stream()
     with _signals(_interrupt), PageServer(lambda: page, stream) as server:
         stream.send("state", "Waiting for the simulation…")

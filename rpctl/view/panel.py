@@ -10,6 +10,7 @@ from typing import Any
 
 from rpctl.simulation.run import Run
 from rpctl.view.charts import has_base
+from rpctl.view.obstacles import LISTS, TITLES, run_obstacles, tell_obstacles
 
 LABELS = {
     "reference": "Reference",
@@ -64,7 +65,13 @@ def legend(run: Run) -> str:
     if run.tip_margin.size:
         entries += [("loads", "Ground reactions")] if run.contact_load.size else []
         entries += [("zmp", "Support, zero-moment point")]
-    return "".join(entry(key, text) for key, text in entries)
+    return "".join([*(entry(key, text) for key, text in entries), *obstacle_entries([run])])
+
+
+def obstacle_entries(runs: Iterable[Run]) -> list[str]:
+    """Return the entries of the scene's legend for the obstacles of runs."""
+    bodies = {obstacle.body for run in runs for obstacle in run_obstacles(run)}
+    return [entry(f"obstacles-{body}", text) for body, text in TITLES.items() if body in bodies]
 
 
 def keys() -> str:
@@ -201,9 +208,11 @@ def flat(settings: Mapping[str, Any]) -> dict[str, str]:
         inner = value if isinstance(value, Mapping) else {"law": value}
         for name, given in inner.items():
             label = key if name == "law" else name
-            if given is not None and not isinstance(given, Mapping):
-                text = LABELS.get(label, label.replace("_", " ").capitalize())
-                rows[f"{text} ({key})" if text in rows else text] = public(given)
+            if given in (None, []) or isinstance(given, Mapping) or name in LISTS:
+                continue
+            text = LABELS.get(label, label.replace("_", " ").capitalize())
+            rows[f"{text} ({key})" if text in rows else text] = public(given)
+        rows |= tell_obstacles(inner)
     return rows
 
 

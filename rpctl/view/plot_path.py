@@ -8,6 +8,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.simulation.run import Run
+from rpctl.view.plot_obstacles import draw_obstacles
 from rpctl.view.plot_style import DESIRED, Theme, thin
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ HEADING = 0.4  # of the track: length of a heading's tick
 
 
 def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
-    """Draw the paths of base and end effector, actual and desired, and the robot now and then."""
+    """Draw the paths of base and end effector, actual and desired, robot and obstacles."""
     from matplotlib.ticker import MaxNLocator
 
     pairs = []
@@ -38,6 +39,7 @@ def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
     axes.plot([], [], "o", color=theme.paper, mec=theme.ink, mew=0.9, ms=3.6, label="start")
     if run.drive["wheels"]:
         _draw_poses(axes, run, theme)
+    draw_obstacles(axes, run, theme)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=TICKS, steps=[1, 2, 5, 10]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, m")

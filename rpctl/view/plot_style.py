@@ -32,6 +32,8 @@ class Theme:
     base: str
     tip: str
     third: str
+    base_obstacle: str
+    tip_obstacle: str
     cycle: tuple[str, ...]  # of the joints; after Okabe and Ito, told apart by the colour-blind
 
 
@@ -43,6 +45,8 @@ LIGHT = Theme(
     base="#0072B2",
     tip="#D55E00",
     third="#009E73",
+    base_obstacle="#b0325f",
+    tip_obstacle="#9a6a00",
     cycle=("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7A6A53"),
 )
 
@@ -91,11 +95,16 @@ def dress(axes: Axes, title: str, theme: Theme) -> None:
 def explain(axes: Axes, theme: Theme, below: bool = False) -> None:
     """Add the legend of a panel whose lines have names of their own, in it or below it."""
     axes.minorticks_off()
-    if not axes.get_legend_handles_labels()[0]:
+    entries = len(axes.get_legend_handles_labels()[0])
+    if not entries:
         return
     place: dict[str, Any] = {}
     if below:
-        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 3}
+        place = {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, -0.16),
+            "ncols": 3 if entries <= 6 else 2,
+        }
     legend = axes.legend(
         **place,
         fontsize=SMALL - 0.5,

@@ -16,9 +16,10 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.robot.model import Robot
-from rpctl.view import paint, stage, wire
+from rpctl.view import obstacle_shapes, paint, stage, wire
 from rpctl.view.bodies import Bodies, build_bodies, extent
 from rpctl.view.markers import Markers, build_markers, whole_mass
+from rpctl.view.obstacles import Obstacle
 from rpctl.view.page import asset, embed, meshcat_script, policy
 from rpctl.view.scene import ACTUAL, REFERENCE, ROBOTS, joint_poses
 from rpctl.view.skeleton import ROOT, joints, skeleton
@@ -37,12 +38,14 @@ class Show:
         start: Configuration (nq,) that the page shows until the motion comes.
         desired: Poses (n, 3) of P that it is to follow: x, y in m, heading in rad.
         duration: s.
+        obstacles: What it keeps clear of.
     """
 
     stream: str
     start: Array
     desired: Array
     duration: float
+    obstacles: tuple[Obstacle, ...] = ()
 
 
 def robot_page(robot: Robot, show: Show | None = None) -> str:
@@ -88,15 +91,14 @@ def _data(robot: Robot, bodies: Bodies, show: Show | None) -> dict[str, Any]:
     size = float(np.linalg.norm(box[1] - box[0]))
     reach = max(REACH, SIZES * size)
     around = np.array([[-reach, -reach, 0.0], [reach, reach, 0.0]])
-    area = None if show is None else _area(show, box)
+    area = None if show is None else _area(show, box, robot.drive.ground)
     place = np.array([q[0], q[1], 0.0])
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
     markers = build_markers(robot, size)
-    trail = float(np.clip(0.006 * np.linalg.norm((shown[1] - shown[0])[:2]), 0.006, 0.05))
     return {
         "name": robot.name,
-        "commands": _commands(robot, bodies, markers, shown, show),
+        "commands": _commands(robot, bodies, markers, shown, box, show),
         "joints": joints(robot, q),
         "locked": _locked(robot),
         "labels": markers.labels,
@@ -108,14 +110,14 @@ def _data(robot: Robot, bodies: Bodies, show: Show | None) -> dict[str, Any]:
         "reach": [-reach, reach] if moves else None,
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
-        "trail": trail,
+        "trail": stage.trail_width(*shown),
         "stream": None if show is None else show.stream,
         "duration": None if show is None else show.duration,
     }
 
 
 def _commands(
-    robot: Robot, bodies: Bodies, markers: Markers, shown: Array, show: Show | None
+    robot: Robot, bodies: Bodies, markers: Markers, shown: Array, box: Array, show: Show | None
 ) -> list[str]:
     """Return the commands that draw all, the robot last, as base64."""
     lower, upper = shown
@@ -133,6 +135,8 @@ def _commands(
     if show is not None:
         desired = np.column_stack([show.desired[:, :2], np.full(len(show.desired), ground)])
         paths = {"base-desired": desired, "base": desired[:1]}
+        size = float(box[1, 2]) - ground
+        commands += obstacle_shapes.commands(show.obstacles, lower, upper, ground, size)
         commands.append(stage.trails_command(paths, lower, upper))
         figures.append(skeleton(robot, REFERENCE, lambda j: paint.ghost(bodies, j)))
     drawn = wire.set_object(
@@ -163,14 +167,16 @@ def _rotation(quaternion: Array) -> Array:
     return np.asarray(Rotation.from_quat(quaternion).as_matrix())
 
 
-def _area(show: Show, box: Array) -> Array:
-    """Return the box (2, 3) in which the robot moves: its own, wherever P is to be."""
+def _area(show: Show, box: Array, ground: float) -> Array:
+    """Return the box (2, 3) of the robot, wherever P is to be, and of the obstacles near it."""
     places = show.desired[:, :2]
     radius = 0.5 * float(np.linalg.norm((box[1] - box[0])[:2]))
     area = box.copy()
     area[0, :2] = np.minimum(area[0, :2], places.min(axis=0) - radius)
     area[1, :2] = np.maximum(area[1, :2], places.max(axis=0) + radius)
-    return area
+    size = float(box[1, 2]) - ground
+    cloud = np.concatenate([area, obstacle_shapes.corners(show.obstacles, area, ground, size)])
+    return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 
 def _locked(robot: Robot) -> dict[str, dict[str, Any]]:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from rpctl.description.records import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.view import keyframes, paint, stage, wire
+from rpctl.view import keyframes, obstacle_shapes, paint, stage, wire
 from rpctl.view.bodies import TRIANGLES, Bodies, build_bodies, extent
+from rpctl.view.obstacles import run_obstacles
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
 MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
@@ -71,18 +72,22 @@ def build_scene(robot: Robot, run: Run, triangles: int = TRIANGLES) -> Scene:
     ghost = joint_poses(robot, run.q_ref[frames])
     joints = sorted({part.joint for part in bodies.parts})
     paths = _paths(robot, run, frames)
+    first = _cloud(bodies, joints, poses[:1])
     cloud = np.concatenate(
         [_cloud(bodies, joints, poses), _cloud(bodies, joints, ghost), *paths.values()]
     )
+    obstacles, ground = run_obstacles(run), robot.drive.ground
+    size = float(first[:, 2].max()) - ground
+    cloud = np.concatenate([cloud, obstacle_shapes.corners(obstacles, cloud, ground, size)])
     lower, upper = cloud.min(axis=0), cloud.max(axis=0)
-    lower[2] = min(lower[2], robot.drive.ground)
-    first = _cloud(bodies, joints, poses[:1])
+    lower[2] = min(lower[2], ground)
     times = run.t[frames] - run.t[0]
     commands = (
         *(wire.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
         wire.set_property("/Background", "visible", False),
         stage.lights_command(lower, upper),
-        stage.ground_command(lower, upper, robot.drive.ground),
+        stage.ground_command(lower, upper, ground),
+        *obstacle_shapes.commands(obstacles, lower, upper, ground, size),
         stage.trails_command(paths, lower, upper),
         _robots(bodies, joints),
         _animation(joints, times, poses, ghost),

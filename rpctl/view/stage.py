@@ -20,7 +20,7 @@ def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes
 
     A viewer that plays the run shows the first part of ``trail-base`` and ``trail-tip``.
     """
-    width = float(np.clip(0.006 * np.linalg.norm((upper - lower)[:2]), 0.006, 0.05))
+    width = trail_width(lower, upper)
     geometries, materials, nodes = [], [], []
 
     def draw(name: str, mesh: trails.Mesh | None, colour: int) -> None:
@@ -48,10 +48,20 @@ def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes
     return wire.set_object("/rpctl/trails", root, geometries, materials)
 
 
+def trail_width(lower: Array, upper: Array) -> float:
+    """Return how wide a trail is in a scene that shows so much, m."""
+    return float(np.clip(0.006 * np.linalg.norm((upper - lower)[:2]), 0.006, 0.05))
+
+
+def ground_disc(lower: Array, upper: Array) -> tuple[Array, float]:
+    """Return the centre (2,) and the radius of the ground of a scene that shows so much, m."""
+    radius = 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 1.0
+    return 0.5 * (lower + upper)[:2], radius
+
+
 def ground_command(lower: Array, upper: Array, height: float) -> bytes:
     """Return the command that draws the grid, of half or whole metres, and catches shadows."""
-    centre = 0.5 * (lower + upper)
-    radius = 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 1.0
+    centre, radius = ground_disc(lower, upper)
     step = float(next(s for s in (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 1e9) if radius / s <= 16))
     step = max(min(step, radius), 0.25)
     points, opacity = trails.grid(centre, radius, step, height)

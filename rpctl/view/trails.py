@@ -24,7 +24,7 @@ def ribbon(path: Floats, width: float) -> Mesh | None:
     if ahead is None:
         return None
     aside = 0.5 * width * np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(path))])
-    return np.stack([path + aside, path - aside], 1).reshape(-1, 3), _strip(len(path), 2)
+    return np.stack([path + aside, path - aside], 1).reshape(-1, 3), strip(len(path), 2)
 
 
 def tube(path: Floats, width: float) -> Mesh | None:
@@ -43,7 +43,7 @@ def tube(path: Floats, width: float) -> Mesh | None:
         rings[k] = path[k] + 0.5 * width * (
             np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)
         )
-    return rings.reshape(-1, 3), _strip(len(path), TUBE_SIDES)
+    return rings.reshape(-1, 3), strip(len(path), TUBE_SIDES)
 
 
 def dashes(path: Floats, width: float) -> list[Floats]:
@@ -103,7 +103,7 @@ def _directions(path: Floats) -> Floats | None:
     return np.asarray(steps[last] / lengths[last, None])
 
 
-def _strip(rings: int, sides: int) -> Faces:
+def strip(rings: int, sides: int) -> Faces:
     """Return the triangles between neighbouring rings; a ring of two sides is a band."""
     first = sides * np.arange(rings - 1)[:, None]
     around = np.arange(1 if sides == 2 else sides)[None, :]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.control.obstacles import Obstacle
+from rpctl.simulation.record import describe
 
 WHEEL = """
   <link name="{side}_wheel">
@@ -92,6 +95,17 @@ def short_run(robot: Robot, duration: float = 3.0) -> Run:
     based = "omega" in robot.quasi_velocities
     error = (0.15, 0.2, 0.3) if based else (0.0, 0.0, 0.0)
     return rpctl.track(robot, "eight", duration=duration, initial_error=error)
+
+
+DISC = rpctl.Disc(1.0, 0.5, 0.25)
+WALL = rpctl.HalfPlane(0.0, 2.0, -1.0)
+PILLAR = rpctl.Disc(0.5, -0.5, 0.1)
+
+
+def among(run: Run, *base: Obstacle, tip: tuple[Obstacle, ...] = ()) -> Run:
+    """Return a run as if its law had kept base and end effector clear of obstacles."""
+    law = rpctl.Horizon(base_obstacles=base, end_effector_obstacles=tip)
+    return replace(run, settings={**run.settings, "kinematic": describe(law)})
 
 
 def unpack(command: bytes) -> dict[str, Any]:

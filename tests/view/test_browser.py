@@ -15,6 +15,7 @@ from PIL import Image
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.report import write_report
+from tests.view.samples import DISC, PILLAR, WALL, among
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -373,6 +374,30 @@ def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
         before = page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)")
         choice.select_option(index=1)
         assert page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)") != before
+
+
+def test_obstacles_are_in_the_scene(
+    browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
+) -> None:
+    run = among(paper_run, DISC, WALL, tip=(PILLAR,))
+    path = write_report(run, tmp_path / "report.html", robot=paper)
+    material = "rpctl.viewer.scene.getObjectByName('obstacles-{}').material.color.getHexString()"
+    colours = f"[{material.format('base')}, {material.format('tip')}]"
+    with opened(browser, path, color_scheme="light") as page:
+        whole, light = draw(page, 1.0), page.evaluate(colours)
+        for name in ("Base obstacles", "End-effector obstacles"):
+            page.locator(".legend").get_by_role("button", name=name).click()
+            less = draw(page, 1.0)
+            assert changed(whole, less) > 300
+            whole = less
+        page.get_by_role("button", name="Dark page").click()
+        assert len({*light, *page.evaluate(colours)}) == 4
+
+
+def test_no_obstacles_where_there_are_none(page: Any) -> None:
+    assert page.evaluate("rpctl.viewer.scene.getObjectByName('trails') !== undefined")
+    assert page.evaluate("rpctl.viewer.scene.getObjectByName('obstacles') === undefined")
+    assert page.get_by_role("button", name="obstacles").count() == 0
 
 
 @pytest.mark.parametrize("view", ["home", "top", "follow"])

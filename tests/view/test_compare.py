@@ -8,8 +8,9 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.view.compare import TRAILS, merge, repeated
+from rpctl.view.obstacle_shapes import PATH
 from rpctl.view.scene import ROBOTS, Scene, build_scene
-from tests.view.samples import short_run, unpack
+from tests.view.samples import DISC, WALL, among, short_run, unpack
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +73,20 @@ def test_the_same_desired_trail_is_drawn_once(runs: list[Run], scenes: list[Scen
     assert repeated(runs[0], shifted) == {"trail-tip-desired"}
     drawn = names(merge(runs, scenes), TRAILS)
     assert {n for n in drawn if "run2" in n} == {"run2-trail-base", "run2-trail-tip"}
+
+
+def test_obstacles_that_runs_share_are_drawn_once(paper: Robot, runs: list[Run]) -> None:
+    def obstacles(*shown: Run) -> bytes:
+        scene = merge(shown, [build_scene(paper, run) for run in shown])
+        (drawn,) = (packed for packed in scene.commands if unpack(packed)["path"] == PATH)
+        return drawn
+
+    both = among(runs[0], DISC, WALL)
+    one, other = among(runs[0], DISC), among(runs[0], WALL, DISC)
+    assert obstacles(both, both) == obstacles(both, one) == obstacles(one, both)
+    assert obstacles(runs[0], both) == obstacles(both)
+    assert obstacles(other, one) != obstacles(one)
+
+
+def test_runs_without_obstacles_have_none(runs: list[Run], scenes: list[Scene]) -> None:
+    assert PATH not in [unpack(packed)["path"] for packed in merge(runs, scenes).commands]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -19,15 +20,16 @@ import pytest
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.control.config import Config, write_config
 from rpctl.reference.motion import reference_by_name
 from rpctl.simulation import loop
-from rpctl.view import live
+from rpctl.view import live, obstacle_shapes
 from rpctl.view import stream as streams
 from rpctl.view.live import Broadcast
 from rpctl.view.server import PageServer
 from rpctl.view.stream import Stream
 from tests.view.chromium import changed, chromium, opened, picture, wait
-from tests.view.samples import write_cart, write_gripper
+from tests.view.samples import unpack, write_cart, write_gripper
 from tests.view.test_server import ask
 
 PATIENCE = 120  # s; the machine may have much else to do
@@ -138,6 +140,21 @@ def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> 
     assert (process.returncode, err) == (0, "")
     assert "report.html" in out
     assert Run.load(tmp_path / "out/run.npz").t[-1] == pytest.approx(12.0)
+
+
+def test_simulation_is_seen_among_its_obstacles(tmp_path: Path) -> None:
+    """They are known before it starts: of the law that is the base's within another one, here."""
+    law = rpctl.EndEffector(base=rpctl.Horizon(base_obstacles=(rpctl.Disc(4.0, 0.5, 0.2),)))
+    write_config(Config(kinematic=law), tmp_path / "run.toml")
+    words = ("track", "paper", "--live", "--samples", "0", "--config", "run.toml")
+    with command(*words, "--reference", "line", "--out", "out", folder=tmp_path) as (_, url):
+        page = ask(url)[1].decode()
+    found = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    data = json.loads(found.group(1))
+    drawn = [unpack(base64.b64decode(each)) for each in data["commands"]]
+    assert [c["path"] for c in drawn].count(obstacle_shapes.PATH) == 1
+    assert data["area"][1][0] > 4.2
 
 
 class Unopened(PageServer):

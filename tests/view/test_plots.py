@@ -11,9 +11,10 @@ from PIL import Image
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.view.plot_obstacles import half_plane
 from rpctl.view.plot_panels import PANELS, find_panels
 from rpctl.view.plots import save_figure, save_tracking_figure, tracking_figure, tracking_image
-from tests.view.samples import short_run
+from tests.view.samples import PILLAR, among, short_run
 
 
 def unlimited(run: Run) -> Run:
@@ -195,3 +196,39 @@ def test_without_loads_there_are_no_margins(paper_run: Run) -> None:
     nothing = np.empty((len(paper_run.t), 0))
     run = replace(paper_run, tip_margin=nothing, slip_ratio=nothing, contact_points=())
     assert titles(run)[-1].startswith("Efforts")
+
+
+def paths(run: Run) -> Any:
+    figure = tracking_figure(run, panels=["paths"])
+    figure.draw_without_rendering()
+    return figure.axes[0]
+
+
+def test_obstacles_near_the_paths_are_in_the_picture(paper_run: Run) -> None:
+    near, far = rpctl.Disc(1.4, 1.2, 0.3), rpctl.Disc(60.0, 0.0, 1.0)
+    axes = paths(among(paper_run, near, far, rpctl.HalfPlane(0.0, 1.0, -1.2), tip=(PILLAR,)))
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert left < 1.1 < 1.7 < right < 20.0
+    assert bottom < -1.2 < 1.5 < top
+    radii = [patch.radius for patch in axes.artists + axes.patches if hasattr(patch, "radius")]
+    reach = np.linalg.norm(np.array(paper_run.contact_points) - paper_run.drive["point"], axis=1)
+    grown = 0.3 + reach.max(), 1.0 + reach.max(), PILLAR.radius + 0.05
+    assert sorted(radii) == pytest.approx(sorted([0.3, 1.0, PILLAR.radius, *grown]))
+    levels = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) == 2]
+    assert any(np.allclose(level, reach.max() - 1.2) for level in levels)
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels[-3:-1] == ["obstacle of the base", "obstacle of the end effector"]
+
+
+def test_paths_stay_in_view_where_obstacles_are_far_or_none(paper_run: Run) -> None:
+    far = paths(among(paper_run, rpctl.Disc(60.0, 0.0, 1.0)))
+    np.testing.assert_array_equal(far.dataLim.get_points(), paths(paper_run).dataLim.get_points())
+    assert "obstacle of the base" not in paths(paper_run).get_legend_handles_labels()[1]
+
+
+@pytest.mark.parametrize("normal", [(0.0, 1.0), (3.0, -4.0), (-1.0, 0.5)])
+def test_half_plane_is_hatched_beyond_its_line(normal: tuple[float, float]) -> None:
+    plane = rpctl.HalfPlane(*normal, 0.7)
+    corners = half_plane(plane, np.array([2.0, -1.0]), 30.0)
+    assert plane.distance(corners) == pytest.approx([0.0, 0.0, -30.0, -30.0])
+    assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(60.0)

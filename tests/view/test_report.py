@@ -14,9 +14,9 @@ import pytest
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.page import embed
-from rpctl.view.panel import length, panel, public
+from rpctl.view.panel import flat, legend, length, panel, public
 from rpctl.view.report import write_report
-from tests.view.samples import BOX, mesh_visual, short_run, write_cart
+from tests.view.samples import BOX, DISC, PILLAR, WALL, among, mesh_visual, short_run, write_cart
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -219,3 +219,19 @@ def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
 def test_settings_as_text() -> None:
     assert public([0.1, 2, True]) == "0.1, 2, yes"
     assert public("/home/someone/path.csv") == "path.csv"
+
+
+def test_obstacles_are_told_in_words(paper_run: Run) -> None:
+    rows = flat(among(paper_run, DISC, WALL).settings)
+    told = "disc at (1, 0.5) m, radius 0.25 m; half-plane, free where y ≥ −1 m"
+    assert rows["Base obstacles"] == told
+    assert not any("obstacles" in label.lower() for label in rows.keys() - {"Base obstacles"})
+    assert "[]" not in rows.values()
+    assert "" not in rows.values()
+
+
+def test_legend_names_the_obstacles_that_there_are(paper_run: Run) -> None:
+    assert "obstacles" not in legend(paper_run)
+    assert "Base obstacles" in legend(among(paper_run, DISC))
+    assert "Base obstacles" not in legend(among(paper_run, tip=(PILLAR,)))
+    assert "End-effector obstacles" in legend(among(paper_run, tip=(PILLAR,)))

@@ -204,8 +204,9 @@ function makeScene(data) {
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     trail.mesh.material.color.set(colour("base"));
-    const desired = node("trail-base-desired");
-    if (desired) desired.material.color.set(colour("desired"));
+    const tint = (name, variable) => node(name) && node(name).material.color.set(colour(variable));
+    tint("trail-base-desired", "desired");
+    for (const body of ["base", "tip"]) tint(`obstacles-${body}`, `obstacles-${body}`);
     viewer.set_dirty();
   }
 

@@ -53,6 +53,7 @@ function makeScene(data, pane) {
       const found = viewer.scene.getObjectByName(name);
       if (found) found.material.color.set(css(variable));
     };
+    for (const body of ["base", "tip"]) tint(`obstacles-${body}`, `--obstacles-${body}`);
     data.runs.forEach(({ prefix }, k) => {
       for (const kind of ["base", "tip"]) {
         tint(`${prefix}trail-${kind}`, several ? `--c${k % PALETTE}` : `--${kind}`);
@@ -86,6 +87,7 @@ function makeScene(data, pane) {
     const own = run ? new RegExp(`^${run.prefix}(robot-|trail-(base|tip)$)`) : {
       base: /^trail-base$/, tip: /^trail-tip$/, desired: /trail-(base|tip)-desired$/,
       ghost: /^reference-/, loads: /^stance-loads$/, zmp: /^stance-polygon$/,
+      "obstacles-base": /^obstacles-base$/, "obstacles-tip": /^obstacles-tip$/,
     }[name];
     if (own) viewer.scene.traverse((node) => { if (own.test(node.name)) node.visible = on; });
     viewer.set_dirty();
