@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from rpctl.dynamics.contact import FRICTION
 from rpctl.errors import require_positive
 from rpctl.robot.model import Robot
 
+PIECES = 3  # of the wheels' loads that bound the first step
 RESOLVED = 1e-9  # rad or m: room left to a joint that can only just brake
 
 
@@ -170,17 +172,26 @@ class ForceBounds:
     steps are looked at for the ground only, at the ``ground`` stages, and there the arm's
     accelerations and the steering are those of the motion: rows that tie all joints together at
     many stages would cost the QP its sparsity.
+
+    Contacts let go and take hold, and the wheels' loads are linear in between only. A step that is
+    bounded by one such piece alone may end in another one, where it slips, and the next step back
+    in the first. So the first step keeps to the grip of the last three pieces that were met.
     """
 
     def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
         self._limited, self._limits = bounds.efforts(model.robot)
         self._model, self._forces = model, forces
+        self._pieces: deque[Array] = deque(maxlen=PIECES)
         self._later = [k for k in ground if k and forces.rows]
 
     def families(self, at: Places) -> list[Family]:
         """Return the efforts' family, the ground's now, and the ground's later."""
         base, count = self._model.moving, self._forces.rows
-        found = [Family(at.nu_dot[:1], 2 * len(self._limited)), Family(at.nu_dot[:1], count)]
+        now = PIECES * self._forces.grips
+        found = [
+            Family(at.nu_dot[:1], 2 * len(self._limited)),
+            Family(at.nu_dot[:1], count - self._forces.grips + now),
+        ]
         before = [k - 1 for k in self._later]
         later = np.hstack([at.nu_dot[self._later, :base], at.nu[before, :base]])
         return [*found, Family(later, count)]
@@ -210,5 +221,14 @@ class ForceBounds:
         )
         if not self._forces.rows:
             return [efforts, Soft(np.empty((1, 0)), np.empty((1, 0, dof)))]
-        room = self._forces.ground(forces)
+        self._meet(self._forces.shares(forces))
+        grips = [self._forces.slipping(forces, piece) for piece in self._pieces]
+        room = np.vstack([self._forces.tipping(forces), *grips])
         return [efforts, Soft(-room[None, :, 0], -room[None, :, 1 : 1 + dof])]
+
+    def _meet(self, piece: Array) -> None:
+        """Remember a piece; at first it stands for the others as well."""
+        if not self._pieces:
+            self._pieces.extend([piece] * PIECES)
+        elif not np.array_equal(piece, self._pieces[-1]):
+            self._pieces.append(piece)

@@ -71,7 +71,16 @@ class ForceModel:
         """Number of rows that :meth:`ground` returns."""
         if self._stance is None or self._contacts is None:
             return 0
-        return self._edges + FACES * len(self._contacts.along)
+        return self._edges + self.grips
+
+    @property
+    def grips(self) -> int:
+        """Number of rows that :meth:`slipping` returns."""
+        return (
+            0
+            if self._stance is None or self._contacts is None
+            else FACES * len(self._contacts.along)
+        )
 
     @property
     def _edges(self) -> int:
@@ -148,25 +157,45 @@ class ForceModel:
         about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
         polygon inside the circle of its grip: grip left, over the grip at its whole weight.
         """
-        contacts, stance = self._contacts, self._stance
-        if contacts is None or stance is None:
+        return np.vstack([self.tipping(forces), self.slipping(forces, self.shares(forces))])
+
+    def shares(self, forces: Forces) -> Array:
+        """Return the map (n_contacts, 3) from moments to loads that holds at these forces."""
+        return _shares(self._standing, self._moments(forces)[:, 0])
+
+    @property
+    def _standing(self) -> Stance:
+        if self._stance is None:
             raise ValueError("no ground reactions are defined")
+        return self._stance
+
+    def _moments(self, forces: Forces) -> Array:
         wrench, z = forces.wrench, self._model.robot.drive.ground
-        moments = np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
+        return np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
+
+    def tipping(self, forces: Forces) -> Array:
+        """Return the rows about tipping."""
+        stance, moments = self._standing, self._moments(forces)
         edges = np.arange(self._edges) % len(stance.inward)
         reach = stance.offset[edges, None] - self._tip_margin
-        tipping = (stance.inward[edges] @ moments[1:] + reach * moments[0]) / self._weight
+        return np.asarray((stance.inward[edges] @ moments[1:] + reach * moments[0]) / self._weight)
+
+    def slipping(self, forces: Forces, shares: Array) -> Array:
+        """Return the rows about slipping where the contacts have these shares of the load."""
+        contacts = self._contacts
+        if contacts is None:
+            raise ValueError("no ground reactions are defined")
         horizontal = self._maps(forces.q, forces.now)[1] @ forces.force
         wheels = len(contacts.along)
         along, lateral = horizontal[:wheels], horizontal[wheels:]
-        load = _shares(stance, moments[:, 0])[:wheels] @ moments
+        load = shares[:wheels] @ self._moments(forces)
         borne = np.maximum(load[:, 0], contacts.floor)
         share = borne[:, None] * contacts.share / (borne @ contacts.share)
         across = share @ lateral
         cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
         inside = math.cos(math.pi / FACES) * self._grip * contacts.friction
         slipping = (inside * load - cos * along - sin * across) / (inside * self._weight)
-        return np.vstack([tipping, slipping.reshape(-1, slipping.shape[2])])
+        return np.asarray(slipping.reshape(-1, slipping.shape[2]))
 
     def _maps(self, q: Array, now: bool) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""

@@ -11,6 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import (
+    BoundedDynamic,
     EndEffector,
     IntegralDynamic,
     PaperKinematic,
@@ -234,6 +235,15 @@ def test_a_plan_goes_on_from_the_last(paper: Robot) -> None:
     assert law.solves == 2
     asked = law(dynamics, reference, 0.02, q, planned + push).nu_d
     np.testing.assert_allclose(asked - planned, 0.25 * push, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_detour_stays_within_the_grip(tiago: Robot) -> None:
+    """Round a pillar on the eight the front casters unload a wheel; rows are linear, so 1.2."""
+    law = Horizon(base_obstacles=(Disc(1.0, 1.1, 0.15), HalfPlane(0.0, 1.0, -0.95)))
+    run = rpctl.track(tiago, "eight", 20.0, (0.0, 0.0, 0.0), law, BoundedDynamic())
+    assert run.slip_ratio.max() < 1.2
+    assert np.mean(run.slip_ratio > 1.0) < 0.005
 
 
 @pytest.mark.slow

@@ -218,6 +218,27 @@ def test_soft_rows_are_over_what_there_is(rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(soft.slopes[:, half:], -soft.slopes[:, :half])
 
 
+def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> None:
+    """Braking lifts TIAGo's rear casters: the grip of before binds on, beside that of now."""
+    dynamics = ReducedDynamics(tiago)
+    model, bounds = make_model(dynamics, STEPS, DT), Bounds()
+    forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
+    rows, still = ForceBounds(model, bounds, forces, []), np.zeros((STEPS, tiago.dof))
+    q, nu = tiago.configuration(), np.eye(tiago.dof)[0] * 0.4
+    pieces, found = [], []
+    for braking in (0.0, -1.5):
+        motion = model.predict(q, nu, still + braking * np.eye(tiago.dof)[0])
+        now = rows.about(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
+        at = forces.at(q, nu, motion.nu_dot[0], now=True)
+        pieces.append(forces.shares(at))
+        found.append((-now.value[0], [forces.slipping(at, piece)[:, 0] for piece in pieces]))
+    assert not np.array_equal(pieces[0], pieces[1])
+    assert found[0][0].shape == found[1][0].shape
+    for has, (_, wanted) in zip((found[0][0], found[1][0]), found, strict=True):
+        assert has[-len(pieces) * 16 :].min() == min(each.min() for each in wanted)
+    assert found[1][1][0].min() != found[1][1][1].min()
+
+
 def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
     """Wherever a polygon's row is positive the wheel keeps its share of the grip."""
     robot = rpctl.load("paper")
