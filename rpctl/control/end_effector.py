@@ -18,7 +18,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
 FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
-SPEED_SHARE = 0.95  # of a velocity limit: what is asked for, so that following it overshoots none
+SPEED_SHARE = 0.9  # of a velocity limit: what is asked for, so that following it overshoots none
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class EndEffector:
 
     - Redundancy: of all such rates they are the nearest, in shares of the joints' full speeds, to
       those that the base's law has for the arm: q̇_r + (q_r − q)/h, or the horizon law's plan.
-    - Limits: |q̇| ≤ 0.95 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
+    - Limits: |q̇| ≤ 0.9 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
       the position limits: a joint comes to its limit as exp(−t/h), and never beyond.
     - Singularities, and what limits leave out of reach: p* is met as long as that takes a pull on
       the posture of 1/``damping`` at most; beyond, the rates come as near as that pull brings them,

@@ -11,8 +11,8 @@ from rpctl.control.law import Limit
 from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 
-AHEAD = 0.06  # s in which a rate comes to its bound
-PERIODS = 2.0  # control periods that this takes at least; 1 would be dead-beat
+APPROACH = 0.06  # s: time constant with which a rate comes to its bound
+PERIODS = 2.0  # control periods in which it is back from beyond; 1 would be dead-beat
 ROOM = 1e-3  # of a limit, kept free: the prediction is of first order
 BRAKE_SHARE = 0.5  # of what the efforts could do to one joint: others want to brake as well
 LEAST_BRAKE, HARDEST_BRAKE = 0.1, 1e4  # rad/s² or m/s²; where efforts cannot hold, or know no limit
@@ -31,13 +31,16 @@ class JointBounds(NamedTuple):
 class JointLimits:
     """The rate and position limits of all joints that have any: wheels, arm and passive ones.
 
-    A rate ẋ, predicted over T = 0.06 s, is to stay within
+    A rate ẋ, predicted over T, is to stay within
 
         |ẋ + T ẍ| ≤ velocity limit,    −stop(x − lower) ≤ ẋ + T ẍ ≤ stop(upper − x)
 
-    with x at the end of T. So it comes to its limit as exp(−t/T), which efforts that are late by
-    less than T/e still do without overshoot: 20 ms, of which the law need not know. stop(g) is the
-    fastest rate that can still be braked within the gap g: g/h1 near the limit, and
+    with x at the end of T; both for T = 0.06 s and for two control periods. The former binds within
+    the bounds: a rate comes to them as exp(−t/T), which efforts that are late by less than T/e,
+    here 22 ms, still do without overshoot. The latter binds beyond, where it brakes the harder:
+    what the model does not know of pushes a rate no farther than T times its acceleration.
+
+    stop(g) is the fastest rate that can still be braked within the gap g: g/h1 near the limit, and
     √(2a (g − ½ a h1²)) from g = a h1² on, where the former would brake harder than a. So a joint
     that obeys now is able to obey later.
 
@@ -56,7 +59,8 @@ class JointLimits:
         # A joint without position limits may have two entries in q; none of them binds anything.
         ids = (robot.model.getJointId(name) for name in self.names)
         self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
-        self._horizon, self._ahead = horizon, max(AHEAD, PERIODS * control_period)
+        self._horizon, beyond = horizon, PERIODS * control_period
+        self._times = np.array([[max(APPROACH, beyond)], [beyond]])
         self._fastest = (1.0 - ROOM) * np.array([joint.velocity for joint in joints])
         self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
         lower, upper = (np.array([getattr(j, end) for j in joints]) for end in ("lower", "upper"))
@@ -76,15 +80,20 @@ class JointLimits:
             brakes: Largest accelerations (k,) down and up that the efforts can give each joint.
         """
         down, up = (np.clip(BRAKE_SHARE * a, LEAST_BRAKE, HARDEST_BRAKE) for a in brakes)
-        ahead = q[self._entries] + self._ahead * rate
+        ahead = q[self._entries] + self._times * rate  # (2, k)
         rising, falling = self._stop(self._upper - ahead, down), self._stop(ahead - self._lower, up)
         highest = np.minimum(rising, self._fastest)
         lowest = np.minimum(np.maximum(-falling, -self._fastest), highest)
+        lower = ((lowest - rate) / self._times).max(axis=0)
+        upper = ((highest - rate) / self._times).min(axis=0)
+        lower = np.where(upper < 0.0, np.minimum(lower, upper), lower)  # what is beyond comes back
+        upper = np.maximum(lower, upper)
+        by_lower, by_upper = falling < self._fastest, rising < self._fastest
         return JointBounds(
-            np.minimum((lowest - rate) / self._ahead, brakes[1]),
-            np.maximum((highest - rate) / self._ahead, -brakes[0]),
-            falling < self._fastest,
-            rising < self._fastest,
+            np.minimum(lower, brakes[1]),
+            np.maximum(upper, -brakes[0]),
+            np.asarray(by_lower.any(axis=0)),
+            np.asarray(by_upper.any(axis=0)),
         )
 
     def limit(self, index: int, bounds: JointBounds, upper: bool) -> Limit:

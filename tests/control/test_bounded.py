@@ -20,6 +20,7 @@ from rpctl import (
     RpctlError,
     Run,
     scale_limits,
+    scale_masses,
     summarize,
     track,
 )
@@ -175,6 +176,15 @@ def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
         paper, "circle", 0.6, kinematic=fast, dynamic=BoundedDynamic(horizon_dyn=0.1), plant=plant
     )
     assert 0.95 * joint.velocity < run.nu[:, 2].max() <= joint.velocity
+
+
+def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot) -> None:
+    """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
+    plant = Plant(believed=scale_masses(tiago, "arm_*", 0.7))
+    run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
+    beyond = run.lower_limits[0] - run.joints[:, 0]
+    assert run.joint_names[0] == "torso_lift_joint"
+    assert 1e-4 < beyond.max() < 5e-3
 
 
 def clipped(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
