@@ -12,13 +12,27 @@ from rpctl.simulation.run import Run
 from rpctl.view.charts import has_base
 from rpctl.view.obstacles import LISTS, TITLES, run_obstacles, tell_obstacles
 
+WITHIN = ("base", "inner", "fallback")  # laws within laws
 LABELS = {
     "reference": "Reference",
     "kinematic": "Kinematic law",
     "dynamic": "Dynamic law",
+    "base": "Law of the base",
+    "inner": "Law within",
     "horizon": "Horizon h, s",
     "horizon_dyn": "Horizon h₁, s",
     "beta": "β",
+    "steps": "Steps N",
+    "dt": "Step, s",
+    "period": "Time from solve to solve, s",
+    "end_effector_radius": "End effector's radius, m",
+    "base_radius": "Base's radius, m",
+    "leash": "Leash, m",
+    "lever": "Lever, m",
+    "damping": "Damping, m/s",
+    "gain": "Gain k, 1/s",
+    "softened": "Solves with a softened bound",
+    "largest_lag": "Reference read late by, s",
     "duration": "Duration, s",
     "control_period": "Control period, s",
     "plant_step": "Integration step, s",
@@ -208,6 +222,8 @@ def flat(settings: Mapping[str, Any]) -> dict[str, str]:
         inner = value if isinstance(value, Mapping) else {"law": value}
         for name, given in inner.items():
             label = key if name == "law" else name
+            if isinstance(given, Mapping) and label in WITHIN:
+                given = given["law"]
             if given in (None, []) or isinstance(given, Mapping) or name in LISTS:
                 continue
             text = LABELS.get(label, label.replace("_", " ").capitalize())

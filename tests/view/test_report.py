@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Robot, Run
+from rpctl import EndEffector, IntegralDynamic, Robot, Run
+from rpctl.simulation.record import describe
 from rpctl.view.page import embed
 from rpctl.view.panel import flat, legend, length, panel, public
 from rpctl.view.report import write_report
@@ -219,6 +220,12 @@ def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
 def test_settings_as_text() -> None:
     assert public([0.1, 2, True]) == "0.1, 2, yes"
     assert public("/home/someone/path.csv") == "path.csv"
+
+
+def test_laws_within_laws_are_named() -> None:
+    rows = flat({"kinematic": describe(EndEffector()), "dynamic": describe(IntegralDynamic())})
+    assert (rows["Kinematic law"], rows["Law of the base"]) == ("EndEffector", "Horizon")
+    assert (rows["Dynamic law"], rows["Law within"]) == ("IntegralDynamic", "BoundedDynamic")
 
 
 def test_obstacles_are_told_in_words(paper_run: Run) -> None:
