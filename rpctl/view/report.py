@@ -59,7 +59,7 @@ def write_report(
         robot: The robot of a single run, where it is loaded already.
         scene: The scene of a single run, where it is built already.
         summary: The figures of merit of a single run; None computes them.
-        names: What several runs are called; None tells them apart by robot and reference.
+        names: What several runs are called; None tells them apart by what differs.
 
     Returns:
         The path.
@@ -122,11 +122,23 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
-    """Return names that tell runs apart: robot and reference, numbered where these are alike."""
-    plain = [f"{run.robot}, {public(run.settings.get('reference', 'run'))}" for run in runs]
+    """Return names that tell runs apart: what differs of robot, reference and laws, or numbers."""
+    facts = [
+        (
+            run.robot,
+            *(_told(run.settings.get(key)) for key in ("reference", "kinematic", "dynamic")),
+        )
+        for run in runs
+    ]
+    apart = [k for k, column in enumerate(zip(*facts, strict=True)) if len(set(column)) > 1]
+    plain = [", ".join(fact[k] for k in apart or (0, 1)) for fact in facts]
     if len(set(plain)) == len(plain):
         return plain
     return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
+
+
+def _told(setting: Any) -> str:
+    return public(setting["law"] if isinstance(setting, Mapping) else setting)
 
 
 def _render(page: Page) -> str:

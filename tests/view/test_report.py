@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import EndEffector, IntegralDynamic, Robot, Run
+from rpctl import (
+    EndEffector,
+    IntegralDynamic,
+    PaperKinematic,
+    Robot,
+    Run,
+    UnifiedKinematic,
+)
 from rpctl.simulation.record import describe
 from rpctl.view.page import embed
 from rpctl.view.panel import flat, legend, length, panel, public
@@ -158,6 +165,15 @@ def test_comparison_names_its_runs_and_what_differs(
         write_report([paper_run, other], path, names=["one"])
     with pytest.raises(rpctl.RpctlError, match="no run"):
         write_report([], path)
+
+
+def test_runs_are_called_by_what_differs(paper: Robot, tmp_path: Path) -> None:
+    laws = [UnifiedKinematic(), PaperKinematic(), PaperKinematic()]
+    runs = [rpctl.track(paper, "line", 0.1, kinematic=law) for law in laws]
+    text = rpctl.write_report(runs[:2], tmp_path / "two.html").read_text(encoding="utf-8")
+    assert "2 runs: UnifiedKinematic · PaperKinematic" in text
+    text = rpctl.write_report(runs, tmp_path / "three.html").read_text(encoding="utf-8")
+    assert "1: UnifiedKinematic · 2: PaperKinematic · 3: PaperKinematic" in text
 
 
 def test_report_is_there_whole_or_not_at_all(
