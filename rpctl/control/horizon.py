@@ -161,7 +161,7 @@ class HorizonLaw:
         if t - self.solved_at >= self._law.period - ON_TIME:
             self.solved_at = t
             try:
-                self._plan = self._solve(reference, t, q, self._start(t, nu))
+                self._plan = self._solve(reference, t, q, self._onward(t, nu))
             except SingularBasisError:  # somewhere ahead the steering fixes no one motion
                 self.fallbacks += 1
                 self._plan = None
@@ -228,7 +228,7 @@ class HorizonLaw:
         self.softened += slack > SOFTENED
         return Plan(t, nu, nu_dot)
 
-    def _start(self, t: float, nu: Array) -> Array:
+    def _onward(self, t: float, nu: Array) -> Array:
         """Return the ν (dof,) to plan from: the last plan's, drawn to the robot's.
 
         A plan from the robot's own ν would ask for what is there already, and nothing but the far

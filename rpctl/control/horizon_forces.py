@@ -76,11 +76,9 @@ class ForceModel:
     @property
     def grips(self) -> int:
         """Number of rows that :meth:`slipping` returns."""
-        return (
-            0
-            if self._stance is None or self._contacts is None
-            else FACES * len(self._contacts.along)
-        )
+        if self._stance is None or self._contacts is None:
+            return 0
+        return FACES * len(self._contacts.along)
 
     @property
     def _edges(self) -> int:
