@@ -116,6 +116,7 @@ def track_command(
     )
     loaded = load_robot(robot, drive, lock, density, strict, package_dir)
     loaded = set_limits(loaded, chosen.limits.effort, chosen.limits.velocity)
+    path = load_reference(loaded, chosen.run.reference)
     if save_config is not None:
         write_config(chosen, save_config)
     told = f"{loaded.name}-{Path(chosen.run.reference).stem}"
@@ -134,7 +135,6 @@ def track_command(
         from rpctl.view.live import broadcast
         from rpctl.view.obstacles import find_obstacles
 
-        path = load_reference(loaded, chosen.run.reference)
         lasts = lasting(path) if chosen.run.duration is None else chosen.run.duration
         obstacles = find_obstacles(describe(chosen.kinematic))
         watcher = context.with_resource(broadcast(loaded, path, lasts, say.print, obstacles))
@@ -143,7 +143,8 @@ def track_command(
             loaded,
             kinematic=chosen.kinematic,
             dynamic=chosen.dynamic,
-            **vars(chosen.run),
+            **{**vars(chosen.run), "reference": path},
+            name=chosen.run.reference,
             certificate=certificate,
             progress=advance,
             watch=watcher,

@@ -243,6 +243,15 @@ def test_wrong_input_exits_2_with_one_message(words: tuple[str, ...], told: str)
     assert "Traceback" not in out + err
 
 
+def test_a_reference_that_cannot_be_followed_is_refused_first(tmp_path: Path) -> None:
+    """Before the dynamics are verified, and before anything is written."""
+    saved = tmp_path / "saved.toml"
+    code, out, err = run("track", "car", "--reference", "spin", "--save-config", str(saved))
+    assert (code, out) == (2, "")
+    assert "take line, reverse, circle or eight" in " ".join(err.split())
+    assert not saved.exists()
+
+
 def test_an_input_error_names_file_line_and_fix(tmp_path: Path) -> None:
     path = write(tmp_path, platform(SET_A).replace('value="30.0"', 'value="-1"'))
     code, _, err = run("verify", str(path))

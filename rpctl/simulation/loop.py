@@ -45,6 +45,7 @@ def track(
     friction: float = FRICTION,
     plant: Plant | None = None,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
+    name: str | None = None,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -68,6 +69,7 @@ def track(
         plant: What the simulated robot has that its controller does not know of; None: nothing.
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
             is not counted as the simulation's.
+        name: What the log calls the reference; None: its name or file, or else its type.
 
     Returns:
         What was logged.
@@ -76,7 +78,7 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
-    told = reference if isinstance(reference, str) else type(reference).__name__
+    told = name or (reference if isinstance(reference, str) else type(reference).__name__)
     if isinstance(reference, str):
         reference = load_reference(robot, reference)
     duration = lasting(reference) if duration is None else duration

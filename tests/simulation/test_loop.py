@@ -25,6 +25,7 @@ from rpctl.control.law import DynamicLaw, Efforts, Rest
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.errors import DivergedError
+from rpctl.reference.motion import reference_by_name
 from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)
@@ -221,6 +222,13 @@ def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
     assert periods == [0.004, 0.004]
 
 
+def test_a_reference_is_called_what_it_is(paper: Robot) -> None:
+    circle = reference_by_name(paper, "circle")
+    assert track(paper, "circle", 0.01).settings["reference"] == "circle"
+    assert track(paper, circle, 0.01).settings["reference"] == type(circle).__name__
+    assert track(paper, circle, 0.01, name="a turn").settings["reference"] == "a turn"
+
+
 def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
     laws = PaperKinematic(0.2), PaperDynamic(0.05)
     with pytest.raises(DivergedError, match="diverged"):
@@ -244,7 +252,5 @@ def test_wrong_settings_are_told(paper: Robot, wrong: dict[str, object], told: s
 
 
 def test_a_reference_of_another_robot_is_told(paper: Robot, tiago: Robot) -> None:
-    from rpctl.reference.motion import reference_by_name
-
     with pytest.raises(RpctlError, match="the reference has 10 joints, paper has 2"):
         track(paper, reference_by_name(tiago, "eight"))
