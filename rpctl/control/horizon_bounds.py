@@ -222,8 +222,8 @@ class ForceBounds:
         if not self._forces.rows:
             return [efforts, Soft(np.empty((1, 0)), np.empty((1, 0, dof)))]
         self._meet(self._forces.shares(forces))
-        grips = [self._forces.slipping(forces, piece) for piece in self._pieces]
-        room = np.vstack([self._forces.tipping(forces), *grips])
+        grips = self._forces.slipping(forces, self._pieces)
+        room = np.vstack([self._forces.tipping(forces), grips])
         return [efforts, Soft(-room[None, :, 0], -room[None, :, 1 : 1 + dof])]
 
     def _meet(self, piece: Array) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -155,7 +156,7 @@ class ForceModel:
         about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
         polygon inside the circle of its grip: grip left, over the grip at its whole weight.
         """
-        return np.vstack([self.tipping(forces), self.slipping(forces, self.shares(forces))])
+        return np.vstack([self.tipping(forces), self.slipping(forces, [self.shares(forces)])])
 
     def shares(self, forces: Forces) -> Array:
         """Return the map (n_contacts, 3) from moments to loads that holds at these forces."""
@@ -178,22 +179,25 @@ class ForceModel:
         reach = stance.offset[edges, None] - self._tip_margin
         return np.asarray((stance.inward[edges] @ moments[1:] + reach * moments[0]) / self._weight)
 
-    def slipping(self, forces: Forces, shares: Array) -> Array:
-        """Return the rows about slipping where the contacts have these shares of the load."""
+    def slipping(self, forces: Forces, pieces: Iterable[Array]) -> Array:
+        """Return the rows about slipping for each way in which the contacts may share the load."""
         contacts = self._contacts
         if contacts is None:
             raise ValueError("no ground reactions are defined")
         horizontal = self._maps(forces.q, forces.now)[1] @ forces.force
+        moments = self._moments(forces)
         wheels = len(contacts.along)
         along, lateral = horizontal[:wheels], horizontal[wheels:]
-        load = shares[:wheels] @ self._moments(forces)
-        borne = np.maximum(load[:, 0], contacts.floor)
-        share = borne[:, None] * contacts.share / (borne @ contacts.share)
-        across = share @ lateral
         cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
         inside = math.cos(math.pi / FACES) * self._grip * contacts.friction
-        slipping = (inside * load - cos * along - sin * across) / (inside * self._weight)
-        return np.asarray(slipping.reshape(-1, slipping.shape[2]))
+        rows = []
+        for shares in pieces:
+            load = shares[:wheels] @ moments
+            borne = np.maximum(load[:, 0], contacts.floor)
+            share = borne[:, None] * contacts.share / (borne @ contacts.share)
+            slack = inside * load - cos * along - sin * (share @ lateral)
+            rows.append(slack.reshape(-1, slack.shape[2]) / (inside * self._weight))
+        return np.vstack(rows)
 
     def _maps(self, q: Array, now: bool) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""

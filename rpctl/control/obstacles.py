@@ -156,7 +156,7 @@ class HalfPlane:
         return goals
 
 
-OBSTACLES = {"disc": Disc, "half-plane": HalfPlane}
+OBSTACLES: dict[str, type[Disc | HalfPlane]] = {"disc": Disc, "half-plane": HalfPlane}
 
 
 def _require_finite(what: str, *values: float) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.control.obstacles import Disc, HalfPlane
+from rpctl.control.obstacles import OBSTACLES, Disc, HalfPlane
 from rpctl.description.records import Array
 from rpctl.simulation.run import Run
 
@@ -18,7 +18,7 @@ BASE, TIP = "base", "tip"  # whom an obstacle is for: the end effector's paths a
 LISTS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
 RADII = {BASE: "base_radius", TIP: "end_effector_radius"}
 TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
-SHAPES: dict[str, type[Disc | HalfPlane]] = {"Disc": Disc, "HalfPlane": HalfPlane}
+SHAPES = {kind.__name__: kind for kind in OBSTACLES.values()}  # as a run's settings name them
 RIM = 96  # points of a disc's edge
 REACH = 0.5  # of the diagonal of a motion: obstacles farther from it are not framed
 LEAST = 0.5  # m: how far they are framed however small the motion is

@@ -141,7 +141,10 @@ def run_into(
 def test_joints_stop_at_their_limits(paper: Robot, sign: float, effort: float) -> None:
     robot = scale_limits(paper, effort=effort)
     nu_d = sign * np.array([0.0, 0.0, 9.0, 9.0])
-    positions, rates, limits = run_into(robot, nu_d, 5.0, robot.home)
+    start = robot.home
+    if effort == 1.0:  # from the other end: way enough to come to full speed
+        start = np.array([j.lower if sign > 0.0 else j.upper for j in robot.joints])
+    positions, rates, limits = run_into(robot, nu_d, 5.0, start)
     for joint, position, rate in zip(robot.joints, positions.T, rates[:, 2:].T, strict=True):
         assert (joint.lower <= position).all(), joint.name
         assert (position <= joint.upper).all(), joint.name
@@ -150,7 +153,7 @@ def test_joints_stop_at_their_limits(paper: Robot, sign: float, effort: float) -
         assert abs(position[-1] - end) < 0.01 * (joint.upper - joint.lower), joint.name
         assert Limit(joint.name, "upper" if sign > 0.0 else "lower") in limits
         if effort == 1.0:
-            assert np.abs(rate).max() > 0.9 * joint.velocity, joint.name
+            assert np.abs(rate).max() > 0.98 * joint.velocity, joint.name
             assert Limit(joint.name, "velocity") in limits
 
 

@@ -231,7 +231,7 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
         now = rows.about(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
         at = forces.at(q, nu, motion.nu_dot[0], now=True)
         pieces.append(forces.shares(at))
-        found.append((-now.value[0], [forces.slipping(at, piece)[:, 0] for piece in pieces]))
+        found.append((-now.value[0], [forces.slipping(at, [piece])[:, 0] for piece in pieces]))
     assert not np.array_equal(pieces[0], pieces[1])
     assert found[0][0].shape == found[1][0].shape
     for has, (_, wanted) in zip((found[0][0], found[1][0]), found, strict=True):
