@@ -100,6 +100,17 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
     ]
 
 
+def refusal(folder: Path, text: str) -> str:
+    """Return why a file of this text is no configuration, after the file's name."""
+    path = folder / "config.toml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(DescriptionError) as caught:
+        read_config(path)
+    told = str(caught.value)
+    assert told.startswith(f"{path}: error: ")
+    return told.removeprefix(f"{path}: error: ")
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -112,11 +123,7 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_file_is_told(text: str, told: str, tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_bytes(text.encode("latin-1"))
-    with pytest.raises(DescriptionError) as caught:
-        read_config(path)
-    assert str(caught.value).startswith(f"{path}: error: {told}")
+    assert refusal(tmp_path, text).startswith(told)
 
 
 OBSTACLES = """
@@ -157,18 +164,13 @@ def test_obstacles_come_from_a_file(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_obstacle_is_told(there: str, told: str, tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text(f'[kinematic]\nlaw = "horizon"\n[[kinematic.base_obstacles]]\n{there}\n')
-    with pytest.raises(DescriptionError) as caught:
-        read_config(path)
-    assert str(caught.value).startswith(f"{path}: error: kinematic.base_obstacles{told}")
+    text = f'[kinematic]\nlaw = "horizon"\n[[kinematic.base_obstacles]]\n{there}\n'
+    assert refusal(tmp_path, text).startswith(f"kinematic.base_obstacles{told}")
 
 
 def test_one_table_is_no_list_of_obstacles(tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text('[kinematic]\nlaw = "horizon"\n[kinematic.base_obstacles]\nshape = "disc"\n')
-    with pytest.raises(DescriptionError, match=r"write \[\[kinematic.base_obstacles\]\]"):
-        read_config(path)
+    text = '[kinematic]\nlaw = "horizon"\n[kinematic.base_obstacles]\nshape = "disc"\n'
+    assert "write [[kinematic.base_obstacles]]" in refusal(tmp_path, text)
 
 
 @dataclass(frozen=True)
