@@ -9,6 +9,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.robot.drive import WITH_AXLE, Drive, Wheel
+from rpctl.robot.drive_file import DriveSpec
 from rpctl.robot.evidence import Evidence
 from rpctl.robot.roles import assign_roles
 from rpctl.robot.wheels import Candidate, leftward
@@ -50,7 +51,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     if kind == "skid-steer" and evidence.spec.track is not None:
         wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
         records = [
-            replace(record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left)))
+            record
+            if record.swivel is not None or record.slides
+            else replace(
+                record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left))
+            )
             for record, wheel in zip(records, wheels, strict=True)
         ]
     return Drive(
@@ -63,7 +68,17 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         swivels=swivels,
         evidence=_account(kind, evidence),
         doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
+        declared=_declared(evidence.spec),
     )
+
+
+def _declared(spec: DriveSpec) -> tuple[str, ...]:
+    """Return which numbers of the drive are the drive file's; see :attr:`Drive.declared`."""
+    wheels = spec.wheels.items()
+    radii = [f"radius of {name}" for name, wheel in wheels if wheel.radius is not None]
+    rollers = [f"direction of {name}" for name, wheel in wheels if wheel.roller is not None]
+    whole = [key for key in ("track", "point") if getattr(spec, key) is not None]
+    return (*radii, *rollers, *whole)
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:

@@ -108,6 +108,9 @@ class Drive:
         swivels: The upright joints that carry wheels.
         evidence: How the drive was found, in sentences.
         doubts: What was assumed, and how to say otherwise, in sentences.
+        declared: Numbers that the user gave and no shape was asked for, as ``"radius of JOINT"``,
+            ``"direction of JOINT"`` (a roller's angle), ``"track"``, ``"point"``; or ``"drive"``
+            for all of them.
     """
 
     type: str
@@ -119,6 +122,7 @@ class Drive:
     swivels: tuple[Swivel, ...] = ()
     evidence: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    declared: tuple[str, ...] = ()
 
     @property
     def base_speeds(self) -> tuple[str, ...]:
@@ -157,7 +161,8 @@ class Drive:
             for w in values["wheels"]
         )
         swivels = (Swivel(**{**s, "pivot": tuple(s["pivot"])}) for s in values["swivels"])
-        rest = {key: tuple(values[key]) for key in ("point", "evidence", "doubts")}
+        listed = ("point", "evidence", "doubts", "declared")
+        rest = {key: tuple(values[key]) for key in listed if key in values}
         return Drive(**{**values, "wheels": tuple(wheels), "swivels": tuple(swivels), **rest})
 
 
