@@ -94,10 +94,21 @@ def _doubts(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _heading(kind: str, evidence: Evidence) -> float:
-    """Return the forward direction: across the axle of the fixed wheels, or of steered ones."""
+    """Return the forward direction in the root link's frame, rad.
+
+    It lies across the mean of the leftward unit axles (3,) of the fixed wheels that do not slide,
+    each turned the way of the first of the longest line: atan2(−Σ a_x, Σ a_y). Where all wheels are
+    steered it lies across the first one's axle. That of omni wheels is the root link's x axis.
+    """
+    if kind == "omni":
+        return 0.0
+    strays = _strays(kind, evidence)
+    held = [wheel.axle for wheel in evidence.fixed if wheel.joint.name not in strays]
     line = max(evidence.lines, key=len) if evidence.lines else evidence.steered[0].wheels
-    across = leftward(line[0].axle)
-    return 0.0 if kind == "omni" else math.atan2(-across[0], across[1]) + 0.0  # no negative zero
+    left = leftward(line[0].axle)
+    across = sum((axle * math.copysign(1.0, float(axle @ left)) for axle in held), np.zeros(3))
+    across = across if held else left
+    return math.atan2(-across[0], across[1]) + 0.0  # no negative zero
 
 
 def _point(kind: str, evidence: Evidence) -> Array:
