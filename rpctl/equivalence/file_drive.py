@@ -101,8 +101,13 @@ def with_declared(measured: Drive, record: Drive) -> Drive:
         keys = [key for key in OF_WHEEL if f"{key} of {wheel.joint}" in declared]
         keys += ["shift"] if "track" in declared else []
         wheels.append(replace(wheel, **{key: getattr(told, key) for key in keys}))
-    point = record.point if "point" in declared else measured.point
-    return replace(measured, wheels=tuple(wheels), point=point)
+    lower = [new.radius - old.radius for new, old in zip(wheels, measured.wheels, strict=True)]
+    return replace(
+        measured,
+        wheels=tuple(wheels),
+        point=record.point if "point" in declared else measured.point,
+        ground=measured.ground - float(np.mean(lower or [0.0])),
+    )
 
 
 def quantities(drive: Drive) -> Iterator[tuple[str, Array]]:

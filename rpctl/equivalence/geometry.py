@@ -33,7 +33,8 @@ class Geometry:
 
     def __init__(self, dynamics: ReducedDynamics, reading: Reading) -> None:
         self._dynamics, self._reading = dynamics, reading
-        self._declared = _differences(reading.drive, reading.measured)
+        gaps = _differences(reading.drive, reading.measured).items()
+        self._declared = {label: told for label, (_, told) in gaps if told}
 
     def skipped(self) -> tuple[Skipped, ...]:
         """Return the row that says which wheels have no shape."""
@@ -43,16 +44,20 @@ class Geometry:
         text = f"no shape of {', '.join(names)} can be read: the radius is taken as the drive's"
         return (Skipped("wheels' radii", SHAPES, text),)
 
-    def record(self) -> Check:
+    def record(self) -> Iterator[Check]:
         """Compare the drive's numbers with those measured on the file."""
-        gaps = _differences(self._dynamics.robot.drive, self._reading.drive)
-        if not gaps:
-            return Check("drive's geometry", SHAPES, 0.0, PLACED)
-        label, (gap, told) = max(gaps.items(), key=lambda item: item[1][0])
-        return Check("drive's geometry", SHAPES, gap, PLACED, entry=f"{label}: {told} as drawn")
+        drive = self._dynamics.robot.drive
+        gaps = _differences(drive, self._reading.drive)
+        if drive.wheels:
+            label = max(gaps, key=lambda each: gaps[each][0], default="")
+            gap, told = gaps.get(label, (0.0, ""))
+            entry = f"{label}: {told} as drawn" if told else ""
+            yield Check("drive's geometry", SHAPES, gap, PLACED, entry=entry)
 
     def at(self, state: State) -> Iterator[Check]:
         """Follow the wheels at S ν through the file: what slips, and what ν says of the base."""
+        if not self._dynamics.robot.drive.wheels:
+            return
         measured = self._reading.measured
         found = self._slip(self._reading.drive, state)
         yield _sliding("wheels' contact at S ν", found, _by_design(found))
@@ -60,7 +65,7 @@ class Geometry:
         gap = np.array([found.base[n] - state.nu[k] for k, n in enumerate(names)])
         yield worst("base speeds ν", SHAPES, gap / (found.speed or 1.0), SPEEDS, names)
         if self._declared:
-            told = (f"{label}: {text} as drawn" for label, (_, text) in self._declared.items())
+            told = (f"{label}: {text} as drawn" for label, text in self._declared.items())
             yield _sliding(DECLARED, self._slip(measured, state), "; ".join(told))
 
     def _slip(self, drive: Drive, state: State) -> Slip:
@@ -77,26 +82,31 @@ def _sliding(name: str, found: Slip, note: str) -> Check:
     """Return what slides fastest where the ground should hold it."""
     sizes = {key: size if np.isfinite(size) else np.inf for key, size in found.held.items()}
     key = max(sizes, key=lambda each: sizes[each])
-    wheel, _, direction = key.rpartition(", ")
-    entry = f"{wheel} slides {direction} at {100.0 * sizes[key]:.2g} % of the robot's speed"
-    return Check(name, SHAPES, sizes[key], SLIDING, entry=entry, note=note)
+    return Check(name, SHAPES, sizes[key], SLIDING, entry=_told(key, sizes[key]), note=note)
 
 
 def _by_design(found: Slip) -> str:
     """Return what the drive's model lets slide, in words."""
-    if max(found.designed.values(), default=0.0) < NOTED:
-        return ""
-    key = max(found.designed, key=lambda each: found.designed[each])
-    share = 100.0 * found.designed[key]
-    return f"by the drive's model, {key}, slides at {share:.2g} % of the robot's speed"
+    key = max(found.designed, key=lambda each: found.designed[each], default="")
+    size = found.designed.get(key, 0.0)
+    return f"by the drive's model {_told(key, size)}" if size >= NOTED else ""
+
+
+def _told(key: str, size: float) -> str:
+    """Return how fast what slides; where it is too little to be told, what slides fastest."""
+    wheel, _, direction = key.rpartition(", ")
+    if size < NOTED:
+        return key
+    return f"{wheel} slides {direction} at {100.0 * size:.2g} % of the robot's speed"
 
 
 def _differences(drive: Drive, measured: Drive) -> dict[str, tuple[float, str]]:
-    """Return the numbers that differ by more than rounding: by how much, and both in words."""
+    """Return the numbers that differ: by how much, and, beyond rounding, both in words."""
     found = {}
     for (label, one), (_, other) in zip(quantities(drive), quantities(measured), strict=True):
         gap = np.abs(one - other)
         size = float(np.where(np.isfinite(gap), gap, np.inf).max())
+        found[label] = size, ""
         if not size <= PLACED:
             texts = (", ".join(f"{value:.6g}" for value in each) for each in (one, other))
             found[label] = size, " in the drive, ".join(texts)
