@@ -27,6 +27,12 @@ MARKS = (  # the longer before the shorter that it begins with
     (codecs.BOM_UTF16_BE, "utf-16"),
     (codecs.BOM_UTF8, "utf-8-sig"),
 )
+WIDE = {  # by which of the first four bytes are not zero
+    b"\1\0\1\0": "utf-16-le",
+    b"\0\1\0\1": "utf-16-be",
+    b"\1\0\0\0": "utf-32-le",
+    b"\0\0\0\1": "utf-32-be",
+}
 DECLARATION = re.compile(r"\s*<\?xml.*?\?>", re.DOTALL)
 TURNING = ("revolute", "continuous")
 SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
@@ -182,15 +188,8 @@ def _text(data: bytes) -> str:
     for mark, codec in MARKS:
         if data.startswith(mark):
             return data.decode(codec)
-    zeros = tuple(byte == 0 for byte in data[:4])
-    wide = {
-        (False, True, False, True): "utf-16-le",
-        (True, False, True, False): "utf-16-be",
-        (False, True, True, True): "utf-32-le",
-        (True, True, True, False): "utf-32-be",
-    }
     try:
-        return data.decode(wide.get(zeros, "utf-8"))
+        return data.decode(WIDE.get(bytes(byte > 0 for byte in data[:4]), "utf-8"))
     except UnicodeDecodeError:
         return data.decode("latin-1")
 

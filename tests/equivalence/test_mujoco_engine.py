@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
