@@ -112,7 +112,7 @@ def verify_command(
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
     certificate = certify(
-        load_robot(robot, drive, lock, density, strict, package_dir), samples, seed, wanted
+        load_robot(robot, drive, lock, density, strict, package_dir), samples, seed, wanted, strict
     )
     if html is not None:
         from rpctl.view.certificate import write_certificate

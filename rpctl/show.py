@@ -203,13 +203,18 @@ def show_certificate(certificate: Certificate) -> None:
             f"{check.limit:.0e}",
             escape(where),
         )
+    for check in certificate.declared:
+        table.add_row("[yellow]![/]", check.name, check.against, f"{check.residual:.1e}", "-",
+                      escape(check.entry))  # fmt: skip
     for skipped in certificate.skipped:
         table.add_row("[dim]-[/]", skipped.name, skipped.against, "-", "-", escape(skipped.note))
     out = console()
     out.print(table)
-    for check in certificate.checks:
+    for check in (*certificate.checks, *certificate.declared):
         if check.note:
-            out.print(f"[dim]note[/] {check.against}: {escape(check.note)}")
+            out.print(f"[dim]note[/] {check.name}, {check.against}: {escape(check.note)}")
+    if certificate.shared:
+        out.print(f"[yellow]shared by all derivations[/] {escape('; '.join(certificate.shared))}")
     if certificate.estimated_links:
         names = ", ".join(certificate.estimated_links)
         out.print(f"[yellow]estimated[/] mass and inertia of {escape(names)}")

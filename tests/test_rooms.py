@@ -12,6 +12,7 @@ import rpctl
 
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = [
+    "arrays",
     "errors",
     "files",
     "libraries",

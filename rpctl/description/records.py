@@ -8,11 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rpctl.arrays import Array as Array
 from rpctl.errors import Finding
-
-Array = NDArray[np.float64]
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
 
@@ -115,6 +113,8 @@ class Description:
         root: Name of the root link.
         findings: Warnings and remarks (errors raise instead).
         package_dirs: Folders that the user declares: packages, or folders that hold packages.
+        raw: The file's bytes as the user wrote them, or the text that a .xacro became; the proof
+            reads these, not ``xml``.
     """
 
     path: Path
@@ -126,6 +126,7 @@ class Description:
     joints: tuple[Joint, ...] = field(repr=False)
     findings: tuple[Finding, ...]
     package_dirs: tuple[Path, ...] = ()
+    raw: bytes = field(default=b"", repr=False)
 
     @cached_property
     def link(self) -> dict[str, Link]:

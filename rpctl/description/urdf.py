@@ -116,6 +116,7 @@ def _description(
         links=links,
         joints=joints,
         findings=tuple(findings.sorted()),
+        raw=data,
     )
 
 

@@ -53,8 +53,17 @@ class Skipped:
 class Certificate:
     """The outcome of :func:`rpctl.verify`: all checks of one robot.
 
-    ``estimated_links`` are those whose mass and inertia are estimates: the equations are right
-    for them, they need not be right for the robot.
+    Attributes:
+        robot: Its name.
+        samples: Number of random states.
+        seed: Their seed.
+        checks: The comparisons; each with its worst state.
+        skipped: Comparisons that were not made.
+        estimated_links: Links whose mass and inertia are estimates: the equations are right for
+            them, they need not be right for the robot.
+        declared: How far the user's own numbers are from the file's shapes; neither passed nor
+            failed, but with ``strict``, when they are among ``checks``.
+        shared: What no derivation found for itself, in phrases.
     """
 
     robot: str
@@ -63,6 +72,8 @@ class Certificate:
     checks: tuple[Check, ...]
     skipped: tuple[Skipped, ...] = ()
     estimated_links: tuple[str, ...] = ()
+    declared: tuple[Check, ...] = ()
+    shared: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -76,16 +87,20 @@ class Certificate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as plain values for JSON; an infinite residual is None."""
-        checks = []
-        for check in self.checks:
-            residual = check.residual if math.isfinite(check.residual) else None
-            checks.append({**asdict(check), "residual": residual, "passed": check.passed})
         return {
             "robot": self.robot,
             "passed": self.passed,
             "samples": self.samples,
             "seed": self.seed,
-            "checks": checks,
+            "checks": [_plain(check) for check in self.checks],
             "skipped": [asdict(each) for each in self.skipped],
             "estimated_links": list(self.estimated_links),
+            "declared": [_plain(check) for check in self.declared],
+            "shared": list(self.shared),
         }
+
+
+def _plain(check: Check) -> dict[str, Any]:
+    """Return a check as plain values; an infinite residual is None."""
+    residual = check.residual if math.isfinite(check.residual) else None
+    return {**asdict(check), "residual": residual, "passed": check.passed}

@@ -5,9 +5,9 @@
     a = J_v u̇ + a₀,    α = J_ω u̇ + α₀,
 
 so the Gibbs function G = Σ ½ m a·a + ½ α·Iα + α·(ω × Iω) is quadratic in u̇, and its gradient is
-the equation of motion ∂G/∂u̇ = M u̇ + h = Q. The tree comes from yourdfpy's reading of the URDF
-and is walked here with vectors in world axes; neither Pinocchio nor ``rpctl.dynamics`` is asked.
-Gravity enters as an upward acceleration of the ground.
+the equation of motion ∂G/∂u̇ = M u̇ + h = Q. The tree comes from yourdfpy's reading of the user's
+file and is walked here with vectors in world axes; neither Pinocchio nor ``rpctl.dynamics`` is
+asked. Gravity enters as an upward acceleration of the ground.
 
 The walk is written once for any scalar: floats (the oracle), SymPy symbols (the closed form of a
 small robot), CasADi symbols (generated code).
@@ -22,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.planar import base_motion
+from rpctl.equivalence.reading import Reading
 from rpctl.equivalence.tree import FLOATS, Body, Hinge, Scalars, Tree
 from rpctl.robot.model import Robot
 
@@ -87,14 +88,17 @@ class GibbsAppell:
     """The derivation for one robot.
 
     Args:
-        robot: The robot; its drive, locked joints and names are used, not its model.
+        robot: The robot; its names, roles and locked joints are used, not its model.
         scalars: What the numbers are made of.
+        reading: Its file; read anew if None.
     """
 
-    def __init__(self, robot: Robot, scalars: Scalars = FLOATS) -> None:
+    def __init__(
+        self, robot: Robot, scalars: Scalars = FLOATS, reading: Reading | None = None
+    ) -> None:
         self.robot = robot
         self.scalars = scalars
-        self.tree = Tree(robot, scalars)
+        self.tree = Tree(robot, scalars, reading)
 
     def reduced(self, q: Array, nu: Array) -> Terms:
         """Return the equations in the quasi-velocities, u = ν (dof,), wheels rolling."""
@@ -130,7 +134,7 @@ class GibbsAppell:
             positions: Positions of the joints, by name.
             nu: Quasi-velocities (dof,), of any scalar.
         """
-        n, drive, scalars = self.robot.dof, self.robot.drive, self.scalars
+        n, drive, scalars = self.robot.dof, self.tree.reading.drive, self.scalars
         speeds = np.asarray(nu)
         base = base_motion(self.tree, drive, positions, speeds)
         J_w, J_v = scalars.zeros((3, n)), R[:, :2] @ base.J[:2]

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
 from rpctl.equivalence.planar import Rate, following
+from rpctl.equivalence.reading import Reading, read
 from rpctl.equivalence.tree import FLOATS, Tree
 from rpctl.errors import RpctlError
 from rpctl.robot.drive import Wheel
@@ -62,7 +63,8 @@ class MujocoEngine:
     """The equations of one robot by MuJoCo.
 
     Args:
-        robot: The robot; its file, drive, locked joints and names are used, not its model.
+        robot: The robot; its names, roles and locked joints are used, not its model.
+        reading: Its file; read anew if None.
 
     Attributes:
         refused: Links that MuJoCo refuses, each with the reason.
@@ -72,17 +74,19 @@ class MujocoEngine:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, reading: Reading | None = None) -> None:
         self._mujoco: Any = import_module("mujoco")
         self._robot = robot
-        tree = MujocoModel(robot)
+        reading = reading or read(robot)
+        self._drive = reading.drive
+        tree = MujocoModel(robot, reading)
         self.refused, self.fused = tree.refused, tree.fused
         self._model, self._root, self._joints = tree.mjm, tree.root, tree.joints
         self._data = self._mujoco.MjData(self._model)
-        self._tree = Tree(robot, FLOATS)
+        self._tree = Tree(robot, FLOATS, reading)
         self._rows_of = self._numbered()
-        held = 3 if robot.drive.type == "fixed" else 0
-        self._constraints = len(robot.drive.wheels) + len(set(self._rows_of.values())) + held
+        held = 3 if self._drive.type == "fixed" else 0
+        self._constraints = len(self._drive.wheels) + len(set(self._rows_of.values())) + held
         self._always = self._constant_rows()
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
@@ -167,7 +171,7 @@ class MujocoEngine:
 
     def _directed(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
         """Yield a row, its direction (3,), the turning of it (nv,), J or J̇ (3, nv) of its point."""
-        drive, R = self._robot.drive, self._data.xmat[self._root].reshape(3, 3)
+        drive, R = self._drive, self._data.xmat[self._root].reshape(3, 3)
         turn, first = np.eye(self._robot.nv)[2], self._constraints
         for at, wheel in enumerate(drive.wheels):
             if wheel.swivel is None:
@@ -197,7 +201,7 @@ class MujocoEngine:
         centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
         linear, angular = self._jacobian(kind, centre, self._model.jnt_bodyid[joint])
         J = linear + np.cross(angular, wheel.radius * DOWN, axisa=0, axisc=0)
-        left = self._robot.drive.heading + 0.5 * math.pi
+        left = self._drive.heading + 0.5 * math.pi
         grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left))
         return J + self._base(kind, grip) - self._base(kind, (0.0, 0.0))
 
@@ -209,7 +213,7 @@ class MujocoEngine:
 
     def _following(self, q: Array, v: Array) -> Iterator[tuple[str, Rate]]:
         """Yield the swivels that follow others, and their rates as rows of v (nv,)."""
-        drive, identity = self._robot.drive, np.eye(self._robot.nv)
+        drive, identity = self._drive, np.eye(self._robot.nv)
         rates = {s.joint: Rate(identity[self._joints[s.joint]], 0.0) for s in drive.swivels}
         positions = {name: self._robot.joint_position(q, name) for name in rates}
         for swivel in drive.followers:
@@ -217,7 +221,7 @@ class MujocoEngine:
 
     def _numbered(self) -> dict[str, int]:
         """Return the rows of A by what they are of: after the wheels, P, swivels and mimics."""
-        drive = self._robot.drive
+        drive = self._drive
         names = ["P"] if drive.has_axle else []
         names += [s.joint for s in drive.swivels if s.shares is None]
         names += [f"mimic {joint.name}" for joint in self._robot.mimics]
@@ -232,7 +236,7 @@ class MujocoEngine:
 
     def _constant_rows(self) -> Array:
         """Return the rows of [A; W] that no motion changes: mimics, a held base, turn, joints."""
-        robot, drive, turn = self._robot, self._robot.drive, np.eye(self._robot.nv)[2]
+        robot, drive, turn = self._robot, self._drive, np.eye(self._robot.nv)[2]
         rows = np.zeros((self._constraints + robot.dof, robot.nv))
         speed = self._constraints
         for swivel in drive.swivels:
@@ -255,8 +259,9 @@ class MujocoEngine:
         for joint in robot.mimics:
             at = self._rows_of[f"mimic {joint.name}"] + 3 * (drive.type == "fixed")
             rows[at, self._joints[joint.name]] = 1.0
-            if joint.mimic is not None and joint.mimic.joint in self._joints:
-                rows[at, self._joints[joint.mimic.joint]] -= joint.mimic.multiplier
+            leader, factor = self._tree.leader(joint.name)
+            if leader in self._joints:
+                rows[at, self._joints[leader]] -= factor
         if drive.base_speeds and not drive.steered:
             rows[self._constraints + len(drive.base_speeds) - 1, 2] = 1.0
         own = [s.joint for s in drive.steered] + [joint.name for joint in robot.joints]

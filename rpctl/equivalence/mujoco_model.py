@@ -1,12 +1,14 @@
 """A robot's URDF as MuJoCo's model: rigid bodies on a planar base, and nothing else.
 
-MuJoCo reads the file's numbers. What is added: two slides and a hinge for the root link, locked
-joints made fixed, and the principal axes of inertia. Contacts, losses and limits are left out.
+MuJoCo reads the numbers of the user's file, as they are written there. What is added: two slides
+and a hinge for the root link, locked joints made fixed, and the principal axes of inertia.
+Contacts, losses and limits are left out.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
@@ -15,13 +17,17 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.description.records import Link
+from rpctl.equivalence.raw_file import RawFile, document
+from rpctl.equivalence.reading import Reading, read
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 OWN = "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
 GRAVITY = (0.0, 0.0, -9.81)  # m/s², as Pinocchio's default
 ROUNDING = 1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # entries of a symmetric matrix
 LEAST = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
 
 
@@ -60,7 +66,8 @@ class MujocoModel:
     """MuJoCo's ``MjModel`` of a robot.
 
     Args:
-        robot: The robot; its file and locked joints are used, not its Pinocchio model.
+        robot: The robot; names, locked positions and estimated inertias are used.
+        reading: Its file; read anew if None.
 
     Attributes:
         mjm: The ``MjModel``: qpos and qvel are x, y, turn of the root link, then the joints.
@@ -73,26 +80,27 @@ class MujocoModel:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, reading: Reading | None = None) -> None:
         self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
         self._robot = robot
+        self._raw = (reading or read(robot)).raw
         self.refused: tuple[str, ...] = ()
         self.fused: tuple[str, ...] = ()
         spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
         self._freeze(spec)
-        for head, poses in _rigid_bodies(robot).items():
+        for head, poses in _rigid_bodies(self._raw, robot.locked).items():
             self._give_inertia(spec, head, poses)
-        root = spec.body(OWN + robot.description.root)
+        root = spec.body(OWN + self._raw.root)
         kinds = self._mujoco.mjtJoint
         root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
         root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
         root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
         self.mjm = self._compiled(spec)
-        self.root = int(self.mjm.body(OWN + robot.description.root).id)
+        self.root = int(self.mjm.body(OWN + self._raw.root).id)
         self.joints = {
             joint.name: int(self.mjm.joint(joint.name).dofadr[0])
-            for joint in robot.description.joints
-            if joint.moving and joint.name not in robot.locked
+            for joint in self._raw.joints
+            if joint.type != "fixed" and joint.name not in robot.locked
         }
 
     def _compiled(self, spec: Any) -> Any:
@@ -111,9 +119,9 @@ class MujocoModel:
     def _freeze(self, spec: Any) -> None:
         """Move the bodies behind locked joints to where these are locked."""
         for name, position in self._robot.locked.items():
-            joint = self._robot.description.joint[name]
+            joint = self._raw.joint[name]
             body = spec.body(OWN + joint.child)
-            if joint.kind == "prismatic":
+            if joint.type == "prismatic":
                 body.pos = body.pos + self._rotation(body.quat) @ (position * joint.axis)
                 continue
             turn = np.array([math.cos(0.5 * position), *(math.sin(0.5 * position) * joint.axis)])
@@ -176,12 +184,20 @@ class MujocoModel:
 
 
 def _bare_urdf(robot: Robot) -> str:
-    """Return the URDF's links with their inertias, and its joints; locked joints are fixed."""
-    source = etree.fromstring(robot.description.xml)
+    """Return the file's links with their inertias, and its joints; locked joints are fixed.
+
+    An axis that the file leaves out is URDF's, (1, 0, 0): MuJoCo has another. An inertia that it
+    leaves out may be the robot's estimate.
+    """
+    source = document(robot.description.raw)
     bare = etree.Element("robot", name="robot")
+    estimated = robot.description.estimated_links
     for link in source.findall("link"):
-        copy = etree.SubElement(bare, "link", name=OWN + link.get("name"))
+        name = link.get("name")
+        copy = etree.SubElement(bare, "link", name=OWN + name)
         copy.extend(deepcopy(link.findall("inertial")[:1]))
+        if name in estimated:
+            copy.append(_estimate(robot.description.link[name]))
     for joint in source.findall("joint"):
         name = joint.get("name")
         kind = "fixed" if name in robot.locked else joint.get("type")
@@ -190,22 +206,33 @@ def _bare_urdf(robot: Robot) -> str:
             etree.SubElement(copy, end, link=OWN + joint.find(end).get("link"))
         for tag in ("origin", "axis"):
             copy.extend(deepcopy(joint.findall(tag)[:1]))
+        if joint.find("axis") is None:
+            etree.SubElement(copy, "axis", xyz="1 0 0")
     return str(etree.tostring(bare, encoding="unicode"))
 
 
-def _rigid_bodies(robot: Robot) -> dict[str, dict[str, Array]]:
+def _estimate(link: Link) -> Any:
+    """Return the <inertial> of a link whose inertia a density gave."""
+    inertial: Any = etree.Element("inertial")
+    etree.SubElement(inertial, "origin", xyz=" ".join(map(repr, link.com.tolist())))
+    etree.SubElement(inertial, "mass", value=repr(float(link.mass or 0.0)))
+    axes = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(link.inertia[i, j])) for i, j in UPPER}
+    etree.SubElement(inertial, "inertia", axes)
+    return inertial
+
+
+def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
     """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
-    description = robot.description
-    bodies = {description.root: {description.root: np.eye(4)}}
-    edge = [(description.root, description.root)]
+    bodies = {raw.root: {raw.root: np.eye(4)}}
+    edge = [(raw.root, raw.root)]
     while edge:
         link, head = edge.pop()
-        for joint in description.child_joints[link]:
-            if joint.moving and joint.name not in robot.locked:
+        for joint in raw.below[link]:
+            if joint.type != "fixed" and joint.name not in locked:
                 bodies[joint.child] = {joint.child: np.eye(4)}
                 edge.append((joint.child, joint.child))
             else:
-                pose = joint.motion(robot.locked.get(joint.name, 0.0))
+                pose = joint.motion(locked.get(joint.name, 0.0))
                 bodies[head][joint.child] = bodies[head][link] @ pose
                 edge.append((joint.child, head))
     return bodies

@@ -1,8 +1,7 @@
-"""The URDF's tree as yourdfpy reads it, its numbers turned into any kind of scalar."""
+"""The file's tree, read apart from ``description/``, its numbers turned into any scalar."""
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
-from rpctl.libraries import library
+from rpctl.arrays import Array
+from rpctl.equivalence.raw_file import RawInertial
+from rpctl.equivalence.reading import Reading, read
 from rpctl.robot.drive import Drive, Swivel, Wheel
 from rpctl.robot.model import Robot
 
@@ -123,26 +123,32 @@ class Tree:
     """The links with inertia and the joints below each link, by the links' names.
 
     Args:
-        robot: The robot; its description's XML is parsed anew.
+        robot: The robot; names, locked positions and estimated inertias are used.
         scalars: What the numbers become.
+        reading: Its file; read anew if None.
     """
 
-    def __init__(self, robot: Robot, scalars: Scalars) -> None:
-        yourdfpy = library("yourdfpy")
+    def __init__(self, robot: Robot, scalars: Scalars, reading: Reading | None = None) -> None:
         self.scalars = scalars
-        parsed = yourdfpy.URDF.load(
-            io.BytesIO(robot.description.xml.encode()), build_scene_graph=False, load_meshes=False
-        ).robot
-        self._mimics = {joint.name: joint.mimic for joint in parsed.joints if joint.mimic}
-        self.bodies = {link.name: self._body(link) for link in parsed.links if _resists(link)}
-        self.below: dict[str, list[Hinge]] = {link.name: [] for link in parsed.links}
-        for joint in parsed.joints:
+        self.reading = reading = reading or read(robot)
+        self._mimics = {joint.name: joint.mimic for joint in reading.joints if joint.mimic}
+        inertials = {link.name: link.inertial for link in reading.links}
+        for name in robot.description.estimated_links:
+            inertials[name] = _estimate(robot, name)
+        self.bodies = {n: self._body(n, each) for n, each in inertials.items() if _resists(each)}
+        self.below: dict[str, list[Hinge]] = {name: [] for name in inertials}
+        for joint in reading.joints:
             self.below[joint.parent].append(self._hinge(joint))
         hinges = [hinge for below in self.below.values() for hinge in below]
         self.moving = [hinge.name for hinge in hinges if hinge.kind != "fixed"]
         (self.root,) = self.below.keys() - {hinge.child for hinge in hinges}
-        drive = robot.drive
-        self.wheels = {wheel.joint: self._wheel(robot, wheel) for wheel in drive.wheels}
+        drive = reading.drive
+        poses = reading.raw.poses(robot.locked)
+        axles = {
+            wheel.joint: poses[reading.raw.joint[wheel.joint].child][:3, :3] @ wheel.axis
+            for wheel in drive.wheels
+        }
+        self.wheels = {w.joint: self._wheel(drive, w, axles[w.joint]) for w in drive.wheels}
         self.swivels = {swivel.joint: self._swivel(drive, swivel) for swivel in drive.swivels}
         ahead = (math.cos(drive.heading), math.sin(drive.heading), 0.0)
         self.forward = scalars.numbers(ahead, "direction", "")
@@ -160,11 +166,11 @@ class Tree:
         leader, factor = self._leader(joint)
         return leader, self.scalars.number(factor, "number", "")
 
-    def _wheel(self, robot: Robot, wheel: Wheel) -> Rolling:
-        number, left = self.scalars.number, robot.drive.heading + 0.5 * math.pi
+    def _wheel(self, drive: Drive, wheel: Wheel, axle: Array) -> Rolling:
+        """Return a wheel's rolling; ``axle`` (3,) is in the root link's frame."""
+        number, left = self.scalars.number, drive.heading + 0.5 * math.pi
         name, forward = wheel.joint, 1.0
         if wheel.swivel is not None:
-            axle = robot.description.pose(robot.description.joint[name].child)[:3, :3] @ wheel.axis
             forward = wheel.direction[0] * axle[1] - wheel.direction[1] * axle[0]
         grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left), 0.0)
         return Rolling(
@@ -190,15 +196,15 @@ class Tree:
             left=number(sum(offsets) / len(offsets), "length", f"lateral offset of {name}"),
         )
 
-    def _body(self, link: Any) -> Body:
-        inertial, numbers = link.inertial, self.scalars.numbers
+    def _body(self, name: str, inertial: Any) -> Body:
+        numbers = self.scalars.numbers
         origin = np.eye(4) if inertial.origin is None else inertial.origin
         inertia = np.zeros((3, 3)) if inertial.inertia is None else inertial.inertia
         return Body(
-            mass=self.scalars.number(float(inertial.mass or 0), "mass", f"mass of {link.name}"),
-            com=numbers(origin[:3, 3], "length", f"centre of mass of {link.name}"),
+            mass=self.scalars.number(float(inertial.mass or 0), "mass", f"mass of {name}"),
+            com=numbers(origin[:3, 3], "length", f"centre of mass of {name}"),
             R=numbers(origin[:3, :3], "direction", ""),
-            inertia=numbers(inertia, "inertia", f"inertia of {link.name}"),
+            inertia=numbers(inertia, "inertia", f"inertia of {name}"),
         )
 
     def _hinge(self, joint: Any) -> Hinge:
@@ -230,9 +236,15 @@ class Tree:
         return leader, factor
 
 
-def _resists(link: Any) -> bool:
-    """Return whether a link has a mass or an inertia."""
-    inertial = link.inertial
+def _estimate(robot: Robot, link: str) -> RawInertial:
+    """Return the inertia that a density gave a link without one: the robot's own."""
+    record, origin = robot.description.link[link], np.eye(4)
+    origin[:3, 3] = record.com
+    return RawInertial(float(record.mass or 0.0), origin, record.inertia)
+
+
+def _resists(inertial: Any) -> bool:
+    """Return whether an <inertial>, or None, has a mass or an inertia."""
     return inertial is not None and bool(inertial.mass or np.any(inertial.inertia))
 
 

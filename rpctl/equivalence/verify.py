@@ -11,8 +11,10 @@ import numpy as np
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.geometry import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.measure import EXACT
+from rpctl.equivalence.reading import Reading, read, shared
 from rpctl.equivalence.state import State, draw_state
 from rpctl.equivalence.trial import find_sizes, make_trial
 from rpctl.errors import RpctlError, UnknownNameError
@@ -27,10 +29,11 @@ BREAKDOWNS = (RpctlError, np.linalg.LinAlgError)
 
 @dataclass(frozen=True)
 class _Derivations:
-    """What is compared: the reduced dynamics, the oracle, and MuJoCo where it takes part."""
+    """What is compared: the dynamics, the oracle, the file's shapes, MuJoCo where it takes part."""
 
     dynamics: ReducedDynamics
     oracle: GibbsAppell
+    geometry: Geometry
     mujoco: MujocoEngine | None
 
 
@@ -40,8 +43,11 @@ def verify(
     seed: int = 0,
     engines: Sequence[str] = ENGINES,
     progress: Callable[[int], object] | None = None,
+    strict: bool = False,
 ) -> Certificate:
     """Compare the reduced dynamics with independent derivations at random states.
+
+    The derivations read the user's file for themselves; what they share is on the certificate.
 
     Args:
         robot: The robot.
@@ -50,6 +56,8 @@ def verify(
         engines: Other physics engines that take part (``"mujoco"``). One that is not installed, or
             that refuses the robot, has a row that says so.
         progress: Called with the number of states done.
+        strict: Whether numbers that the user declared fail where the file's shapes contradict
+            them; else the certificate tells by how much.
 
     Returns:
         The certificate; a comparison that is not finite fails.
@@ -59,8 +67,11 @@ def verify(
     """
     if samples < 1:
         raise RpctlError(f"{samples} samples prove nothing; give at least 1")
-    mujoco, absent = _engine(robot, engines)
-    derivations = _Derivations(ReducedDynamics(robot), GibbsAppell(robot), mujoco)
+    reading, dynamics = read(robot), ReducedDynamics(robot)
+    mujoco, absent = _engine(robot, reading, engines)
+    geometry = Geometry(dynamics, reading)
+    oracle = GibbsAppell(robot, reading=reading)
+    derivations = _Derivations(dynamics, oracle, geometry, mujoco)
     found: dict[tuple[str, str], Check] = {}
     for sample in range(samples):
         for check in _compare(derivations, draw_state(robot, seed, sample)):
@@ -69,8 +80,18 @@ def verify(
                 found[check.name, check.against] = replace(check, sample=sample)
         if progress is not None:
             progress(sample + 1)
-    estimated = robot.description.estimated_links
-    return Certificate(robot.name, samples, seed, tuple(found.values()), absent, estimated)
+    checks_made = (*geometry.record(), *found.values())
+    declared = () if strict else tuple(c for c in checks_made if c.name == DECLARED)
+    return Certificate(
+        robot=robot.name,
+        samples=samples,
+        seed=seed,
+        checks=tuple(check for check in checks_made if check not in declared),
+        skipped=(*geometry.skipped(), *absent),
+        estimated_links=robot.description.estimated_links,
+        declared=declared,
+        shared=shared(robot, reading),
+    )
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
@@ -100,6 +121,7 @@ def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
         yield from _computed("multipliers", checks.multipliers, dynamics, trial)
         yield from _computed("consistency", checks.consistent, dynamics, trial)
         yield from _computed("motion", checks.motion, dynamics, state)
+    yield from _computed(SHAPES, derivations.geometry.at, state)
     if mujoco is not None and sizes is not None:
         yield from _computed(checks.MUJOCO, checks.engine, dynamics, mujoco, sizes, state)
 
@@ -120,7 +142,7 @@ def _broken_down(group: str, error: Exception) -> Check:
 
 
 def _engine(
-    robot: Robot, engines: Sequence[str]
+    robot: Robot, reading: Reading, engines: Sequence[str]
 ) -> tuple[MujocoEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
     for name in engines:
@@ -133,7 +155,7 @@ def _engine(
     note = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
     if installed():
         try:
-            return MujocoEngine(robot), ()
+            return MujocoEngine(robot, reading), ()
         except EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)

@@ -9,6 +9,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.robot.drive import WITH_AXLE, Drive, Wheel
+from rpctl.robot.drive_file import DriveSpec
 from rpctl.robot.evidence import Evidence
 from rpctl.robot.roles import assign_roles
 from rpctl.robot.wheels import Candidate, leftward
@@ -50,7 +51,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     if kind == "skid-steer" and evidence.spec.track is not None:
         wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
         records = [
-            replace(record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left)))
+            record
+            if record.swivel is not None or record.slides
+            else replace(
+                record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left))
+            )
             for record, wheel in zip(records, wheels, strict=True)
         ]
     return Drive(
@@ -63,7 +68,17 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         swivels=swivels,
         evidence=_account(kind, evidence),
         doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
+        declared=_declared(evidence.spec),
     )
+
+
+def _declared(spec: DriveSpec) -> tuple[str, ...]:
+    """Return which numbers of the drive are the drive file's; see :attr:`Drive.declared`."""
+    wheels = spec.wheels.items()
+    radii = [f"radius of {name}" for name, wheel in wheels if wheel.radius is not None]
+    rollers = [f"direction of {name}" for name, wheel in wheels if wheel.roller is not None]
+    whole = [key for key in ("track", "point") if getattr(spec, key) is not None]
+    return (*radii, *rollers, *whole)
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
@@ -79,10 +94,21 @@ def _doubts(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _heading(kind: str, evidence: Evidence) -> float:
-    """Return the forward direction: across the axle of the fixed wheels, or of steered ones."""
+    """Return the forward direction in the root link's frame, rad.
+
+    It lies across the mean of the leftward unit axles (3,) of the fixed wheels that do not slide,
+    each turned the way of the first of the longest line: atan2(−Σ a_x, Σ a_y). Where all wheels are
+    steered it lies across the first one's axle. That of omni wheels is the root link's x axis.
+    """
+    if kind == "omni":
+        return 0.0
+    strays = _strays(kind, evidence)
+    held = [wheel.axle for wheel in evidence.fixed if wheel.joint.name not in strays]
     line = max(evidence.lines, key=len) if evidence.lines else evidence.steered[0].wheels
-    across = leftward(line[0].axle)
-    return 0.0 if kind == "omni" else math.atan2(-across[0], across[1]) + 0.0  # no negative zero
+    left = leftward(line[0].axle)
+    across = sum((axle * math.copysign(1.0, float(axle @ left)) for axle in held), np.zeros(3))
+    across = across if held else left
+    return math.atan2(-across[0], across[1]) + 0.0  # no negative zero
 
 
 def _point(kind: str, evidence: Evidence) -> Array:

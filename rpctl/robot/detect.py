@@ -48,7 +48,7 @@ def detect(
     evidence = gather(description, locked, candidates, spec)
     if spec.type is None and _arm(evidence, locked):
         return _fixed(evidence)
-    crossed = [] if spec.wheels else crosswise(description, evidence.standing.wheels)
+    crossed = [] if spec.wheels else crosswise(description, locked, evidence.standing.wheels)
     if crossed:
         raise DriveError(
             f"{description.path}: the joints of wheels turn across their cylinders' axles; give "

@@ -27,10 +27,11 @@ class Wheel:
 
     Attributes:
         joint: Name of its joint.
-        radius: m.
+        radius: m; of the shape that rolls, see :func:`rpctl.robot.wheel_size.wheel_size`.
         source: Where the radius came from.
         axis: Unit axle (3,) in the wheel joint's frame.
-        offset: Distance of the wheel's centre from the joint's origin along the axle, m.
+        offset: Distance of the wheel's centre from the joint's origin along the axle, m; of the
+            same shape as the radius.
         direction: Direction (x, y), in the root link's frame with all joints at 0, along which the
             contact point stands still: forward for an ordinary wheel, along the roller for a
             mecanum wheel, across the axle for an omni wheel.
@@ -101,13 +102,17 @@ class Drive:
         wheels: The wheels, front before rear and left before right, those of casters last.
         point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
             skid-steer drive its centre of rotation.
-        heading: Angle of the forward direction in the root link's frame, rad.
+        heading: Angle of the forward direction in the root link's frame, rad: across the mean of
+            the leftward unit axles of the fixed wheels that do not slide.
         track: Distance between the left and the right wheels' contact points, m; of a skid-steer
             drive the effective one.
         ground: Height of the ground in the root link's frame, m.
         swivels: The upright joints that carry wheels.
         evidence: How the drive was found, in sentences.
         doubts: What was assumed, and how to say otherwise, in sentences.
+        declared: Numbers that the user gave and no shape was asked for, as ``"radius of JOINT"``,
+            ``"direction of JOINT"`` (a roller's angle), ``"track"``, ``"point"``; or ``"drive"``
+            for all of them.
     """
 
     type: str
@@ -119,6 +124,7 @@ class Drive:
     swivels: tuple[Swivel, ...] = ()
     evidence: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    declared: tuple[str, ...] = ()
 
     @property
     def base_speeds(self) -> tuple[str, ...]:
@@ -157,7 +163,8 @@ class Drive:
             for w in values["wheels"]
         )
         swivels = (Swivel(**{**s, "pivot": tuple(s["pivot"])}) for s in values["swivels"])
-        rest = {key: tuple(values[key]) for key in ("point", "evidence", "doubts")}
+        listed = ("point", "evidence", "doubts", "declared")
+        rest = {key: tuple(values[key]) for key in listed if key in values}
         return Drive(**{**values, "wheels": tuple(wheels), "swivels": tuple(swivels), **rest})
 
 

@@ -89,6 +89,8 @@ def _load(
         drive = detect(description, locked, None if told is None else _specification(told))
         if strict:
             _refuse_doubts(path, [Finding("warning", None, doubt) for doubt in drive.doubts])
+    else:
+        drive = replace(drive, declared=("drive",))
     model = build(description, locked)
     rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
     joints = tuple(

@@ -9,12 +9,12 @@ import numpy as np
 
 from rpctl.description.records import Array, Description, Joint, Shape
 from rpctl.robot.standing import TOUCH, TOUCH_SHARE, lowest
+from rpctl.robot.wheel_size import round_parts
 from rpctl.robot.wheels import (
     AXLE_TILT,
     Candidate,
     mostly_left,
     root_axis,
-    round_shapes,
     turns,
     upright,
 )
@@ -72,7 +72,11 @@ def advise_mimics(description: Description, locked: Mapping[str, float]) -> list
         if joint.mimic is None or not turns(joint) or joint.name in locked:
             continue
         upheld = all(upright(description, locked, c) for c in _carriers(description, locked, joint))
-        if upheld and _level(description, locked, joint) and round_shapes(description, joint):
+        if (
+            upheld
+            and _level(description, locked, joint)
+            and round_parts(description, locked, joint)
+        ):
             told.append(
                 f'"{joint.name}" mimics "{joint.mimic.joint}", so it is taken for no wheel; if it '
                 f"stands on the ground, take its <mimic> out (line {joint.line})"
@@ -80,7 +84,9 @@ def advise_mimics(description: Description, locked: Mapping[str, float]) -> list
     return told
 
 
-def crosswise(description: Description, candidates: tuple[Candidate, ...]) -> list[str]:
+def crosswise(
+    description: Description, locked: Mapping[str, float], candidates: tuple[Candidate, ...]
+) -> list[str]:
     """Return what to write where a wheel's joint turns across its cylinder's axle.
 
     A URDF without an <axis> has (1 0 0), wherever the wheel points.
@@ -88,7 +94,7 @@ def crosswise(description: Description, candidates: tuple[Candidate, ...]) -> li
     told = []
     for candidate in candidates:
         joint = candidate.joint
-        if round_shapes(description, joint):
+        if round_parts(description, locked, joint):
             continue
         for shape in _shapes(description, joint):
             axle = candidate.frame @ shape.origin[:3, 2]
@@ -123,11 +129,11 @@ def _hung_wheels(description: Description, locked: Mapping[str, float]) -> dict[
         if not moving or not level or _carries(description, joint):
             continue
         sliding = len(moving) == 1 and moving[0].kind == "prismatic"
-        shapes = round_shapes(description, joint)
-        if shapes:
+        parts = round_parts(description, locked, joint)
+        if parts:
             bottom = lowest(description, locked, joint.child)
-            sliding = sliding and bottom - floor <= 2.0 * shapes[0][0].size[0]
-        if _called_wheel(joint) or (sliding and shapes):
+            sliding = sliding and bottom - floor <= 2.0 * parts[0].shape.size[0]
+        if _called_wheel(joint) or (sliding and parts):
             for carrier in moving:
                 found.setdefault(carrier.name, []).append(joint.name)
     return found

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.description import mesh_files
-from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.records import Array, Description, Joint, Shape
+from rpctl.description.mesh_paths import MeshPaths
+from rpctl.description.records import Array, Description, Joint
 from rpctl.robot.drive_file import WheelSpec
+from rpctl.robot.wheel_size import round_parts, wheel_size
 
 AXLE_TILT = 0.02  # sine of the largest angle between a wheel axle and the ground (CAD rounding)
 AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, of that between the wheels
-SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
-EVEN = 0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
 
 
 @dataclass(frozen=True)
@@ -86,14 +83,14 @@ def find_candidates(
         axle = pose[:3, :3] @ joint.axis
         if abs(axle[2]) > AXLE_TILT:
             continue
-        size = _size(description, joint, paths)
+        size = wheel_size(description, locked, joint, paths)
         given = told.get(joint.name, WheelSpec()).radius
         if given is not None:
             size = size._replace(radius=given, source="drive file", uneven="")
         swivel = carriers[0] if carriers else None
         place = (pose[:3, 3], axle, pose[:3, :3])
-        shapes = round_shapes(description, joint)
-        ball = bool(shapes) and all(shape.kind == "sphere" for shape, _ in shapes)
+        parts = round_parts(description, locked, joint)
+        ball = bool(parts) and all(part.shape.kind == "sphere" for part in parts)
         found.append(
             Candidate(
                 joint, *place, swivel, size.radius, size.source, size.offset, ball, size.uneven
@@ -157,65 +154,3 @@ def mostly_left(axle: Array) -> float:
 def leftward(axle: Array) -> Array:
     """Return an axle (3,), turned round where it points right."""
     return axle * math.copysign(1.0, mostly_left(axle))
-
-
-def round_shapes(description: Description, joint: Joint) -> list[tuple[Shape, str]]:
-    """Return the shapes of a wheel that are round about its axle, collision before visual."""
-    link = description.link[joint.child]
-    shapes = [(s, "collision") for s in link.collisions] + [(s, "visual") for s in link.visuals]
-    return [
-        (shape, role)
-        for shape, role in shapes
-        if shape.kind == "sphere"
-        or (
-            shape.kind in ("cylinder", "capsule")
-            and np.linalg.norm(np.cross(shape.origin[:3, 2], joint.axis)) <= SHAPE_TILT
-        )
-    ]
-
-
-class _Size(NamedTuple):
-    """What a wheel's shapes tell of it; without a radius the source says why no mesh does."""
-
-    radius: float | None  # m
-    source: str
-    offset: float  # of its centre along the axle, m
-    uneven: str = ""  # see Candidate
-
-
-def _size(description: Description, joint: Joint, paths: MeshPaths) -> _Size:
-    """Return the size of a wheel, from a primitive shape or the bounds of a mesh."""
-    shapes = round_shapes(description, joint)
-    if shapes:
-        offset = float(shapes[0][0].origin[:3, 3] @ joint.axis)
-        widest, role = max(shapes, key=lambda item: item[0].size[0])
-        return _Size(widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset)
-    link = description.link[joint.child]
-    reason = ""
-    for role, shapes_of in (("collision", link.collisions), ("visual", link.visuals)):
-        for shape in shapes_of:
-            if shape.kind != "mesh":
-                continue
-            try:
-                across, offset = _bounds(shape, joint.axis, paths)
-            except MeshError as error:
-                reason = f'mesh "{shape.mesh}" {error}'
-                continue
-            # Half of the widest extent is the reach, which a tread's lugs do not tilt.
-            narrow, wide = sorted(across.tolist())
-            uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < EVEN * wide else ""
-            source = f"bounds of the {role} mesh, line {shape.line}"
-            return _Size(0.5 * wide, source, offset, uneven)
-    return _Size(None, reason, 0.0)
-
-
-def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> tuple[Array, float]:
-    """Return a mesh's two extents (2,) across an axis, and its middle along it, m."""
-    surfaces = mesh_files.read(paths.resolve(str(shape.mesh)))
-    points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
-    points = points @ shape.origin[:3, :3].T + shape.origin[:3, 3]
-    along = points @ axis
-    first = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    first /= np.linalg.norm(first)
-    across = points @ np.column_stack([first, np.cross(axis, first)])
-    return np.ptp(across, axis=0), 0.5 * float(along.min() + along.max())

@@ -19,7 +19,7 @@ table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nu
 th { text-align: left; color: var(--soft); font-weight: 600; }
 th, td { padding: 6px 10px; border-bottom: 1px solid var(--line); vertical-align: top; }
 td:nth-child(3) { white-space: nowrap; }
-.estimated { margin: 14px 10px; color: var(--soft); overflow-wrap: anywhere; }
+.remark { margin: 14px 10px; color: var(--soft); overflow-wrap: anywhere; }
 .wide { overflow-x: auto; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }
 """
@@ -38,7 +38,7 @@ PAGE = """<!doctype html>
 <thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
 <tbody>
 {rows}
-</tbody></table></div>{estimated}</main>
+</tbody></table></div>{remarks}</main>
 </body>
 </html>
 """
@@ -61,8 +61,14 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
         style=style + STYLE,
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
-        estimated=_estimates(certificate.estimated_links),
-        rows="\n".join([*map(_row, certificate.checks), *map(_gap, certificate.skipped)]),
+        remarks=_estimates(certificate.estimated_links) + _shared(certificate.shared),
+        rows="\n".join(
+            [
+                *map(_row, certificate.checks),
+                *map(_declared, certificate.declared),
+                *map(_gap, certificate.skipped),
+            ]
+        ),
     )
     return write_atomically(path, page.encode())
 
@@ -72,7 +78,14 @@ def _estimates(links: Sequence[str]) -> str:
     if not links:
         return ""
     text = f"Estimated, at a density, not given by the URDF: mass and inertia of {', '.join(links)}"
-    return f'<p class="estimated">{escape(text)}.</p>'
+    return f'<p class="remark">{escape(text)}.</p>'
+
+
+def _shared(phrases: Sequence[str]) -> str:
+    """Return the sentence on what no derivation found for itself, or nothing."""
+    if not phrases:
+        return ""
+    return f'<p class="remark">Shared by all derivations: {escape("; ".join(phrases))}.</p>'
 
 
 def _row(check: Check) -> str:
@@ -80,6 +93,12 @@ def _row(check: Check) -> str:
     where = f"{check.entry}, sample {check.sample}" if check.residual > 0 else ""
     cells = (check.name, check.against, shown, "; ".join(filter(None, (where, check.note))))
     return _cells(*cells)
+
+
+def _declared(check: Check) -> str:
+    return _cells(
+        check.name, check.against, f"{check.residual:.1e}, declared", f"{check.entry}; {check.note}"
+    )
 
 
 def _gap(skipped: Skipped) -> str:

@@ -52,6 +52,35 @@ def test_forward_follows_the_axle(tmp_path: Path) -> None:
     assert drive.wheels[0].joint == "left_joint"
 
 
+def test_the_heading_is_across_the_mean_of_the_axles(tmp_path: Path) -> None:
+    """An axle turned by ψ rolls along ψ: the mean of two unit vectors halves their angle."""
+    toe = math.radians(0.8)
+    for left, right, heading in (
+        (toe, 0.0, 0.5 * toe),
+        (0.0, toe, 0.5 * toe),
+        (toe, -toe, 0.0),
+        (toe + math.pi, 0.0, 0.5 * toe),  # an axis that points right tells the same axle
+        (toe, math.pi, 0.5 * toe),
+    ):
+        text = GOOD
+        for angle in (left, right):
+            axis = f'<axis xyz="{-math.sin(angle)!r} {math.cos(angle)!r} 0" />'
+            text = text.replace('<axis xyz="0 1 0"/>', axis, 1)
+        drive = load(tmp_path, text).drive
+        assert drive.heading == pytest.approx(heading, abs=1e-15)
+        ahead = (math.cos(heading), math.sin(heading))
+        assert all(wheel.direction == pytest.approx(ahead, abs=1e-15) for wheel in drive.wheels)
+
+
+def test_wheels_that_slide_along_have_no_say_in_the_heading(tmp_path: Path) -> None:
+    stray = GOOD[GOOD.index('<link name="left_wheel">') : GOOD.index('<link name="right_wheel">')]
+    stray = stray.replace("left_", "stray_").replace('xyz="0 0.75', 'xyz="-0.9 0')
+    stray = stray.replace('<axis xyz="0 1 0"/>', '<axis xyz="-0.01 1 0"/>')
+    drive = load(tmp_path, GOOD.replace("</robot>", f"{stray}</robot>")).drive
+    assert [wheel.slides for wheel in drive.wheels] == [False, False, True]
+    assert drive.heading == 0.0
+
+
 def test_radius_from_the_axle_height_without_shapes(tmp_path: Path) -> None:
     head, _, rest = GOOD.partition("<collision>")
     bare = head + rest.partition("</collision>")[2]

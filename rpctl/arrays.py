@@ -1,0 +1,8 @@
+"""``Array``: the one type of every vector and matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]

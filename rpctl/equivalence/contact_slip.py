@@ -1,0 +1,215 @@
+"""What really slips: the velocity of each wheel's lowest point, followed through the user's file.
+
+The motion v = S ν is of the dynamics under test; everything else is of the file: wheels as drawn
+(:mod:`rpctl.equivalence.file_drive`), frames, axes, and a walk from the root link to each wheel,
+
+    v_c = v + ω × p + Σ q̇_i a_i × (p − o_i)   over the joints on the way,
+
+for the material point p below the wheel's centre. Slip is relative to the robot's speed, which is
+that of the fastest of its wheels' centres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.equivalence.file_drive import ONE_LINE, ROUNDING
+from rpctl.equivalence.raw_file import TURNING, RawFile
+from rpctl.robot.drive import Drive, Wheel
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class FileMotion:
+    """A robot in motion, as its file places it; all in the root link's axes.
+
+    Attributes:
+        raw: The file.
+        drive: Its drive, measured on it.
+        positions: Positions of the joints, rad or m.
+        twist: Velocity of the root link (x, y, turn), m/s and rad/s.
+        rates: Rates of the joints, rad/s or m/s.
+        poses: Poses (4, 4) of the links.
+    """
+
+    raw: RawFile
+    drive: Drive
+    positions: Mapping[str, float]
+    twist: Array
+    rates: Mapping[str, float]
+    poses: Mapping[str, Array]
+
+    def velocity(self, link: str, point: Array) -> Array:
+        """Return the velocity (3,) of a point of a link."""
+        vx, vy, turn = self.twist
+        velocity = np.array([vx - turn * point[1], vy + turn * point[0], 0.0])
+        for joint in self.raw.chain(link):
+            rate, pose = self.rates.get(joint.name, 0.0), self.poses[joint.child]
+            axis = pose[:3, :3] @ joint.axis
+            arm = np.cross(axis, point - pose[:3, 3]) if joint.type in TURNING else axis
+            velocity = velocity + rate * arm
+        return velocity
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """A wheel in motion.
+
+    Attributes:
+        wheel: The wheel.
+        centre: Its centre (3,), m.
+        ahead: Unit direction (3,) in which it rolls when it turns about its axle.
+        left: To the left of that (3,).
+        slip: Velocity (3,) of its lowest point, m/s.
+        speed: Of its centre, m/s.
+        rim: Its rate times its radius, m/s.
+    """
+
+    wheel: Wheel
+    centre: Array
+    ahead: Array
+    left: Array
+    slip: Array
+    speed: float
+    rim: float
+
+
+@dataclass(frozen=True)
+class Slip:
+    """What slips at one state.
+
+    Attributes:
+        speed: The robot's speed, m/s.
+        held: Slip where the ground holds, by wheel and direction, relative to the speed.
+        designed: Slip that the drive's model lets be, likewise.
+        base: The base's own quasi-velocities as the file's places make them, by name.
+    """
+
+    speed: float
+    held: Mapping[str, float]
+    designed: Mapping[str, float]
+    base: Mapping[str, float]
+
+
+def slip(motion: FileMotion) -> Slip:
+    """Return what slips.
+
+    The ground holds a wheel along its heading and sideways; a roller, an omni wheel and one that
+    slides in one direction only. Sideways one constraint keeps P: axles off it slide, as those of a
+    skid-steer drive do. Swivels that share a lateral force are held sideways on average.
+    """
+    drive, wheels = motion.drive, [_rolling(motion, wheel) for wheel in motion.drive.wheels]
+    speed = max((each.speed for each in wheels), default=0.0)
+    held: dict[str, float] = {}
+    designed: dict[str, float] = {}
+    for each in wheels:
+        held[f"{each.wheel.joint}, {_rolls(drive, each)}"] = float(_along(drive, each) @ each.slip)
+        if not _has_rollers(drive, each.wheel):
+            found = held if _held_sideways(drive, each) else designed
+            found[f"{each.wheel.joint}, sideways"] = float(each.left @ each.slip)
+    held |= _on_average(drive, wheels)
+    if drive.has_axle:
+        held["P, sideways"] = float(_left(drive) @ motion.velocity(motion.raw.root, _point(drive)))
+    scaled = [{k: abs(x) / (speed or 1.0) for k, x in each.items()} for each in (held, designed)]
+    return Slip(speed, *scaled, _base_speeds(motion, wheels))
+
+
+def _base_speeds(motion: FileMotion, wheels: Sequence[Rolling]) -> dict[str, float]:
+    """Return the base's own quasi-velocities: v, of P or the first steered wheels; vx, vy; ω."""
+    drive, (vx, vy, turn) = motion.drive, motion.twist
+    ahead = np.cross(_left(drive), UP)
+    values = {"vx": vx, "vy": vy, "omega": turn}
+    values["v"] = ahead @ motion.velocity(motion.raw.root, _point(drive))
+    if drive.steered and not drive.has_axle:
+        first = drive.steered[0]
+        angle = first.heading + first.sign * motion.positions[first.joint]
+        ahead = np.array([math.cos(angle), math.sin(angle), 0.0])
+        carried = [each for each in wheels if each.wheel.swivel == first.joint]
+        values["v"] = np.mean([np.sign(each.ahead @ ahead) * each.rim for each in carried])
+    return {name: float(values[name]) for name in drive.base_speeds if name in values}
+
+
+def _rolling(motion: FileMotion, wheel: Wheel) -> Rolling:
+    joint = motion.raw.joint[wheel.joint]
+    pose = motion.poses[joint.child]
+    axle = pose[:3, :3] @ joint.axis
+    centre = pose[:3, 3] + wheel.offset * axle
+    down = (UP @ axle) * axle - UP
+    contact = centre + wheel.radius * down / np.linalg.norm(down)
+    slipping = motion.velocity(joint.child, contact)
+    if wheel.shift and wheel.swivel is None:  # a declared track: it grips so far to its left
+        slipping = slipping - motion.twist[2] * wheel.shift * np.cross(_left(motion.drive), UP)
+    ahead = np.cross(axle, UP) / np.linalg.norm(np.cross(axle, UP))
+    return Rolling(
+        wheel=wheel,
+        centre=centre,
+        ahead=ahead,
+        left=np.cross(UP, ahead),
+        slip=slipping,
+        speed=float(np.linalg.norm(motion.velocity(joint.parent, centre)[:2])),
+        rim=motion.rates[wheel.joint] * wheel.radius,
+    )
+
+
+def _has_rollers(drive: Drive, wheel: Wheel) -> bool:
+    return drive.type in ("mecanum", "omni") and wheel.swivel is None and not wheel.slides
+
+
+def _rolls(drive: Drive, each: Rolling) -> str:
+    on_roller = drive.type == "mecanum" and _has_rollers(drive, each.wheel)
+    return "along its roller" if on_roller else "forward"
+
+
+def _along(drive: Drive, each: Rolling) -> Array:
+    """Return the direction (3,) in which the ground holds a wheel, whatever else slides."""
+    if drive.type == "mecanum" and _has_rollers(drive, each.wheel):
+        return np.array([*each.wheel.direction, 0.0])
+    return each.ahead
+
+
+def _held_sideways(drive: Drive, each: Rolling) -> bool:
+    """Return whether the ground holds a wheel sideways, by itself."""
+    if each.wheel.slides:
+        return False
+    if each.wheel.swivel is not None:
+        return not _sharing(drive, each.wheel.swivel)
+    arm = each.centre - _point(drive)
+    abreast = abs(float(arm @ np.cross(_left(drive), UP)))
+    return abreast <= ONE_LINE * float(np.linalg.norm(arm[:2])) + ROUNDING
+
+
+def _on_average(drive: Drive, wheels: Sequence[Rolling]) -> dict[str, float]:
+    """Return the mean sideways velocity of swivels that share a lateral force, m/s."""
+    groups: dict[tuple[str, ...], dict[str, float]] = {}
+    for each in wheels:
+        group = _sharing(drive, each.wheel.swivel)
+        if group:
+            side = math.copysign(1.0, float(each.left @ _left(drive)))
+            groups.setdefault(group, {})[str(each.wheel.swivel)] = side * float(
+                each.left @ each.slip
+            )
+    return {
+        f"{' and '.join(group)}, sideways on average": float(np.mean(list(parts.values())))
+        for group, parts in groups.items()
+    }
+
+
+def _sharing(drive: Drive, swivel: str | None) -> tuple[str, ...]:
+    """Return the swivels that share a lateral force with one; nothing if it has its own."""
+    leader = {each.joint: each.shares or each.joint for each in drive.swivels}
+    group = tuple(name for name in leader if leader[name] == leader.get(swivel or ""))
+    return group if len(group) > 1 else ()
+
+
+def _left(drive: Drive) -> Array:
+    return np.array([-math.sin(drive.heading), math.cos(drive.heading), 0.0])
+
+
+def _point(drive: Drive) -> Array:
+    return np.array([*drive.point, 0.0])

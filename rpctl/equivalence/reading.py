@@ -1,0 +1,105 @@
+"""What the derivations are told of a robot: its file read anew, and names.
+
+The bytes are the user's (a .xacro's are its expansion). Links and joints come from yourdfpy, or,
+where it cannot read the file, from :mod:`rpctl.equivalence.raw_file`; the drive's geometry from
+:mod:`rpctl.equivalence.file_drive`.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+from rpctl.equivalence.file_drive import measure, with_declared
+from rpctl.equivalence.raw_file import RawFile, read_file
+from rpctl.libraries import library
+from rpctl.robot.drive import Drive
+from rpctl.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A robot's file as the derivations read it.
+
+    Attributes:
+        raw: Names, frames and shapes by the minimal reader.
+        links: Links with ``name`` and ``inertial``, as yourdfpy has them.
+        joints: Joints with ``name``, ``type``, ``parent``, ``child``, ``origin``, ``axis`` and
+            ``mimic``.
+        yourdfpy: Whether yourdfpy read the links and joints; else the minimal reader did.
+        measured: The drive with its geometry measured on the file's shapes.
+        drive: The same with the numbers that the user declared.
+        shapeless: Wheels without a shape, whose radius is the record's.
+    """
+
+    raw: RawFile
+    links: tuple[Any, ...]
+    joints: tuple[Any, ...]
+    yourdfpy: bool
+    measured: Drive
+    drive: Drive
+    shapeless: tuple[str, ...]
+
+
+def read(robot: Robot) -> Reading:
+    """Return a robot's file, read anew.
+
+    Args:
+        robot: The robot; of it only its bytes, names, roles and locked positions are used, and
+            what :func:`shared` lists.
+    """
+    data = robot.description.raw
+    raw = read_file(data)
+    parsed = _by_yourdfpy(data, raw)
+    measured, shapeless = measure(robot, raw)
+    return Reading(
+        raw=raw,
+        links=raw.links if parsed is None else tuple(parsed.links),
+        joints=raw.joints if parsed is None else tuple(parsed.joints),
+        yourdfpy=parsed is not None,
+        measured=measured,
+        drive=with_declared(measured, robot.drive),
+        shapeless=shapeless,
+    )
+
+
+def shared(robot: Robot, reading: Reading) -> tuple[str, ...]:
+    """Return what no derivation found for itself, each as a phrase."""
+    drive, told = robot.drive, []
+    if robot.description.path.suffix == ".xacro":
+        told.append("the expansion of the .xacro")
+    estimated = robot.description.estimated_links
+    if estimated:
+        told.append(f"estimated inertias of {', '.join(estimated)}")
+    if "drive" in drive.declared:
+        told.append("the drive, given as a whole")
+    elif drive.declared:
+        told.append(f"declared {', '.join(drive.declared)}")
+    if reading.shapeless:
+        told.append(f"radius of {', '.join(reading.shapeless)}, which have no shape")
+    return tuple(told)
+
+
+def _by_yourdfpy(data: bytes, raw: RawFile) -> Any:
+    """Return the robot as yourdfpy reads it, or None where it cannot.
+
+    It drops what it does not understand without a word, so the names must be all there.
+    """
+    quiet = logging.getLogger("yourdfpy")
+    before, quiet.disabled = quiet.disabled, True
+    try:
+        parsed = library("yourdfpy").URDF.load(
+            io.BytesIO(data), build_scene_graph=False, load_meshes=False
+        ).robot  # fmt: skip
+    except Exception:  # it raises whatever its reading runs into
+        return None
+    finally:
+        quiet.disabled = before
+    links = {link.name: link.inertial is not None for link in parsed.links}
+    joints = {joint.name: (joint.type, joint.parent, joint.child) for joint in parsed.joints}
+    whole = links == {link.name: link.inertial is not None for link in raw.links} and joints == {
+        joint.name: (joint.type, joint.parent, joint.child) for joint in raw.joints
+    }
+    return parsed if whole else None
