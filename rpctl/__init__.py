@@ -18,7 +18,7 @@ from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.checks import draw_state
+from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.robot.drive import Drive, Wheel

@@ -11,10 +11,12 @@ import numpy as np
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Certificate, Check, Skipped
-from rpctl.equivalence.checks import State, draw_state
-from rpctl.equivalence.geometry import DECLARED, Geometry
+from rpctl.equivalence.geometry import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.measure import EXACT
 from rpctl.equivalence.reading import Reading, read, shared
+from rpctl.equivalence.state import State, draw_state
+from rpctl.equivalence.trial import find_sizes, make_trial
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco",)
+BREAKDOWNS = (RpctlError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
@@ -92,18 +95,50 @@ def verify(
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
-    dynamics, oracle = derivations.dynamics, derivations.oracle
+    """Make every comparison that can be made at a state.
+
+    Where a group of them breaks down, the rows that follow in the group are not there; one that
+    fails is there in their place, with the reason.
+    """
+    dynamics, oracle, mujoco = derivations.dynamics, derivations.oracle, derivations.mujoco
+    yield from _computed("full tree", checks.full_tree, dynamics.robot, oracle, state)
+    terms = sizes = trial = None
     try:
-        yield from checks.full_tree(dynamics.robot, oracle, state)
         terms = oracle.reduced(state.q, state.nu)
-        yield from checks.reduced(dynamics, oracle, terms, state)
-        yield from checks.multipliers(dynamics, state)
-        yield from checks.consistent(dynamics, state)
-        yield from derivations.geometry.at(state)
-        if derivations.mujoco is not None:
-            yield from checks.engine(dynamics, terms, derivations.mujoco, state)
-    except (RpctlError, np.linalg.LinAlgError) as error:
-        yield Check("computed", "finite numbers", np.inf, checks.EXACT, entry=str(error))
+    except BREAKDOWNS as error:
+        yield _broken_down("Gibbs-Appell equations", error)
+    try:
+        sizes = find_sizes(dynamics, state, None if terms is None else terms.h_size)
+        trial = make_trial(dynamics, state, sizes)
+    except BREAKDOWNS as error:
+        yield _broken_down("reduced dynamics", error)
+    if terms is not None and sizes is not None:
+        yield from _computed("comparison", checks.reduced, dynamics, oracle, terms, sizes, state)
+    if sizes is not None:
+        yield from _computed("Coriolis terms", checks.coriolis, dynamics, sizes, state)
+    yield from _computed("M", checks.definite, dynamics, state)
+    if trial is not None:
+        yield from _computed("multipliers", checks.multipliers, dynamics, trial)
+        yield from _computed("consistency", checks.consistent, dynamics, trial)
+        yield from _computed("motion", checks.motion, dynamics, state)
+    yield from _computed(SHAPES, derivations.geometry.at, state)
+    if mujoco is not None and sizes is not None:
+        yield from _computed(checks.MUJOCO, checks.engine, dynamics, mujoco, sizes, state)
+
+
+def _computed(
+    group: str, compare: Callable[..., Iterator[Check]], *arguments: object
+) -> Iterator[Check]:
+    """Yield the rows of a group as far as they can be computed."""
+    try:
+        yield from compare(*arguments)
+    except BREAKDOWNS as error:
+        yield _broken_down(group, error)
+
+
+def _broken_down(group: str, error: Exception) -> Check:
+    """Return the row that says why a group of comparisons broke down; it fails."""
+    return Check("computed", group, np.inf, EXACT, entry=str(error))
 
 
 def _engine(

@@ -1,0 +1,133 @@
+"""``Trial``: a random state under random efforts, and what rounding may do there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.description.records import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.state import State
+from rpctl.errors import RpctlError
+
+HELD = 1e-9  # of the largest: below it a direction of τ moves nothing that the others do not
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large the products are that the equations are summed from: rounding is EPS of them.
+
+    Attributes:
+        inertia: Of M, |S|ᵀ |M_full| |S| (dof, dof).
+        bias: Of h (dof,).
+        force: What residuals of h are relative to, N·m or N: the largest product of the oracle's.
+    """
+
+    inertia: Array
+    bias: Array
+    force: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A state under random efforts.
+
+    Attributes:
+        state: The random state.
+        tau: Actuator efforts τ (n_act,), N·m or N.
+        nu_dot: ν̇ (dof,) under them.
+        size: Size of the products that v̇ (nv,) is made of: |S| |M⁻¹| times those of M ν̇, h and
+            B τ. Over |v̇| it is the condition of this very v̇. cond M is not: units alone make it
+            large, and it knows nothing of a gravity that cancels.
+    """
+
+    state: State
+    tau: Array
+    nu_dot: Array
+    size: Array
+
+
+def find_sizes(dynamics: ReducedDynamics, state: State, bias: Array | None) -> Sizes:
+    """Return the sizes at a state.
+
+    Args:
+        dynamics: The reduced dynamics.
+        state: The state.
+        bias: Size of h (dof,) as the oracle knows it, or None where it broke down.
+    """
+    robot, q, nu, S = dynamics.robot, state.q, state.nu, dynamics.basis(state.q)
+    data, drift = robot.model.createData(), dynamics.basis_drift(q, nu)
+    force = np.abs(S).T @ np.abs(pin.rnea(robot.model, data, q, S @ nu, drift))
+    inertia = np.abs(S).T @ np.abs(pin.crba(robot.model, data, q)) @ np.abs(S)
+    known = force if bias is None else bias
+    return Sizes(inertia, np.maximum(force, known), float(known.max()) or 1.0)
+
+
+def make_trial(dynamics: ReducedDynamics, state: State, sizes: Sizes) -> Trial:
+    """Return the trial of a state."""
+    q, S = state.q, np.abs(dynamics.basis(state.q))
+    tau = efforts(dynamics, q, state.nu, state.push)
+    nu_dot = dynamics.forward(q, state.nu, tau)
+    forces = sizes.inertia @ np.abs(nu_dot) + sizes.bias
+    forces += np.abs(dynamics.actuation(q)) @ np.abs(tau)
+    return Trial(state, tau, nu_dot, S @ (inverse_size(dynamics.inertia(q)) @ forces))
+
+
+def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, push: Array) -> Array:
+    """Return efforts τ (n_act,) of moderate accelerations, whatever is driven.
+
+    B is not inverted, so robots with fewer actuators than speeds have them too. G = Bᵀ M⁻¹ B is
+    what τ makes of the actuators' own accelerations: they get ``push``_i/G_ii each, and besides the
+    τ of Gauss's least constraint, which comes nearest to ν̇ = 0: G τ = Bᵀ M⁻¹ h.
+
+    Args:
+        dynamics: The reduced dynamics.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        push: Accelerations (n_act,), rad/s² or m/s².
+    """
+    B, M = dynamics.actuation(q), dynamics.inertia(q)
+    root = diagonal_root(M)
+    answer = np.linalg.solve(M / np.outer(root, root), B / root[:, None]) / root[:, None]  # M⁻¹ B
+    G = B.T @ answer
+    unit = 1.0 / np.sqrt(np.diag(G))
+    wanted = unit * (answer.T @ dynamics.bias(q, nu))
+    hold = np.linalg.lstsq(unit[:, None] * G * unit, wanted, rcond=HELD)[0]
+    return np.asarray(unit * hold + push * unit**2)
+
+
+def diagonal_root(M: Array) -> Array:
+    """Return √M_ii (n,): divided by them M has a unit diagonal, and units cost it no digits.
+
+    Raises:
+        RpctlError: M is not positive definite.
+    """
+    diagonal = np.diag(M)
+    if not (diagonal > 0.0).all():
+        raise RpctlError("the inertia M is not positive definite: its diagonal shows it")
+    return np.asarray(np.sqrt(diagonal))
+
+
+def inverse_size(M: Array) -> Array:
+    """Return |M⁻¹| (n, n) of an inertia matrix of any units."""
+    root = diagonal_root(M)
+    return np.asarray(np.abs(np.linalg.inv(M / np.outer(root, root))) / np.outer(root, root))
+
+
+def inertia_spread(dynamics: ReducedDynamics, q: Array, point: Array) -> Array:
+    """Return Σ |S_j| √m_j d_j (dof,) over the joints j, d_j the distance to a point (world), m.
+
+    An engine that takes all inertias about one point has that of a wheel about its own axle as
+    what is left of m d². The square of the spread is the size of M there.
+    """
+    model, data = dynamics.robot.model, dynamics.robot.model.createData()
+    pin.forwardKinematics(model, data, q)
+    pin.computeSubtreeMasses(model, data)
+    S, spread = np.abs(dynamics.basis(q)), np.zeros(dynamics.robot.dof)
+    for joint in range(2, model.njoints):
+        distance = float(np.linalg.norm(data.oMi[joint].translation - point))
+        spread += S[model.joints[joint].idx_v] * math.sqrt(data.mass[joint]) * distance
+    return spread
