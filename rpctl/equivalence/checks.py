@@ -26,7 +26,7 @@ from rpctl.equivalence.measure import (
     worst,
 )
 from rpctl.equivalence.state import State
-from rpctl.equivalence.trial import Sizes, Trial, inertia_spread, inverse
+from rpctl.equivalence.trial import Sizes, Trial, inertia_spread, inverse, unit_diagonal
 from rpctl.robot.model import BASE_NV, Robot
 
 if TYPE_CHECKING:
@@ -113,9 +113,8 @@ def coriolis(dynamics: ReducedDynamics, sizes: Sizes, state: State) -> Iterator[
 
 def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     """Check that M is positive definite, whatever its units: their scale is divided out."""
-    M = dynamics.inertia(state.q)
-    root = np.sqrt(np.maximum(np.abs(np.diag(M)), np.finfo(float).tiny))
-    lost = 0.0 if np.linalg.eigvalsh(M / np.outer(root, root))[0] > 0.0 else np.inf
+    scaled, _ = unit_diagonal(dynamics.inertia(state.q))
+    lost = 0.0 if np.linalg.eigvalsh(scaled)[0] > 0.0 else np.inf
     yield worst("M positive definite", "least eigenvalue", np.array([lost]), EXACT, ["M"])
 
 

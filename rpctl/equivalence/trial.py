@@ -101,23 +101,33 @@ def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, push: Array) -> Arra
     B, M = dynamics.actuation(q), dynamics.inertia(q)
     answer = inverse(M) @ B
     G = B.T @ answer
-    unit = 1.0 / np.sqrt(np.diag(G))
+    moving = np.diag(G)  # 0 of an actuator that moves nothing: it gets no effort
+    unit = np.divide(1.0, np.sqrt(moving), out=np.zeros_like(moving), where=moving > 0.0)
     wanted = unit * (answer.T @ dynamics.bias(q, nu))
     hold = np.linalg.lstsq(unit[:, None] * G * unit, wanted, rcond=HELD)[0]
     return np.asarray(unit * hold + push * unit**2)
 
 
+def unit_diagonal(M: Array) -> tuple[Array, Array]:
+    """Return M (n, n) with rows and columns divided by √|M_ii|, and those (n,).
+
+    Units cost no digits then, and no eigenvalue is small for its unit only.
+    """
+    size = np.abs(np.diag(M))
+    root = np.sqrt(np.where(size > 0.0, size, 1.0))
+    return M / np.outer(root, root), root
+
+
 def inverse(M: Array) -> Array:
-    """Return M⁻¹ (n, n) of an inertia: brought to a unit diagonal, so that units cost no digits.
+    """Return M⁻¹ (n, n) of an inertia.
 
     Raises:
         RpctlError: M is not positive definite.
     """
-    diagonal = np.diag(M)
-    if not (diagonal > 0.0).all():
-        raise RpctlError("the inertia M is not positive definite: its diagonal shows it")
-    root = np.sqrt(diagonal)
-    return np.asarray(np.linalg.inv(M / np.outer(root, root)) / np.outer(root, root))
+    scaled, root = unit_diagonal(M)
+    if not np.linalg.eigvalsh(scaled)[0] > 0.0:
+        raise RpctlError("the inertia M is not positive definite")
+    return np.asarray(np.linalg.inv(scaled) / np.outer(root, root))
 
 
 def inertia_spread(dynamics: ReducedDynamics, q: Array, point: Array) -> Array:
