@@ -26,14 +26,14 @@ from rpctl.equivalence.measure import (
     worst,
 )
 from rpctl.equivalence.state import State
-from rpctl.equivalence.trial import Sizes, Trial, inertia_spread, inverse_size
+from rpctl.equivalence.trial import Sizes, Trial, inertia_spread, inverse, unit_diagonal
 from rpctl.robot.model import BASE_NV, Robot
 
 if TYPE_CHECKING:
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 SCALED = 1e-10  # as EXACT, but an entry may be small against its row and column
-FORWARD = 1e-10  # solving with M amplifies rounding; see Sizes.acceleration
+FORWARD = 1e-10  # solving with M amplifies rounding; see Trial.size
 GIBBS = "Gibbs-Appell"
 MUJOCO = "MuJoCo"
 
@@ -69,14 +69,14 @@ def reduced(
     for name, row in terms.rates.items():
         rates[robot.velocity_index(name)] = row @ nu
     yield relative("rolling wheels S ν", GIBBS, v, rates, velocity_names(robot))
-    inverse, gradient = dynamics.inverse(q, nu, nu_dot), terms.M @ nu_dot + terms.h
+    force, gradient = dynamics.inverse(q, nu, nu_dot), terms.M @ nu_dot + terms.h
     largest += np.abs(terms.M @ nu_dot).max()
     products = float((sizes.bias + sizes.inertia @ np.abs(nu_dot)).max())
     limit = allowed(EXACT, products, largest)
-    yield worst("inverse dynamics", "∂G/∂ν̇", (inverse - gradient) / largest, limit, names)
+    yield worst("inverse dynamics", "∂G/∂ν̇", (force - gradient) / largest, limit, names)
     # G is quadratic in ν̇, so this difference over a whole step is its derivative, not near it.
     rise = oracle.gibbs(q, nu, nu_dot + nu) - oracle.gibbs(q, nu, nu_dot - nu)
-    gap = (0.5 * rise - inverse @ nu) / (largest * np.abs(nu).sum())
+    gap = (0.5 * rise - force @ nu) / (largest * np.abs(nu).sum())
     yield worst("inverse dynamics along ν", "G itself", np.array([gap]), limit, ["ν"])
 
 
@@ -113,9 +113,8 @@ def coriolis(dynamics: ReducedDynamics, sizes: Sizes, state: State) -> Iterator[
 
 def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     """Check that M is positive definite, whatever its units: their scale is divided out."""
-    M = dynamics.inertia(state.q)
-    root = np.sqrt(np.maximum(np.abs(np.diag(M)), np.finfo(float).tiny))
-    lost = 0.0 if np.linalg.eigvalsh(M / np.outer(root, root))[0] > 0.0 else np.inf
+    scaled, _ = unit_diagonal(dynamics.inertia(state.q))
+    lost = 0.0 if np.linalg.eigvalsh(scaled)[0] > 0.0 else np.inf
     yield worst("M positive definite", "least eigenvalue", np.array([lost]), EXACT, ["M"])
 
 
@@ -131,13 +130,13 @@ def multipliers(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
     M = pin.crba(robot.model, data, q)
     # The tree's light parts, as wheels, get theirs as what little the forces on them leave.
     parts = np.abs(torques) + np.abs(push) + np.abs(lagrange.force)
-    products = np.maximum(trial.size, inverse_size(M) @ parts)
+    size = max(trial.size, float((np.abs(inverse(M)) @ parts).max()))
     for who, theirs in ((against, lagrange.v_dot), ("Pinocchio, constrained", own)):
-        size = float(products.max())
         yield relative("accelerations", who, v_dot, theirs, names, FORWARD, size)
     force = torques - push
     scale = max(np.abs(torques).max(), np.abs(force).max(), np.abs(tau).max(initial=0.0))
-    limit = allowed(FORWARD, float((np.abs(M) @ trial.size).max()), scale)
+    products = np.abs(M @ trial.answer) @ trial.forces + parts
+    limit = allowed(FORWARD, float(products.max()), scale)
     yield worst("constraint forces Aᵀ λ", against, (force - lagrange.force) / scale, limit, names)
 
 
@@ -157,7 +156,7 @@ def consistent(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
     # B τ and h cancel but for M ν̇, and each is rounded: what h alone makes of ν̇ is the scale.
     alone = dynamics.forward(q, nu, np.zeros_like(trial.tau))
     scale = float(np.abs([alone, trial.nu_dot]).max())
-    limit = allowed(FORWARD, float(trial.size.max()), scale)
+    limit = allowed(FORWARD, trial.size, scale)
     gap = np.linalg.solve(M, left_over) / scale
     yield worst("forward ∘ inverse", "identity", gap, limit, speeds)
     yield energy_rate(dynamics, trial)

@@ -59,22 +59,22 @@ def power_balance(dynamics: ReducedDynamics, state: State) -> Check:
     robot, q, nu = dynamics.robot, state.q, SAMPLE * state.nu
     tau = efforts(dynamics, q, nu, SAMPLE * state.push)
     start, steered = 0.5 * float(nu @ dynamics.inertia(q) @ nu), robot.drive.steered
-    step, gap, moved, products = _first_step(dynamics, q, nu, tau), 0.0, 0.0, 0.0
+    step, steps, gap, moved = _first_step(dynamics, q, nu, tau), 0, 0.0, 0.0
     for _ in range(POWER_ATTEMPTS):
         if not regular(robot.drive, {s.joint: robot.joint_position(q, s.joint) for s in steered}):
             break
         pair = _pair(dynamics, q, nu, tau, step)
         if pair.error <= POWER_ERROR:
             q, nu, gap, moved = pair.q, pair.nu, gap + pair.gap, moved + abs(pair.work)
-            products += _products(dynamics, q, nu)
+            steps += 1
         wished = (POWER_ERROR / max(pair.error, EPS)) ** (1.0 / (ORDER + 1))
         step = min(POWER_STEP, step * float(np.clip(CAUTION * wished, SHRINK, GROWTH)))
-    if not products:
+    if not steps:
         raise RpctlError(
             f"{robot.name}: no step of the motion, as short as {step:.0e} s, converges"
         )
     scale = max(moved, min(1.0, start + moved))
-    limit = allowed(POWER, products, scale)
+    limit = allowed(POWER, steps * _products(dynamics, q, nu), scale)
     return worst("power balance", "work of τ", np.array([gap / scale]), limit, ["energy"])
 
 

@@ -39,15 +39,24 @@ class Trial:
         state: The random state.
         tau: Actuator efforts τ (n_act,), N·m or N.
         nu_dot: ν̇ (dof,) under them.
-        size: Size of the products that v̇ (nv,) is made of: |S| |M⁻¹| times those of M ν̇, h and
-            B τ. Over |v̇| it is the condition of this very v̇. cond M is not: units alone make it
-            large, and it knows nothing of a gravity that cancels.
+        answer: S M⁻¹ (nv, dof): what a unit of quasi-force adds to v̇.
+        forces: Sizes of the products of M ν̇, h and B τ together (dof,).
     """
 
     state: State
     tau: Array
     nu_dot: Array
-    size: Array
+    answer: Array
+    forces: Array
+
+    @property
+    def size(self) -> float:
+        """Size of the products that the largest entry of v̇ is made of.
+
+        Over |v̇| it is the condition of this very v̇. cond M is not: units alone make it large, and
+        it knows nothing of a gravity that cancels.
+        """
+        return float((np.abs(self.answer) @ self.forces).max())
 
 
 def find_sizes(dynamics: ReducedDynamics, state: State, bias: Array | None) -> Sizes:
@@ -68,12 +77,12 @@ def find_sizes(dynamics: ReducedDynamics, state: State, bias: Array | None) -> S
 
 def make_trial(dynamics: ReducedDynamics, state: State, sizes: Sizes) -> Trial:
     """Return the trial of a state."""
-    q, S = state.q, np.abs(dynamics.basis(state.q))
+    q = state.q
     tau = efforts(dynamics, q, state.nu, state.push)
     nu_dot = dynamics.forward(q, state.nu, tau)
     forces = sizes.inertia @ np.abs(nu_dot) + sizes.bias
     forces += np.abs(dynamics.actuation(q)) @ np.abs(tau)
-    return Trial(state, tau, nu_dot, S @ (inverse_size(dynamics.inertia(q)) @ forces))
+    return Trial(state, tau, nu_dot, dynamics.basis(q) @ inverse(dynamics.inertia(q)), forces)
 
 
 def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, push: Array) -> Array:
@@ -90,31 +99,35 @@ def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, push: Array) -> Arra
         push: Accelerations (n_act,), rad/s² or m/s².
     """
     B, M = dynamics.actuation(q), dynamics.inertia(q)
-    root = diagonal_root(M)
-    answer = np.linalg.solve(M / np.outer(root, root), B / root[:, None]) / root[:, None]  # M⁻¹ B
+    answer = inverse(M) @ B
     G = B.T @ answer
-    unit = 1.0 / np.sqrt(np.diag(G))
+    moving = np.diag(G)  # 0 of an actuator that moves nothing: it gets no effort
+    unit = np.divide(1.0, np.sqrt(moving), out=np.zeros_like(moving), where=moving > 0.0)
     wanted = unit * (answer.T @ dynamics.bias(q, nu))
     hold = np.linalg.lstsq(unit[:, None] * G * unit, wanted, rcond=HELD)[0]
     return np.asarray(unit * hold + push * unit**2)
 
 
-def diagonal_root(M: Array) -> Array:
-    """Return √M_ii (n,): divided by them M has a unit diagonal, and units cost it no digits.
+def unit_diagonal(M: Array) -> tuple[Array, Array]:
+    """Return M (n, n) with rows and columns divided by √|M_ii|, and those (n,).
+
+    Units cost no digits then, and no eigenvalue is small for its unit only.
+    """
+    size = np.abs(np.diag(M))
+    root = np.sqrt(np.where(size > 0.0, size, 1.0))
+    return M / np.outer(root, root), root
+
+
+def inverse(M: Array) -> Array:
+    """Return M⁻¹ (n, n) of an inertia.
 
     Raises:
         RpctlError: M is not positive definite.
     """
-    diagonal = np.diag(M)
-    if not (diagonal > 0.0).all():
-        raise RpctlError("the inertia M is not positive definite: its diagonal shows it")
-    return np.asarray(np.sqrt(diagonal))
-
-
-def inverse_size(M: Array) -> Array:
-    """Return |M⁻¹| (n, n) of an inertia matrix of any units."""
-    root = diagonal_root(M)
-    return np.asarray(np.abs(np.linalg.inv(M / np.outer(root, root))) / np.outer(root, root))
+    scaled, root = unit_diagonal(M)
+    if not np.linalg.eigvalsh(scaled)[0] > 0.0:
+        raise RpctlError("the inertia M is not positive definite")
+    return np.asarray(np.linalg.inv(scaled) / np.outer(root, root))
 
 
 def inertia_spread(dynamics: ReducedDynamics, q: Array, point: Array) -> Array:

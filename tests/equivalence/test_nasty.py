@@ -1,0 +1,248 @@
+"""Robots out of scale pass with every row, their faults are found, no other limit has moved."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, draw_state
+from rpctl.description.records import Array
+from rpctl.dynamics import motion
+from rpctl.equivalence import checks
+from rpctl.equivalence.certificate import Check
+from rpctl.equivalence.geometry import SHAPES
+from rpctl.equivalence.measure import EPS, allowed, rate
+from rpctl.equivalence.mujoco_engine import installed
+from rpctl.equivalence.trial import efforts
+from rpctl.errors import RpctlError
+from tests.equivalence.nasty import NASTY
+from tests.equivalence.planting import Plant, in_function, in_method, rolling_of
+
+SMALL = 1e-6  # relative: a fault that the certificate of any robot must find
+CONSTANT = {  # limits of robots whose numbers are in scale; 1e-12 for the rows left out
+    "M, entry by entry": 1e-10,
+    "accelerations": 1e-10,
+    "constraint forces Aᵀ λ": 1e-10,
+    "forward ∘ inverse": 1e-10,
+    "Ṁ − 2C skew-symmetric": 1e-6,
+    "basis drift Ṡ ν": 1e-6,
+    "energy rate": 1e-6,
+    "power balance": 1e-6,
+}
+
+
+def rows(checked: tuple[Check, ...]) -> set[tuple[str, str]]:
+    return {(c.name, c.against) for c in checked if c.against not in (SHAPES, checks.MUJOCO)}
+
+
+@pytest.fixture(scope="module")
+def ordinary() -> set[tuple[str, str]]:
+    """The rows of a robot in scale."""
+    return rows(rpctl.verify(rpctl.load("paper"), samples=1).checks)
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_a_robot_out_of_scale_passes_with_every_row(
+    tmp_path: Path, ordinary: set[tuple[str, str]], name: str
+) -> None:
+    proof = rpctl.verify(NASTY[name](tmp_path), samples=3)
+    assert proof.passed, [check for check in proof.checks if not check.passed]
+    assert rows(proof.checks) == ordinary
+
+
+def larger(original: Callable[..., Any], *arguments: Any) -> Any:
+    return original(*arguments) * (1.0 + SMALL)
+
+
+def a_percent(original: Callable[..., float], *arguments: Any) -> float:
+    return 1.01 * original(*arguments)
+
+
+def last_sign(original: Callable[..., Array], *arguments: Any) -> Array:
+    B = original(*arguments).copy()
+    B[:, -1] *= -1.0
+    return B
+
+
+def first_wheel(robot: Robot) -> Robot:
+    wheels = list(robot.drive.wheels)
+    wheels[0] = dataclasses.replace(wheels[0], radius=wheels[0].radius * (1.0 + SMALL))
+    return dataclasses.replace(robot, drive=dataclasses.replace(robot.drive, wheels=tuple(wheels)))
+
+
+ENERGY = in_method("energy", a_percent)
+ACCELERATION = in_method("forward", larger)
+FORCE = in_method("inverse", larger)
+ACTUATION = in_method("actuation", last_sign)
+RADIUS = rolling_of(first_wheel)
+ENERGIES = {"power balance", "energy rate"}
+MOTIONS = {"accelerations", "forward ∘ inverse"}
+
+
+@pytest.mark.parametrize(
+    ("name", "plant", "found"),
+    [
+        ("chain of 60", ENERGY, ENERGIES),
+        ("chain of 60", ACCELERATION, MOTIONS),
+        ("chain of 60", FORCE, {"inverse dynamics", "forward ∘ inverse"}),
+        ("tip of 1e5 kg", ENERGY, ENERGIES),
+        ("tip of 1e5 kg", ACCELERATION, MOTIONS),
+        ("masses 1e-6 to 1e5 kg", ENERGY, ENERGIES),
+        ("masses 1e-6 to 1e5 kg", ACCELERATION, MOTIONS),
+        ("track of 50 m", FORCE, {"inverse dynamics", "forward ∘ inverse", "reduced bias h"}),
+        ("track of 50 m", RADIUS, {"reduced inertia M", "actuation B", "rolling wheels S ν"}),
+        ("1 mm long", ENERGY, ENERGIES),
+        ("1 mm long", ACCELERATION, MOTIONS),
+        ("origin 100 m away", RADIUS, {"actuation B", "rolling wheels S ν"}),
+        ("front wheel drives alone", ACTUATION, {"actuation B", "forward ∘ inverse"} | ENERGIES),
+        ("nothing driven but the arm", ENERGY, ENERGIES),
+        ("one wheel of two driven", ACCELERATION, MOTIONS),
+    ],
+)
+def test_its_faults_are_found(tmp_path: Path, name: str, plant: Plant, found: set[str]) -> None:
+    robot = NASTY[name](tmp_path)
+    with plant(robot) as faulty:
+        proof = rpctl.verify(faulty, samples=2)
+    assert found <= {check.name for check in proof.checks if not check.passed}
+
+
+def test_effort_that_the_motion_has_and_the_work_has_not_is_found(tmp_path: Path) -> None:
+    """RK4's work is by the τ that the certificate knows, its motion by a larger one."""
+
+    def stronger(original: Callable[..., Any], dynamics: ReducedDynamics, *arguments: Any) -> Any:
+        step, known = original(dynamics, *arguments[:2], 1.001 * arguments[2], arguments[3]), 1.001
+        return step._replace(work=step.work / known)
+
+    robot = NASTY["chain of 30"](tmp_path)
+    with in_function(motion.rk4_step, stronger)(robot):
+        proof = rpctl.verify(robot, samples=2)
+    assert [check.name for check in proof.checks if not check.passed] == ["power balance"]
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed_chain", "mecanum", "tiago", "double_pendulum"])
+def test_limits_of_ordinary_robots_are_constants(name: str) -> None:
+    for check in rpctl.verify(rpctl.load(name), samples=3).checks:
+        if check.against != SHAPES:
+            assert check.limit == CONSTANT.get(check.name, 1e-12), check
+
+
+def test_a_limit_grows_with_the_products_only_where_they_count() -> None:
+    assert allowed(1e-12, 100.0, 1.0) == 1e-12
+    assert allowed(1e-12, 1e5, 2.0) == pytest.approx(10.0 * EPS * 5e4, rel=1e-15)
+    assert allowed(1e-12, 1e5, 0.0) == 1e-12
+
+
+def test_differences_are_of_order_four() -> None:
+    exact = np.array([0.3, 0.0])  # of c₁ t + c₂ t² + c₃ t³ + c₄ t⁴, at 0
+
+    def quartic(t: float) -> Array:
+        return np.array([0.3 * t + 0.2 * t**2 - 0.7 * t**3 + 1.1 * t**4, 5.0 + t**2])
+
+    np.testing.assert_allclose(rate(quartic, 0.5), exact, atol=1e-15)
+    # of t⁵ the rule leaves (8·2h⁵ − 2·32h⁵)/12h = −4 h⁴
+    fifth = rate(lambda t: np.array([t**5]), 0.1)
+    np.testing.assert_allclose(fifth, [-4e-4], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["front wheel drives alone", "nothing driven but the arm"])
+def test_efforts_hold_what_is_driven_and_no_more(tmp_path: Path, name: str) -> None:
+    """Held, the actuators' own joints do not accelerate; of one pushed, its own does as told."""
+    robot = NASTY[name](tmp_path)
+    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
+    q, nu, B = state.q, state.nu, dynamics.actuation(state.q)
+    still = np.zeros(len(robot.actuators))
+    held = dynamics.forward(q, nu, efforts(dynamics, q, nu, still))
+    np.testing.assert_allclose(B.T @ held, 0.0, atol=1e-10)
+    assert np.abs(held).max() > 0.01  # what nothing drives moves on
+    for k in range(len(still)):
+        push = np.where(np.arange(len(still)) == k, 0.7, 0.0)
+        pushed = dynamics.forward(q, nu, efforts(dynamics, q, nu, push))
+        assert B[:, k] @ (pushed - held) == pytest.approx(0.7, abs=1e-10)
+
+
+def test_efforts_hold_a_robot_that_is_wholly_driven(paper: Robot) -> None:
+    dynamics, state = ReducedDynamics(paper), draw_state(paper, 0, 0)
+    tau = efforts(dynamics, state.q, state.nu, np.zeros(4))
+    np.testing.assert_allclose(dynamics.forward(state.q, state.nu, tau), 0.0, atol=1e-12)
+
+
+def test_what_a_seed_draws_is_as_ever(paper: Robot) -> None:
+    rng, state = np.random.default_rng([3, 5]), draw_state(paper, 3, 5)
+    np.testing.assert_array_equal(state.q, paper.random_configuration(rng))
+    for drawn, size in ((state.v, paper.nv), (state.nu, 4), (state.nu_dot, 4), (state.push, 4)):
+        np.testing.assert_array_equal(drawn, rng.normal(size=size))
+
+
+GROUPS = {  # the name on the certificate, and the number of rows
+    "full_tree": ("full tree", 2),
+    "reduced": ("comparison", 7),
+    "coriolis": ("Coriolis terms", 2),
+    "definite": ("M", 1),
+    "multipliers": ("multipliers", 3),
+    "consistent": ("consistency", 3),
+    "motion": ("motion", 1),
+    "engine": ("MuJoCo", 3),
+}
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_group_that_breaks_down_hides_no_other(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, group: str
+) -> None:
+    original = getattr(checks, group)
+
+    def broken(*arguments: Any) -> Iterator[Check]:
+        yield next(original(*arguments))
+        raise RpctlError("no more")
+
+    if group == "engine" and not installed():
+        pytest.skip("MuJoCo is not installed")
+    label, count = GROUPS[group]
+    whole = {(check.name, check.against) for check in rpctl.verify(paper, samples=1).checks}
+    monkeypatch.setattr(checks, group, broken)
+    proof = rpctl.verify(paper, samples=2)
+    (told,) = (check for check in proof.checks if not check.passed)
+    assert (told.name, told.against, told.entry) == ("computed", label, "no more")
+    left = {(check.name, check.against) for check in proof.checks} - {("computed", label)}
+    assert left < whole or count == 1
+    assert len(whole - left) == count - 1
+
+
+def test_an_inertia_that_is_not_positive_definite_is_told_by_its_row(paper: Robot) -> None:
+    def turned(original: Callable[..., Array], *arguments: Any) -> Array:
+        M = original(*arguments).copy()
+        M[0, 1] = M[1, 0] = 1.1 * np.sqrt(M[0, 0] * M[1, 1])  # |M₀₁|² > M₀₀ M₁₁
+        return M
+
+    with in_method("inertia", turned)(paper):
+        proof = rpctl.verify(paper, samples=1)
+    assert "M positive definite" in {check.name for check in proof.checks if not check.passed}
+
+
+def test_a_negative_inertia_is_told_by_its_row_and_computed_no_further(paper: Robot) -> None:
+    with in_method("inertia", lambda f, *arguments: -f(*arguments))(paper):
+        proof = rpctl.verify(paper, samples=1)
+    failed = {check.name: check for check in proof.checks if not check.passed}
+    assert {"M positive definite", "reduced inertia M", "computed"} <= failed.keys()
+    assert failed["computed"].entry == "the inertia M is not positive definite"
+
+
+def test_a_motion_that_never_converges_fails(paper: Robot) -> None:
+    noise = partial(np.random.default_rng(0).normal, size=4)
+
+    def shaken(original: Callable[..., Any], *arguments: Any) -> Any:
+        step = original(*arguments)
+        return step._replace(nu=step.nu + 1e-3 * noise())
+
+    with in_function(motion.rk4_step, shaken)(paper):
+        proof = rpctl.verify(paper, samples=1)
+    (told,) = (check for check in proof.checks if not check.passed)
+    assert (told.name, told.against) == ("computed", "motion")
+    assert "no step of the motion" in told.entry
