@@ -56,6 +56,7 @@ class Recorder:
         """
         self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
+        v = dynamics.basis(q) @ nu
         self._rows.append(
             {
                 "t": t,
@@ -71,10 +72,12 @@ class Recorder:
                 "joints_ref": state.joints,
                 "steering_ref": steering(robot, state)[0],
                 "steering": np.array([robot.joint_position(q, name) for name in _turned(robot)]),
+                "others": np.array([robot.joint_position(q, name) for name in _others(robot)]),
+                "other_rates": v[[robot.velocity_index(name) for name in _others(robot)]],
                 "e": e,
                 "energy": dynamics.energy(q, nu),
                 "work": work,
-                "constraint_residual": _slip(dynamics, q, nu),
+                "constraint_residual": _slip(dynamics, q, v),
                 **_ground(dynamics, self._contacts, q, nu, tau + self._bias),
                 **_end_effector(robot, self._data, q, state),
             }
@@ -121,6 +124,11 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
             (robot.description.joint[name].lower, robot.description.joint[name].upper)
             for name in _turned(robot)
         ),
+        "other_names": _others(robot),
+        "other_limits": tuple(
+            (limited.lower, limited.upper, limited.velocity)
+            for limited in (robot.description.joint[name] for name in _others(robot))
+        ),
         "end_effector": robot.end_effector,
         "contacts": contacts.names if contacts else (),
         "contact_points": tuple(map(tuple, contacts.points.tolist())) if contacts else (),
@@ -132,6 +140,12 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
 def _turned(robot: Robot) -> tuple[str, ...]:
     """Return the joints that turn wheels, but for casters."""
     return tuple(swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster")
+
+
+def _others(robot: Robot) -> tuple[str, ...]:
+    """Return the moving joints that are not the arm's: wheels', swivels, and mimic joints."""
+    arm = {joint.name for joint in robot.joints}
+    return tuple(name for name in robot.model.names[2:] if name not in arm)
 
 
 def describe(law: object) -> dict[str, Any]:
@@ -153,10 +167,9 @@ def _plain(value: object) -> Any:
     return value.item() if isinstance(value, np.generic) else describe(value)
 
 
-def _slip(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
+def _slip(dynamics: ReducedDynamics, q: Array, v: Array) -> float:
     """Return the largest entry of |A v|: m/s, rad/s."""
-    residual = dynamics.constraint(q) @ (dynamics.basis(q) @ nu)
-    return float(np.abs(residual).max(initial=0.0))
+    return float(np.abs(dynamics.constraint(q) @ v).max(initial=0.0))
 
 
 def _ground(

@@ -20,7 +20,8 @@ from rpctl.robot.drive import Drive
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
-SCHEMA = 2
+SCHEMA = 3
+OLDER = 2  # it lacks what others than the arm's joints do, and the notes; they are empty then
 META = "meta"  # the one entry of the file that is text: JSON
 
 
@@ -41,6 +42,9 @@ class Run:
         joints: Positions of the arm (K, n_joints); rad or m.
         joints_ref: Their references (K, n_joints).
         steering: Positions of the joints that steer wheels (K, n_steering), rad.
+        others: Positions of the other moving joints (K, n_others), wheels and mimic joints
+            included; rad or m, those of continuous joints in (−π, π].
+        other_rates: Their rates (K, n_others); rad/s or m/s.
         e: Tracking error (K, 3 + n_joints): longitudinal, lateral, heading, joints.
         q_ref: Configuration of the reference robot (K, nq), wheels turned as they would roll.
         ee: Position of the end effector (K, 3), m; (K, 0) for a robot without an arm.
@@ -76,6 +80,8 @@ class Run:
         upper_limits: Upper limits of the arm's positions; inf where there is none.
         steering_names: Joints that steer wheels.
         steering_limits: Their limits (lower, upper), rad.
+        other_names: Moving joints that are not the arm's: wheels', swivels, mimic joints.
+        other_limits: Their limits (lower, upper, velocity).
         end_effector: The link that was tracked, or None.
         contacts: Names of the contacts with the ground, wheels first; none for a fixed base.
         contact_points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
@@ -83,7 +89,8 @@ class Run:
         ground_notes: What keeps loads and margins from being defined or unique.
         bound_limits: Joint and kind of each limit that ever bound, as the dynamic law told.
         friction: Coefficient between wheels and ground that ``slip_ratio`` is for.
-        settings: Reference, laws, horizons, sample times.
+        settings: Reference, laws, horizons, sample times, all as they were simulated.
+        notes: Where that is not what was asked for, in sentences.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
     """
@@ -100,6 +107,8 @@ class Run:
     joints: Array
     joints_ref: Array
     steering: Array
+    others: Array
+    other_rates: Array
     e: Array
     q_ref: Array
     ee: Array
@@ -132,6 +141,8 @@ class Run:
     upper_limits: tuple[float, ...]
     steering_names: tuple[str, ...]
     steering_limits: tuple[tuple[float, float], ...]
+    other_names: tuple[str, ...]
+    other_limits: tuple[tuple[float, float, float], ...]
     end_effector: str | None
     contacts: tuple[str, ...]
     contact_points: tuple[tuple[float, float], ...]
@@ -140,6 +151,7 @@ class Run:
     bound_limits: tuple[tuple[str, str], ...]
     friction: float
     settings: Mapping[str, Any]
+    notes: tuple[str, ...]
     certificate: Mapping[str, Any] | None
     wall_time: float
 
@@ -193,11 +205,13 @@ class Run:
         except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
             raise RunFileError(f"{path}: damaged or not a run of rpctl ({error})") from None
         schema = meta.pop("schema", None) if isinstance(meta, dict) else None
-        if schema != SCHEMA:
+        if schema not in (OLDER, SCHEMA):
             raise RunFileError(
-                f"{path}: schema {schema}, this rpctl reads {SCHEMA}; track the robot again"
+                f"{path}: schema {schema}, this rpctl reads {OLDER} and {SCHEMA}; track the robot "
+                "again"
             )
-        return _checked(path, {**meta, **arrays})
+        values = {**meta, **arrays}
+        return _checked(path, _completed(values) if schema == OLDER else values)
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
@@ -222,6 +236,13 @@ class Run:
                 f"{robot.description.path}: the URDF has changed since the run; track it again"
             )
         return robot
+
+
+def _completed(values: dict[str, Any]) -> dict[str, Any]:
+    """Return what an older file holds with what it lacks, empty."""
+    nothing = np.empty((np.size(values.get("t", ())), 0))
+    lists: dict[str, list[Any]] = {"other_names": [], "other_limits": [], "notes": []}
+    return {"others": nothing, "other_rates": nothing.copy(), **lists, **values}
 
 
 def _checked(path: str | Path, values: dict[str, Any]) -> Run:
@@ -249,6 +270,8 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         "tau": "actuators",
         "rates": "actuators",
         "joints": "joint_names",
+        "others": "other_names",
+        "other_rates": "other_names",
         "active_limits": "bound_limits",
     }
     for array, labels in columns.items():

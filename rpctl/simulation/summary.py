@@ -33,6 +33,7 @@ def summarize(run: Run) -> dict[str, Any]:
     peaks = tau / np.array(run.effort_limits)
     duration = float(run.t[-1])
     return {
+        "duration": duration,
         "rms_base_error": _rms(base),
         "final_base_error": float(base[-1]),
         "settled_base_error": float(base[half:].max()),
@@ -99,7 +100,11 @@ def ground(run: Run) -> dict[str, Any]:
 
 
 def violations(run: Run) -> list[dict[str, Any]]:
-    """Return the limits of the URDF that a run broke: which, how far, when first, for how long."""
+    """Return the limits of the URDF that a run broke: which, how far, when first, for how long.
+
+    ``value`` is the furthest beyond the limit ``allowed``, both as the joint counts: of a lower
+    limit the least position; of efforts and rates the size.
+    """
     found = []
     for name, tau, rate, effort_limit, velocity_limit in zip(
         run.actuators, run.tau.T, run.rates.T, run.effort_limits, run.velocity_limits, strict=True
@@ -109,13 +114,18 @@ def violations(run: Run) -> list[dict[str, Any]]:
     for name, position, lower, upper in zip(
         run.joint_names, run.joints.T, run.lower_limits, run.upper_limits, strict=True
     ):
-        found += _violation(run, name, "lower", -position, -lower)
-        found += _violation(run, name, "upper", position, upper)
+        found += _beyond(run, name, position, lower, upper)
     for name, position, (lower, upper) in zip(
         run.steering_names, run.steering.T, run.steering_limits, strict=True
     ):
-        found += _violation(run, name, "lower", -position, -lower)
-        found += _violation(run, name, "upper", position, upper)
+        found += _beyond(run, name, position, lower, upper)
+    for name, position, rate, (lower, upper, fastest) in zip(
+        run.other_names, run.others.T, run.other_rates.T, run.other_limits, strict=True
+    ):
+        if name not in run.actuators:
+            found += _violation(run, name, "velocity", np.abs(rate), fastest)
+        if name not in run.steering_names:
+            found += _beyond(run, name, position, lower, upper)
     return found
 
 
@@ -141,6 +151,16 @@ def bound(run: Run) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def _beyond(
+    run: Run, joint: str, position: Array, lower: float, upper: float
+) -> list[dict[str, Any]]:
+    """Return the position limits that a joint broke."""
+    below = _violation(run, joint, "lower", -position, -lower)
+    for broken in below:  # found as an upper limit of the negative; told as the joint counts
+        broken |= {"value": -broken["value"], "allowed": -broken["allowed"]}
+    return [*below, *_violation(run, joint, "upper", position, upper)]
 
 
 def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[dict[str, Any]]:

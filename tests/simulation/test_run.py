@@ -116,7 +116,11 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
     cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
-        ({"schema": 99}, {}, "schema 99, this rpctl reads 2"),
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 2 and 3"),
+        ({"schema": 1}, {}, "schema 1, this rpctl reads 2 and 3"),
+        ({"notes": None}, {}, "missing or not known: notes"),
+        ({}, {"others": run.others[:, :1]}, '"others" does not fit its names'),
+        ({}, {"other_rates": run.others[:, :1]}, '"other_rates" does not fit its names'),
         ({"robot": None}, {}, "missing or not known: robot"),
         ({"colour": "red"}, {}, "missing or not known: colour"),
         ({}, {"tau": None}, "missing or not known: tau"),
@@ -129,6 +133,17 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     for meta, arrays, told in cases:
         with pytest.raises(RunFileError, match=told):
             Run.load(altered(run, path, meta, **arrays))
+
+
+def test_older_runs_come_back_without_what_they_lack(run: Run, tmp_path: Path) -> None:
+    gone: dict[str, object] = dict.fromkeys(("other_names", "other_limits", "notes"))
+    arrays = {"others": None, "other_rates": None}
+    back = Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, **gone}, **arrays))
+    assert back.others.shape == back.other_rates.shape == (len(run.t), 0)
+    assert (back.other_names, back.other_limits, back.notes) == ((), (), ())
+    assert rpctl.summarize(back)["limits_violated"] == []
+    with pytest.raises(RunFileError, match="missing or not known: robot"):
+        Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, "robot": None}))
 
 
 def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import rpctl
 from rpctl import Robot, Run, summarize, track
 from rpctl.simulation.summary import bound, violations
 from tests.robots import SET_A, platform, write
+from tests.vehicles import Parts, vehicle
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +61,87 @@ def test_violations_name_the_limit_and_the_time(run: Run) -> None:
     assert found[0]["duration"] == pytest.approx(0.02, rel=0.01)
     assert found[0]["value"] == 41.0
     assert found[0]["allowed"] == 40.0
+    assert (found[2]["value"], found[2]["allowed"]) == (0.34, 0.35)
+
+
+def test_lower_limits_are_told_as_the_joint_counts(run: Run) -> None:
+    """On either side of zero: a joint of ±2.6 rad, and one of 0.35 to 0.95 m."""
+    assert (run.lower_limits, run.upper_limits) == ((-2.6, 0.35), (2.6, 0.95))
+    for column, lowest, allowed in ((0, -2.7, -2.6), (1, -0.1, 0.35), (1, 0.3, 0.35)):
+        joints = run.joints.copy()
+        joints[5:8, column] = lowest
+        (found,) = violations(dataclasses.replace(run, joints=joints))
+        assert (found["limit"], found["value"], found["allowed"]) == ("lower", lowest, allowed)
+    joints[5:8, 1] = 1.1
+    (found,) = violations(dataclasses.replace(run, joints=joints))
+    assert (found["limit"], found["value"], found["allowed"]) == ("upper", 1.1, 0.95)
+
+
+def geared(tmp_path: Path) -> Robot:
+    """Return a car with an arm joint that a flap mimics: twice as far, and 0.1 rad beyond."""
+    parts = Parts([])
+    parts.link("flap", 0.5)
+    limit = '<limit lower="-0.3" upper="0.4" effort="9" velocity="1.5"/>'
+    follows = '<mimic joint="arm_joint" multiplier="2" offset="0.1"/>'
+    ends = ("base", "flap")
+    parts.joint("flap_joint", "prismatic", ends, "0 0 0.5", "0 0 1", limit + follows)
+    flap = "".join(parts.xml)
+    return rpctl.load(write(tmp_path, vehicle("car-like").replace("</robot>", f"{flap}</robot>")))
+
+
+def test_mimic_joints_break_limits_too(tmp_path: Path) -> None:
+    robot = geared(tmp_path)
+    run = track(robot, "eight", 0.1, (0.1, 0.0, 0.0))
+    flap = run.other_names.index("flap_joint")
+    arm = run.joint_names.index("arm_joint")
+    np.testing.assert_allclose(run.others[:, flap], 2.0 * run.joints[:, arm] + 0.1, atol=1e-6)
+    rate = run.nu[:, run.quasi_velocities.index("arm_joint")]
+    np.testing.assert_allclose(run.other_rates[:, flap], 2.0 * rate, atol=1e-12)
+    others, rates = np.zeros_like(run.others), np.zeros_like(run.other_rates)
+    quiet = dataclasses.replace(run, others=others.copy(), other_rates=rates.copy())
+    assert violations(quiet) == []
+    others[10:20, flap], others[30:, flap], rates[40, flap] = -2.0, 0.5, -1.6
+    found = violations(dataclasses.replace(run, others=others, other_rates=rates))
+    assert [(f["joint"], f["limit"], f["value"], f["allowed"]) for f in found] == [
+        ("flap_joint", "velocity", 1.6, 1.5),
+        ("flap_joint", "lower", -2.0, -0.3),
+        ("flap_joint", "upper", 0.5, 0.4),
+    ]
+    assert found[1]["first_time"] == pytest.approx(run.t[10])
+
+
+def test_joints_without_an_actuator_have_velocity_limits(tmp_path: Path) -> None:
+    """A follower, which no motor turns here, and a front wheel that rolls along."""
+    path = write(
+        tmp_path,
+        vehicle("car-like").replace(
+            '<parent link="steer_left_fork"/>',
+            '<limit velocity="30"/><parent link="steer_left_fork"/>',
+        ),
+    )
+    told = write(tmp_path, 'type = "car-like"\n[[swivel]]\njoint = "steer_right"\n'
+                 "driven = false\n", "drive.toml")  # fmt: skip
+    run = track(rpctl.load(path, drive=told), "circle", 0.05)
+    assert not {"steer_right", "front_left"} & set(run.actuators)
+    rates, steering = run.other_rates.copy(), run.steering.copy()
+    rates[7, run.other_names.index("steer_right")] = 6.5
+    rates[9, run.other_names.index("front_left")] = -31.0
+    steering[11, run.steering_names.index("steer_right")] = -1.3
+    found = violations(dataclasses.replace(run, other_rates=rates, steering=steering))
+    assert [(f["joint"], f["limit"], f["value"], f["allowed"]) for f in found] == [
+        ("steer_right", "lower", -1.3, -1.2),
+        ("front_left", "velocity", 31.0, 30.0),
+        ("steer_right", "velocity", 6.5, 6.0),
+    ]
+
+
+def test_a_limit_counts_once(run: Run) -> None:
+    """A driven wheel's rate is in the log twice."""
+    wheel = run.other_names.index("wheel_left_joint")
+    rates, others = run.rates.copy(), run.other_rates.copy()
+    rates[3, 0] = others[3, wheel] = 1e3
+    (found,) = violations(dataclasses.replace(run, rates=rates, other_rates=others))
+    assert (found["joint"], found["limit"]) == ("wheel_left_joint", "velocity")
 
 
 def test_a_limit_may_be_touched(run: Run) -> None:
