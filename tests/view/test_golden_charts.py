@@ -173,7 +173,11 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
     charts = told(golden)
     assert charts["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.03, 8.0])
     assert charts["Joint errors"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.01, 2.0])
-    assert "decades" not in charts["Efforts"]["variants"][0]
+    ranged = {t for t in CHARTS if "decades" in charts[t]["variants"][0]}
+    assert ranged == {"Base error", "End-effector error", "Joint errors"}
+    longer = told(part(golden, np.tile(np.arange(COUNT), 4), t=0.1 * np.arange(4 * COUNT)))
+    # Settled: the median over the last fifth, of 0.3, 0.05, 0.06 and 0.03 m.
+    assert longer["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.055, 8.0])
     settled = replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None])
     assert told(settled)["Base error"]["variants"][0]["decades"] == pytest.approx([8e-6, 8.0])
     coarse = replace(golden, e=np.full((COUNT, 5), -0.5))
@@ -183,10 +187,10 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
     assert (low, high) == pytest.approx((2e-13, 2e-11))
 
 
-def part(run: Run, samples: slice, shift: float = 0.0) -> Run:
-    """Return some samples of a run, later by a time that no page should tell."""
+def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
+    """Return some samples of a run, later by a time that no page should tell, or at other times."""
     arrays = {n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)}
-    return replace(run, **{**arrays, "t": arrays["t"] + shift})
+    return replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 
 
 def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> None:
@@ -234,6 +238,15 @@ def test_runs_on_other_clocks_keep_their_extremes_in_order(golden: Run) -> None:
     speed = lines(charts["Base speeds"])
     assert floats(speed["run 0"]["values"]) == pytest.approx([0.5, 0.7, 0.8, 1.0])
     assert floats(speed["run 1"]["reference"]) == pytest.approx([-7.0, -6.8, -6.7, -6.6])
+
+
+def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None:
+    """Samples every 0.2 s, to 1 s: two stretches of 0.5 s."""
+    charts = told(golden, part(golden, slice(0, COUNT), t=2.0 * TIMES))
+    assert charts["x"] == pytest.approx([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
+    quick, slow = (floats(line["values"]) for line in lines(charts["Base speeds"]).values())
+    assert quick == pytest.approx([0.5, 0.9, 1.0, 1.0])
+    assert slow == pytest.approx([0.5, 0.7, 0.8, 1.0])
 
 
 def test_time_starts_at_zero(golden: Run) -> None:
