@@ -41,6 +41,7 @@ def _joint(
 
 
 LIMIT = '<limit lower="{}" upper="{}" effort="{}" velocity="{}"/>'
+DRIVEN = '<limit effort="40" velocity="5"/>'
 TRICYCLE = "".join(
     (
         '<robot name="golden">\n',
@@ -51,7 +52,7 @@ TRICYCLE = "".join(
         _link("front_wheel", 1.0, WHEEL, rpy=ROUND),
         _link("swing", 2.0, '<box size="0.4 0.06 0.06"/>', "0.2 0 0"),
         _link("slide", 1.0, '<box size="0.1 0.1 0.1"/>', "0.05 0 0"),
-        _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.1", "0 1 0"),
+        _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.1", "0 1 0", DRIVEN),
         _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.1", "0 1 0"),
         _joint("steer_joint", "revolute", "base", "0.7 0 0.3", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)),
         _joint("front_wheel_joint", "continuous", "steer", "0 0 -0.2", "0 1 0"),

@@ -145,6 +145,17 @@ def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
 
 
+def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
+    names = {"joint_names": ("omega", "vx"), "actuators": (*golden.actuators[:3], "omega", "vx")}
+    run = replace(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
+    charts = told(run)
+    assert [*lines(charts["Base speeds"])] == ["v"]
+    told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
+    assert told_of == {"omega": "rad/s", "vx": "m/s"}
+    alone = replace(run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:])
+    assert not {"Base error", "Base speeds"} & set(told(alone))
+
+
 def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
     charts = told(replace(golden, effort_limits=(np.inf,) * 5))
     assert "Efforts" not in charts
