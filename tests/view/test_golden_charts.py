@@ -302,6 +302,9 @@ def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) ->
     assert stance["largest"] == 120.0
     force = floats(stance["force"]).reshape(2, 3, 3)
     assert force[0] == pytest.approx(np.array([[0, 0, 81], [0, 0, 60], [0, 0, 119]]))
+    pulled = np.array(run.contact_load)
+    pulled[3, 1] = -500.0
+    assert overlay(tricycle, replace(run, contact_load=pulled), TIMES)["stance"]["largest"] == 500.0
     blind = overlay(tricycle, replace(run, contact_load=np.empty((COUNT, 0))), TIMES[[1, 4]])
     assert "force" not in blind["stance"]
     assert blind["stance"]["margin"] == stance["margin"]

@@ -90,7 +90,8 @@ def straight(golden: Run, length: float) -> Run:
 
 def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
     """Its contacts are 0.8 m apart; it goes 2 m in 0.5 s, and may be drawn every 0.96 m."""
-    axes = panel(straight(golden, 2.0), "paths")
+    askew = ((0.7, 0.1), (-0.1, 0.3), (-0.1, -0.3))  # no mirror image of itself
+    axes = panel(replace(straight(golden, 2.0), contact_points=askew), "paths")
     ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
     starts = [2.0 * t / 0.5 - 0.1 for t in (0.0, 0.3, 0.5)]  # every 0.25 s, at the next sample
     assert [tick[0].tolist() for tick in ticks] == [pytest.approx([2.0, y]) for y in starts]
@@ -99,7 +100,7 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
     outlines = [patch.get_xy()[:-1] for patch in axes.patches if len(patch.get_xy())]  # type: ignore[attr-defined]
     assert len(outlines) == 2 * 3  # filled and edged
     for filled, edged, y in zip(outlines[0:6:2], outlines[1:6:2], (0.0, 1.2, 2.0), strict=True):
-        corners = {(2.0, y + 0.7), (1.7, y - 0.1), (2.3, y - 0.1)}
+        corners = {(1.9, y + 0.7), (1.7, y - 0.1), (2.3, y - 0.1)}
         assert {tuple(np.round(c, 9)) for c in filled} == {tuple(np.round(c, 9)) for c in corners}
         assert filled == pytest.approx(edged)
     named = axes.get_legend_handles_labels()[1]
@@ -288,14 +289,32 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
 
 def test_feet_of_walls_come_into_view(golden: Run) -> None:
     """A wall is framed where the body comes nearest to it: P for the base's, the tip for its own."""
-    run = straight(golden, 2.0)
-    plain = panel(run, "paths")
-    reach = float(plain.dataLim.x1)
-    beside = rpctl.HalfPlane(-1.0, 0.0, -(reach + 0.5))  # x ≤ reach + 0.5
-    axes = panel(among(run, beside), "paths")
-    assert axes.dataLim.x1 == pytest.approx(reach + 0.5)
-    assert axes.dataLim.y0 == pytest.approx(plain.dataLim.y0)
-    tip = panel(among(run, tip=(beside,)), "paths")
-    assert tip.dataLim.x1 == pytest.approx(reach + 0.5)
-    away = panel(among(run, rpctl.HalfPlane(-1.0, 0.0, -90.0)), "paths")
-    assert away.dataLim.x1 == pytest.approx(reach)
+    tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
+    run = replace(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
+    plain = panel(run, "paths").dataLim
+    assert plain.y0 > -0.75
+    for x, y in ((2.0, -0.1), (0.5, 0.0)):  # 1 m away from each start: 0.6 x + 0.8 y ≥ offset
+        wall = rpctl.HalfPlane(0.6, 0.8, 0.6 * x + 0.8 * y - 1.0)
+        shown = among(run, wall) if x == 2.0 else among(run, tip=(wall,))
+        view = panel(shown, "paths").dataLim
+        assert view.y0 == pytest.approx(y - 0.8)
+        assert view.x0 == pytest.approx(min(plain.x0, x - 0.6))
+        assert (view.x1, view.y1) == pytest.approx((plain.x1, plain.y1))
+    away = panel(among(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
+    assert away.get_points() == pytest.approx(plain.get_points())
+
+
+def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
+    """Twenty times the diagonal of what is drawn, on both sides of its middle."""
+    wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
+    plain = panel(golden, "paths").dataLim
+    axes = panel(among(golden, wall), "paths")
+    (corners,) = (p.get_xy()[:-1] for p in axes.artists + axes.patches if len(getattr(p, "xy", ())) == 5)
+    middle = 0.5 * (plain.min + plain.max)
+    far = 20.0 * np.hypot(*plain.size)
+    along = np.array([-0.8, 0.6])
+    assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
+    assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])
+    (kept,) = curves(axes, LIGHT.base_obstacle)
+    assert wall.distance(kept) == pytest.approx([0.8, 0.8])
+    assert sorted((kept - middle) @ along) == pytest.approx([-far, far])
