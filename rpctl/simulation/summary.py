@@ -30,7 +30,8 @@ def summarize(run: Run) -> dict[str, Any]:
     arm = np.linalg.norm(run.ee - run.ee_ref, axis=1) if run.end_effector else None
     half = len(run.t) // 2
     tau = np.abs(run.tau).max(axis=0)
-    peaks = tau / np.array(run.effort_limits)
+    limited = np.isfinite(run.effort_limits)
+    peaks = np.where(limited, tau / np.array(run.effort_limits), -1.0)  # -1: never the largest
     duration = float(run.t[-1])
     return {
         "duration": duration,
@@ -51,8 +52,8 @@ def summarize(run: Run) -> dict[str, Any]:
                 run.actuators, tau.tolist(), run.effort_limits, strict=True
             )
         ],
-        "max_effort_ratio": float(peaks.max()) if peaks.any() else None,
-        "max_effort_joint": run.actuators[int(peaks.argmax())] if peaks.any() else None,
+        "max_effort_ratio": float(peaks.max()) if limited.any() else None,
+        "max_effort_joint": run.actuators[int(peaks.argmax())] if limited.any() else None,
         "limits_violated": violations(run),
         "limits_bound": bound(run),
         **ground(run),

@@ -66,7 +66,7 @@ def charts(run: Run) -> list[Chart]:
 
 def has_base(run: Run) -> bool:
     """Return whether the base moves."""
-    return any(name in BASE_SPEEDS for name in run.quasi_velocities)
+    return any(_of_base(run, name) for name in run.quasi_velocities)
 
 
 def short(joint: str) -> str:
@@ -107,7 +107,7 @@ def _speeds(run: Run) -> list[Chart]:
     """Return the quasi-velocities with their reference: of the base, the arm, and the rest."""
     groups: dict[str, list[Line]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
     for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
-        if name in BASE_SPEEDS:
+        if _of_base(run, name):
             label, unit = BASE_SPEEDS[name]
             title, colour = "Base speeds", len(groups["Base speeds"])
         else:
@@ -155,6 +155,11 @@ def _loads(run: Run) -> Chart:
         for k, (name, load) in enumerate(zip(run.contacts, run.contact_load.T, strict=False))
     )
     return Chart("Ground loads", "N", lines)
+
+
+def _of_base(run: Run, name: str) -> bool:
+    """Return whether a quasi-velocity is the base's, and not that of a joint which is called so."""
+    return name in BASE_SPEEDS and name not in run.joint_names
 
 
 def _unit(run: Run, joint: str) -> str:
