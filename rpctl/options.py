@@ -98,7 +98,9 @@ def read_triple(text: str) -> tuple[float, ...]:
     return x, y, theta
 
 
-def certify(robot: Robot, samples: int, seed: int, engines: list[str]) -> Certificate:
+def certify(
+    robot: Robot, samples: int, seed: int, engines: list[str], contact: bool = False
+) -> Certificate:
     """Verify a robot, with a bar on a terminal."""
     with progress_bar("verify") as advance:
-        return verify(robot, samples, seed, engines, lambda done: advance(done, samples))
+        return verify(robot, samples, seed, engines, lambda done: advance(done, samples), contact)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rpctl.equivalence.contact_record import ContactTrial
+
+CONTACT = "MuJoCo, rolling on a plane"  # what the contact trial compares with
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,11 @@ class Check:
         """Residual over limit."""
         return self.residual / self.limit
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as plain values for JSON; an infinite residual is None."""
+        residual = self.residual if math.isfinite(self.residual) else None
+        return {**asdict(self), "residual": residual, "passed": self.passed}
+
 
 @dataclass(frozen=True)
 class Skipped:
@@ -54,7 +64,8 @@ class Certificate:
     """The outcome of :func:`rpctl.verify`: all checks of one robot.
 
     ``estimated_links`` are those whose mass and inertia are estimates: the equations are right
-    for them, they need not be right for the robot.
+    for them, they need not be right for the robot. ``contact`` is the trial on the ground, where
+    it was asked for and could be made.
     """
 
     robot: str
@@ -63,11 +74,21 @@ class Certificate:
     checks: tuple[Check, ...]
     skipped: tuple[Skipped, ...] = ()
     estimated_links: tuple[str, ...] = ()
+    contact: ContactTrial | None = None
 
     @property
     def passed(self) -> bool:
         """Whether every comparison that was made passed."""
-        return all(check.passed for check in self.checks)
+        rolled = self.contact is None or self.contact.passed
+        return rolled and all(check.passed for check in self.checks)
+
+    @property
+    def notes(self) -> list[tuple[str, str]]:
+        """What else there is to say, each with the name of the other side."""
+        said = [(check.against, check.note) for check in self.checks if check.note]
+        if self.contact is not None:
+            said += [(CONTACT, note) for note in self.contact.notes]
+        return said
 
     @property
     def worst(self) -> Check:
@@ -76,16 +97,13 @@ class Certificate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as plain values for JSON; an infinite residual is None."""
-        checks = []
-        for check in self.checks:
-            residual = check.residual if math.isfinite(check.residual) else None
-            checks.append({**asdict(check), "residual": residual, "passed": check.passed})
         return {
             "robot": self.robot,
             "passed": self.passed,
             "samples": self.samples,
             "seed": self.seed,
-            "checks": checks,
+            "checks": [check.to_dict() for check in self.checks],
             "skipped": [asdict(each) for each in self.skipped],
             "estimated_links": list(self.estimated_links),
+            "contact": None if self.contact is None else self.contact.to_dict(),
         }

@@ -7,6 +7,7 @@ joints made fixed, and the principal axes of inertia. Contacts, losses and limit
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
@@ -61,9 +62,12 @@ class MujocoModel:
 
     Args:
         robot: The robot; its file and locked joints are used, not its Pinocchio model.
+        release: Gives the root link its freedom, told the ``MjSpec`` and the link's ``MjsBody``;
+            None for a planar base.
 
     Attributes:
-        mjm: The ``MjModel``: qpos and qvel are x, y, turn of the root link, then the joints.
+        mjm: The ``MjModel``: qpos and qvel of a planar base are x, y, turn of the root link, then
+            the joints.
         root: Index of the root link's body.
         joints: Index in qpos and in qvel of every moving joint.
         refused: Links that MuJoCo refuses, each with the reason.
@@ -73,7 +77,7 @@ class MujocoModel:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, release: Callable[[Any, Any], None] | None = None) -> None:
         self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
         self._robot = robot
         self.refused: tuple[str, ...] = ()
@@ -82,11 +86,7 @@ class MujocoModel:
         self._freeze(spec)
         for head, poses in _rigid_bodies(robot).items():
             self._give_inertia(spec, head, poses)
-        root = spec.body(OWN + robot.description.root)
-        kinds = self._mujoco.mjtJoint
-        root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
-        root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
-        root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
+        (release or self._slide)(spec, spec.body(OWN + robot.description.root))
         self.mjm = self._compiled(spec)
         self.root = int(self.mjm.body(OWN + robot.description.root).id)
         self.joints = {
@@ -94,6 +94,13 @@ class MujocoModel:
             for joint in robot.description.joints
             if joint.moving and joint.name not in robot.locked
         }
+
+    def _slide(self, spec: Any, root: Any) -> None:
+        """Let the root link slide along x and y and turn about z."""
+        kinds = self._mujoco.mjtJoint
+        root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
+        root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
+        root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
 
     def _compiled(self, spec: Any) -> Any:
         """Return the model with inertias as they are given."""

@@ -10,16 +10,18 @@ import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence import checks
-from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.certificate import CONTACT, Certificate, Check, Skipped
 from rpctl.equivalence.checks import State, draw_state
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
+    from rpctl.equivalence.contact_record import ContactTrial
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco",)
+ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ def verify(
     seed: int = 0,
     engines: Sequence[str] = ENGINES,
     progress: Callable[[int], object] | None = None,
+    contact: bool = False,
 ) -> Certificate:
     """Compare the reduced dynamics with independent derivations at random states.
 
@@ -47,6 +50,7 @@ def verify(
         engines: Other physics engines that take part (``"mujoco"``). One that is not installed, or
             that refuses the robot, has a row that says so.
         progress: Called with the number of states done.
+        contact: Whether the robot is to roll on a plane, too, as a free body in MuJoCo.
 
     Returns:
         The certificate; a comparison that is not finite fails.
@@ -66,8 +70,18 @@ def verify(
                 found[check.name, check.against] = replace(check, sample=sample)
         if progress is not None:
             progress(sample + 1)
-    estimated = robot.description.estimated_links
-    return Certificate(robot.name, samples, seed, tuple(found.values()), absent, estimated)
+    trial = _trial(robot) if contact else None
+    certificate = Certificate(
+        robot.name,
+        samples,
+        seed,
+        checks=tuple(found.values()),
+        skipped=absent,
+        estimated_links=robot.description.estimated_links,
+    )
+    if isinstance(trial, Skipped):
+        return replace(certificate, skipped=(*absent, trial))
+    return replace(certificate, contact=trial)
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
@@ -95,10 +109,20 @@ def _engine(
         return None, ()
     from rpctl.equivalence.mujoco_engine import EngineRefused, MujocoEngine, installed
 
-    note = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
+    note = ABSENT
     if installed():
         try:
             return MujocoEngine(robot), ()
         except EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
+
+
+def _trial(robot: Robot) -> ContactTrial | Skipped:
+    """Return the trial on the ground, or the row that says why there is none."""
+    from rpctl.equivalence import contact_trial
+    from rpctl.equivalence.mujoco_engine import installed
+
+    if not installed():
+        return Skipped(contact_trial.NAME, CONTACT, ABSENT)
+    return contact_trial.contact_trial(robot)
