@@ -19,6 +19,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.robot.drive import WITH_AXLE
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
+from rpctl.show_trial import trial_line, trial_table
 
 STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
 SHOWN = 8  # names that a line lists
@@ -210,9 +211,10 @@ def show_certificate(certificate: Certificate) -> None:
         table.add_row("[dim]-[/]", skipped.name, skipped.against, "-", "-", escape(skipped.note))
     out = console()
     out.print(table)
-    for check in (*certificate.checks, *certificate.declared):
-        if check.note:
-            out.print(f"[dim]note[/] {check.name}, {check.against}: {escape(check.note)}")
+    if certificate.contact is not None:
+        out.print(trial_table(certificate.contact, MARKS))
+    for against, note in certificate.notes:
+        out.print(f"[dim]note[/] {against}: {escape(note)}")
     if certificate.shared:
         out.print(f"[yellow]shared by all derivations[/] {escape('; '.join(certificate.shared))}")
     if certificate.estimated_links:
@@ -224,9 +226,13 @@ def show_certificate(certificate: Certificate) -> None:
 def certificate_line(certificate: Certificate) -> str:
     """Return a certificate in one line of markup."""
     made = certificate.checks
-    failed = [f"{check.name} against {check.against}" for check in made if not check.passed]
+    trial = certificate.contact
+    rows = made if trial is None else made + trial.checks
+    failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
     drawn = f"{certificate.samples} random states, seed {certificate.seed}"
     count = f"{len(made)} checks over {drawn}"
+    if trial is not None:
+        count += f"; {trial_line(trial)}"
     if failed:
         return f"{MARKS[False]} [bold]not verified[/]: {', '.join(failed)}; {count}"
     worst = certificate.worst

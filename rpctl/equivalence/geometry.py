@@ -8,7 +8,7 @@ import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check, Skipped
-from rpctl.equivalence.contact_slip import FileMotion, Slip, slip
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.measure import worst
 from rpctl.equivalence.reading import Reading

@@ -26,9 +26,9 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics import rolling
-from rpctl.equivalence import checks, contact_slip, lagrange
+from rpctl.equivalence import checks, wheel_slip, lagrange
 from rpctl.equivalence.certificate import Check
-from rpctl.equivalence.contact_slip import FileMotion, Slip
+from rpctl.equivalence.wheel_slip import FileMotion, Slip
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine
 from tests.equivalence import mutations, shared_faults
@@ -232,7 +232,7 @@ def heavier(
 PROBES: dict[str, tuple[str, Plant]] = {
     "record: ground": (GENERAL, of_robot(lower)),
     "slip: wheels 3 % fast": (GENERAL, in_class(FileMotion, "velocity", dragged)),
-    "slip: base speeds": (GENERAL, result_of(contact_slip.slip, faster)),
+    "slip: base speeds": (GENERAL, result_of(wheel_slip.slip, faster)),
     "oracle, full: M": (GENERAL, in_class(GibbsAppell, "full", field("M"))),
     "oracle, full: h": (GENERAL, in_class(GibbsAppell, "full", field("h"))),
     "M: largest entries": (GENERAL, in_method("inertia", mutations.scaled(slice(None), 1 + TINY))),

@@ -13,9 +13,9 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.equivalence import contact_slip, file_drive, raw_file
+from rpctl.equivalence import wheel_slip, file_drive, raw_file
 from rpctl.equivalence.certificate import Certificate, Check
-from rpctl.equivalence.contact_slip import FileMotion, Slip, slip
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
 from rpctl.equivalence.reading import Reading, read
@@ -80,7 +80,7 @@ def test_it_reads_by_itself_only_what_yourdfpy_cannot(tmp_path: Path) -> None:
     assert rpctl.verify(robot, 2).passed
 
 
-@pytest.mark.parametrize("module", [raw_file, file_drive, contact_slip])
+@pytest.mark.parametrize("module", [raw_file, file_drive, wheel_slip])
 def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: object) -> None:
     """Of ``description`` only meshes are opened through it; of ``robot`` records are named."""
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
