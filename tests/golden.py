@@ -54,10 +54,26 @@ TRICYCLE = "".join(
         _link("slide", 1.0, '<box size="0.1 0.1 0.1"/>', "0.05 0 0"),
         _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.1", "0 1 0", DRIVEN),
         _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.1", "0 1 0"),
-        _joint("steer_joint", "revolute", "base", "0.7 0 0.3", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)),
+        _joint(
+            "steer_joint", "revolute", "base", "0.7 0 0.3", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)
+        ),
         _joint("front_wheel_joint", "continuous", "steer", "0 0 -0.2", "0 1 0"),
-        _joint("swing_joint", "revolute", "base", "0.1 0.05 0.5", "0 0 1", LIMIT.format(-1.0, 1.5, 20, 2)),
-        _joint("slide_joint", "prismatic", "swing", "0.4 0 0", "1 0 0", LIMIT.format(-0.1, 0.4, 80, 0.5)),
+        _joint(
+            "swing_joint",
+            "revolute",
+            "base",
+            "0.1 0.05 0.5",
+            "0 0 1",
+            LIMIT.format(-1.0, 1.5, 20, 2),
+        ),
+        _joint(
+            "slide_joint",
+            "prismatic",
+            "swing",
+            "0.4 0 0",
+            "1 0 0",
+            LIMIT.format(-0.1, 0.4, 80, 0.5),
+        ),
         "</robot>\n",
     )
 )

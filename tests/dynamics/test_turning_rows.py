@@ -86,7 +86,9 @@ def test_followers_share_the_lateral_force_of_the_nearest_leader(tmp_path: Path)
 def test_a_wheel_that_slides_bears_no_lateral_force(tmp_path: Path) -> None:
     """A lone wheel ahead of the axle: in a steady bend its grip is used by nothing."""
     third = platform(SET_A)
-    third = third[third.index('<link name="left_wheel">') : third.index('<link name="right_wheel">')]
+    third = third[
+        third.index('<link name="left_wheel">') : third.index('<link name="right_wheel">')
+    ]
     third = third.replace("left_", "third_").replace('xyz="0 0.75', 'xyz="0.6 0.0')
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=third + ball(-0.5))))
     assert [wheel.slides for wheel in robot.drive.wheels] == [False, False, True]

@@ -13,12 +13,12 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.equivalence import wheel_slip, file_drive, raw_file
+from rpctl.equivalence import file_drive, raw_file, wheel_slip
 from rpctl.equivalence.certificate import Certificate, Check
-from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
 from rpctl.equivalence.reading import Reading, read
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.catalog import names
 from tests.description.test_mended import FINE
 from tests.robot.wild import Files, body, meshed

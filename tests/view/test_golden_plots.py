@@ -104,7 +104,13 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
         assert {tuple(np.round(c, 9)) for c in filled} == {tuple(np.round(c, 9)) for c in corners}
         assert filled == pytest.approx(edged)
     named = axes.get_legend_handles_labels()[1]
-    assert named == ["base", "end effector", "desired", "start", "contacts and heading, every 0.25 s"]
+    assert named == [
+        "base",
+        "end effector",
+        "desired",
+        "start",
+        "contacts and heading, every 0.25 s",
+    ]
 
 
 def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
@@ -135,7 +141,9 @@ def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
 def test_errors_are_told_with_their_units(golden: Run) -> None:
     base = panel(golden, "base")
     drawn = labelled(base)
-    assert over_time(drawn["longitudinal |x₁|, m"]) == pytest.approx([3, 0.3, 0.3, 0.05, 0.06, 0.03])
+    assert over_time(drawn["longitudinal |x₁|, m"]) == pytest.approx(
+        [3, 0.3, 0.3, 0.05, 0.06, 0.03]
+    )
     assert over_time(drawn["lateral |x₂|, m"]) == pytest.approx([4, 0.4, 0.4, 0.12, 0.08, 0.04])
     assert over_time(drawn["heading |x₃|, rad"]) == pytest.approx([0.9, 0.7, 0.5, 0.3, 0.2, 0.1])
     assert base.get_ylim() == pytest.approx((0.2 * 0.03, 8.0))
@@ -214,7 +222,7 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     low, high, *drawn = curves(shares)
     assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-1.0, -1.0], [1.0, 1.0])
     expected = EFFORTS[:, [0, 2, 3, 4]] / [40.0, 15.0, 20.0, 80.0]
-    assert np.array([over_time(c) for c in drawn]).T == pytest.approx(expected)
+    assert pytest.approx(expected) == np.array([over_time(c) for c in drawn]).T
     assert shares.get_ylabel() == "effort / limit"
     assert shares.get_ylim() == pytest.approx((-1.12, 1.12))
     (wheel,) = curves(free)
@@ -252,7 +260,9 @@ def test_margins_with_their_limits(golden: Run) -> None:
     assert limit[:, 1].tolist() == [1.0, 1.0]
     assert over_time(ratio) == pytest.approx(made.SLIP_RATIOS)
     assert grip.get_ylim() == pytest.approx((0.0, 1.12))
-    beyond = replace(golden, tip_margin=golden.tip_margin - 0.225, slip_ratio=5.0 * golden.slip_ratio)
+    beyond = replace(
+        golden, tip_margin=golden.tip_margin - 0.225, slip_ratio=5.0 * golden.slip_ratio
+    )
     assert panel(beyond, "tip-over").get_ylim() == pytest.approx((-0.1 - 0.014, 0.075 + 0.014))
     assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
     far = replace(golden, slip_ratio=50.0 * golden.slip_ratio)
@@ -309,7 +319,9 @@ def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
     wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
     plain = panel(golden, "paths").dataLim
     axes = panel(among(golden, wall), "paths")
-    (corners,) = (p.get_xy()[:-1] for p in axes.artists + axes.patches if len(getattr(p, "xy", ())) == 5)
+    (corners,) = (
+        p.get_xy()[:-1] for p in axes.artists + axes.patches if len(getattr(p, "xy", ())) == 5
+    )
     middle = 0.5 * (plain.min + plain.max)
     far = 20.0 * np.hypot(*plain.size)
     along = np.array([-0.8, 0.6])

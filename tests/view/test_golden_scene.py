@@ -189,7 +189,9 @@ def test_ghost_is_veiled_and_the_robot_is_not(scene: Scene) -> None:
         for mesh in group["children"]:
             paint = paints[mesh["material"]]
             assert mesh["material"].startswith("paint-") == solid
-            assert paint.get("opacity", 0.0) == (1.0 if solid else {"tint": 0.3}.get(paint["uuid"], 0.0))
+            assert paint.get("opacity", 0.0) == (
+                1.0 if solid else {"tint": 0.3}.get(paint["uuid"], 0.0)
+            )
             assert mesh.get("castShadow", False) == solid
 
 
@@ -310,7 +312,9 @@ def test_reference_robot_of_a_log_steers_by_the_reference(tricycle: Robot) -> No
     moving = step > 1e-5
     middle = 0.5 * (ahead[1:] + ahead[:-1])[moving]
     assert moving.sum() > 50
-    assert middle == pytest.approx(np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3)
+    assert middle == pytest.approx(
+        np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3
+    )
     assert np.abs(ahead - run.steering[:, 0]).max() > 0.01
     for name, offset in (("left_wheel_joint", 0.3), ("right_wheel_joint", -0.3)):
         turned = np.unwrap([tricycle.joint_position(q, name) for q in run.q_ref])
