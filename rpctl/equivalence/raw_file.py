@@ -27,12 +27,6 @@ MARKS = (  # the longer before the shorter that it begins with
     (codecs.BOM_UTF16_BE, "utf-16"),
     (codecs.BOM_UTF8, "utf-8-sig"),
 )
-WIDE = {  # by which of the first four bytes are not zero
-    b"\1\0\1\0": "utf-16-le",
-    b"\0\1\0\1": "utf-16-be",
-    b"\1\0\0\0": "utf-32-le",
-    b"\0\0\0\1": "utf-32-be",
-}
 DECLARATION = re.compile(r"\s*<\?xml.*?\?>", re.DOTALL)
 TURNING = ("revolute", "continuous")
 SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
@@ -184,12 +178,15 @@ def read_file(data: bytes) -> RawFile:
 
 
 def _text(data: bytes) -> str:
-    """Return bytes as text: by their mark, by where zeros lie, as UTF-8, or as Latin-1."""
+    """Return bytes as text: by their mark, as UTF-8, or as Latin-1.
+
+    The parser knows wide characters without a mark by the zeros among the first.
+    """
     for mark, codec in MARKS:
         if data.startswith(mark):
             return data.decode(codec)
     try:
-        return data.decode(WIDE.get(bytes(byte > 0 for byte in data[:4]), "utf-8"))
+        return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("latin-1")
 

@@ -179,6 +179,67 @@ def test_what_slides_by_design_is_told_by_hand() -> None:
     assert proof.passed
 
 
+WIDE = """type = "skid-steer"
+track = {track}
+[[wheel]]
+joint = "wheel_front_left_joint"
+[[wheel]]
+joint = "wheel_front_right_joint"
+[[wheel]]
+joint = "wheel_rear_left_joint"
+[[wheel]]
+joint = "wheel_rear_right_joint"
+"""
+
+
+def test_a_declared_track_is_where_the_wheels_grip(tmp_path: Path) -> None:
+    """Of what its own track leaves, a wider one makes (T − t)/2 ω of slip, and says so."""
+    plain = rpctl.load("skid_steer")
+    track = 1.25 * plain.drive.track
+    drive = write(tmp_path, WIDE.format(track=track), "drive.toml")
+    robot = rpctl.load("skid_steer", drive=drive)
+    proof = rpctl.verify(robot, samples=3, engines=())
+    assert row(proof, "wheels' contact at S ν").residual < 1e-12
+    assert proof.passed
+    (told,) = proof.declared
+    assert told.residual > 0.01
+    reading = read(robot)
+    radius, turn = robot.drive.wheels[0].radius, 0.6
+    rates = {w.joint: 0.5 * track * turn / radius * (-1 if "left" in w.joint else 1)
+             for w in robot.drive.wheels}  # fmt: skip
+    found = moved(reading, [0.0, 0.0, turn], rates)
+    forward = [size for key, size in found.held.items() if key.endswith("forward")]
+    np.testing.assert_allclose(forward, 0.0, atol=1e-15)
+    bare = dataclasses.replace(reading, drive=reading.measured)
+    slips = [s for k, s in moved(bare, [0.0, 0.0, turn], rates).held.items() if "forward" in k]
+    expected = 0.5 * (track - plain.drive.track) * turn
+    np.testing.assert_allclose(np.array(slips) * found.speed, expected, rtol=1e-12)
+
+
+SPOKE = """
+  <link name="{name}"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>
+    <collision><geometry><sphere radius="{radius}"/></geometry></collision></link>
+  <joint name="{name}_joint" type="{kind}"><parent link="left_wheel"/><child link="{name}"/>
+    <axis xyz="1 0 0"/></joint>"""
+
+
+def test_what_moves_on_a_wheel_is_not_the_wheel(tmp_path: Path) -> None:
+    """A roller that turns on a wheel is none of its shape; one that is frozen, or fixed, is."""
+
+    def radius(kind: str, **options: object) -> float:
+        extra = SPOKE.format(name="spoke", radius=0.153, kind=kind)
+        path = write(tmp_path, platform(SET_A, extra=extra))
+        robot = rpctl.load(path, **options)  # type: ignore[arg-type]
+        measured, _ = file_drive.measure(robot, read_file(robot.description.raw))
+        (left,) = (w for w in measured.wheels if w.joint == "left_joint")
+        return left.radius
+
+    assert radius("continuous") == 0.15
+    assert radius("continuous", lock=["spoke_joint"]) == 0.153
+    assert radius("fixed") == 0.153
+
+
 def test_wheels_that_share_a_lateral_force_are_held_on_average(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, vehicle("parallel")))
     proof = rpctl.verify(robot, samples=3, engines=())
