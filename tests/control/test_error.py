@@ -64,6 +64,6 @@ def test_only_joints_without_limits_go_the_short_way(tmp_path: Path) -> None:
     q = robot.configuration_at(np.zeros(3), np.array([-3.0, -3.0]))
     for turns in (0, 2):
         joints = np.array([3.0 + 2 * math.pi * turns, 3.0])
-        state = ReferenceState(*np.zeros((3, 3)), joints, *np.zeros((2, 2)))
+        state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 2)))._replace(joints=joints)
         e = tracking_error(robot, state, q)
         np.testing.assert_allclose(e, [0, 0, 0, 6.0 - 2 * math.pi, 6.0], atol=1e-12)

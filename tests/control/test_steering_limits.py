@@ -37,7 +37,7 @@ def asked(robot: Robot, angle: float, rate: float, omega: float) -> Array:
     dynamics = ReducedDynamics(robot)
     q = robot.configuration(joints={"steer": angle})
     nu = np.array([0.5, rate, 0.0])
-    twist = Twist(SPEED + [0.0, 0.0, omega], np.zeros(3))
+    twist = Twist(SPEED + np.array([0.0, 0.0, omega]), np.zeros(3))
     return np.array([part[1] for part in base_command(dynamics, AHEAD, q, nu, twist, H)])
 
 

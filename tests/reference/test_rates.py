@@ -53,7 +53,9 @@ def test_a_wheel_beside_its_pivot_rolls_as_it_steers(tmp_path: Path, side: int) 
 
 def test_a_direction_that_is_given_is_taken() -> None:
     given = np.arange(1.0, 10.0).reshape(3, 3)
-    state = ReferenceState(np.zeros(3), np.ones(3), 2.0 * np.ones(3), *np.zeros((3, 1)), given)
+    state = ReferenceState(np.zeros(3), np.ones(3), 2.0 * np.ones(3), *np.zeros((3, 1)))._replace(
+        direction=given
+    )
     np.testing.assert_array_equal(direction(state), given)
     without = direction(state._replace(direction=None))
     np.testing.assert_array_equal(without, [[1, 1, 1], [2, 2, 2], [0, 0, 0]])
