@@ -103,7 +103,7 @@ def test_a_robot_and_its_limits(tricycle: Robot, told: Told) -> None:
     for line in (
         "drive tricycle",
         "track 0.6 m; P, the middle of the axle, at (-0.1, 0) m",
-        "root link forward at 0°, 0 m above the ground",
+        "root link forward at 0°, 0.05 m above the ground",
         "mass 27 kg",
         "dof 4 quasi-velocities",
         "v: forward speed of P, m/s",
@@ -157,7 +157,7 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
     assert told["heading_deg"] == pytest.approx(45.0)
     assert told["track"] == pytest.approx(0.6)
     assert told["point"] == pytest.approx((-0.1, 0.0))
-    assert told["ground"] == pytest.approx(0.0, abs=1e-12)
+    assert told["ground"] == pytest.approx(-0.05)
     wheels = {wheel["joint"]: wheel for wheel in told["wheels"]}
     assert wheels["left_wheel_joint"]["radius"] == pytest.approx(0.1)
     limits = [(wheels[f"{w}_wheel_joint"]["effort"], wheels[f"{w}_wheel_joint"]["velocity"])
@@ -199,6 +199,12 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
 )  # fmt: skip
 def test_meanings_have_their_units(tmp_path: Path, kind: str, meanings: dict[str, str]) -> None:
     assert facts(rpctl.load(write(tmp_path, vehicle(kind))))["meanings"] == meanings
+
+
+def test_progress_is_quiet_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
+    with show.progress_bar("verify") as advance:
+        advance(1, 2)
+    assert capsys.readouterr() == ("", "")
 
 
 def test_figures_of_a_benchmark(golden: Run) -> None:

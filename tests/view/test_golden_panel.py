@@ -185,6 +185,11 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
         ("desired", True, "Desired"),
         ("ghost", False, "Reference robot"),
     ]
+    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
+    nothing = replace(arm, ee=none)
+    for shown, expected in (([bare], True), ([arm], True), ([nothing], False), ([nothing, arm], True)):
+        layers = [layer for layer, *_ in entries(compare_legend(shown, ["x"] * len(shown)))]
+        assert ("desired" in layers) == expected
     colours = re.findall(r"color: var\(--c(\d+)\)", compare_legend([golden] * 13, ["x"] * 13))
     assert colours == [*map(str, range(12)), "0"]
 

@@ -71,13 +71,26 @@ def test_a_tube_is_round_about_its_path(lead: tuple[float, float, float]) -> Non
         assert used.max() == (k + 2) * trails.TUBE_SIDES - 1
 
 
-def test_a_tube_turns_back_where_its_path_does() -> None:
-    path = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [1, 0, 0]], float)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_straight_tube_along_any_axis(axis: int, sign: float) -> None:
+    path = np.zeros((3, 3))
+    path[:, axis] = sign * np.arange(3)
     mesh = trails.tube(path, 0.1)
     assert mesh is not None
-    assert np.isfinite(mesh[0]).all()
-    spokes = np.linalg.norm(mesh[0].reshape(4, -1, 3) - path[:, None], axis=2)
-    assert spokes == pytest.approx(0.05)
+    spokes = mesh[0].reshape(3, -1, 3) - path[:, None]
+    assert np.linalg.norm(spokes, axis=2) == pytest.approx(0.05)
+    assert spokes[1:] == pytest.approx(spokes[:-1])
+
+
+def test_a_tube_turns_back_where_its_path_does() -> None:
+    bend = [[0, 0, 0], [1, 0, 0], [1, 1, 1], [1, 2, 2]]
+    for path in (np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [1, 0, 0]], float), np.array(bend, float)):
+        mesh = trails.tube(path, 0.1)
+        assert mesh is not None
+        assert np.isfinite(mesh[0]).all()
+        spokes = np.linalg.norm(mesh[0].reshape(4, -1, 3) - path[:, None], axis=2)
+        assert spokes == pytest.approx(0.05)
 
 
 def test_dashes_cover_seven_of_twelve_widths() -> None:
