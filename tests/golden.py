@@ -45,35 +45,19 @@ DRIVEN = '<limit effort="40" velocity="5"/>'
 TRICYCLE = "".join(
     (
         '<robot name="golden">\n',
-        _link("base", 20.0, '<box size="0.9 0.4 0.1"/>', "0.2 0 0.15"),
+        _link("base", 20.0, '<box size="0.9 0.4 0.1"/>', "0.2 0 0.1"),
         _link("left_wheel", 1.0, WHEEL, rpy=ROUND),
         _link("right_wheel", 1.5, WHEEL, rpy=ROUND),
         _link("steer", 0.5, '<box size="0.05 0.05 0.2"/>'),
         _link("front_wheel", 1.0, WHEEL, rpy=ROUND),
         _link("swing", 2.0, '<box size="0.4 0.06 0.06"/>', "0.2 0 0"),
         _link("slide", 1.0, '<box size="0.1 0.1 0.1"/>', "0.05 0 0"),
-        _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.1", "0 1 0", DRIVEN),
-        _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.1", "0 1 0"),
-        _joint(
-            "steer_joint", "revolute", "base", "0.7 0 0.3", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)
-        ),
+        _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.05", "0 1 0", DRIVEN),
+        _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.05", "0 1 0"),
+        _joint("steer_joint", "revolute", "base", "0.7 0 0.25", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)),
         _joint("front_wheel_joint", "continuous", "steer", "0 0 -0.2", "0 1 0"),
-        _joint(
-            "swing_joint",
-            "revolute",
-            "base",
-            "0.1 0.05 0.5",
-            "0 0 1",
-            LIMIT.format(-1.0, 1.5, 20, 2),
-        ),
-        _joint(
-            "slide_joint",
-            "prismatic",
-            "swing",
-            "0.4 0 0",
-            "1 0 0",
-            LIMIT.format(-0.1, 0.4, 80, 0.5),
-        ),
+        _joint("swing_joint", "revolute", "base", "0.1 0.05 0.45", "0 0 1", LIMIT.format(-1.0, 1.5, 20, 2)),
+        _joint("slide_joint", "prismatic", "swing", "0.4 0 0", "1 0 0", LIMIT.format(-0.1, 0.4, 80, 0.5)),
         "</robot>\n",
     )
 )
@@ -118,7 +102,10 @@ SLIP_RATIOS = (0.1, 0.2, 0.15, 0.4, 0.3, 0.05)
 
 
 def load_tricycle(folder: Path) -> Robot:
-    """Return the tricycle: P is 0.1 m behind the root link, and an arm turns and slides."""
+    """Return the tricycle, whose arm turns and slides.
+
+    P is 0.1 m behind the root link, the ground 0.05 m below it, the front wheel 0.8 m ahead of P.
+    """
     path = folder / "golden.urdf"
     path.write_text(TRICYCLE, encoding="utf-8")
     return rpctl.load(path)
