@@ -54,7 +54,8 @@ class Certificate:
     """The outcome of :func:`rpctl.verify`: all checks of one robot.
 
     ``estimated_links`` are those whose mass and inertia are estimates: the equations are right
-    for them, they need not be right for the robot.
+    for them, they need not be right for the robot. ``idealised`` says in sentences what the model
+    leaves out of the file, or takes for simpler, which no comparison here can tell.
     """
 
     robot: str
@@ -63,6 +64,7 @@ class Certificate:
     checks: tuple[Check, ...]
     skipped: tuple[Skipped, ...] = ()
     estimated_links: tuple[str, ...] = ()
+    idealised: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -88,4 +90,5 @@ class Certificate:
             "checks": checks,
             "skipped": [asdict(each) for each in self.skipped],
             "estimated_links": list(self.estimated_links),
+            "idealised": list(self.idealised),
         }

@@ -14,6 +14,7 @@ from rpctl.equivalence.certificate import Certificate, Check, Skipped
 from rpctl.equivalence.checks import State, draw_state
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -67,7 +68,10 @@ def verify(
         if progress is not None:
             progress(sample + 1)
     estimated = robot.description.estimated_links
-    return Certificate(robot.name, samples, seed, tuple(found.values()), absent, estimated)
+    idealised = tuple(each.sentence for each in idealisations(robot))
+    return Certificate(
+        robot.name, samples, seed, tuple(found.values()), absent, estimated, idealised
+    )
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:

@@ -19,7 +19,7 @@ table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nu
 th { text-align: left; color: var(--soft); font-weight: 600; }
 th, td { padding: 6px 10px; border-bottom: 1px solid var(--line); vertical-align: top; }
 td:nth-child(3) { white-space: nowrap; }
-.estimated { margin: 14px 10px; color: var(--soft); overflow-wrap: anywhere; }
+.estimated, .idealised { margin: 14px 10px; color: var(--soft); overflow-wrap: anywhere; }
 .wide { overflow-x: auto; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }
 """
@@ -38,7 +38,7 @@ PAGE = """<!doctype html>
 <thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
 <tbody>
 {rows}
-</tbody></table></div>{estimated}</main>
+</tbody></table></div>{estimated}{idealised}</main>
 </body>
 </html>
 """
@@ -62,6 +62,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
         estimated=_estimates(certificate.estimated_links),
+        idealised=_idealised(certificate.idealised),
         rows="\n".join([*map(_row, certificate.checks), *map(_gap, certificate.skipped)]),
     )
     return write_atomically(path, page.encode())
@@ -73,6 +74,14 @@ def _estimates(links: Sequence[str]) -> str:
         return ""
     text = f"Estimated, at a density, not given by the URDF: mass and inertia of {', '.join(links)}"
     return f'<p class="estimated">{escape(text)}.</p>'
+
+
+def _idealised(sentences: Sequence[str]) -> str:
+    """Return the list of what is idealised, or nothing."""
+    if not sentences:
+        return ""
+    items = "".join(f"<li>{escape(sentence)}.</li>" for sentence in sentences)
+    return f'<div class="idealised">Idealised, the same in all derivations:<ul>{items}</ul></div>'
 
 
 def _row(check: Check) -> str:
