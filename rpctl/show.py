@@ -59,16 +59,18 @@ def show_robot(robot: Robot) -> None:
         if rows:
             out.print()
             out.print(table(rows))
-    remarks = [*_remarks(robot)]
+    remarks = [*_remarks(robot, known["idealised"])]
     if remarks:
         out.print()
         out.print(*remarks, sep="\n")
 
 
-def _remarks(robot: Robot) -> Iterator[str]:
-    """Yield markup for what is doubtful, and for what was noticed."""
+def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield markup for what is doubtful, what is idealised, and what was noticed."""
     for doubt in robot.drive.doubts:
         yield f"[yellow]doubt[/] {escape(doubt)}"
+    for each in idealised:
+        yield f"[dim]idealised[/] {escape(each['sentence'])}"
     contacts = find_contacts(ReducedDynamics(robot))
     for note in contacts.notes if contacts else ():
         yield f"[dim]ground[/] {escape(note)}"
@@ -220,6 +222,8 @@ def show_certificate(certificate: Certificate) -> None:
     if certificate.estimated_links:
         names = ", ".join(certificate.estimated_links)
         out.print(f"[yellow]estimated[/] mass and inertia of {escape(names)}")
+    for sentence in certificate.idealised:
+        out.print(f"[dim]idealised[/] {escape(sentence)}")
     out.print(certificate_line(certificate))
 
 

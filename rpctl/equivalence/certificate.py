@@ -74,6 +74,8 @@ class Certificate:
         declared: How far the user's own numbers are from the file's shapes; neither passed nor
             failed, but with ``strict``, when they are among ``checks``.
         shared: What no derivation found for itself, in phrases.
+        idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
+            comparison here can tell.
         contact: The trial on the ground, where it was asked for and could be made.
     """
 
@@ -85,6 +87,7 @@ class Certificate:
     estimated_links: tuple[str, ...] = ()
     declared: tuple[Check, ...] = ()
     shared: tuple[str, ...] = ()
+    idealised: tuple[str, ...] = ()
     contact: ContactTrial | None = None
 
     @property
@@ -118,5 +121,6 @@ class Certificate:
             "estimated_links": list(self.estimated_links),
             "declared": [check.to_dict() for check in self.declared],
             "shared": list(self.shared),
+            "idealised": list(self.idealised),
             "contact": None if self.contact is None else self.contact.to_dict(),
         }

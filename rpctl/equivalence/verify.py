@@ -18,6 +18,7 @@ from rpctl.equivalence.reading import Reading, read, shared
 from rpctl.equivalence.state import State, draw_state
 from rpctl.equivalence.trial import find_sizes, make_trial
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def verify(
         estimated_links=robot.description.estimated_links,
         declared=declared,
         shared=shared(robot, reading),
+        idealised=tuple(each.sentence for each in idealisations(robot)),
     )
     trial = _trial(robot) if contact else None
     if isinstance(trial, Skipped):

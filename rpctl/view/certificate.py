@@ -61,7 +61,9 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
         style=style + STYLE,
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
-        remarks=_estimates(certificate.estimated_links) + _shared(certificate.shared),
+        remarks=_estimates(certificate.estimated_links)
+        + _shared(certificate.shared)
+        + _idealised(certificate.idealised),
         rows="\n".join(
             [
                 *map(_row, certificate.checks),
@@ -86,6 +88,14 @@ def _shared(phrases: Sequence[str]) -> str:
     if not phrases:
         return ""
     return f'<p class="remark">Shared by all derivations: {escape("; ".join(phrases))}.</p>'
+
+
+def _idealised(sentences: Sequence[str]) -> str:
+    """Return the list of what is idealised, or nothing."""
+    if not sentences:
+        return ""
+    items = "".join(f"<li>{escape(sentence)}.</li>" for sentence in sentences)
+    return f'<div class="remark">Idealised, the same in all derivations:<ul>{items}</ul></div>'
 
 
 def _row(check: Check) -> str:
