@@ -7,6 +7,7 @@ another is found.
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,26 @@ TRICYCLE = "".join(
         _link("slide", 1.0, '<box size="0.1 0.1 0.1"/>', "0.05 0 0"),
         _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.05", "0 1 0", DRIVEN),
         _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.05", "0 1 0"),
-        _joint("steer_joint", "revolute", "base", "0.7 0 0.25", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)),
+        _joint(
+            "steer_joint", "revolute", "base", "0.7 0 0.25", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)
+        ),
         _joint("front_wheel_joint", "continuous", "steer", "0 0 -0.2", "0 1 0"),
-        _joint("swing_joint", "revolute", "base", "0.1 0.05 0.45", "0 0 1", LIMIT.format(-1.0, 1.5, 20, 2)),
-        _joint("slide_joint", "prismatic", "swing", "0.4 0 0", "1 0 0", LIMIT.format(-0.1, 0.4, 80, 0.5)),
+        _joint(
+            "swing_joint",
+            "revolute",
+            "base",
+            "0.1 0.05 0.45",
+            "0 0 1",
+            LIMIT.format(-1.0, 1.5, 20, 2),
+        ),
+        _joint(
+            "slide_joint",
+            "prismatic",
+            "swing",
+            "0.4 0 0",
+            "1 0 0",
+            LIMIT.format(-0.1, 0.4, 80, 0.5),
+        ),
         "</robot>\n",
     )
 )
@@ -132,6 +149,8 @@ def golden_run(robot: Robot) -> Run:
         "joints": np.array([robot.joint_positions(row) for row in q]),
         "joints_ref": np.array([robot.joint_positions(row) for row in q_ref]),
         "steering": np.array([[robot.joint_position(row, "steer_joint")] for row in q]),
+        "others": np.outer(k - 2.0, [0.05, 0.1]),  # beside the robot's own: a flap and a wheel
+        "other_rates": np.outer(2.0 - k, [0.3, 0.5]),
         "e": np.column_stack([BASE_ERRORS, HEADING_ERRORS, SWING_ERRORS, SLIDE_ERRORS]),
         "ee": ee,
         "ee_ref": ee + TIP_ERRORS,
@@ -171,6 +190,8 @@ def _facts(robot: Robot) -> dict[str, object]:
         "upper_limits": (1.5, 0.4),
         "steering_names": ("steer_joint",),
         "steering_limits": ((-0.5, 0.6),),
+        "other_names": ("flap_joint", "idle_wheel_joint"),
+        "other_limits": ((-0.3, 0.4, 2.5), (-math.inf, math.inf, 6.0)),
         "end_effector": "slide",
         "contacts": CONTACTS,
         "contact_points": POINTS,
@@ -179,6 +200,7 @@ def _facts(robot: Robot) -> dict[str, object]:
         "bound_limits": BOUND,
         "friction": 0.7,
         "settings": {"reference": "eight", "kinematic_report": {"softened": 3.0}},
+        "notes": (),
         "certificate": None,
         "wall_time": WALL_TIME,
     }

@@ -91,6 +91,10 @@ LIMITS: list[tuple[str, int, float, str, str]] = [
     ("joints", 1, 0.4, "slide_joint", "upper"),
     ("steering", 0, -0.5, "steer_joint", "lower"),
     ("steering", 0, 0.6, "steer_joint", "upper"),
+    ("others", 0, -0.3, "flap_joint", "lower"),
+    ("others", 0, 0.4, "flap_joint", "upper"),
+    ("other_rates", 0, -2.5, "flap_joint", "velocity"),
+    ("other_rates", 1, 6.0, "idle_wheel_joint", "velocity"),
 ]
 
 
@@ -105,8 +109,9 @@ def test_each_limit_in_each_direction(golden: Run, case: tuple[str, int, float, 
     run = changed(run, array, 4, column, 1.125 * limit)
     (found,) = violations(run)
     assert (found["joint"], found["limit"]) == (joint, kind)
-    assert abs(found["value"]) == pytest.approx(1.25 * abs(limit))
-    assert abs(found["allowed"]) == pytest.approx(abs(limit))
+    sign = 1.0 if kind in ("lower", "upper") else np.sign(limit)  # of efforts and rates the size
+    assert found["value"] == pytest.approx(1.25 * limit * sign)
+    assert found["allowed"] == pytest.approx(limit * sign)
     assert found["first_time"] == pytest.approx(0.2)
     assert found["duration"] == pytest.approx(3 / COUNT * DURATION)
     assert summarize(run)["limits_violated"] == [found]

@@ -124,7 +124,9 @@ def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: 
             for label, line in drawn.items():
                 seen.setdefault(label, set()).add(line["colour"])
     joints = ("left_wheel", "right_wheel", "steer", "swing", "slide")
-    assert {label: seen[label] for label in joints} == {label: {k} for k, label in enumerate(joints)}
+    assert {label: seen[label] for label in joints} == {
+        label: {k} for k, label in enumerate(joints)
+    }
 
 
 def test_speeds_of_every_kind_of_base(golden: Run) -> None:
@@ -140,7 +142,9 @@ def test_speeds_of_every_kind_of_base(golden: Run) -> None:
 
 def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     arm = ("swing_joint", "slide_joint")
-    charts = told(replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:]))
+    charts = told(
+        replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:])
+    )
     assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
     assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
 
@@ -152,7 +156,9 @@ def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
     assert [*lines(charts["Base speeds"])] == ["v"]
     told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
     assert told_of == {"omega": "rad/s", "vx": "m/s"}
-    alone = replace(run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:])
+    alone = replace(
+        run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:]
+    )
     assert not {"Base error", "Base speeds"} & set(told(alone))
 
 

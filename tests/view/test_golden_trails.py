@@ -85,7 +85,10 @@ def test_a_straight_tube_along_any_axis(axis: int, sign: float) -> None:
 
 def test_a_tube_turns_back_where_its_path_does() -> None:
     bend = [[0, 0, 0], [1, 0, 0], [1, 1, 1], [1, 2, 2]]
-    for path in (np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [1, 0, 0]], float), np.array(bend, float)):
+    for path in (
+        np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [1, 0, 0]], float),
+        np.array(bend, float),
+    ):
         mesh = trails.tube(path, 0.1)
         assert mesh is not None
         assert np.isfinite(mesh[0]).all()
@@ -131,7 +134,9 @@ def test_grid_lies_on_whole_steps_and_fades_out() -> None:
     assert (level | np.isclose(starts[:, 1], ends[:, 1])).all()
     lines = np.where(level, starts[:, 0], starts[:, 1]) / 0.5
     assert lines == pytest.approx(np.round(lines))
-    assert np.linalg.norm(ends - starts, axis=1) == pytest.approx(2 * 2.0 / (2 * trails.GRID_PIECES))
+    assert np.linalg.norm(ends - starts, axis=1) == pytest.approx(
+        2 * 2.0 / (2 * trails.GRID_PIECES)
+    )
     away = np.linalg.norm(points[:, :2] - [3.0, -2.0], axis=1) / 2.0
     assert opacity == pytest.approx(np.clip(1.0 - away, 0.0, 1.0) ** 1.2)
     assert opacity.max() == 1.0
@@ -158,7 +163,9 @@ def test_trails_and_ground_suit_the_size_of_the_motion(
     assert set(points[:, 2]) == {0.5}
     shadow = np.array(drawn["object"]["children"][1]["matrix"]).reshape(4, 4).T
     assert shadow[:3, 3] == pytest.approx([*centre, 0.5])
-    step = np.diff(np.unique(np.round(points[0::2][np.isclose(*points[:, 0].reshape(-1, 2).T)][:, 0], 4)))
+    step = np.diff(
+        np.unique(np.round(points[0::2][np.isclose(*points[:, 0].reshape(-1, 2).T)][:, 0], 4))
+    )
     least = {1.225: 0.25, 4.75: 0.5, 31.0: 2.0}[radius]  # 16 steps at most, of half or whole metres
     assert step.min() == pytest.approx(least)
     colours = np.frombuffer(grid["data"]["attributes"]["color"]["array"].data, "u1").reshape(-1, 4)
@@ -184,7 +191,10 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     for name, width in (("tip", 0.55 * 0.03), ("tip-desired", 0.8 * 0.55 * 0.03)):
         assert np.sqrt(0.75) * width * 0.999 < widths[name] <= width * 1.001
     only = unpack(stage.trails_command({"tip": path, "tip-desired": path}, lower, upper))["object"]
-    assert [node["name"] for node in only["object"]["children"]] == ["trail-tip-desired", "trail-tip"]
+    assert [node["name"] for node in only["object"]["children"]] == [
+        "trail-tip-desired",
+        "trail-tip",
+    ]
     still = {"base": path[:1], "base-desired": path}
     only = unpack(stage.trails_command(still, lower, upper))["object"]
     assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]
