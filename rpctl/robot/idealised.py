@@ -89,7 +89,7 @@ def _losses(robot: Robot) -> Iterator[Idealisation]:
 
 
 def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[Idealisation]:
-    lossy = [(abs(value), joint) for value, joint in values if value]
+    lossy = [(value, joint) for value, joint in values if value]
     if lossy:
         largest, joint = max(lossy, key=lambda item: item[0])
         many = f"of {len(lossy)} joints is left out, at most" if len(lossy) > 1 else "is left out:"

@@ -11,7 +11,7 @@ import math
 from rpctl.errors import require_positive
 
 CONTROL_PERIOD = 0.002  # s, where none is asked for
-WHOLE = 1e-9  # of a period: as near to a whole number, a quotient of two decimals is one
+WHOLE = 1e-6  # of a period: as near to a whole number, a quotient of two decimals is one
 
 
 def lasting_periods(duration: float, control_period: float) -> int:
@@ -53,4 +53,4 @@ def delay_note(asked: float, control_period: float) -> tuple[str, ...]:
 
 
 def _whole(time: float, control_period: float, periods: int) -> bool:
-    return abs(time / control_period - periods) <= WHOLE * max(1, periods)
+    return abs(time / control_period - periods) <= WHOLE

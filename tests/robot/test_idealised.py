@@ -115,6 +115,16 @@ def test_wheels_that_end_at_two_heights(tmp_path: Path) -> None:
     assert not said(rpctl.load(write(tmp_path, text.replace("0.154", "0.150015"))))
 
 
+def test_a_wheel_that_ends_below_the_others(files: Files) -> None:
+    """Bottoms at 0, 0 and −3 mm: the ground at −1 mm, the third 2 mm below it."""
+    parts = body()
+    rear_axle(parts)
+    parts.wheel("stray", "base", "0.4 0 0.097")
+    found = said(files.load(parts))["contact height"]
+    assert found.value == pytest.approx(2.0)
+    assert found.sentence.endswith('"stray" (line 1) ends 2 mm below it')
+
+
 def test_axles_that_share_one_constraint(tmp_path: Path) -> None:
     """Axles at 0 and −0.9 m: P lies between them, 0.45 m from each."""
     found = only(four_wheels(tmp_path, "skid-steer"))
@@ -123,6 +133,10 @@ def test_axles_that_share_one_constraint(tmp_path: Path) -> None:
     assert "2 fixed axles share one lateral constraint, at P" in found.sentence
     assert "at 0.45 m/s for each rad/s" in found.sentence
     assert not said(four_wheels(tmp_path, "mecanum"))
+    told = write(tmp_path, 'type = "skid-steer"\npoint = [-0.2, 0]\n', "drive.toml")
+    found = only(rpctl.load(tmp_path / "skid-steer.urdf", drive=told))
+    assert found.value == pytest.approx(0.7)
+    assert "rear_" in found.sentence
 
 
 def cylinder(r: float, role: str, x: float = 0.0) -> str:
@@ -147,6 +161,8 @@ def test_a_visual_radius_that_is_not_the_collisions(files: Files) -> None:
         "the visual shape 0.11 m (visual cylinder, line 1); simulators roll on the collision"
     )
     assert not said(files.load(cart(cylinder(0.1, "collision") + cylinder(0.1, "visual"))))
+    text = xml(cart(shapes)).replace('radius="0.11"', 'radius="0.12"', 1)
+    assert [each.value for each in idealisations(files.load(text))[:2]] == [0.12, 0.11]
     lugs = '<visual><geometry><box size="0.2 0.04 0.2"/></geometry></visual>'
     assert not said(files.load(cart(shapes + lugs)))  # what is drawn reaches further than one knows
     told = 'type = "differential"\n' + "".join(

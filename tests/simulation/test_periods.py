@@ -28,6 +28,13 @@ def test_they_count_as_decimals_do(period: str) -> None:
     assert delay_note(0.0, float(period)) == ()
 
 
+def test_what_is_simulated_is_told() -> None:
+    (ends,), (late,) = duration_note(1.0, 0.3), delay_note(0.5, 0.2)
+    said = "is no whole number of control periods of"
+    assert ends == f"a duration of 1 s {said} 0.3 s: the run ends at 0.9 s"
+    assert late == f"a delay of 0.5 s {said} 0.2 s: 0.6 s are simulated"
+
+
 def test_what_is_no_time_is_told() -> None:
     with pytest.raises(RpctlError, match="duration is nan; give a positive number"):
         lasting_periods(math.nan, 0.002)
