@@ -37,17 +37,20 @@ def test_a_wheel_beside_its_pivot_is_slower_on_the_inside(tmp_path: Path, side: 
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_wheel_beside_its_pivot_rolls_as_it_steers(tmp_path: Path, side: int) -> None:
-    """From straight ahead into a bend, with α = ω̇: δ = 0, δ̇ = 0.4 α/v, and the wheel, y to the
-    left, rolls at v − y δ̇; the steering axis points up."""
+@pytest.mark.parametrize("up", [1, -1])
+def test_a_wheel_beside_its_pivot_rolls_as_it_steers(tmp_path: Path, side: int, up: int) -> None:
+    """From straight ahead into a bend, with α = ω̇: the wheel turns to the left at 0.4 α/v, its
+    joint so where its axis points up, and being y to the left, it rolls at v − y times that."""
     text = vehicle("steered").replace('xyz="0 0.02 0"', f'xyz="0 {0.02 * side} 0"')
+    head, _, tail = text.partition('<joint name="fl_steer"')
+    text = f'{head}<joint name="fl_steer"{tail.replace("0 0 1", f"0 0 {up}", 1)}'
     robot = rpctl.load(write(tmp_path, text))
     alpha = 0.3
     twist, change = np.array([V, 0.0, 0.0]), np.array([0.0, 0.0, alpha])
     state = ReferenceState(np.zeros(3), twist, change, *np.zeros((3, 1)))
     nu = reference_rates(robot, state).nu
     turned = 0.4 * alpha / V
-    assert nu[1] == pytest.approx(turned)
+    assert nu[1] == pytest.approx(up * turned)
     assert nu[0] == pytest.approx(V - 0.02 * side * turned)
 
 
