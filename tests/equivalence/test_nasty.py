@@ -18,9 +18,7 @@ from rpctl.dynamics import motion
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.geometry import SHAPES
-from rpctl.equivalence.measure import EPS, allowed, rate
 from rpctl.equivalence.mujoco_engine import installed
-from rpctl.equivalence.trial import efforts
 from rpctl.errors import RpctlError
 from tests.equivalence.nasty import NASTY
 from tests.equivalence.planting import Plant, in_function, in_method, rolling_of
@@ -131,46 +129,6 @@ def test_limits_of_ordinary_robots_are_constants(name: str) -> None:
     for check in rpctl.verify(rpctl.load(name), samples=3).checks:
         if check.against != SHAPES:
             assert check.limit == CONSTANT.get(check.name, 1e-12), check
-
-
-def test_a_limit_grows_with_the_products_only_where_they_count() -> None:
-    assert allowed(1e-12, 100.0, 1.0) == 1e-12
-    assert allowed(1e-12, 1e5, 2.0) == pytest.approx(10.0 * EPS * 5e4, rel=1e-15)
-    assert allowed(1e-12, 1e5, 0.0) == 1e-12
-
-
-def test_differences_are_of_order_four() -> None:
-    exact = np.array([0.3, 0.0])  # of c₁ t + c₂ t² + c₃ t³ + c₄ t⁴, at 0
-
-    def quartic(t: float) -> Array:
-        return np.array([0.3 * t + 0.2 * t**2 - 0.7 * t**3 + 1.1 * t**4, 5.0 + t**2])
-
-    np.testing.assert_allclose(rate(quartic, 0.5), exact, atol=1e-15)
-    # of t⁵ the rule leaves (8·2h⁵ − 2·32h⁵)/12h = −4 h⁴
-    fifth = rate(lambda t: np.array([t**5]), 0.1)
-    np.testing.assert_allclose(fifth, [-4e-4], rtol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["front wheel drives alone", "nothing driven but the arm"])
-def test_efforts_hold_what_is_driven_and_no_more(tmp_path: Path, name: str) -> None:
-    """Held, the actuators' own joints do not accelerate; of one pushed, its own does as told."""
-    robot = NASTY[name](tmp_path)
-    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
-    q, nu, B = state.q, state.nu, dynamics.actuation(state.q)
-    still = np.zeros(len(robot.actuators))
-    held = dynamics.forward(q, nu, efforts(dynamics, q, nu, still))
-    np.testing.assert_allclose(B.T @ held, 0.0, atol=1e-10)
-    assert np.abs(held).max() > 0.01  # what nothing drives moves on
-    for k in range(len(still)):
-        push = np.where(np.arange(len(still)) == k, 0.7, 0.0)
-        pushed = dynamics.forward(q, nu, efforts(dynamics, q, nu, push))
-        assert B[:, k] @ (pushed - held) == pytest.approx(0.7, abs=1e-10)
-
-
-def test_efforts_hold_a_robot_that_is_wholly_driven(paper: Robot) -> None:
-    dynamics, state = ReducedDynamics(paper), draw_state(paper, 0, 0)
-    tau = efforts(dynamics, state.q, state.nu, np.zeros(4))
-    np.testing.assert_allclose(dynamics.forward(state.q, state.nu, tau), 0.0, atol=1e-12)
 
 
 def test_what_a_seed_draws_is_as_ever(paper: Robot) -> None:
