@@ -139,8 +139,8 @@ class _Axes:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return three to five round values between two."""
-    raw = (high - low) / 4.0
+    """Return round values between two: at most six, at least three."""
+    raw = (high - low) / 5.0
     size = 10.0 ** math.floor(math.log10(raw))
     step = size * next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0) if k * size >= raw)
     first, last = math.ceil(low / step), math.floor(high / step)

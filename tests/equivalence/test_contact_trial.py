@@ -419,15 +419,20 @@ def test_a_declared_radius_is_told(paper: Robot) -> None:
     assert (tread.radius, tread.note) == (0.2, "the radius of wheel_left_joint is the drive file's")
 
 
-def test_a_wheel_that_is_not_drawn_is_told(tmp_path: Path) -> None:
-    shape = platform(SET_A).partition("<collision>")[2].partition("</collision>")[0]
-    text = platform(SET_A, extra=ball(0.6)).replace(f"<collision>{shape}</collision>", "", 1)
-    drive = tmp_path / "drive.toml"
-    drive.write_text('type = "differential"\n[wheel.left_joint]\nradius = 0.15\n', encoding="utf-8")
-    robot = rpctl.load(write(tmp_path, text), drive=str(drive))
-    tread = tyre(robot, robot.drive.wheels[0])
-    assert tread.radius == 0.15
-    assert tread.note.startswith("left_joint draws no wheel")
+def test_a_wheel_that_is_not_drawn_is_told(paper: Robot) -> None:
+    wheel = dataclasses.replace(paper.drive.wheels[0], radius=0.17, offset=0.03)
+    child = paper.description.joint[wheel.joint].child
+    links = tuple(
+        dataclasses.replace(link, visuals=(), collisions=()) if link.name == child else link
+        for link in paper.description.links
+    )
+    bare = dataclasses.replace(
+        paper, description=dataclasses.replace(paper.description, links=links)
+    )
+    tread = tyre(bare, wheel)
+    assert tread.radius == 0.17
+    np.testing.assert_allclose(tread.pose[:3, 3], 0.03 * np.array(wheel.axis))
+    assert tread.note.startswith("wheel_left_joint draws no wheel")
 
 
 def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
@@ -467,8 +472,8 @@ def test_the_servo_pushes_towards_the_plan(paper: Robot) -> None:
     behind = plan.efforts(0, at - [0.01, 0.0], rates) - plan.tau[0]
     slow = plan.efforts(0, at, rates - [0.01, 0.0]) - plan.tau[0]
     inertia = plan.inertia[0]
-    np.testing.assert_allclose(behind[2:], 6400.0 * 0.01 * inertia[:, 0])
-    np.testing.assert_allclose(slow[2:], 160.0 * 0.01 * inertia[:, 0])
+    np.testing.assert_allclose(behind[2:], 6400.0 * 0.01 * inertia[:, 0], atol=1e-12)
+    np.testing.assert_allclose(slow[2:], 160.0 * 0.01 * inertia[:, 0], atol=1e-12)
     assert not behind[:2].any()  # wheels get what the plan says, whatever is measured
     np.testing.assert_allclose(plan.efforts(0, at + 2.0 * math.pi, rates), plan.tau[0], atol=1e-9)
 
