@@ -13,13 +13,15 @@ from rpctl.equivalence.certificate import CONTACT
 from rpctl.equivalence.contact_record import Gap, Motion, travelled
 from rpctl.robot.model import Robot
 
-# What soft contacts and steps of .5 ms leave, of the worst robot of the catalogue, is 0.95 mm over
-# 1.13 m, 0.3 mrad, 0.1 % of the weight and 0.1 % of the efforts. The bands are a few times that.
+# What soft contacts and steps of .5 ms leave of the catalogue, at worst: 0.8 mm over 1.1 m,
+# 0.6 mrad over 0.8 rad, 0.04 % of the weight, 0.03 % of the span, 0.15 % of the efforts, 1 mrad of
+# a caster. The bands are three to fifteen times that, and a fault of a few percent breaks them.
 WAY, WAY_FLOOR = 2.5e-3, 1e-3  # of the distance travelled; m
 TURNED, TURNED_FLOOR = 2.5e-3, 1e-3  # of the angle turned; rad
-LOAD = 0.01  # of the weight
-BALANCE = 0.01  # of the distance between the outermost contacts
+LOAD = 5e-3  # of the weight
+BALANCE = 5e-3  # of the distance between the outermost contacts
 EFFORT = 0.01  # of the largest effort of its kind, N or N·m
+EFFORT_FLOOR = 1e-6  # of the weight, and of its moment over the outermost contacts: soft contacts
 CASTER = 0.02  # rad: a caster turns by as much in a millimetre of its way
 LIFTED = 0.01  # of the weight: a caster that bears less does not roll
 AXES = ("x", "y", "z")
@@ -52,12 +54,16 @@ def gaps(
         load = reduced.load - engine.load
         yield _gap("wheel loads", load, LOAD * weight, "N", contacts.names)
     slides = np.array([robot.description.joint[name].kind == "prismatic" for name in joints], bool)
-    for label, unit, kind in (("forces", "N", slides), ("torques", "N·m", ~slides)):
+    for label, unit, kind, reach in (
+        ("forces", "N", slides, weight),
+        ("torques", "N·m", ~slides, weight * span),
+    ):
         if kind.any():
             names = [name for name, one in zip(joints, kind, strict=True) if one]
             largest = float(np.abs(engine.efforts[:, kind]).max())
             effort = (reduced.efforts - engine.efforts)[:, kind]
-            yield _gap(f"joint {label}", effort, EFFORT * largest, unit, names)
+            band = EFFORT * largest + EFFORT_FLOOR * reach
+            yield _gap(f"joint {label}", effort, band, unit, names)
     rolling = rolling_casters(robot, contacts, engine)
     if rolling:
         swung = _wrapped(reduced.casters - engine.casters)[:, list(rolling.values())]

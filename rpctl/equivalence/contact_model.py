@@ -14,7 +14,7 @@ slides sideways, has friction along one direction only.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -33,10 +33,11 @@ STEP = 5e-4  # s: below the contacts' time constant
 SOLREF = (2e-3, 1.0)  # time constant (s), least that STEP allows with a margin, and damping ratio
 SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)  # impedance near 1: hard contacts, which sink by microns
 IMPRATIO = 0.1  # friction softer than the load: axles a hair apart creep, they do not fight
-TIE = 150.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
+TIE = 300.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
 NUDGE = 1e-6  # rad, of a difference quotient
 FRICTION = 0.7  # of rubber on a dry indoor floor, as the margins of the reduced model assume
 FREE = 1e-5  # friction along which a roller runs, or a ball slides: the least MuJoCo takes
+LEAST = 1e-9  # N: below it nothing bears a load
 SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
 
 
@@ -96,18 +97,19 @@ class ContactModel:
         dofs = {swivel.joint: self._dofs[swivel.joint] for swivel in self._robot.drive.followers}
         self._swinging = {name: float(M[dof, dof]) for name, dof in dofs.items()}
 
-    def advance(self, efforts: dict[str, float], steps: int) -> Contact:
+    def advance(self, efforts: Mapping[str, float], steps: int) -> Contact:
         """Apply joints' efforts (N·m or N) for some steps; return the contacts at the first."""
         self._data.qfrc_applied[:] = 0.0
         for name, effort in efforts.items():
             self._data.qfrc_applied[self._dofs[name]] = effort
         given = self._data.qfrc_applied.copy()
-        contacts = []
-        for _ in range(steps):
+        for step in range(steps):
             self._data.qfrc_applied[:] = given
             self._pull_ties()
-            contacts.append(self._step())
-        return contacts[0]
+            self._step()
+            if step == 0:
+                first = self._contact()
+        return first
 
     def joint(self, name: str) -> tuple[float, float]:
         """Return a joint's position (rad or m) and its rate."""
@@ -121,7 +123,7 @@ class ContactModel:
         turn = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         return np.array([*self._data.qpos[:2], turn])
 
-    def _step(self) -> Contact:
+    def _step(self) -> None:
         mujoco, model, data = self._mujoco, self._model, self._data
         mujoco.mj_step1(model, data)
         if self._loose:
@@ -130,7 +132,6 @@ class ContactModel:
             mujoco.mj_projectConstraint(model, data)
             mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_step2(model, data)
-        return self._contact()
 
     def _pull_ties(self) -> None:
         """Pull each swivel that follows towards its place, and those that it follows back.
@@ -159,14 +160,15 @@ class ContactModel:
 
     def _turn_contacts(self) -> None:
         """Turn the contacts of rollers and balls: friction holds along one direction only."""
-        for contact in self._data.contact:
-            wheel = self._loose.get(int(contact.geom2))
+        contacts = self._data.contact
+        frames, friction = contacts.frame, contacts.friction
+        for k, geom in enumerate(contacts.geom2.tolist()):
+            wheel = self._loose.get(geom)
             if wheel is None:
                 continue
-            held = self._held(wheel)
-            contact.frame[3:6] = held
-            contact.frame[6:9] = np.cross(contact.frame[:3], held)
-            contact.friction[:2] = FRICTION, FREE
+            (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self._held(wheel).tolist()
+            frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
+            friction[k, :2] = FRICTION, FREE
 
     def _held(self, wheel: Wheel) -> Array:
         """Return the direction (3,) in which the ground holds a wheel, level, world.
@@ -179,14 +181,15 @@ class ContactModel:
         return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
 
     def _contact(self) -> Contact:
+        contacts, wrench = self._data.contact, np.zeros(6)
         load, total, moment = np.zeros(len(self.names)), np.zeros(3), np.zeros(2)
-        wrench = np.zeros(6)
-        for k, contact in enumerate(self._data.contact):
+        rows = (contacts.geom2, contacts.frame.reshape(-1, 3, 3), contacts.pos)
+        for k, (geom, frame, place) in enumerate(zip(*rows, strict=True)):
             self._mujoco.mj_contactForce(self._model, self._data, k, wrench)
-            load[self._index[int(contact.geom2)]] += wrench[0]
-            total += contact.frame.reshape(3, 3).T @ wrench[:3]
-            moment += wrench[0] * contact.pos[:2]
-        return Contact(load, total, moment / max(float(load.sum()), 1e-9))
+            load[self._index[int(geom)]] += wrench[0]
+            total += frame.T @ wrench[:3]
+            moment += wrench[0] * place[:2]
+        return Contact(load, total, moment / max(float(load.sum()), LEAST))
 
     def _release(self, spec: Any, root: Any) -> None:
         """Give the root link six degrees of freedom, and the robot a ground to stand on."""

@@ -2,7 +2,8 @@
 
 The wheels get efforts as functions of time alone, the same numbers on both sides. Steered and
 arm joints would fall or drift under efforts alone, so each side adds the same servo on its own
-measured positions: where the models differ, so do the efforts that the same motion takes.
+measured positions: where the models differ, so do the efforts that the same motion takes. The
+motors of swivels that follow others push as planned, for what ties them holds them.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ SIDEWAYS = 0.4  # of the forward speed, of a base that moves to any side
 STEER = 0.3  # rad, at most half of what the joint has: axles meet a few wheelbases away
 SWING, SLIDE = 0.3, 0.05  # rad and m that an arm's joint moves, at most a tenth of its range
 GRIP = 0.5  # largest share of the friction: a wheel near it creeps, in MuJoCo as on a floor
-SHARE = 0.8  # largest share of the motors' efforts and speeds
+SHARE = 0.8  # largest share of the wheels' efforts, and of any motor's speed
 LOOK = 25  # ticks between the instants at which the ground is asked
 PACES = tuple(0.5**k for k in range(5))  # of SPEED and TURN, the fastest gentle one counts
-BANDWIDTH = 20.0  # rad/s of the servo, critically damped
+BANDWIDTH = 80.0  # rad/s of the servo, critically damped: stiffer than arms hang by gravity
 
 
 class NotGentle(RpctlError):
@@ -48,8 +49,8 @@ class Plan:
         held: Actuators (indices) with a servo.
         names: Their joints.
         targets: Their positions (n + 1, n_held) and rates (n + 1, n_held).
-        stiffness: Of the servo (n_held, n_held), N·m/rad or N/m.
-        damping: Of the servo (n_held, n_held).
+        inertia: What they feel of the robot where they are to be (n + 1, n_held, n_held); the
+            servo is BANDWIDTH² of it stiff, and critically damped.
     """
 
     q: Array
@@ -58,8 +59,7 @@ class Plan:
     held: tuple[int, ...]
     names: tuple[str, ...]
     targets: tuple[Array, Array]
-    stiffness: Array
-    damping: Array
+    inertia: Array
 
     def efforts(
         self, tick: int, positions: Array, rates: Array, planned: Array | None = None
@@ -79,7 +79,8 @@ class Plan:
         if self.held:
             gap, slower = self.targets[0][tick] - positions, self.targets[1][tick] - rates
             gap = (gap + math.pi) % (2.0 * math.pi) - math.pi  # an angle read in (−π, π]
-            tau[list(self.held)] += self.stiffness @ gap + self.damping @ slower
+            push = BANDWIDTH * (BANDWIDTH * gap + 2.0 * slower)
+            tau[list(self.held)] += self.inertia[tick] @ push
         return tau
 
 
@@ -124,13 +125,11 @@ def _planned(dynamics: ReducedDynamics, pace: float) -> Plan:
         tau.append(dynamics.efforts(ahead, dynamics.inverse(ahead, nu, nu_dot)))
         q.append(pin.integrate(robot.model, q[-1], TICK * velocity))
         v.append(dynamics.basis(q[-1]) @ _profile((tick + 1) * TICK, size, rising)[0])
-    wheels = {wheel.joint for wheel in robot.drive.wheels}
-    held = tuple(k for k, name in enumerate(robot.actuators) if name not in wheels)
+    held = tuple(k for k, n in enumerate(robot.actuators) if n in robot.quasi_velocities)
     names = tuple(robot.actuators[k] for k in held)
     index = [robot.velocity_index(name) for name in names]
     positions = np.array([[robot.joint_position(at, name) for name in names] for at in q])
     rates = np.array(v)[:, index].reshape(len(v), len(names))
-    inertia = _felt(dynamics, q[0], names)
     return Plan(
         q=np.array(q),
         v=np.array(v),
@@ -138,8 +137,7 @@ def _planned(dynamics: ReducedDynamics, pace: float) -> Plan:
         held=held,
         names=names,
         targets=(positions.reshape(len(q), len(names)), rates),
-        stiffness=BANDWIDTH**2 * inertia,
-        damping=2.0 * BANDWIDTH * inertia,
+        inertia=np.array([_felt(dynamics, at, names) for at in q]),
     )
 
 
@@ -162,7 +160,7 @@ def _amplitudes(robot: Robot, pace: float) -> Array:
     for k, swivel in enumerate(drive.steered):
         joint = robot.description.joint[swivel.joint]
         most = min(STEER, 0.5 * joint.upper, -0.5 * joint.lower)
-        size[swivel.joint] = most * (-0.5) ** k
+        size[swivel.joint] = min(most, _quickest(joint)) * (-0.5) ** k
     for joint, home in zip(robot.joints, robot.home, strict=True):
         size[joint.name] = _stroke(joint, float(home))
     return np.array([size[name] for name in robot.quasi_velocities])
@@ -174,39 +172,34 @@ def _stroke(joint: Joint, home: float) -> float:
     below, above = home - joint.lower, joint.upper - home
     if math.isfinite(below + above):
         stroke = min(stroke, 0.1 * (below + above))
+    stroke = min(stroke, _quickest(joint))
     return stroke if above >= below else -stroke
 
 
-def _felt(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
-    """Return the inertia (n_held, n_held) that the servo's joints feel, all others free.
+def _quickest(joint: Joint) -> float:
+    """Return how far a joint gets by the pulse of :func:`_profile`, whose peak is 2 / DURATION."""
+    return 0.5 * DURATION * SHARE * joint.velocity
 
-    A follower's is that of the swivel that it follows, alone.
-    """
-    robot = dynamics.robot
-    speeds = list(robot.quasi_velocities)
-    own = [speeds.index(name) for name in names if name in speeds]
-    if not names:
-        return np.zeros((0, 0))
-    felt = np.linalg.inv(np.linalg.inv(dynamics.inertia(q))[np.ix_(own, own)])
-    inertia = np.zeros((len(names), len(names)))
-    at = [k for k, name in enumerate(names) if name in speeds]
-    inertia[np.ix_(at, at)] = felt
-    for k, name in enumerate(names):
-        if name not in speeds:
-            inertia[k, k] = felt[0, 0]
-    return inertia
+
+def _felt(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
+    """Return the inertia (n_held, n_held) that the servo's joints feel, all others free."""
+    speeds = dynamics.robot.quasi_velocities
+    own = [speeds.index(name) for name in names]
+    return np.linalg.inv(np.linalg.inv(dynamics.inertia(q))[np.ix_(own, own)])
 
 
 def _strain(dynamics: ReducedDynamics, contacts: Contacts, plan: Plan) -> str:
     """Return what keeps a motion from being gentle, or nothing."""
     robot = dynamics.robot
-    motors = [robot.description.joint[name] for name in robot.actuators]
-    rates = plan.v[:, [robot.velocity_index(name) for name in robot.actuators]]
-    for motor, efforts, speeds in zip(motors, plan.tau.T, rates.T, strict=True):
+    for k, name in enumerate(robot.actuators):
+        if k in plan.held:
+            continue
+        motor, efforts = robot.description.joint[name], plan.tau[:, k]
+        speeds = plan.v[:, robot.velocity_index(name)]
         if np.abs(efforts).max() > SHARE * motor.effort:
-            return f"{motor.name} needs {np.abs(efforts).max():.3g} of {motor.effort:.3g} N m or N"
+            return f"{name} needs {np.abs(efforts).max():.3g} of {motor.effort:.3g} N·m"
         if np.abs(speeds).max() > SHARE * motor.velocity:
-            return f"{motor.name} needs {np.abs(speeds).max():.3g} of {motor.velocity:.3g} rad/s"
+            return f"{name} needs {np.abs(speeds).max():.3g} of {motor.velocity:.3g} rad/s"
     for tick in range(0, len(plan.tau), LOOK):
         q, v = plan.q[tick], plan.v[tick]
         nu = np.linalg.lstsq(dynamics.basis(q), v, rcond=None)[0]

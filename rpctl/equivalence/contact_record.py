@@ -79,6 +79,8 @@ class ContactTrial:
         contacts: Names of the contacts.
         determinate: Whether each contact's load follows from statics.
         joints: Steered and arm joints, whose efforts are compared.
+        slides: Which of them slide: their efforts are in N, the others' in N·m.
+        footprint: Where the contacts lie at the start (n_contacts, 2), in the root link's frame, m.
         t: Times of the samples (n,), s.
         reduced: What the reduced model did.
         engine: What MuJoCo did.
@@ -89,6 +91,8 @@ class ContactTrial:
     contacts: tuple[str, ...]
     determinate: bool
     joints: tuple[str, ...]
+    slides: tuple[bool, ...]
+    footprint: Array = field(repr=False, compare=False)
     t: Array = field(repr=False, compare=False)
     reduced: Motion = field(repr=False, compare=False)
     engine: Motion = field(repr=False, compare=False)

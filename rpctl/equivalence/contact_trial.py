@@ -65,6 +65,8 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
         contacts=contacts.names,
         determinate=contacts.determinate,
         joints=plan.names,
+        slides=tuple(robot.description.joint[n].kind == "prismatic" for n in plan.names),
+        footprint=contacts.points,
         t=times,
         reduced=reduced,
         engine=engine,

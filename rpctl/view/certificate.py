@@ -8,7 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.contact_record import Gap
 from rpctl.files import write_atomically
+from rpctl.view.contact_section import contact_section
 from rpctl.view.panel import badge, residual
 
 STYLE = """
@@ -34,7 +36,7 @@ PAGE = """<!doctype html>
 </head>
 <body>
 <header class="top"><h1>{robot}</h1><span class="subtitle">{about}</span>{badge}</header>
-<main><div class="wide"><table>
+<main>{trial}<div class="wide"><table>
 <thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
 <tbody>
 {rows}
@@ -56,9 +58,15 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     """
     style = files("rpctl.view").joinpath("assets", "report.css").read_text(encoding="utf-8")
     about = f"M(q) ν̇ + h(q, ν) = B(q) τ at {certificate.samples} random states"
+    trial, moves = "", ""
+    gaps: tuple[Gap, ...] = ()
+    if certificate.contact is not None:
+        trial, moves = contact_section(certificate.contact)
+        gaps = certificate.contact.checks
     page = PAGE.format(
         robot=escape(certificate.robot),
-        style=style + STYLE,
+        style=style + STYLE + moves,
+        trial=trial,
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
         remarks=_estimates(certificate.estimated_links)
@@ -68,7 +76,8 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
             [
                 *map(_row, certificate.checks),
                 *map(_declared, certificate.declared),
-                *map(_gap, certificate.skipped),
+                *map(_gap_row, gaps),
+                *map(_left_out, certificate.skipped),
             ]
         ),
     )
@@ -111,7 +120,13 @@ def _declared(check: Check) -> str:
     )
 
 
-def _gap(skipped: Skipped) -> str:
+def _gap_row(gap: Gap) -> str:
+    sign = "≤" if gap.passed else ">"
+    shown = f"{gap.told(gap.gap)} {sign} {gap.told(gap.band)}{'' if gap.passed else ' ✗'}"
+    return _cells(gap.name, gap.against, shown, f"{gap.entry} at {gap.time:.2f} s".strip())
+
+
+def _left_out(skipped: Skipped) -> str:
     return _cells(skipped.name, skipped.against, "not compared", skipped.note)
 
 
