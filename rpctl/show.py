@@ -270,7 +270,8 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
         out.print(f"[yellow]limit[/] {escape(bound['told'])}")
     if summary["ground"] is not None:
         unsafe = summary["would_slip"] or summary["would_tip"]
-        mark = "[bold red]ground[/]" if unsafe else "ground"
+        mark = "[yellow]ground[/]" if summary["could_slip"] else "ground"
+        mark = "[bold red]ground[/]" if unsafe else mark
         out.print(f"{mark} {escape(summary['ground'])}")
     out.print(f"simulated {summary['realtime_factor']:.1f} times faster than real time")
     for note in summary["notes"]:

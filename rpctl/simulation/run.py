@@ -23,6 +23,7 @@ from rpctl.robot.model import Robot
 SCHEMA = 3
 OLDER = 2  # it lacks what others than the arm's joints do, and the notes; they are empty then
 META = "meta"  # the one entry of the file that is text: JSON
+RANGES = ("load_range", "slip_range")  # entries that older files lack, and that may be NaN or inf
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,12 +57,17 @@ class Run:
         wheel_force: Force of the ground on each wheel, forward (K, n_wheels), N.
         axle_force: Force of the ground on each axle, to the left (K, n_axles), N.
         contact_load: Vertical force of the ground on each contact (K, n_contacts), N; (K, 0) where
-            the contacts known do not hold a balance.
+            the contacts known do not hold a balance. Beyond three contacts, of equal springs.
         zmp: Zero-moment point (K, 2), m; (K, 0) for a fixed base.
         tip_margin: Distance of the zero-moment point to the edge of the support polygon (K,), m;
             negative outside; (K, 0) where it is not defined.
         slip_ratio: Largest of the wheels' horizontal force over friction times load (K,); above 1
-            a wheel slips; (K, 0) where it is not defined.
+            a wheel slips; (K, 0) where it is not defined. The loads are ``contact_load``.
+        load_range: Least and largest load of each contact (K, n_contacts, 2) of all splits that
+            statics admit, N; NaN where the robot tips. (K, 0) where ``contact_load`` is the only
+            split or not defined, and in files of versions that logged none.
+        slip_range: Least and largest ``slip_ratio`` of those splits (K, 2); inf where a wheel that
+            pushes may bear nothing, NaN where the robot tips; (K, 0) where ``load_range`` is.
         active_limits: 1 where a limit bound the efforts, else 0 (K, n_bound).
         robot: Name of the robot.
         source: What the robot was loaded from.
@@ -123,6 +129,8 @@ class Run:
     zmp: Array
     tip_margin: Array
     slip_ratio: Array
+    load_range: Array
+    slip_range: Array
     active_limits: Array
     robot: str
     source: str
@@ -247,6 +255,8 @@ def _completed(values: dict[str, Any]) -> dict[str, Any]:
 
 def _checked(path: str | Path, values: dict[str, Any]) -> Run:
     """Return a run from what a file holds, shapes and names checked."""
+    for name in RANGES:
+        values.setdefault(name, np.empty((np.size(values.get("t", ())), 0)))
     names = {item.name: item.type for item in fields(Run)}
     missing, extra = names.keys() - values.keys(), values.keys() - names.keys()
     if missing or extra:
@@ -260,7 +270,8 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         if (kind == "Array") != isinstance(value, np.ndarray):
             raise RunFileError(f'{path}: entry "{name}" is of the wrong kind')
         if isinstance(value, np.ndarray):
-            if value.dtype != np.float64 or not np.isfinite(value).all():
+            finite = name in RANGES or np.isfinite(value).all()
+            if value.dtype != np.float64 or not finite:
                 raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
             value.setflags(write=False)
         elif isinstance(value, list):
@@ -277,8 +288,9 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
     for array, labels in columns.items():
         if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):
             raise RunFileError(f'{path}: "{array}" does not fit its names')
-    if values["contact_load"].size and values["contact_load"].shape[1:] != (
-        len(values["contacts"]),
-    ):
-        raise RunFileError(f'{path}: "contact_load" does not fit its names')
+    contacts = len(values["contacts"])
+    shapes = {"contact_load": (contacts,), "load_range": (contacts, 2), "slip_range": (2,)}
+    for name, shape in shapes.items():
+        if values[name].size and values[name].shape[1:] != shape:
+            raise RunFileError(f'{path}: "{name}" does not fit its names')
     return Run(**values)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.simulation.ground import ground
 from rpctl.simulation.run import Run
 
-FAR = 10.0  # times the grip: beyond, a wheel is all but in the air, and the figure says no more
 KINDS = {"lower": "lower position", "upper": "upper position"}  # in words
 SLACK = 1e-9  # of a limit: touching it is not breaking it
 
@@ -62,41 +62,6 @@ def summarize(run: Run) -> dict[str, Any]:
         "constraint_residual": float(run.constraint_residual.max()),
         "wall_time": run.wall_time,
         "realtime_factor": duration / run.wall_time,
-    }
-
-
-def ground(run: Run) -> dict[str, Any]:
-    """Return whether a robot would slip or tip, by figures and in one sentence.
-
-    ``min_tip_over_margin`` is in m, ``max_slip_ratio`` a share of the grip at ``friction``. They
-    are None where the contacts known do not hold a balance, and the sentence says why; a fixed
-    base has no sentence.
-    """
-    if not run.tip_margin.size:
-        nothing = ("min_tip_over_margin", "max_slip_ratio", "would_slip", "would_tip")
-        sentence = run.ground_notes[0] if run.ground_notes else None
-        return {**dict.fromkeys(nothing), "friction": run.friction, "ground": sentence}
-    margin, slip = float(run.tip_margin.min()), float(run.slip_ratio.max())
-    tips, slips = margin < 0.0, slip > 1.0
-    balance = f"keeps {margin:.2g} m from tipping"
-    if tips:
-        first = run.t[int(np.argmax(run.tip_margin < 0.0))]
-        balance = f"would tip over at {first:.3g} s, by {-margin:.2g} m at worst,"
-    share = f"{100.0 * slip:.0f} % of"
-    grip = f"uses {share}"
-    if slips:
-        first = run.t[int(np.argmax(run.slip_ratio > 1.0))]
-        needed = f"up to {share}" if slip < FAR else f"over {FAR:.0f} times"
-        grip = f"would slip at {first:.3g} s, needing {needed}"
-    many = len(run.contacts)
-    assumed = f" ({many} contacts, taken as equally stiff)" if many > 3 else ""
-    return {
-        "min_tip_over_margin": margin,
-        "max_slip_ratio": slip,
-        "would_slip": slips,
-        "would_tip": tips,
-        "friction": run.friction,
-        "ground": f"{balance} and {grip} the grip at friction {run.friction:g}{assumed}",
     }
 
 

@@ -24,6 +24,7 @@ from rpctl.control.command import Command
 from rpctl.control.law import DynamicLaw, Efforts, Rest
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
+from rpctl.dynamics.splits import find_ranges
 from rpctl.errors import DivergedError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import reference_by_name
@@ -98,6 +99,9 @@ def test_the_log_holds_the_ground(eight: Run, tiago: Robot) -> None:
         np.testing.assert_array_equal(eight.zmp[k], ground.zmp)
         assert eight.tip_margin[k] == ground.tip_margin
         assert eight.slip_ratio[k] == ground.slip_ratio.max()
+        ranges = find_ranges(contacts, [ground])
+        np.testing.assert_array_equal(eight.load_range[k], ranges.load[0])
+        np.testing.assert_array_equal(eight.slip_range[k], ranges.slip[0])
     # The wheels push what moves the centre of mass, seen from outside: F = m dv/dt, smoothed.
     data, period = tiago.model.createData(), eight.t[1] - eight.t[0]
     com = np.array([pin.centerOfMass(tiago.model, data, q)[:2].copy() for q in eight.q[2000:2101]])

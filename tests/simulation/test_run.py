@@ -170,6 +170,33 @@ def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
         Run.load(tmp_path / "pickle.npz")
 
 
+def test_ranges_come_back_and_older_files_lack_them(run: Run, tmp_path: Path) -> None:
+    split = track(rpctl.load("skid_steer"), "eight", 0.2)
+    assert split.load_range.shape == (len(split.t), 4, 2)
+    assert split.slip_range.shape == (len(split.t), 2)
+    slips = split.slip_range.copy()
+    slips[3], slips[4] = np.nan, (0.1, np.inf)  # it tips, and a wheel may bear nothing
+    path = dataclasses.replace(split, slip_range=slips).save(tmp_path / "run.npz")
+    np.testing.assert_array_equal(Run.load(path).slip_range, slips)
+    np.testing.assert_array_equal(Run.load(path).load_range, split.load_range)
+    old = Run.load(altered(split, path, {}, load_range=None, slip_range=None))
+    assert old.load_range.shape == old.slip_range.shape == (len(old.t), 0)
+    np.testing.assert_array_equal(old.contact_load, split.contact_load)
+    for name in ("load_range", "slip_range"):
+        wrong: dict[str, Any] = {name: getattr(split, name)[:, :1]}
+        with pytest.raises(RunFileError, match=f'"{name}" does not fit its names'):
+            Run.load(altered(split, path, {}, **wrong))
+    assert run.load_range.shape == run.slip_range.shape == (len(run.t), 0)  # three contacts
+
+
+def test_ranges_cost_little_room(tiago: Robot, tmp_path: Path) -> None:
+    run = track(tiago, "eight", 2.0, (0.1, -0.1, 0.1))
+    nothing = np.empty((len(run.t), 0))
+    bare = dataclasses.replace(run, load_range=nothing, slip_range=nothing)
+    sizes = [each.save(tmp_path / "run.npz").stat().st_size for each in (bare, run)]
+    assert sizes[0] < sizes[1] < 1.1 * sizes[0]
+
+
 def test_saving_fails_whole(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An older file survives a failed save, and no temporary one stays."""
     path = tmp_path / "run.npz"

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl import Robot, Run, summarize, track
+from rpctl.files import to_json
 from rpctl.simulation.summary import bound, violations
 from tests.robots import SET_A, platform, write
 from tests.vehicles import Parts, vehicle
@@ -194,6 +197,113 @@ def test_ground_beyond_its_margins(run: Run) -> None:
     figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
     assert "needing up to over 10 times the grip" not in figures["ground"]
     assert "needing over 10 times the grip" in figures["ground"]
+
+
+def split(run: Run, least: float, most: float, equal: float, tips: bool = False) -> dict[str, Any]:
+    """Return the figures of a run on four contacts whose grip is least at 0.2 s, most at 0.1 s."""
+    slips, ratio = np.full((len(run.t), 2), 0.05), np.full_like(run.t, 0.05)
+    slips[100, 0], slips[50, 1], ratio[70] = least, most, equal
+    slips[100, 1] = max(least, slips[100, 1])
+    load = np.zeros((len(run.t), 4, 2))
+    load[:, :, 0], load[:, :, 1] = 10.0, 20.0
+    load[30, 2] = 3.0, 50.0
+    if tips:
+        slips[:], load[:] = np.nan, np.nan
+    slips[7], load[7] = np.nan, np.nan  # it tips for an instant, which tells of no split
+    margin = np.full_like(run.t, 0.4)
+    margin[7] = -0.1
+    changed = dataclasses.replace(
+        run,
+        contacts=("a", "b", "c", "d"),
+        tip_margin=margin,
+        slip_ratio=ratio,
+        slip_range=slips,
+        load_range=load,
+    )
+    return summarize(changed)
+
+
+def test_ground_where_the_split_is_not_known(run: Run) -> None:
+    figures = split(run, 0.12, 0.31, 0.2)
+    assert figures["max_slip_ratio"] is None
+    assert figures["slip_ratio_range"] == [0.12, 0.31]
+    assert figures["equal_springs_slip_ratio"] == 0.2
+    assert figures["would_slip"] is figures["could_slip"] is False
+    assert figures["ground"].endswith(
+        "and uses 12 to 31 % of the grip at friction 0.7, as the load splits "
+        "(20 % if its 4 contacts are equally stiff)"
+    )
+    assert figures["contact_loads"] == [
+        {"name": name, "min": least, "max": most}
+        for name, least, most in (("a", 10, 20), ("b", 10, 20), ("c", 3, 50), ("d", 10, 20))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "certain", "told"),
+    [
+        (0.12, 1.4, False, "could slip at 0.1 s, needing 12 to 140 % of the grip at"),
+        (0.12, 40.0, False, "could slip at 0.1 s, needing 12 % to over 10 times the grip at"),
+        (1.2, 1.4, True, "would slip at 0.2 s, needing 120 to 140 % of the grip at"),
+        (1.2, np.inf, True, "would slip at 0.2 s, needing at least 120 % of the grip at"),
+        (np.inf, np.inf, True, "would slip at 0.2 s, needing over 10 times the grip at"),
+        (
+            0.12,
+            np.inf,
+            False,
+            "uses at least 12 % of the grip at friction 0.7, without an upper bound, as a wheel "
+            "that pushes may bear nothing (20 % if its 4 contacts are equally stiff)",
+        ),
+    ],
+)
+def test_slip_is_certain_or_possible(
+    run: Run, least: float, most: float, certain: bool, told: str
+) -> None:
+    figures = split(run, least, most, 0.2)
+    assert figures["would_slip"] is certain
+    assert figures["could_slip"] is True
+    assert told in figures["ground"]
+    ends = json.loads(to_json(figures["slip_ratio_range"]))
+    assert ends == [None if end == np.inf else end for end in (least, most)]
+
+
+def test_ground_where_all_splits_need_the_same(run: Run) -> None:
+    figures = split(run, 0.31, 0.31, 0.31)
+    assert figures["max_slip_ratio"] == 0.31
+    assert figures["slip_ratio_range"] == [0.31, 0.31]
+    assert figures["ground"].endswith("uses 31 % of the grip at friction 0.7")
+    rounded = split(run, 0.3101, 0.3102, 0.31)
+    assert rounded["max_slip_ratio"] is None
+    assert "uses 31 % of the grip" in rounded["ground"]
+
+
+def test_ground_of_a_robot_that_tips_all_the_time(run: Run) -> None:
+    figures = split(run, 0.1, 0.2, 0.3, tips=True)
+    assert figures["would_tip"] is True
+    assert figures["slip_ratio_range"] is figures["contact_loads"] is figures["would_slip"] is None
+    assert figures["ground"].endswith("at worst, and nothing can be said of its grip")
+
+
+def test_three_contacts_have_one_number(run: Run) -> None:
+    figures = summarize(run)
+    slip = figures["max_slip_ratio"]
+    assert figures["slip_ratio_range"] == [slip, slip]
+    assert figures["could_slip"] is figures["would_slip"] is False
+    assert [(row["name"], row["min"], row["max"]) for row in figures["contact_loads"]] == [
+        (name, load.min(), load.max())
+        for name, load in zip(run.contacts, run.contact_load.T, strict=True)
+    ]
+
+
+def test_a_run_that_logged_no_ranges_tells_of_one_split(run: Run) -> None:
+    old = dataclasses.replace(run, contacts=("a",) * 4)
+    figures = summarize(old)
+    known = figures["max_slip_ratio"], figures["slip_ratio_range"], figures["contact_loads"]
+    assert known == (None, None, None)
+    assert figures["would_slip"] is figures["could_slip"] is None
+    slipping = dataclasses.replace(old, slip_ratio=np.full_like(run.t, 1.5))
+    assert summarize(slipping)["could_slip"] is True
+    assert summarize(slipping)["would_slip"] is None
 
 
 def test_ground_of_fixed_bases_and_of_wheels_alone(tmp_path: Path) -> None:
