@@ -69,3 +69,20 @@ def test_energy_changes_by_the_work(paper: Robot) -> None:
     q, nu, work = run(paper, 500)
     assert dynamics.energy(q, nu) - start == pytest.approx(work, rel=1e-9)
     assert abs(work) > 1.0
+
+
+def test_the_correction_is_the_rate_of_the_logarithm(
+    paper: Robot, rng: np.random.Generator
+) -> None:
+    """d/dt log(exp(u) exp(t v)) at t = 0, up to terms of fourth order in u."""
+    step, model = 1e-5, paper.model
+    for _ in range(10):
+        q = paper.random_configuration(rng)
+        u, v = np.zeros(paper.nv), rng.normal(size=paper.nv)
+        u[:3] = rng.uniform(-0.05, 0.05, 3)
+        ahead, behind = (
+            pin.difference(model, q, pin.integrate(model, pin.integrate(model, q, u), s * v))
+            for s in (step, -step)
+        )
+        rate = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(motion._dexpinv(u, v), rate, atol=1e-7)

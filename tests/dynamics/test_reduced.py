@@ -148,6 +148,15 @@ def test_stronger_actuators_bear_more(tmp_path: Path) -> None:
         np.testing.assert_allclose([by_name[name] for name in wheels], expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_only_the_limits_proportions_matter(paper: Robot, scale: float) -> None:
+    """B τ = F has one answer here, in whatever units the limits are large or small."""
+    q, force = paper.configuration(), np.array([3.0, -1.0, 0.5, 2.0])
+    tau = ReducedDynamics(rpctl.scale_limits(paper, effort=scale)).efforts(q, force)
+    np.testing.assert_allclose(tau, ReducedDynamics(paper).efforts(q, force), rtol=1e-9)
+    np.testing.assert_allclose(closed_form.actuation() @ tau, force, rtol=1e-9)
+
+
 def test_what_nothing_drives_is_named(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A)))
     one_wheel = dataclasses.replace(robot.drive, wheels=robot.drive.wheels[:1])

@@ -12,6 +12,7 @@ import pytest
 
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, Run, UnifiedKinematic, track
+from rpctl.control.law import Efforts, Limit
 from rpctl.simulation.record import _plain, _slip, describe
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
@@ -99,6 +100,21 @@ def test_a_run_tells_units_and_which_joints_steer(paper: Robot, tmp_path: Path) 
         robot = rpctl.load(write(tmp_path, vehicle(kind), f"{kind}.urdf"))
         names.append(track(robot, "line", 0.01).steering_names)
     assert names == [("steer_left", "steer_right"), ()]
+
+
+def test_limits_are_logged_when_they_bind(paper: Robot) -> None:
+    """A row a sample, a column a limit, in the order in which they first bound."""
+    slow, weak = Limit("arm_revolute_joint", "velocity"), Limit("wheel_left_joint", "effort")
+    bound = iter([(), (slow,), (slow, weak), (weak,)])
+    run = track(
+        paper,
+        "line",
+        3 * PERIOD,
+        dynamic=lambda *_: Efforts(np.zeros(4), next(bound)),
+        control_period=PERIOD,
+    )
+    assert run.bound_limits == (tuple(slow), tuple(weak))
+    np.testing.assert_array_equal(run.active_limits, [[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def test_casters_of_the_reference_trail_it(tmp_path: Path) -> None:
