@@ -6,7 +6,7 @@ fixed base moves its arm alone: there the errors are those of the end effector.
 """
 
 import rpctl
-from rpctl.equivalence.checks import DIFFERENCE
+from rpctl.equivalence.measure import DIFFERENCE
 from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.drive import BASE_SPEEDS
 

@@ -104,6 +104,10 @@ def verify_command(
         str,
         typer.Option(metavar="mujoco|none", help="Other physics engines that take part."),
     ] = "mujoco",
+    contact: Annotated[
+        bool,
+        typer.Option("--contact", help="Let it roll on a plane, too, as a free body in MuJoCo."),
+    ] = False,
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
     ] = None,
@@ -111,9 +115,8 @@ def verify_command(
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = certify(
-        load_robot(robot, drive, lock, density, strict, package_dir), samples, seed, wanted, strict
-    )
+    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
+    certificate = certify(loaded, samples, seed, wanted, strict, contact)
     if html is not None:
         from rpctl.view.certificate import write_certificate
 

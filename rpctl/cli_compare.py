@@ -105,14 +105,15 @@ def compare_command(
     loaded = load_robot(robot, drive, lock, density, strict, package_dir)
     folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-compare")
     cells = grid(troubles, paths, chosen)
+    bench = Bench(loaded, duration, error)
     with progress_bar("compare") as advance:
-        rows = run_grid(Bench(loaded, duration, error), cells, min(jobs, len(cells)), advance)
+        rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
     if all(row.figures is None for row in rows):
         raise RpctlError(f"nothing ran: {rows[0].failure}")
     ours = proposed(loaded)
     told = {
         "robot": loaded.name,
-        "duration": duration,
+        "duration": bench.duration,
         "initial_error": list(error),
         "scenarios": {name: SCENARIOS[name].told for name in troubles},
         "controllers": list(map(str, chosen)),

@@ -29,6 +29,7 @@ from rpctl.reference.load import load_reference
 from rpctl.robot.vary import set_limits
 from rpctl.show import certificate_line, console, progress_bar, show_summary
 from rpctl.simulation.loop import lasting, track
+from rpctl.simulation.periods import lasting_periods
 from rpctl.simulation.record import describe
 
 
@@ -135,7 +136,9 @@ def track_command(
         from rpctl.view.live import broadcast
         from rpctl.view.obstacles import find_obstacles
 
+        period = chosen.run.control_period
         lasts = lasting(path) if chosen.run.duration is None else chosen.run.duration
+        lasts = lasting_periods(lasts, period) * period
         obstacles = find_obstacles(describe(chosen.kinematic))
         watcher = context.with_resource(broadcast(loaded, path, lasts, say.print, obstacles))
     with progress_bar("simulate") as advance:

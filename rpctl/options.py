@@ -99,8 +99,15 @@ def read_triple(text: str) -> tuple[float, ...]:
 
 
 def certify(
-    robot: Robot, samples: int, seed: int, engines: list[str], strict: bool = False
+    robot: Robot,
+    samples: int,
+    seed: int,
+    engines: list[str],
+    strict: bool = False,
+    contact: bool = False,
 ) -> Certificate:
     """Verify a robot, with a bar on a terminal."""
     with progress_bar("verify") as advance:
-        return verify(robot, samples, seed, engines, lambda done: advance(done, samples), strict)
+        return verify(
+            robot, samples, seed, engines, lambda done: advance(done, samples), strict, contact
+        )

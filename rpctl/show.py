@@ -19,6 +19,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.robot.drive import WITH_AXLE
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
+from rpctl.show_trial import trial_line, trial_table
 
 STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
 SHOWN = 8  # names that a line lists
@@ -58,16 +59,18 @@ def show_robot(robot: Robot) -> None:
         if rows:
             out.print()
             out.print(table(rows))
-    remarks = [*_remarks(robot)]
+    remarks = [*_remarks(robot, known["idealised"])]
     if remarks:
         out.print()
         out.print(*remarks, sep="\n")
 
 
-def _remarks(robot: Robot) -> Iterator[str]:
-    """Yield markup for what is doubtful, and for what was noticed."""
+def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield markup for what is doubtful, what is idealised, and what was noticed."""
     for doubt in robot.drive.doubts:
         yield f"[yellow]doubt[/] {escape(doubt)}"
+    for each in idealised:
+        yield f"[dim]idealised[/] {escape(each['sentence'])}"
     contacts = find_contacts(ReducedDynamics(robot))
     for note in contacts.notes if contacts else ():
         yield f"[dim]ground[/] {escape(note)}"
@@ -210,23 +213,30 @@ def show_certificate(certificate: Certificate) -> None:
         table.add_row("[dim]-[/]", skipped.name, skipped.against, "-", "-", escape(skipped.note))
     out = console()
     out.print(table)
-    for check in (*certificate.checks, *certificate.declared):
-        if check.note:
-            out.print(f"[dim]note[/] {check.name}, {check.against}: {escape(check.note)}")
+    if certificate.contact is not None:
+        out.print(trial_table(certificate.contact, MARKS))
+    for against, note in certificate.notes:
+        out.print(f"[dim]note[/] {against}: {escape(note)}")
     if certificate.shared:
         out.print(f"[yellow]shared by all derivations[/] {escape('; '.join(certificate.shared))}")
     if certificate.estimated_links:
         names = ", ".join(certificate.estimated_links)
         out.print(f"[yellow]estimated[/] mass and inertia of {escape(names)}")
+    for sentence in certificate.idealised:
+        out.print(f"[dim]idealised[/] {escape(sentence)}")
     out.print(certificate_line(certificate))
 
 
 def certificate_line(certificate: Certificate) -> str:
     """Return a certificate in one line of markup."""
     made = certificate.checks
-    failed = [f"{check.name} against {check.against}" for check in made if not check.passed]
+    trial = certificate.contact
+    rows = made if trial is None else made + trial.checks
+    failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
     drawn = f"{certificate.samples} random states, seed {certificate.seed}"
     count = f"{len(made)} checks over {drawn}"
+    if trial is not None:
+        count += f"; {trial_line(trial)}"
     if failed:
         return f"{MARKS[False]} [bold]not verified[/]: {', '.join(failed)}; {count}"
     worst = certificate.worst
@@ -260,7 +270,8 @@ def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
         out.print(f"[yellow]limit[/] {escape(bound['told'])}")
     if summary["ground"] is not None:
         unsafe = summary["would_slip"] or summary["would_tip"]
-        mark = "[bold red]ground[/]" if unsafe else "ground"
+        mark = "[yellow]ground[/]" if summary["could_slip"] else "ground"
+        mark = "[bold red]ground[/]" if unsafe else mark
         out.print(f"{mark} {escape(summary['ground'])}")
     out.print(f"simulated {summary['realtime_factor']:.1f} times faster than real time")
     for note in summary["notes"]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Robot
+from rpctl import Robot, Run
+from tests.golden import golden_run, load_tricycle
 
 
 @pytest.fixture(scope="session")
@@ -22,6 +23,18 @@ def paper() -> Robot:
 @pytest.fixture(scope="session")
 def mixed_chain() -> Robot:
     return rpctl.load("mixed_chain")
+
+
+@pytest.fixture(scope="session")
+def tricycle(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """The robot of the log that is written by hand."""
+    return load_tricycle(tmp_path_factory.mktemp("golden"))
+
+
+@pytest.fixture(scope="session")
+def golden(tricycle: Robot) -> Run:
+    """The log that is written by hand: each figure of it is known."""
+    return golden_run(tricycle)
 
 
 @pytest.fixture(scope="session", params=["paper", "mixed_chain", "tiago"])

@@ -150,6 +150,16 @@ def test_track_tells_people(tmp_path: Path) -> None:
         assert word in out
 
 
+def test_track_says_where_a_run_ends_that_was_asked_for_longer(tmp_path: Path) -> None:
+    words = ("track", "paper", "--duration", "0.0215", "--samples", "0", "--out", str(tmp_path))
+    told = run_json(*words)
+    note = "a duration of 0.0215 s is no whole number of control periods of 0.002 s: the run ends"
+    assert told["notes"][0] == f"{note} at 0.02 s"
+    assert told["duration"] == pytest.approx(0.02)
+    assert f"{note} at 0.02 s" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert note in " ".join(run(*words)[1].split())
+
+
 def test_plot_writes_a_figure_beside_the_run(tmp_path: Path) -> None:
     run("track", "paper", "--duration", "0.2", "--samples", "0", "--out", str(tmp_path))
     assert run_json("plot", str(tmp_path)) == {"figure": str(tmp_path / "figure.pdf")}

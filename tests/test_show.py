@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl import show
 from rpctl.cli import app
+from rpctl.view.certificate import write_certificate
 from tests.robots import SET_A, platform, write
 from tests.vehicles import KINDS, vehicle
 
@@ -60,6 +63,36 @@ def test_casters_have_their_trail(tmp_path: Path, page: Console) -> None:
 def test_two_wheels_balance(tmp_path: Path, page: Console) -> None:
     show.show_robot(rpctl.load(write(tmp_path, platform(SET_A))))
     assert "assumes balance and leaves pitch out" in " ".join(page.export_text().split())
+
+
+def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
+    """A right wheel 4 mm above the left one: 2 mm off the ground between them, and 40 mm wide."""
+    text = platform(SET_A).replace('xyz="0 -0.75 0.15"', 'xyz="0 -0.75 0.154"')
+    path = write(tmp_path, text)
+    robot = rpctl.load(path)
+    show.show_robot(robot)
+    told = inspect_json(path)["idealised"]
+    assert [(each["what"], round(each["value"], 9), each["unit"]) for each in told] == [
+        ("contact height", 2.0, "mm"),
+        ("thin wheels", 40.0, "mm"),
+    ]
+    certificate = rpctl.verify(robot, samples=1, engines=())
+    show.show_certificate(certificate)
+    assert list(certificate.idealised) == [each["sentence"] for each in told]
+    assert certificate.to_dict()["idealised"] == list(certificate.idealised)
+    shown = " ".join(page.export_text().split())
+    for sentence in certificate.idealised:
+        assert shown.count(f"idealised {sentence}") == 2
+    html = write_certificate(certificate, tmp_path / "page.html").read_text(encoding="utf-8")
+    for sentence in certificate.idealised:
+        assert f"<li>{escape(sentence)}.</li>" in html
+    bare = dataclasses.replace(certificate, idealised=())
+    assert (
+        "dealised"
+        not in write_certificate(bare, tmp_path / "page.html")
+        .read_text(encoding="utf-8")
+        .partition("<body>")[2]
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 from rpctl.derive.program import Node, Program, program
+from rpctl.robot.drive import BASE_SPEEDS
 from rpctl.robot.model import Robot
 
 INLINE = 60  # characters; a longer expression gets a line of its own
@@ -121,11 +122,12 @@ def comment(text: str) -> str:
 
 def _header(robot: Robot, steps: Program) -> Iterator[str]:
     """Yield what the code is of: the robot, the order of its coordinates and their units."""
-    kinds = {joint.name: joint.kind for joint in robot.description.joints}
+    slides = {joint.name for joint in robot.description.joints if joint.kind == "prismatic"}
+    base = len(BASE_SPEEDS[robot.drive.type])  # of ν the first, whatever joints are called
 
     def listed(symbol: str, names: Sequence[str], units: tuple[str, str]) -> Iterator[str]:
         for k, name in enumerate(names):
-            linear = name in LINEAR or kinds.get(name) == "prismatic"
+            linear = name in LINEAR if symbol == "nu" and k < base else name in slides
             yield f"  {symbol}[{k}]  {comment(name)}  [{units[0] if linear else units[1]}]"
 
     yield f"{comment(robot.name)}: M nu_dot + h = B tau, derived by the Gibbs-Appell equations."

@@ -35,7 +35,8 @@ class Contacts:
         balanced: Whether loads and margins are defined: three contacts or more, all known, not on
             one line.
         determinate: Whether the loads follow from statics alone: three contacts exactly. With
-            more, they are those of equal springs under a rigid robot, one split of many.
+            more, they are those of equal springs under a rigid robot, one split of many; the
+            ranges over all splits come from :func:`rpctl.dynamics.splits.find_ranges`.
         notes: What keeps loads and margins from being defined or unique, in sentences.
         points: Contacts (n, 2) with all joints at 0 or frozen, in the root link's frame, m.
         supports: Those of the contacts that are not wheels.
@@ -74,6 +75,7 @@ class GroundReaction:
         lateral: Force of each axle to its left (n_axles,), N: the sum over its wheels.
         load: Vertical force of each contact (n,), wheels first, N; negative where it would pull.
         zmp: Zero-moment point (2,) on the ground, world axes, m.
+        arms: Contacts (n, 2) as seen from the zero-moment point, root link's axes, m.
         tip_margin: Distance of the zero-moment point to the nearest edge of the support polygon,
             m; negative outside, where the robot tips.
         slip_ratio: Horizontal force of each wheel over friction times load (n_wheels,); above 1
@@ -85,6 +87,7 @@ class GroundReaction:
     lateral: Array
     load: Array
     zmp: Array
+    arms: Array
     tip_margin: float | None
     slip_ratio: Array
 
@@ -163,15 +166,16 @@ def ground_reaction(
     zmp = np.array([x + cos * local[0] - sin * local[1], y + sin * local[0] + cos * local[1]])
     force = np.array([cos * fx - sin * fy, sin * fx + cos * fy, fz])
     if not contacts.balanced:
-        nothing = np.empty(0)
-        return GroundReaction(force, along, lateral, nothing, zmp, None, nothing)
+        none = np.empty(0)
+        return GroundReaction(force, along, lateral, none, zmp, none, None, none)
     stance = stance_at(dynamics, contacts, q)
+    arms = (stance.statics[1:] - local[:, None]).T
     margin = float((stance.inward @ local + stance.offset).min())
     if fz < floor:
         margin = -abs(margin)  # the ground would have to pull
     load = loads(stance, moments, margin)
     slip = _slip_ratio(contacts, along, lateral, np.maximum(load[: len(along)], floor))
-    return GroundReaction(force, along, lateral, load, zmp, margin, slip)
+    return GroundReaction(force, along, lateral, load, zmp, arms, margin, slip)
 
 
 def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance:
@@ -259,6 +263,7 @@ def _notes(
     if len(names) > 3:
         return (
             f"{len(names)} contacts share the load, more than statics can tell apart: wheel loads "
-            "and grip are those of equally stiff contacts, one split of many",
+            "and grip are intervals over all splits, and where one of them is drawn it is that of "
+            "equally stiff contacts",
         )
     return ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,11 +25,15 @@ class Support:
         name: Its link, with the shape's line where the link has several.
         joint: Pinocchio's index of the joint that carries it; 1 is the root.
         point: Its lowest point, or its centre where it rolls, in that joint's frame (3,), m.
+        link: Its link.
+        line: Line of its shape in the file.
     """
 
     name: str
     joint: int
     point: tuple[float, float, float]
+    link: str = ""
+    line: int = 0
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def find_supports(robot: Robot) -> Supports:
         several = len(touching) > 1
         for shape, support in touching:
             name = f"{link.name} (line {shape.line})" if several else link.name
-            found.append(Support(name, support.joint, support.point))
+            found.append(replace(support, name=name))
         if not touching and _mesh_caster(robot, link, chain):
             meshes.append(link.name)
     return Supports(tuple(found), tuple(meshes))
@@ -93,7 +97,7 @@ def _touching(
             point = pose[:3, 3]  # it rolls: its lowest point stays below its centre
         carrier = robot.model.getJointId(free[-1].name) if free else ROOT_JOINT
         x, y, z = _in_carrier(robot, free, point)
-        support = Support(link.name, carrier, (x, y, z))
+        support = Support(link.name, carrier, (x, y, z), link.name, shape.line)
         if all(math.dist(support.point[:2], known.point[:2]) > TOUCH for _, known in found):
             found.append((shape, support))
     return found

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rpctl.equivalence.contact_record import ContactTrial
+
+CONTACT = "MuJoCo, rolling on a plane"  # what the contact trial compares with
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,11 @@ class Check:
         """Residual over limit."""
         return self.residual / self.limit
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as plain values for JSON; an infinite residual is None."""
+        residual = self.residual if math.isfinite(self.residual) else None
+        return {**asdict(self), "residual": residual, "passed": self.passed}
+
 
 @dataclass(frozen=True)
 class Skipped:
@@ -64,6 +74,9 @@ class Certificate:
         declared: How far the user's own numbers are from the file's shapes; neither passed nor
             failed, but with ``strict``, when they are among ``checks``.
         shared: What no derivation found for itself, in phrases.
+        idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
+            comparison here can tell.
+        contact: The trial on the ground, where it was asked for and could be made.
     """
 
     robot: str
@@ -74,11 +87,22 @@ class Certificate:
     estimated_links: tuple[str, ...] = ()
     declared: tuple[Check, ...] = ()
     shared: tuple[str, ...] = ()
+    idealised: tuple[str, ...] = ()
+    contact: ContactTrial | None = None
 
     @property
     def passed(self) -> bool:
         """Whether every comparison that was made passed."""
-        return all(check.passed for check in self.checks)
+        rolled = self.contact is None or self.contact.passed
+        return rolled and all(check.passed for check in self.checks)
+
+    @property
+    def notes(self) -> list[tuple[str, str]]:
+        """What else there is to say, each with the name of the other side."""
+        said = [(c.against, c.note) for c in (*self.checks, *self.declared) if c.note]
+        if self.contact is not None:
+            said += [(CONTACT, note) for note in self.contact.notes]
+        return said
 
     @property
     def worst(self) -> Check:
@@ -92,15 +116,11 @@ class Certificate:
             "passed": self.passed,
             "samples": self.samples,
             "seed": self.seed,
-            "checks": [_plain(check) for check in self.checks],
+            "checks": [check.to_dict() for check in self.checks],
             "skipped": [asdict(each) for each in self.skipped],
             "estimated_links": list(self.estimated_links),
-            "declared": [_plain(check) for check in self.declared],
+            "declared": [check.to_dict() for check in self.declared],
             "shared": list(self.shared),
+            "idealised": list(self.idealised),
+            "contact": None if self.contact is None else self.contact.to_dict(),
         }
-
-
-def _plain(check: Check) -> dict[str, Any]:
-    """Return a check as plain values; an infinite residual is None."""
-    residual = check.residual if math.isfinite(check.residual) else None
-    return {**asdict(check), "residual": residual, "passed": check.passed}

@@ -56,7 +56,7 @@ def reduced(
     q, nu, nu_dot = state.q, state.nu, state.nu_dot
     M = dynamics.inertia(q)
     yield relative("reduced inertia M", GIBBS, M, terms.M, names, EXACT, float(sizes.inertia.max()))
-    scale = np.sqrt(np.outer(np.diag(terms.M), np.diag(terms.M)))
+    scale = np.sqrt(np.abs(np.outer(np.diag(terms.M), np.diag(terms.M))))
     limit = allowed(SCALED, float((sizes.inertia / scale).max()), 1.0)
     yield worst("M, entry by entry", GIBBS, (M - terms.M) / scale, limit, names)
     largest = sizes.force

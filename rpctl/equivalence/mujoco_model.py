@@ -8,7 +8,7 @@ Contacts, losses and limits are left out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
@@ -68,9 +68,12 @@ class MujocoModel:
     Args:
         robot: The robot; names, locked positions and estimated inertias are used.
         reading: Its file; read anew if None.
+        release: Gives the root link its freedom, told the ``MjSpec`` and the link's ``MjsBody``;
+            None for a planar base.
 
     Attributes:
-        mjm: The ``MjModel``: qpos and qvel are x, y, turn of the root link, then the joints.
+        mjm: The ``MjModel``: qpos and qvel of a planar base are x, y, turn of the root link, then
+            the joints.
         root: Index of the root link's body.
         joints: Index in qpos and in qvel of every moving joint.
         refused: Links that MuJoCo refuses, each with the reason.
@@ -80,7 +83,12 @@ class MujocoModel:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot, reading: Reading | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        reading: Reading | None = None,
+        release: Callable[[Any, Any], None] | None = None,
+    ) -> None:
         self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
         self._robot = robot
         self._raw = (reading or read(robot)).raw
@@ -90,11 +98,7 @@ class MujocoModel:
         self._freeze(spec)
         for head, poses in _rigid_bodies(self._raw, robot.locked).items():
             self._give_inertia(spec, head, poses)
-        root = spec.body(OWN + self._raw.root)
-        kinds = self._mujoco.mjtJoint
-        root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
-        root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
-        root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
+        (release or self._slide)(spec, spec.body(OWN + self._raw.root))
         self.mjm = self._compiled(spec)
         self.root = int(self.mjm.body(OWN + self._raw.root).id)
         self.joints = {
@@ -102,6 +106,13 @@ class MujocoModel:
             for joint in self._raw.joints
             if joint.type != "fixed" and joint.name not in robot.locked
         }
+
+    def _slide(self, spec: Any, root: Any) -> None:
+        """Let the root link slide along x and y and turn about z."""
+        kinds = self._mujoco.mjtJoint
+        root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
+        root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
+        root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
 
     def _compiled(self, spec: Any) -> Any:
         """Return the model with inertias as they are given."""

@@ -178,19 +178,15 @@ def read_file(data: bytes) -> RawFile:
 
 
 def _text(data: bytes) -> str:
-    """Return bytes as text: by their mark, by where zeros lie, as UTF-8, or as Latin-1."""
+    """Return bytes as text: by their mark, as UTF-8, or as Latin-1.
+
+    The parser knows wide characters without a mark by the zeros among the first.
+    """
     for mark, codec in MARKS:
         if data.startswith(mark):
             return data.decode(codec)
-    zeros = tuple(byte == 0 for byte in data[:4])
-    wide = {
-        (False, True, False, True): "utf-16-le",
-        (True, False, True, False): "utf-16-be",
-        (False, True, True, True): "utf-32-le",
-        (True, True, True, False): "utf-32-be",
-    }
     try:
-        return data.decode(wide.get(zeros, "utf-8"))
+        return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("latin-1")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence import checks
-from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.certificate import CONTACT, Certificate, Check, Skipped
 from rpctl.equivalence.geometry import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.measure import EXACT
@@ -18,13 +18,16 @@ from rpctl.equivalence.reading import Reading, read, shared
 from rpctl.equivalence.state import State, draw_state
 from rpctl.equivalence.trial import find_sizes, make_trial
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
+    from rpctl.equivalence.contact_record import ContactTrial
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco",)
 BREAKDOWNS = (RpctlError, np.linalg.LinAlgError)
+ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ def verify(
     engines: Sequence[str] = ENGINES,
     progress: Callable[[int], object] | None = None,
     strict: bool = False,
+    contact: bool = False,
 ) -> Certificate:
     """Compare the reduced dynamics with independent derivations at random states.
 
@@ -58,6 +62,7 @@ def verify(
         progress: Called with the number of states done.
         strict: Whether numbers that the user declared fail where the file's shapes contradict
             them; else the certificate tells by how much.
+        contact: Whether the robot is to roll on a plane, too, as a free body in MuJoCo.
 
     Returns:
         The certificate; a comparison that is not finite fails.
@@ -82,7 +87,7 @@ def verify(
             progress(sample + 1)
     checks_made = (*geometry.record(), *found.values())
     declared = () if strict else tuple(c for c in checks_made if c.name == DECLARED)
-    return Certificate(
+    certificate = Certificate(
         robot=robot.name,
         samples=samples,
         seed=seed,
@@ -91,7 +96,12 @@ def verify(
         estimated_links=robot.description.estimated_links,
         declared=declared,
         shared=shared(robot, reading),
+        idealised=tuple(each.sentence for each in idealisations(robot)),
     )
+    trial = _trial(robot) if contact else None
+    if isinstance(trial, Skipped):
+        return replace(certificate, skipped=(*certificate.skipped, trial))
+    return replace(certificate, contact=trial)
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
@@ -152,10 +162,20 @@ def _engine(
         return None, ()
     from rpctl.equivalence.mujoco_engine import EngineRefused, MujocoEngine, installed
 
-    note = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
+    note = ABSENT
     if installed():
         try:
             return MujocoEngine(robot, reading), ()
         except EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
+
+
+def _trial(robot: Robot) -> ContactTrial | Skipped:
+    """Return the trial on the ground, or the row that says why there is none."""
+    from rpctl.equivalence import contact_trial
+    from rpctl.equivalence.mujoco_engine import installed
+
+    if not installed():
+        return Skipped(contact_trial.NAME, CONTACT, ABSENT)
+    return contact_trial.contact_trial(robot)

@@ -98,10 +98,10 @@ def _apart(
     spheres = tuple(wheel for wheel in held if wheel.ball)
     named = tuple(wheel for wheel in spheres if _called_ball(wheel))
     for balls in (spheres, named):
-        lines = _lines([wheel for wheel in held if wheel not in balls])
+        lines = lines_of([wheel for wheel in held if wheel not in balls])
         if any(len(line) > 1 for line in lines):
             return lines, balls
-    return _lines(held), ()
+    return lines_of(held), ()
 
 
 def _called_ball(wheel: Candidate) -> bool:
@@ -109,8 +109,8 @@ def _called_ball(wheel: Candidate) -> bool:
     return any(word in names for word in BALL_WORDS)
 
 
-def _lines(wheels: list[Candidate]) -> tuple[tuple[Candidate, ...], ...]:
-    """Return wheels, those about one line together."""
+def lines_of(wheels: list[Candidate]) -> tuple[tuple[Candidate, ...], ...]:
+    """Return the wheels by lines: those about one line, seen from above, together."""
     lines: list[list[Candidate]] = []
     for wheel in wheels:
         line = next((line for line in lines if coaxial(line[0], wheel)), None)

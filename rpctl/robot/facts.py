@@ -6,11 +6,12 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 
 def facts(robot: Robot) -> dict[str, Any]:
-    """Return a robot's facts: drive and its evidence, joints with their limits, findings.
+    """Return a robot's facts: drive and its evidence, joints with their limits, what is idealised.
 
     Lengths are in m, angles in rad, masses in kg, efforts in N·m or N; a limit that the URDF does
     not give is infinite.
@@ -63,6 +64,7 @@ def facts(robot: Robot) -> dict[str, Any]:
         "meanings": meanings(robot),
         "actuators": robot.actuators,
         "end_effector": robot.end_effector,
+        "idealised": [asdict(each) for each in idealisations(robot)],
         "findings": [asdict(finding) for finding in robot.findings],
     }
 

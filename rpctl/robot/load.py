@@ -79,7 +79,6 @@ def _load(
         *description.findings,
         *check_meshes(description),
         *_massless_movers(description, locked),
-        *_ignored_losses(description),
     )
     if strict:
         _refuse_doubts(path, findings)
@@ -161,14 +160,6 @@ def _locked(
             raise UnknownNameError("joint to lock", pattern, moving)
         locked.update(dict.fromkeys(names, float(position)))
     return locked
-
-
-def _ignored_losses(description: Description) -> list[Finding]:
-    lossy = [j for j in description.joints if j.moving and (j.damping or j.friction)]
-    if not lossy:
-        return []
-    text = f"damping and friction of {len(lossy)} joints are left out: rigid bodies, no losses"
-    return [Finding("info", lossy[0].line, text)]
 
 
 def _massless_movers(description: Description, locked: Mapping[str, float]) -> list[Finding]:

@@ -135,24 +135,24 @@ class Robot:
             y: Position of the root link, m.
             theta: Heading of the root link, rad.
             joints: Positions (rad or m) by joint name; 0 for those left out. Mimic joints follow,
-                and so do the swivels of wheels that others' steering determines.
+                and so do the swivels of wheels that others' steering determines; they follow the
+                positions as given, also where a continuous joint's q has full turns taken off.
 
         Raises:
             UnknownNameError: A joint is not among the model's.
         """
         q: Array = pin.neutral(self.model)
         q[:BASE_NQ] = x, y, math.cos(theta), math.sin(theta)
+        told = {**self.locked, **(joints or {})}
         for name, position in (joints or {}).items():
             self.set_joint(q, name, position)
         for joint in self.mimics:
             if joint.mimic is not None:
                 multiplier, offset = joint.mimic.multiplier, joint.mimic.offset
-                followed = self.joint_position(q, joint.mimic.joint)
+                followed = told.get(joint.mimic.joint, 0.0)
                 self.set_joint(q, joint.name, multiplier * followed + offset)
-        if self.drive.followers:
-            steered = {s.joint: self.joint_position(q, s.joint) for s in self.drive.steered}
-            for name, position in follow(self.drive, steered).items():
-                self.set_joint(q, name, position)
+        for name, position in follow(self.drive, told).items():
+            self.set_joint(q, name, position)
         return q
 
     def set_joint(self, q: Array, joint: str, position: float) -> None:

@@ -35,6 +35,8 @@ class Size(NamedTuple):
     source: str
     offset: float  # of its centre from the joint's origin along the axle, m
     uneven: str = ""  # the extents of its mesh across the axle, where they are not a wheel's
+    aside: float = 0.0  # distance of its middle from the axle, m
+    width: float = 0.0  # along the axle, m; of a sphere 0
 
 
 def wheel_parts(description: Description, locked: Mapping[str, float], joint: Joint) -> list[Part]:
@@ -59,7 +61,7 @@ def round_parts(description: Description, locked: Mapping[str, float], joint: Jo
     Spheres are, and cylinders and capsules along the axle; those of another link than the joint's
     own have to be centred on the axle, too, as motors and weights beside it are not.
     """
-    return [part for part in wheel_parts(description, locked, joint) if _is_round(part, joint.axis)]
+    return [part for part in wheel_parts(description, locked, joint) if is_round(part, joint.axis)]
 
 
 def wheel_size(
@@ -84,18 +86,14 @@ def wheel_size(
     return Size(None, reasons[-1] if reasons else "", 0.0)
 
 
-def size_by_role(
+def told_sizes(
     description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> dict[str, Size]:
-    """Return the size that the collision and the visual shapes tell, each where they do."""
+) -> list[tuple[str, Size]]:
+    """Return all sizes that a wheel's shapes tell, each with its role: the round ones', meshes'."""
     parts = wheel_parts(description, locked, joint)
-    sizes = {}
-    for role in ROLES:
-        size = _round_size(parts, joint.axis, role)
-        size = size or _mesh_size(parts, joint.axis, role, paths, [])
-        if size is not None:
-            sizes[role] = size
-    return sizes
+    found = [(role, _round_size(parts, joint.axis, role)) for role in ROLES]
+    found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in ROLES]
+    return [(role, size) for role, size in found if size is not None]
 
 
 def _fixed_links(
@@ -113,8 +111,12 @@ def _fixed_links(
         ]
 
 
-def _is_round(part: Part, axis: Array) -> bool:
-    """Tell whether a part is round about an axle (3,) through the frame's origin."""
+def is_round(part: Part, axis: Array) -> bool:
+    """Tell whether a part is round about an axle (3,) through the frame's origin.
+
+    A cylinder may be off the parallel by SHAPE_TILT, a part of another link than the joint's own
+    off the axle by CENTRED of its radius.
+    """
     shape, centre = part.shape, part.shape.origin[:3, 3]
     if shape.kind not in ("sphere", "cylinder", "capsule") or not shape.size[0] > 0.0:
         return False
@@ -125,13 +127,16 @@ def _is_round(part: Part, axis: Array) -> bool:
 
 def _round_size(parts: list[Part], axis: Array, role: str) -> Size | None:
     """Return the size that the widest round part of a role tells, if there is one."""
-    found = [part.shape for part in parts if part.role == role and _is_round(part, axis)]
+    found = [part.shape for part in parts if part.role == role and is_round(part, axis)]
     if not found:
         return None
     widest = max(found, key=lambda shape: shape.size[0])
     tyres = [shape for shape in found if widest.size[0] - shape.size[0] <= SAME]
     offset = float(np.mean([tyre.origin[:3, 3] @ axis for tyre in tyres]))
-    return Size(widest.size[0], f"{role} {widest.kind}, line {widest.line}", offset)
+    aside = float(np.linalg.norm(np.cross(widest.origin[:3, 3], axis)))
+    width = 0.0 if widest.kind == "sphere" else widest.size[1]
+    source = f"{role} {widest.kind}, line {widest.line}"
+    return Size(widest.size[0], source, offset, aside=aside, width=width)
 
 
 def _mesh_size(
@@ -156,7 +161,7 @@ def _mesh_size(
             narrow, wide = bounds.narrow, bounds.wide
             uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < EVEN * wide else ""
             source = f"bounds of the {role} mesh, line {shape.line}"
-            widest = Size(radius, source, bounds.middle, uneven)
+            widest = Size(radius, source, bounds.middle, uneven, bounds.aside, bounds.width)
     return widest
 
 
@@ -167,6 +172,7 @@ class _Bounds(NamedTuple):
     wide: float
     middle: float  # along it
     aside: float  # distance of its middle from it
+    width: float  # along it
 
 
 def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> _Bounds:
@@ -179,4 +185,6 @@ def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> _Bounds:
     across = points @ np.column_stack([first, np.cross(axis, first)])
     narrow, wide = sorted(np.ptp(across, axis=0).tolist())
     aside = math.hypot(*(0.5 * (across.min(axis=0) + across.max(axis=0))))
-    return _Bounds(narrow, wide, 0.5 * float(along.min() + along.max()), aside)
+    return _Bounds(
+        narrow, wide, 0.5 * float(along.min() + along.max()), aside, float(np.ptp(along))
+    )

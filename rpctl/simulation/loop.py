@@ -22,6 +22,12 @@ from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.rates import steering
 from rpctl.robot.model import Robot
+from rpctl.simulation.periods import (
+    CONTROL_PERIOD,
+    delay_note,
+    duration_note,
+    lasting_periods,
+)
 from rpctl.simulation.plant import Plant, advance
 from rpctl.simulation.record import Recorder, describe, facts
 from rpctl.simulation.run import Run
@@ -38,7 +44,7 @@ def track(
     initial_error: Sequence[float] = (0.0, 0.0, 0.0),
     kinematic: KinematicLaw | Startable[KinematicLaw] | None = None,
     dynamic: DynamicLaw | Startable[DynamicLaw] | None = None,
-    control_period: float = 0.002,
+    control_period: float = CONTROL_PERIOD,
     plant_step: float = 0.002,
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -57,6 +63,7 @@ def track(
         reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
             ``eight``, ``waypoints``, ``ee-square``), or a file: ``.csv`` or ``.toml``.
         duration: s; None lasts a second longer than the reference moves, or 20 s if it has no end.
+            The run ends with the last whole control period within it.
         initial_error: Tracking error (x1, x2, x3) of the base at the start: how far the reference
             is ahead (m), to the left (m) and turned to the left (rad), seen from the robot.
         kinematic: The kinematic law; None takes the unified one.
@@ -81,25 +88,23 @@ def track(
     told = name or (reference if isinstance(reference, str) else type(reference).__name__)
     if isinstance(reference, str):
         reference = load_reference(robot, reference)
-    duration = lasting(reference) if duration is None else duration
-    for name, value in (
-        ("duration", duration),
-        ("control_period", control_period),
-        ("plant_step", plant_step),
-    ):
-        require_positive(name, value)
+    lasts = lasting(reference) if duration is None else duration
+    steps = lasting_periods(lasts, control_period)
+    require_positive("plant_step", plant_step)
     kinematic, dynamic = kinematic or UnifiedKinematic(), dynamic or PaperDynamic()
     plant = plant or Plant()
     settings = {
         "reference": told,
-        "duration": duration,
+        "duration": steps * control_period,
         "initial_error": [float(x) for x in initial_error],
         "kinematic": describe(kinematic),
         "dynamic": describe(dynamic),
         "control_period": control_period,
         "plant_step": plant_step,
-        "plant": plant.describe(),
+        "plant": plant.describe(control_period),
     }
+    notes = () if duration is None else duration_note(duration, control_period)
+    notes += delay_note(plant.delay, control_period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, friction)
     believed, bias = plant.believed_dynamics(dynamics), plant.bias(robot)
@@ -108,7 +113,6 @@ def track(
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     kinematic_law = started(kinematic, believed, control_period, rest)
     dynamic_law = started(dynamic, believed, control_period, rest)
-    steps = max(1, round(duration / control_period))
     began = time.perf_counter()
     sent = plant.pipeline(rest.tau, control_period)
     for k in range(steps + 1):
@@ -143,6 +147,7 @@ def track(
         **facts(robot, contacts),
         friction=friction,
         settings=settings,
+        notes=notes,
         certificate=None if certificate is None else certificate.to_dict(),
         wall_time=wall_time,
     )

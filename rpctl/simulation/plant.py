@@ -15,6 +15,7 @@ from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
+from rpctl.simulation.periods import delay_periods
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,8 @@ class Plant:
 
     Attributes:
         tau_bias: Efforts (N·m or N) by actuator that push besides the controller's.
-        delay: Time from a measurement to the efforts it leads to, s; in whole control periods.
+        delay: Time from a measurement to the efforts it leads to, s; the nearest whole number of
+            control periods is simulated, halves up, and logged.
         believed: The robot whose dynamics the controller computes with; None: the simulated one.
     """
 
@@ -68,13 +70,14 @@ class Plant:
 
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
-        return deque([hold] * round(self.delay / control_period))
+        return deque([hold] * delay_periods(self.delay, control_period))
 
-    def describe(self) -> dict[str, Any]:
-        """Return the settings, to be kept with a run."""
+    def describe(self, control_period: float) -> dict[str, Any]:
+        """Return the settings, to be kept with a run: the delay as it is simulated."""
+        delay = delay_periods(self.delay, control_period) * control_period
         biases = {f"bias of {name}": float(bias) for name, bias in self.tau_bias.items()}
         believed = None if self.believed is None else self.believed.name
-        return {**biases, "delay": self.delay, "believed": believed}
+        return {**biases, "delay": delay, "believed": believed}
 
 
 def advance(

@@ -13,8 +13,9 @@ import pinocchio as pin
 from rpctl.control.command import Command
 from rpctl.control.law import Limit
 from rpctl.description.records import Array
-from rpctl.dynamics.contact import Contacts, ground_reaction
+from rpctl.dynamics.contact import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.splits import find_ranges
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.rates import reference_rates, steering
@@ -37,6 +38,7 @@ class Recorder:
         self._data = dynamics.robot.model.createData()
         self._rows: list[Row] = []
         self._limits: list[tuple[Limit, ...]] = []
+        self._reactions: list[GroundReaction] = []
 
     def add(
         self,
@@ -56,6 +58,10 @@ class Recorder:
         """
         self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
+        v = dynamics.basis(q) @ nu
+        if self._contacts is not None:
+            push = tau + self._bias
+            self._reactions.append(ground_reaction(dynamics, self._contacts, q, nu, push))
         self._rows.append(
             {
                 "t": t,
@@ -71,11 +77,13 @@ class Recorder:
                 "joints_ref": state.joints,
                 "steering_ref": steering(robot, state)[0],
                 "steering": np.array([robot.joint_position(q, name) for name in _turned(robot)]),
+                "others": np.array([robot.joint_position(q, name) for name in _others(robot)]),
+                "other_rates": v[[robot.velocity_index(name) for name in _others(robot)]],
                 "e": e,
                 "energy": dynamics.energy(q, nu),
                 "work": work,
-                "constraint_residual": _slip(dynamics, q, nu),
-                **_ground(dynamics, self._contacts, q, nu, tau + self._bias),
+                "constraint_residual": _slip(dynamics, q, v),
+                **_ground(self._reactions[-1] if self._reactions else None),
                 **_end_effector(robot, self._data, q, state),
             }
         )
@@ -89,6 +97,10 @@ class Recorder:
             heading[:] = np.unwrap(heading)
         log["q_ref"] = _reference_configurations(self._dynamics, log)
         del log["steering_ref"]  # it is part of q_ref
+        log["load_range"] = log["slip_range"] = np.empty((len(self._rows), 0))
+        if self._contacts is not None and not self._contacts.determinate:
+            ranges = find_ranges(self._contacts, self._reactions)
+            log["load_range"], log["slip_range"] = ranges.load, ranges.slip
         bound = tuple(dict.fromkeys(chain.from_iterable(self._limits)))
         active = [[float(limit in limits) for limit in bound] for limits in self._limits]
         log["active_limits"] = np.array(active)
@@ -121,6 +133,11 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
             (robot.description.joint[name].lower, robot.description.joint[name].upper)
             for name in _turned(robot)
         ),
+        "other_names": _others(robot),
+        "other_limits": tuple(
+            (limited.lower, limited.upper, limited.velocity)
+            for limited in (robot.description.joint[name] for name in _others(robot))
+        ),
         "end_effector": robot.end_effector,
         "contacts": contacts.names if contacts else (),
         "contact_points": tuple(map(tuple, contacts.points.tolist())) if contacts else (),
@@ -132,6 +149,12 @@ def facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
 def _turned(robot: Robot) -> tuple[str, ...]:
     """Return the joints that turn wheels, but for casters."""
     return tuple(swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster")
+
+
+def _others(robot: Robot) -> tuple[str, ...]:
+    """Return the moving joints that are not the arm's: wheels', swivels, and mimic joints."""
+    arm = {joint.name for joint in robot.joints}
+    return tuple(name for name in robot.model.names[2:] if name not in arm)
 
 
 def describe(law: object) -> dict[str, Any]:
@@ -153,27 +176,24 @@ def _plain(value: object) -> Any:
     return value.item() if isinstance(value, np.generic) else describe(value)
 
 
-def _slip(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
+def _slip(dynamics: ReducedDynamics, q: Array, v: Array) -> float:
     """Return the largest entry of |A v|: m/s, rad/s."""
-    residual = dynamics.constraint(q) @ (dynamics.basis(q) @ nu)
-    return float(np.abs(residual).max(initial=0.0))
+    return float(np.abs(dynamics.constraint(q) @ v).max(initial=0.0))
 
 
-def _ground(
-    dynamics: ReducedDynamics, contacts: Contacts | None, q: Array, nu: Array, tau: Array
-) -> dict[str, Any]:
+def _ground(reaction: GroundReaction | None) -> dict[str, Any]:
     nothing = np.empty(0)
-    if contacts is None:
+    if reaction is None:
         names = ("wheel_force", "axle_force", "contact_load", "zmp", "tip_margin", "slip_ratio")
         return dict.fromkeys(names, nothing)
-    ground = ground_reaction(dynamics, contacts, q, nu, tau)
+    slip = reaction.slip_ratio
     return {
-        "wheel_force": ground.longitudinal,
-        "axle_force": ground.lateral,
-        "contact_load": ground.load,
-        "zmp": ground.zmp,
-        "tip_margin": nothing if ground.tip_margin is None else ground.tip_margin,
-        "slip_ratio": ground.slip_ratio.max() if ground.slip_ratio.size else nothing,
+        "wheel_force": reaction.longitudinal,
+        "axle_force": reaction.lateral,
+        "contact_load": reaction.load,
+        "zmp": reaction.zmp,
+        "tip_margin": nothing if reaction.tip_margin is None else reaction.tip_margin,
+        "slip_ratio": slip.max() if slip.size else nothing,
     }
 
 

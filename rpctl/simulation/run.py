@@ -20,8 +20,10 @@ from rpctl.robot.drive import Drive
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
-SCHEMA = 2
+SCHEMA = 3
+OLDER = 2  # it lacks what others than the arm's joints do, and the notes; they are empty then
 META = "meta"  # the one entry of the file that is text: JSON
+RANGES = ("load_range", "slip_range")  # entries that older files lack, and that may be NaN or inf
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,6 +43,9 @@ class Run:
         joints: Positions of the arm (K, n_joints); rad or m.
         joints_ref: Their references (K, n_joints).
         steering: Positions of the joints that steer wheels (K, n_steering), rad.
+        others: Positions of the other moving joints (K, n_others), wheels and mimic joints
+            included; rad or m, those of continuous joints in (−π, π].
+        other_rates: Their rates (K, n_others); rad/s or m/s.
         e: Tracking error (K, 3 + n_joints): longitudinal, lateral, heading, joints.
         q_ref: Configuration of the reference robot (K, nq), wheels turned as they would roll.
         ee: Position of the end effector (K, 3), m; (K, 0) for a robot without an arm.
@@ -52,12 +57,17 @@ class Run:
         wheel_force: Force of the ground on each wheel, forward (K, n_wheels), N.
         axle_force: Force of the ground on each axle, to the left (K, n_axles), N.
         contact_load: Vertical force of the ground on each contact (K, n_contacts), N; (K, 0) where
-            the contacts known do not hold a balance.
+            the contacts known do not hold a balance. Beyond three contacts, of equal springs.
         zmp: Zero-moment point (K, 2), m; (K, 0) for a fixed base.
         tip_margin: Distance of the zero-moment point to the edge of the support polygon (K,), m;
             negative outside; (K, 0) where it is not defined.
         slip_ratio: Largest of the wheels' horizontal force over friction times load (K,); above 1
-            a wheel slips; (K, 0) where it is not defined.
+            a wheel slips; (K, 0) where it is not defined. The loads are ``contact_load``.
+        load_range: Least and largest load of each contact (K, n_contacts, 2) of all splits that
+            statics admit, N; NaN where the robot tips. (K, 0) where ``contact_load`` is the only
+            split or not defined, and in files of versions that logged none.
+        slip_range: Least and largest ``slip_ratio`` of those splits (K, 2); inf where a wheel that
+            pushes may bear nothing, NaN where the robot tips; (K, 0) where ``load_range`` is.
         active_limits: 1 where a limit bound the efforts, else 0 (K, n_bound).
         robot: Name of the robot.
         source: What the robot was loaded from.
@@ -76,6 +86,8 @@ class Run:
         upper_limits: Upper limits of the arm's positions; inf where there is none.
         steering_names: Joints that steer wheels.
         steering_limits: Their limits (lower, upper), rad.
+        other_names: Moving joints that are not the arm's: wheels', swivels, mimic joints.
+        other_limits: Their limits (lower, upper, velocity).
         end_effector: The link that was tracked, or None.
         contacts: Names of the contacts with the ground, wheels first; none for a fixed base.
         contact_points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
@@ -83,7 +95,8 @@ class Run:
         ground_notes: What keeps loads and margins from being defined or unique.
         bound_limits: Joint and kind of each limit that ever bound, as the dynamic law told.
         friction: Coefficient between wheels and ground that ``slip_ratio`` is for.
-        settings: Reference, laws, horizons, sample times.
+        settings: Reference, laws, horizons, sample times, all as they were simulated.
+        notes: Where that is not what was asked for, in sentences.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
     """
@@ -100,6 +113,8 @@ class Run:
     joints: Array
     joints_ref: Array
     steering: Array
+    others: Array
+    other_rates: Array
     e: Array
     q_ref: Array
     ee: Array
@@ -114,6 +129,8 @@ class Run:
     zmp: Array
     tip_margin: Array
     slip_ratio: Array
+    load_range: Array
+    slip_range: Array
     active_limits: Array
     robot: str
     source: str
@@ -132,6 +149,8 @@ class Run:
     upper_limits: tuple[float, ...]
     steering_names: tuple[str, ...]
     steering_limits: tuple[tuple[float, float], ...]
+    other_names: tuple[str, ...]
+    other_limits: tuple[tuple[float, float, float], ...]
     end_effector: str | None
     contacts: tuple[str, ...]
     contact_points: tuple[tuple[float, float], ...]
@@ -140,6 +159,7 @@ class Run:
     bound_limits: tuple[tuple[str, str], ...]
     friction: float
     settings: Mapping[str, Any]
+    notes: tuple[str, ...]
     certificate: Mapping[str, Any] | None
     wall_time: float
 
@@ -193,11 +213,13 @@ class Run:
         except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
             raise RunFileError(f"{path}: damaged or not a run of rpctl ({error})") from None
         schema = meta.pop("schema", None) if isinstance(meta, dict) else None
-        if schema != SCHEMA:
+        if schema not in (OLDER, SCHEMA):
             raise RunFileError(
-                f"{path}: schema {schema}, this rpctl reads {SCHEMA}; track the robot again"
+                f"{path}: schema {schema}, this rpctl reads {OLDER} and {SCHEMA}; track the robot "
+                "again"
             )
-        return _checked(path, {**meta, **arrays})
+        values = {**meta, **arrays}
+        return _checked(path, _completed(values) if schema == OLDER else values)
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
@@ -224,8 +246,17 @@ class Run:
         return robot
 
 
+def _completed(values: dict[str, Any]) -> dict[str, Any]:
+    """Return what an older file holds with what it lacks, empty."""
+    nothing = np.empty((np.size(values.get("t", ())), 0))
+    lists: dict[str, list[Any]] = {"other_names": [], "other_limits": [], "notes": []}
+    return {"others": nothing, "other_rates": nothing.copy(), **lists, **values}
+
+
 def _checked(path: str | Path, values: dict[str, Any]) -> Run:
     """Return a run from what a file holds, shapes and names checked."""
+    for name in RANGES:
+        values.setdefault(name, np.empty((np.size(values.get("t", ())), 0)))
     names = {item.name: item.type for item in fields(Run)}
     missing, extra = names.keys() - values.keys(), values.keys() - names.keys()
     if missing or extra:
@@ -239,7 +270,8 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         if (kind == "Array") != isinstance(value, np.ndarray):
             raise RunFileError(f'{path}: entry "{name}" is of the wrong kind')
         if isinstance(value, np.ndarray):
-            if value.dtype != np.float64 or not np.isfinite(value).all():
+            finite = name in RANGES or np.isfinite(value).all()
+            if value.dtype != np.float64 or not finite:
                 raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
             value.setflags(write=False)
         elif isinstance(value, list):
@@ -249,13 +281,16 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         "tau": "actuators",
         "rates": "actuators",
         "joints": "joint_names",
+        "others": "other_names",
+        "other_rates": "other_names",
         "active_limits": "bound_limits",
     }
     for array, labels in columns.items():
         if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):
             raise RunFileError(f'{path}: "{array}" does not fit its names')
-    if values["contact_load"].size and values["contact_load"].shape[1:] != (
-        len(values["contacts"]),
-    ):
-        raise RunFileError(f'{path}: "contact_load" does not fit its names')
+    contacts = len(values["contacts"])
+    shapes = {"contact_load": (contacts,), "load_range": (contacts, 2), "slip_range": (2,)}
+    for name, shape in shapes.items():
+        if values[name].size and values[name].shape[1:] != shape:
+            raise RunFileError(f'{path}: "{name}" does not fit its names')
     return Run(**values)

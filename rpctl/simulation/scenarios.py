@@ -111,7 +111,7 @@ SCENARIOS = {
 }
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class Controller:
     """A kinematic and a dynamic law, by name."""
 

@@ -22,11 +22,12 @@ from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.law import Rest, Startable, started
 from rpctl.control.laws import kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
-from rpctl.simulation.loop import lasting, track
+from rpctl.simulation.loop import track
+from rpctl.simulation.periods import CONTROL_PERIOD, lasting_periods
 from rpctl.simulation.run import Run
 from rpctl.simulation.scenarios import SCENARIOS, Controller
 from rpctl.simulation.summary import summarize
@@ -132,7 +133,8 @@ class Bench:
 
     Args:
         robot: The robot.
-        duration: Of each run, s; None: as long as its reference moves.
+        duration: Of each run, s; None: as long as its reference moves. It ends with the last whole
+            control period.
         initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
 
     Raises:
@@ -146,7 +148,7 @@ class Bench:
         initial_error: Sequence[float] = INITIAL_ERROR,
     ) -> None:
         if duration is not None:
-            require_positive("duration", duration)
+            duration = lasting_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
         self.robot, self.duration, self.initial_error = robot, duration, tuple(initial_error)
         self._references: dict[str, Reference] = {}
 
@@ -168,7 +170,7 @@ class Bench:
         run = track(
             case.robot,
             reference,
-            lasting(reference) if self.duration is None else self.duration,
+            self.duration,
             self.initial_error if self.robot.drive.base_speeds else (0.0, 0.0, 0.0),
             watch.times(kinematic_by_name(cell.controller.kinematic)),
             watch.times(dynamic_by_name(cell.controller.dynamic)),

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.description.records import Array
+from rpctl.simulation.ground import ground
 from rpctl.simulation.run import Run
 
-FAR = 10.0  # times the grip: beyond, a wheel is all but in the air, and the figure says no more
 KINDS = {"lower": "lower position", "upper": "upper position"}  # in words
 SLACK = 1e-9  # of a limit: touching it is not breaking it
 
@@ -30,9 +30,11 @@ def summarize(run: Run) -> dict[str, Any]:
     arm = np.linalg.norm(run.ee - run.ee_ref, axis=1) if run.end_effector else None
     half = len(run.t) // 2
     tau = np.abs(run.tau).max(axis=0)
-    peaks = tau / np.array(run.effort_limits)
+    limited = np.isfinite(run.effort_limits)
+    peaks = np.where(limited, tau / np.array(run.effort_limits), -1.0)  # -1: never the largest
     duration = float(run.t[-1])
     return {
+        "duration": duration,
         "rms_base_error": _rms(base),
         "final_base_error": float(base[-1]),
         "settled_base_error": float(base[half:].max()),
@@ -50,8 +52,8 @@ def summarize(run: Run) -> dict[str, Any]:
                 run.actuators, tau.tolist(), run.effort_limits, strict=True
             )
         ],
-        "max_effort_ratio": float(peaks.max()) if peaks.any() else None,
-        "max_effort_joint": run.actuators[int(peaks.argmax())] if peaks.any() else None,
+        "max_effort_ratio": float(peaks.max()) if limited.any() else None,
+        "max_effort_joint": run.actuators[int(peaks.argmax())] if limited.any() else None,
         "limits_violated": violations(run),
         "limits_bound": bound(run),
         **ground(run),
@@ -63,43 +65,12 @@ def summarize(run: Run) -> dict[str, Any]:
     }
 
 
-def ground(run: Run) -> dict[str, Any]:
-    """Return whether a robot would slip or tip, by figures and in one sentence.
-
-    ``min_tip_over_margin`` is in m, ``max_slip_ratio`` a share of the grip at ``friction``. They
-    are None where the contacts known do not hold a balance, and the sentence says why; a fixed
-    base has no sentence.
-    """
-    if not run.tip_margin.size:
-        nothing = ("min_tip_over_margin", "max_slip_ratio", "would_slip", "would_tip")
-        sentence = run.ground_notes[0] if run.ground_notes else None
-        return {**dict.fromkeys(nothing), "friction": run.friction, "ground": sentence}
-    margin, slip = float(run.tip_margin.min()), float(run.slip_ratio.max())
-    tips, slips = margin < 0.0, slip > 1.0
-    balance = f"keeps {margin:.2g} m from tipping"
-    if tips:
-        first = run.t[int(np.argmax(run.tip_margin < 0.0))]
-        balance = f"would tip over at {first:.3g} s, by {-margin:.2g} m at worst,"
-    share = f"{100.0 * slip:.0f} % of"
-    grip = f"uses {share}"
-    if slips:
-        first = run.t[int(np.argmax(run.slip_ratio > 1.0))]
-        needed = f"up to {share}" if slip < FAR else f"over {FAR:.0f} times"
-        grip = f"would slip at {first:.3g} s, needing {needed}"
-    many = len(run.contacts)
-    assumed = f" ({many} contacts, taken as equally stiff)" if many > 3 else ""
-    return {
-        "min_tip_over_margin": margin,
-        "max_slip_ratio": slip,
-        "would_slip": slips,
-        "would_tip": tips,
-        "friction": run.friction,
-        "ground": f"{balance} and {grip} the grip at friction {run.friction:g}{assumed}",
-    }
-
-
 def violations(run: Run) -> list[dict[str, Any]]:
-    """Return the limits of the URDF that a run broke: which, how far, when first, for how long."""
+    """Return the limits of the URDF that a run broke: which, how far, when first, for how long.
+
+    ``value`` is the furthest beyond the limit ``allowed``, both as the joint counts: of a lower
+    limit the least position; of efforts and rates the size.
+    """
     found = []
     for name, tau, rate, effort_limit, velocity_limit in zip(
         run.actuators, run.tau.T, run.rates.T, run.effort_limits, run.velocity_limits, strict=True
@@ -109,13 +80,18 @@ def violations(run: Run) -> list[dict[str, Any]]:
     for name, position, lower, upper in zip(
         run.joint_names, run.joints.T, run.lower_limits, run.upper_limits, strict=True
     ):
-        found += _violation(run, name, "lower", -position, -lower)
-        found += _violation(run, name, "upper", position, upper)
+        found += _beyond(run, name, position, lower, upper)
     for name, position, (lower, upper) in zip(
         run.steering_names, run.steering.T, run.steering_limits, strict=True
     ):
-        found += _violation(run, name, "lower", -position, -lower)
-        found += _violation(run, name, "upper", position, upper)
+        found += _beyond(run, name, position, lower, upper)
+    for name, position, rate, (lower, upper, fastest) in zip(
+        run.other_names, run.others.T, run.other_rates.T, run.other_limits, strict=True
+    ):
+        if name not in run.actuators:
+            found += _violation(run, name, "velocity", np.abs(rate), fastest)
+        if name not in run.steering_names:
+            found += _beyond(run, name, position, lower, upper)
     return found
 
 
@@ -141,6 +117,16 @@ def bound(run: Run) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def _beyond(
+    run: Run, joint: str, position: Array, lower: float, upper: float
+) -> list[dict[str, Any]]:
+    """Return the position limits that a joint broke."""
+    below = _violation(run, joint, "lower", -position, -lower)
+    for broken in below:  # found as an upper limit of the negative; told as the joint counts
+        broken |= {"value": -broken["value"], "allowed": -broken["allowed"]}
+    return [*below, *_violation(run, joint, "upper", position, upper)]
 
 
 def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[dict[str, Any]]:

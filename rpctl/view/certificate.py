@@ -8,7 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.contact_record import Gap
 from rpctl.files import write_atomically
+from rpctl.view.contact_section import contact_section
 from rpctl.view.panel import badge, residual
 
 STYLE = """
@@ -34,7 +36,7 @@ PAGE = """<!doctype html>
 </head>
 <body>
 <header class="top"><h1>{robot}</h1><span class="subtitle">{about}</span>{badge}</header>
-<main><div class="wide"><table>
+<main>{trial}<div class="wide"><table>
 <thead><tr><th>Compared</th><th>With</th><th>Residual</th><th>Worst at</th></tr></thead>
 <tbody>
 {rows}
@@ -56,17 +58,26 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     """
     style = files("rpctl.view").joinpath("assets", "report.css").read_text(encoding="utf-8")
     about = f"M(q) ν̇ + h(q, ν) = B(q) τ at {certificate.samples} random states"
+    trial, moves = "", ""
+    gaps: tuple[Gap, ...] = ()
+    if certificate.contact is not None:
+        trial, moves = contact_section(certificate.contact)
+        gaps = certificate.contact.checks
     page = PAGE.format(
         robot=escape(certificate.robot),
-        style=style + STYLE,
+        style=style + STYLE + moves,
+        trial=trial,
         about=f"{about}, seed {certificate.seed}",
         badge=badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
-        remarks=_estimates(certificate.estimated_links) + _shared(certificate.shared),
+        remarks=_estimates(certificate.estimated_links)
+        + _shared(certificate.shared)
+        + _idealised(certificate.idealised),
         rows="\n".join(
             [
                 *map(_row, certificate.checks),
                 *map(_declared, certificate.declared),
-                *map(_gap, certificate.skipped),
+                *map(_gap_row, gaps),
+                *map(_left_out, certificate.skipped),
             ]
         ),
     )
@@ -88,6 +99,14 @@ def _shared(phrases: Sequence[str]) -> str:
     return f'<p class="remark">Shared by all derivations: {escape("; ".join(phrases))}.</p>'
 
 
+def _idealised(sentences: Sequence[str]) -> str:
+    """Return the list of what is idealised, or nothing."""
+    if not sentences:
+        return ""
+    items = "".join(f"<li>{escape(sentence)}.</li>" for sentence in sentences)
+    return f'<div class="remark">Idealised, the same in all derivations:<ul>{items}</ul></div>'
+
+
 def _row(check: Check) -> str:
     shown = residual({"passed": check.passed, "residual": check.residual, "limit": check.limit})
     where = f"{check.entry}, sample {check.sample}" if check.residual > 0 else ""
@@ -101,7 +120,13 @@ def _declared(check: Check) -> str:
     )
 
 
-def _gap(skipped: Skipped) -> str:
+def _gap_row(gap: Gap) -> str:
+    sign = "≤" if gap.passed else ">"
+    shown = f"{gap.told(gap.gap)} {sign} {gap.told(gap.band)}{'' if gap.passed else ' ✗'}"
+    return _cells(gap.name, gap.against, shown, f"{gap.entry} at {gap.time:.2f} s".strip())
+
+
+def _left_out(skipped: Skipped) -> str:
     return _cells(skipped.name, skipped.against, "not compared", skipped.note)
 
 

@@ -109,6 +109,8 @@ def _line(line: Line, thin: Thin) -> dict[str, Any]:
     }
     if line.reference is not None:
         entry["reference"] = packed(thin(line.reference))
+    if line.band is not None:
+        entry["band"] = [packed(thin(edge)) for edge in line.band]
     return entry
 
 

@@ -25,6 +25,8 @@ class Line:
         scale: The value told is what is drawn times this.
         reference: What it should be (K,), drawn dashed, or None.
         shown: Whether it is drawn until somebody asks for it.
+        band: The least and the largest value (K,) that it may have, the latter inf where it is far
+            beyond the axis; None where there is one value.
     """
 
     label: str
@@ -34,6 +36,7 @@ class Line:
     scale: float = 1.0
     reference: Array | None = None
     shown: bool = True
+    band: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ def charts(run: Run) -> list[Chart]:
 
 def has_base(run: Run) -> bool:
     """Return whether the base moves."""
-    return any(name in BASE_SPEEDS for name in run.quasi_velocities)
+    return any(_of_base(run, name) for name in run.quasi_velocities)
 
 
 def short(joint: str) -> str:
@@ -107,7 +110,7 @@ def _speeds(run: Run) -> list[Chart]:
     """Return the quasi-velocities with their reference: of the base, the arm, and the rest."""
     groups: dict[str, list[Line]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
     for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
-        if name in BASE_SPEEDS:
+        if _of_base(run, name):
             label, unit = BASE_SPEEDS[name]
             title, colour = "Base speeds", len(groups["Base speeds"])
         else:
@@ -140,21 +143,48 @@ def _margins(run: Run) -> list[Chart]:
     if not run.tip_margin.size:
         return []
     tip = Line("zero-moment point to edge", "m", run.tip_margin, 0)
-    grip = Line("force / (friction · load)", "%", 100.0 * np.minimum(run.slip_ratio, SLIPPING), 1)
-    beyond = " (drawn up to 300)" if run.slip_ratio.max() > SLIPPING else ""
+    top = grip_top(run)
+    used, band = 100.0 * np.minimum(run.slip_ratio, top), None
+    if run.slip_range.size:
+        least, most = 100.0 * run.slip_range.T
+        band = np.minimum(least, 100.0 * top), np.where(most > 100.0 * top, np.inf, most)
+    grip = Line("force / (friction · load)", "%", used, 1, band=band)
+    most = max(float(run.slip_ratio.max()), float(np.nanmax(run.slip_range, initial=0.0)))
+    beyond = f" (drawn up to {100.0 * top:.0f})" if most > top else ""
     slips = f"friction {run.friction:g}, slips above 100{beyond}"
     return [
         Chart("Tip-over margin", "m", (tip,), (0.0,), note="tips below the dashed line"),
-        Chart("Grip used", "%", (grip,), (100.0,), note=slips),
+        Chart("Grip used", "%", (grip,), (100.0,), note=slips + _shading(run)),
     ]
 
 
+def grip_top(run: Run) -> float:
+    """Return how far a grip's axis reaches: to all that is needed, unless that is far too much."""
+    needed = [1.0, min(float(run.slip_ratio.max()), SLIPPING)]
+    most = float(np.nanmax(run.slip_range, initial=0.0))
+    return max(*needed, most if most <= SLIPPING else 0.0)
+
+
+def _shading(run: Run) -> str:
+    return "; shaded: all splits of the load" if run.slip_range.size else ""
+
+
 def _loads(run: Run) -> Chart:
+    bands: list[tuple[Array, Array] | None] = [None] * len(run.contacts)
+    if run.load_range.size:
+        bands = [(low, high) for low, high in run.load_range.transpose(1, 2, 0)]
     lines = tuple(
-        Line(short(name), "N", load, k)
-        for k, (name, load) in enumerate(zip(run.contacts, run.contact_load.T, strict=False))
+        Line(short(name), "N", load, k, band=band)
+        for k, (name, load, band) in enumerate(
+            zip(run.contacts, run.contact_load.T, bands, strict=False)
+        )
     )
-    return Chart("Ground loads", "N", lines)
+    return Chart("Ground loads", "N", lines, note=_shading(run).removeprefix("; "))
+
+
+def _of_base(run: Run, name: str) -> bool:
+    """Return whether a quasi-velocity is the base's, and not that of a joint which is called so."""
+    return name in BASE_SPEEDS and name not in run.joint_names
 
 
 def _unit(run: Run, joint: str) -> str:

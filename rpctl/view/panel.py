@@ -77,7 +77,8 @@ def legend(run: Run) -> str:
     limited = any(math.isfinite(limit) for limit in run.effort_limits)
     entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
     if run.tip_margin.size:
-        entries += [("loads", "Ground reactions")] if run.contact_load.size else []
+        one = ": equally stiff contacts" if run.load_range.size else ""
+        entries += [("loads", f"Ground reactions{one}")] if run.contact_load.size else []
         entries += [("zmp", "Support, zero-moment point")]
     return "".join([*(entry(key, text) for key, text in entries), *obstacle_entries([run])])
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.simulation.run import Run
+from rpctl.view.charts import grip_top
 from rpctl.view.plot_path import draw_paths
 from rpctl.view.plot_style import DESIRED, LIMIT, STYLES, Theme, look, short, thin
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
 DECADES = 6.0  # that an error's axis shows at most
-SLIPPING = 3.0  # that a grip's axis shows at most: beyond, the wheel slips or is in the air
 FEW = 3  # joints of which the references are drawn, too
 SYMBOLS = {"v": "v", "vx": "$v_x$", "vy": "$v_y$", "omega": "ω"}
 PANELS = ("paths", "base", "joints", "tip", "speeds", "joint-speeds", "efforts", "tip-over", "grip")
@@ -175,8 +175,17 @@ def _tip_margin(axes: Axes, run: Run, theme: Theme) -> None:
 
 def _grip(axes: Axes, run: Run, theme: Theme) -> None:
     axes.axhline(1.0, color=theme.ink, **LIMIT)
-    axes.plot(thin(run.t), thin(run.slip_ratio), color=theme.tip, lw=1.1)
-    axes.set_ylim(0.0, 1.12 * min(max(1.0, run.slip_ratio.max()), SLIPPING))
+    top = 1.12 * grip_top(run)
+    line: dict[str, Any] = {"color": theme.tip, "lw": 1.1}
+    if run.slip_range.size:
+        low, high = np.minimum(run.slip_range.T, top)  # beyond, it leaves through the frame
+        shade: dict[str, Any] = {"color": theme.tip, "alpha": 0.2, "lw": 0.0}
+        axes.fill_between(
+            thin(run.t), thin(low), thin(high), label="all splits of the load", **shade
+        )
+        line["label"] = "equally stiff contacts"
+    axes.plot(thin(run.t), thin(run.slip_ratio), **line)
+    axes.set_ylim(0.0, top)
     axes.set_xlabel("t, s")
     axes.set_ylabel("force / (friction · load)")
 

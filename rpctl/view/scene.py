@@ -34,7 +34,8 @@ class Scene:
         start: Least and largest coordinates of the robot at the start (2, 3), m.
         follow: Name of the node that a camera follows.
         origin: Position of that node at the start (3,), m.
-        notes: Links whose inertias are estimates; shapes that are not drawn, and why.
+        notes: Where the run is not what was asked for; links whose inertias are estimates; shapes
+            that are not drawn, and why.
     """
 
     commands: tuple[bytes, ...]
@@ -101,7 +102,7 @@ def build_scene(robot: Robot, run: Run, triangles: int = TRIANGLES) -> Scene:
         start=np.stack([first.min(axis=0), first.max(axis=0)]),
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
-        notes=(*_estimates(robot), *bodies.notes),
+        notes=(*run.notes, *_estimates(robot), *bodies.notes),
     )
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.control.error import observe, tracking_error, wrap
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.motion import ReferenceState, reference_by_name
+from tests.robots import SET_A, platform, write
 
 
 def test_the_error_is_seen_from_the_robot(tiago: Robot) -> None:
@@ -43,3 +46,24 @@ def test_the_rate_is_the_errors_derivative(robot: Robot, rng: np.random.Generato
         )
         rate = observe(dynamics, reference(t), q, nu).e_dot
         np.testing.assert_allclose((ahead - behind) / (2 * step), rate, atol=1e-7)
+
+
+TURRET = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>
+  <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="{name}_joint" type="{kind}"><parent link="base"/><child link="{name}"/>
+  <origin xyz="0 0 0.5"/><axis xyz="0 0 1"/>
+  <limit lower="-4" upper="4" effort="9" velocity="2"/></joint>"""
+
+
+def test_only_joints_without_limits_go_the_short_way(tmp_path: Path) -> None:
+    """From −3 to 3 rad it is 6 − 2π for a lidar, and 6 for a joint with stops between."""
+    kinds = (("lidar", "continuous"), ("turret", "revolute"))
+    extra = "".join(TURRET.format(name=name, kind=kind) for name, kind in kinds)
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=extra)))
+    assert [joint.name for joint in robot.joints] == ["lidar_joint", "turret_joint"]
+    q = robot.configuration_at(np.zeros(3), np.array([-3.0, -3.0]))
+    for turns in (0, 2):
+        joints = np.array([3.0 + 2 * math.pi * turns, 3.0])
+        state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 2)))._replace(joints=joints)
+        e = tracking_error(robot, state, q)
+        np.testing.assert_allclose(e, [0, 0, 0, 6.0 - 2 * math.pi, 6.0], atol=1e-12)

@@ -105,3 +105,29 @@ def test_a_base_that_is_free_is_refused() -> None:
     A, W = np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
     with pytest.raises(SingularBasisError, match="determine 2 of 3 velocities"):
         basis(A, W)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_nearly_parallel_equations_are_refused(sign: float) -> None:
+    """Of condition 4e10, whatever the signs of their entries; a thousandth of it is fine."""
+    A, W = np.array([[1.0, sign]]), np.array([[sign, 1.0 + 1e-10]])
+    with pytest.raises(SingularBasisError, match="determine no one motion"):
+        basis(A, W)
+    S = basis(A, np.array([[sign, 1.0 + 1e-7]])).S
+    np.testing.assert_allclose(S, [[-sign * 1e7], [1e7]], rtol=1e-6)
+
+
+def test_rank_is_told_relative_to_the_largest_equation() -> None:
+    """In other units of the constraints, what was determined is so no more."""
+    A, W = np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 1e-4]])
+    np.testing.assert_allclose(basis(A, W).S, [[0.0], [1e4]])
+    with pytest.raises(SingularBasisError, match="determine 1 of 2 velocities"):
+        basis(1e6 * A, W)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_constraints_that_contradict_are_refused(sign: float) -> None:
+    """One wheel holds the motion that is asked for, and another one the other."""
+    A, W = np.array([[sign, 0.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    with pytest.raises(SingularBasisError, match="rolling constraints contradict each other"):
+        basis(A, W)

@@ -58,7 +58,7 @@ def contact_velocities(robot: Robot, q: Array, v: Array) -> Array:
 
 
 @pytest.mark.parametrize("kind", ["casters", "car-like", "tricycle", "bicycle", "steered"])
-def test_no_contact_slips(tmp_path: Path, kind: str, rng: np.random.Generator) -> None:
+def test_no_wheel_slips(tmp_path: Path, kind: str, rng: np.random.Generator) -> None:
     """Every wheel's contact stands still in the whole tree, along its heading and across it."""
     tried = 0
     for seed in range(20):

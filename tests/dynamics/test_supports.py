@@ -178,3 +178,40 @@ def test_a_caster_of_meshes_leaves_the_polygon_open(tmp_path: Path) -> None:
     # Free to roll it is a wheel, as large as its axle is high.
     (roller,) = (wheel for wheel in rpctl.load(path).drive.wheels if wheel.swivel)
     assert roller.radius == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("shape", "turn", "found"),
+    [
+        ('<sphere radius="0.05"/>', "0 0 0", ["roll"]),
+        ('<cylinder radius="0.05" length="0.03"/>', "1.5707963267948966 0 0", ["roll"]),
+        ('<cylinder radius="0.03" length="0.1"/>', "0 0 0", []),  # it stands, and would fall over
+        ('<box size="0.06 0.04 0.1"/>', "0 0 0", []),
+        ('<box size="0.06 0.1 0.04"/>', "1.5707963267948966 0 0", []),  # along, but not round
+    ],
+)
+def test_what_turns_about_its_centre_is_round(
+    tmp_path: Path, shape: str, turn: str, found: list[str]
+) -> None:
+    """A part on a joint with limits that is level: only what is round about it stays down."""
+    text = f"""<link name="roll"><inertial><mass value="0.1"/>
+      <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>
+      <collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision></link>
+      <joint name="roll_joint" type="revolute"><parent link="base"/><child link="roll"/>
+      <origin xyz="0.5 0 0.05"/><axis xyz="0 1 0"/>
+      <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+    assert names(tmp_path, text) == found
+
+
+@pytest.mark.parametrize(("shape", "unknown"), [("", ("roller",)), ("sphere", ())])
+def test_only_casters_of_nothing_but_meshes_leave_it_open(
+    tmp_path: Path, shape: str, unknown: tuple[str, ...]
+) -> None:
+    """One with a sphere besides its mesh, here off the ground, is known not to touch it."""
+    more = '<collision><geometry><sphere radius="0.02"/></geometry></collision></link>'
+    text = platform(SET_A, extra=MESH_CASTER + ball(-0.5))
+    if shape:
+        head, _, tail = text.partition('<link name="roller">')
+        text = head + '<link name="roller">' + tail.replace("</link>", more, 1)
+    robot = rpctl.load(write(tmp_path, text), lock=("swivel", "roller_joint"))
+    assert find_supports(robot).unknown == unknown

@@ -1,25 +1,18 @@
-"""Planted errors: each changes one thing, mostly by little; the certificate must notice it twice.
-
-``python -m tests.equivalence.mutations`` prints which checks notice which error.
-"""
+"""Faults to plant in a robot or its dynamics: each changes one thing, mostly by little."""
 
 from __future__ import annotations
 
 import dataclasses
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-import rpctl
 from rpctl import Robot
 from rpctl.description.records import Array
 from rpctl.dynamics import rolling
 from rpctl.dynamics.basis import selection
-from rpctl.equivalence.certificate import Check
 from rpctl.robot.drive import Wheel
 from tests.equivalence.planting import (
     Plant,
@@ -31,25 +24,9 @@ from tests.equivalence.planting import (
     rolling_of,
     selection_of,
 )
-from tests.random_robots import generate
-from tests.robots import write
 
 SMALL = 1e-6  # relative, m or rad: far above the limits of the certificate, far below the eye
 SECOND_ORDER = 1e-5  # rad, where an angle enters by its cosine only
-SEED = 59  # of a robot with slanted frames, wheels beside their joints, a mimic, R and P joints
-SAMPLES = 2
-
-
-def victim(folder: Path) -> Robot:
-    """Return a robot of general numbers with five arm joints, one of which follows another."""
-    return rpctl.load(write(folder, generate(np.random.default_rng(SEED), 5).text))
-
-
-def noticed(robot: Robot, plant: Plant) -> tuple[Check, ...]:
-    """Return the checks that fail with an error planted."""
-    with plant(robot) as mutant:
-        proof = rpctl.verify(mutant, samples=SAMPLES)
-    return tuple(check for check in proof.checks if check.passed is False)
 
 
 def wheels(change: Callable[[Wheel], Wheel], count: int = 2) -> Callable[[Robot], Robot]:
@@ -230,19 +207,3 @@ MUTATIONS: dict[str, Plant] = {
     ),
     "model: joint transposed": in_placement(lambda at: pin.SE3(at.rotation.T, at.translation)),
 }
-
-
-def main() -> None:
-    """Print the table: each error, how many checks notice it, and which."""
-    with tempfile.TemporaryDirectory() as folder:
-        robot = victim(Path(folder))
-        for name, plant in MUTATIONS.items():
-            against: dict[str, list[str]] = {}
-            for check in noticed(robot, plant):
-                against.setdefault(check.name, []).append(check.against)
-            listed = "; ".join(f"{check} ({', '.join(who)})" for check, who in against.items())
-            print(f"{name:32s} {len(against):2d}  {listed}", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
@@ -160,7 +159,7 @@ CHANGES = {
     "heavier": ('<mass value="3.6"/>', '<mass value="3.600001"/>'),
     "turned axis": ('axis xyz="0.36 0.48 0.8"', 'axis xyz="0.360001 0.48 0.8"'),
     "moved joint": ('xyz="-0.001 -0.167 0.06"', 'xyz="-0.001 -0.167001 0.06"'),
-    "larger wheels": ('<cylinder radius="0.15"', '<cylinder radius="0.150001"'),
+    "larger wheels": ('cylinder radius="0.11"', 'cylinder radius="0.110001"'),
 }
 
 

@@ -20,8 +20,13 @@ from rpctl.reference.motion import Reference, reference_by_name
 from rpctl.reference.recorded import EdgeClock
 from rpctl.reference.timed import TimedPath
 from tests.reference.differences import check_derivatives, check_rest
+from tests.robots import SET_A, platform, write
 
 END = 8.0  # s of the references that are written down
+LIDAR = """<link name="lidar"><inertial><mass value="1"/>
+  <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="lidar_joint" type="continuous"><parent link="base"/><child link="lidar"/>
+  <axis xyz="0 0 1"/></joint>"""
 
 
 def written(
@@ -127,6 +132,26 @@ def test_a_base_may_turn_on_the_spot(tiago: Robot, tmp_path: Path) -> None:
     assert state.direction is not None
     np.testing.assert_allclose(state.direction[0, :2], 0.0, atol=1e-12)
     check_derivatives(back, np.linspace(0.5, 9.5, 20))
+
+
+@pytest.mark.parametrize("turns", [1.5, -1.5])
+def test_angles_that_wrap_in_a_table_do_not_in_the_reference(tmp_path: Path, turns: float) -> None:
+    """A base and a joint without limits that turn once and a half, written within ±π."""
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=LIDAR)))
+    angle, t = 2 * math.pi * turns * soft(), np.linspace(0.0, 10.0, 201)
+    short = np.remainder(angle + math.pi, 2 * math.pi) - math.pi
+    rows = np.column_stack([t, 0.0 * t, 0.0 * t, short, short])
+    head, path = "t,x,y,theta,lidar_joint", tmp_path / "a.csv"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.15g")
+    back = read_back(robot, str(path))
+    for k, at in enumerate(t):
+        state = back(at)
+        assert state.pose[2] == pytest.approx(angle[k], abs=1e-9)
+        assert state.joints == pytest.approx([angle[k]], abs=1e-9)
+    # The polynomial's slope midway is 35/16 of the mean one.
+    fastest = 35.0 / 16.0 * angle[-1] / 10.0
+    assert back(5.0).twist[2] == pytest.approx(fastest, rel=1e-4)
+    assert back(5.0).joint_rates == pytest.approx([fastest], rel=1e-4)
 
 
 def test_directions_are_along_the_way(tiago: Robot, tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
-from rpctl.reference.time_law import SMOOTHING, Bound, fastest, time_law
+from rpctl.reference.time_law import SMOOTHING, Bound, Clock, _excess, fastest, time_law
 
 S = np.linspace(0.0, 3.0, 601)
 FLAT = np.zeros(len(S))
@@ -48,3 +49,28 @@ def test_the_clock_is_smooth_within_limits_and_hardly_slower() -> None:
     np.testing.assert_allclose(np.gradient(rate, t)[1:-1], change[1:-1], atol=1e-4)
     for end in (-1.0, 0.0, clock.duration, clock.duration + 1.0):
         assert clock(end)[1:] == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_a_clock_is_slowed_by_the_root_of_its_acceleration() -> None:
+    """Run k times slower, ṡ falls by k and s̈ by k²: with ṡ = 2 throughout, on c' = 1, c'' = −3,
+    speeds are 2 and accelerations 12."""
+    duration = S[-1] / 2.0
+    straight = BSpline(np.repeat([0.0, duration], 3), np.array([0.0, 0.5, 1.0]) * S[-1], 2)
+    clock, bend = Clock(straight), FLAT - 3.0
+    for speed, acceleration, expected in ((0.5, math.inf, 4.0), (math.inf, 0.75, 4.0),
+                                          (4.0, 48.0, 0.5), (1.0, 3.0, 2.0)):  # fmt: skip
+        bounds = [Bound(FLAT + 1.0, bend, speed, acceleration), Bound(FLAT + 1.0, FLAT, 1e3)]
+        for order in (bounds, bounds[::-1]):
+            assert _excess(clock, S, order) == pytest.approx(expected)
+
+
+def test_smoothing_breaks_no_acceleration_on_a_bend() -> None:
+    """A sharp bend, whose fastest motion changes within less than the clock's smoothing."""
+    slope, bend = np.ones(len(S)), 8.0 * np.exp(-(((S - 1.5) / 0.05) ** 2))
+    bounds = [Bound(slope, FLAT, 1.0, 2.0), Bound(slope, bend, 1.0, 1.0)]
+    clock = time_law(S, bounds)
+    at, rate, change = clock.at(np.linspace(0.0, clock.duration, 20000))
+    for bound in bounds:
+        c1, c2 = np.interp(at, S, bound.slope), np.interp(at, S, bound.bend)
+        assert np.abs(c1 * rate).max() <= bound.speed
+        assert np.abs(c2 * rate**2 + c1 * change).max() <= bound.acceleration

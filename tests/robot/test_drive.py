@@ -145,3 +145,14 @@ def test_two_axles_are_too_many(tmp_path: Path) -> None:
     rear = rear.replace('xyz="0 ', 'xyz="-0.5 ').replace("-0.5 1 0", "0 1 0")
     with pytest.raises(DriveError, match="2 pairs of wheels on one axle"):
         load(tmp_path, platform(SET_A, extra=rear))
+
+
+def test_p_is_midway_between_the_outermost_of_three_wheels(tmp_path: Path) -> None:
+    """Wheels at .75, .55 and −.45 m: P at .15 m, not at their mean; track 1.2 m."""
+    middle = GOOD[GOOD.index('<link name="left_wheel">') : GOOD.index('<link name="right_wheel">')]
+    middle = middle.replace("left_", "middle_").replace("0 0.75", "0 0.55")
+    text = platform(SET_A, extra=middle).replace("0 -0.75", "0 -0.45")
+    drive = load(tmp_path, text).drive
+    assert [wheel.joint for wheel in drive.wheels] == ["left_joint", "middle_joint", "right_joint"]
+    assert drive.point == pytest.approx((0.0, 0.15))
+    assert drive.track == pytest.approx(1.2)

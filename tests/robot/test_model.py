@@ -12,6 +12,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.errors import DescriptionError, UnknownNameError
 from tests.robots import SET_A, platform, write
+from tests.vehicles import Parts
 
 
 def test_tiago_has_the_names_of_its_file(tiago: Robot) -> None:
@@ -76,6 +77,35 @@ def test_locks_freeze_at_their_value() -> None:
     np.testing.assert_allclose(
         rpctl.ReducedDynamics(locked).inertia(q_locked), M[np.ix_(keep, keep)], atol=1e-12
     )
+
+
+def drum(tmp_path: Path) -> Robot:
+    """Return a platform with a drum that turns without end, and a slide that it drives."""
+    parts = Parts([])
+    parts.link("drum", 1.0)
+    parts.joint("turn", "continuous", ("base", "drum"), "0 0 0.5", "0 0 1")
+    parts.link("slide", 1.0)
+    follows = '<mimic joint="turn" multiplier="0.5" offset="0.1"/>'
+    limit = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
+    parts.joint("push", "prismatic", ("base", "slide"), "0 0 0.6", "1 0 0", limit + follows)
+    return rpctl.load(write(tmp_path, platform(SET_A, extra="".join(parts.xml))))
+
+
+def test_a_mimic_follows_a_continuous_joint_past_half_a_turn(tmp_path: Path) -> None:
+    """0.5 · 3.5 + 0.1 and 0.5 · (−7) + 0.1, not those of the same angle within a turn."""
+    robot = drum(tmp_path)
+    for turned, pushed in ((3.5, 1.85), (-7.0, -3.4), (0.0, 0.1)):
+        q = robot.configuration(joints={"turn": turned})
+        assert robot.joint_position(q, "push") == pytest.approx(pushed)
+        q = robot.configuration_at(np.zeros(3), np.array([turned]))
+        assert robot.joint_position(q, "push") == pytest.approx(pushed)
+    assert robot.joint_position(robot.configuration(), "push") == pytest.approx(0.1)
+
+
+def test_a_mimic_follows_a_locked_joint(tmp_path: Path) -> None:
+    source = drum(tmp_path).source
+    robot = rpctl.load(source, lock={"turn": 4.0})
+    assert robot.joint_position(robot.configuration(), "push") == pytest.approx(2.1)
 
 
 def test_a_lock_that_matches_nothing_is_told() -> None:

@@ -140,6 +140,12 @@ def test_of_meshes_the_widest_that_turns_with_the_wheel(files: Files) -> None:
     assert sizes(files, cart(both, both))[0] == pytest.approx(0.1)
 
 
+def test_a_mesh_in_millimetres(files: Files) -> None:
+    disc(files.folder, "disc.stl", 100.0)
+    shape = mesh("disc.stl", 0.03).replace("<mesh", '<mesh scale="0.001 0.001 0.001"')
+    assert sizes(files, cart(shape, shape)) == pytest.approx((0.1, 0.03, 0.4), rel=1e-6)
+
+
 def test_a_tyre_keeps_its_turn_about_the_hub(files: Files) -> None:
     """A rim's frame that is turned: its cylinder's own z axis lies along the axle then."""
     parts = body()

@@ -24,8 +24,11 @@ from rpctl.control.command import Command
 from rpctl.control.law import DynamicLaw, Efforts, Rest
 from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
+from rpctl.dynamics.splits import find_ranges
 from rpctl.errors import DivergedError
+from rpctl.reference.load import load_reference
 from rpctl.reference.motion import reference_by_name
+from rpctl.simulation.loop import lasting
 from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)
@@ -96,6 +99,9 @@ def test_the_log_holds_the_ground(eight: Run, tiago: Robot) -> None:
         np.testing.assert_array_equal(eight.zmp[k], ground.zmp)
         assert eight.tip_margin[k] == ground.tip_margin
         assert eight.slip_ratio[k] == ground.slip_ratio.max()
+        ranges = find_ranges(contacts, [ground])
+        np.testing.assert_array_equal(eight.load_range[k], ranges.load[0])
+        np.testing.assert_array_equal(eight.slip_range[k], ranges.slip[0])
     # The wheels push what moves the centre of mass, seen from outside: F = m dv/dt, smoothed.
     data, period = tiago.model.createData(), eight.t[1] - eight.t[0]
     com = np.array([pin.centerOfMass(tiago.model, data, q)[:2].copy() for q in eight.q[2000:2101]])
@@ -158,6 +164,30 @@ def test_a_reference_with_an_end_is_tracked_to_it(paper: Robot, tmp_path: Path) 
     assert 5.0 < run.t[-1] < 9.0
     np.testing.assert_allclose(run.base[-1, :2], [2.0, 0.0], atol=1e-3)
     assert run.settings["reference"] == str(path)
+
+
+@pytest.mark.parametrize(
+    ("asked", "ends"), [(0.0215, 0.02), (0.0199, 0.018), (0.02, 0.02), (0.001, 0.002)]
+)
+def test_a_run_ends_with_the_last_whole_period(paper: Robot, asked: float, ends: float) -> None:
+    run = track(paper, "eight", asked)
+    assert run.t[-1] == run.settings["duration"] == pytest.approx(ends)
+    assert summarize(run)["duration"] == run.t[-1]
+    told = (
+        f"a duration of {asked:g} s is no whole number of control periods of 0.002 s: the run ends "
+        f"at {ends:g} s",
+    )
+    assert run.notes == (() if asked == ends else told)
+
+
+def test_a_duration_that_nobody_asked_for_says_nothing(paper: Robot, tmp_path: Path) -> None:
+    path = tmp_path / "way.toml"
+    path.write_text("waypoints = [[0, 0, 0], [0.1, 0]]")
+    run = track(paper, str(path), control_period=0.05, plant_step=0.05)
+    lasts = lasting(load_reference(paper, str(path)))
+    assert run.notes == ()
+    assert lasts - 0.05 < run.t[-1] <= lasts
+    assert run.t[-1] == run.settings["duration"]
 
 
 def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:

@@ -39,6 +39,27 @@ def test_efforts_arrive_after_the_delay(paper: Robot) -> None:
     assert not run.nu[:11].any()  # until then the robot is held still
 
 
+@pytest.mark.parametrize(
+    ("delay", "samples"), [(0.001, 1), (0.0029, 1), (0.003, 2), (0.005, 3), (0.009, 5), (0.01, 5)]
+)
+def test_the_delay_logged_is_the_one_simulated(paper: Robot, delay: float, samples: int) -> None:
+    """In periods of 2 ms: halves count up, whole ones say nothing."""
+    sent: list[Array] = []
+
+    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        sent.append(rpctl.PaperDynamic()(dynamics, q, nu, command))
+        return sent[-1]
+
+    run = track(paper, "eight", 0.03, OFF, dynamic=law, plant=Plant(delay=delay))
+    np.testing.assert_array_equal(run.tau[samples:], sent[:-samples])
+    assert run.settings["plant"]["delay"] == pytest.approx(samples * 0.002)
+    told = (
+        f"a delay of {delay:g} s is no whole number of control periods of 0.002 s: "
+        f"{samples * 0.002:g} s are simulated",
+    )
+    assert run.notes == (() if delay == 0.01 else told)
+
+
 def test_the_controller_computes_with_the_robot_it_believes(tiago: Robot) -> None:
     light = scale_masses(tiago, "arm_*", 0.7)
     run = track(tiago, "eight", 0.01, plant=Plant(believed=light))

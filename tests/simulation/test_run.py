@@ -116,7 +116,11 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
     cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
-        ({"schema": 99}, {}, "schema 99, this rpctl reads 2"),
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 2 and 3"),
+        ({"schema": 1}, {}, "schema 1, this rpctl reads 2 and 3"),
+        ({"notes": None}, {}, "missing or not known: notes"),
+        ({}, {"others": run.others[:, :1]}, '"others" does not fit its names'),
+        ({}, {"other_rates": run.others[:, :1]}, '"other_rates" does not fit its names'),
         ({"robot": None}, {}, "missing or not known: robot"),
         ({"colour": "red"}, {}, "missing or not known: colour"),
         ({}, {"tau": None}, "missing or not known: tau"),
@@ -129,6 +133,17 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     for meta, arrays, told in cases:
         with pytest.raises(RunFileError, match=told):
             Run.load(altered(run, path, meta, **arrays))
+
+
+def test_older_runs_come_back_without_what_they_lack(run: Run, tmp_path: Path) -> None:
+    gone: dict[str, object] = dict.fromkeys(("other_names", "other_limits", "notes"))
+    arrays = {"others": None, "other_rates": None}
+    back = Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, **gone}, **arrays))
+    assert back.others.shape == back.other_rates.shape == (len(run.t), 0)
+    assert (back.other_names, back.other_limits, back.notes) == ((), (), ())
+    assert rpctl.summarize(back)["limits_violated"] == []
+    with pytest.raises(RunFileError, match="missing or not known: robot"):
+        Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, "robot": None}))
 
 
 def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
@@ -153,6 +168,33 @@ def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
     np.savez(tmp_path / "pickle.npz", allow_pickle=True, meta=objects)
     with pytest.raises(RunFileError, match="damaged or not a run"):
         Run.load(tmp_path / "pickle.npz")
+
+
+def test_ranges_come_back_and_older_files_lack_them(run: Run, tmp_path: Path) -> None:
+    split = track(rpctl.load("skid_steer"), "eight", 0.2)
+    assert split.load_range.shape == (len(split.t), 4, 2)
+    assert split.slip_range.shape == (len(split.t), 2)
+    slips = split.slip_range.copy()
+    slips[3], slips[4] = np.nan, (0.1, np.inf)  # it tips, and a wheel may bear nothing
+    path = dataclasses.replace(split, slip_range=slips).save(tmp_path / "run.npz")
+    np.testing.assert_array_equal(Run.load(path).slip_range, slips)
+    np.testing.assert_array_equal(Run.load(path).load_range, split.load_range)
+    old = Run.load(altered(split, path, {}, load_range=None, slip_range=None))
+    assert old.load_range.shape == old.slip_range.shape == (len(old.t), 0)
+    np.testing.assert_array_equal(old.contact_load, split.contact_load)
+    for name in ("load_range", "slip_range"):
+        wrong: dict[str, Any] = {name: getattr(split, name)[:, :1]}
+        with pytest.raises(RunFileError, match=f'"{name}" does not fit its names'):
+            Run.load(altered(split, path, {}, **wrong))
+    assert run.load_range.shape == run.slip_range.shape == (len(run.t), 0)  # three contacts
+
+
+def test_ranges_cost_little_room(tiago: Robot, tmp_path: Path) -> None:
+    run = track(tiago, "eight", 2.0, (0.1, -0.1, 0.1))
+    nothing = np.empty((len(run.t), 0))
+    bare = dataclasses.replace(run, load_range=nothing, slip_range=nothing)
+    sizes = [each.save(tmp_path / "run.npz").stat().st_size for each in (bare, run)]
+    assert sizes[0] < sizes[1] < 1.1 * sizes[0]
 
 
 def test_saving_fails_whole(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -270,3 +270,8 @@ def members(group: int) -> int:
     listed = subprocess.run(ps, capture_output=True, text=True, check=True).stdout.splitlines()
     found = (line.split() for line in listed)
     return sum(int(pgid) == group and not stat.startswith("Z") for pgid, stat in found)
+
+
+def test_its_runs_end_with_whole_control_periods(paper: Robot) -> None:
+    assert Bench(paper, 0.0215).duration == pytest.approx(0.02)
+    assert Bench(paper).duration is None

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl import Robot, Run, summarize, track
+from rpctl.files import to_json
 from rpctl.simulation.summary import bound, violations
 from tests.robots import SET_A, platform, write
+from tests.vehicles import Parts, vehicle
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +64,87 @@ def test_violations_name_the_limit_and_the_time(run: Run) -> None:
     assert found[0]["duration"] == pytest.approx(0.02, rel=0.01)
     assert found[0]["value"] == 41.0
     assert found[0]["allowed"] == 40.0
+    assert (found[2]["value"], found[2]["allowed"]) == (0.34, 0.35)
+
+
+def test_lower_limits_are_told_as_the_joint_counts(run: Run) -> None:
+    """On either side of zero: a joint of ±2.6 rad, and one of 0.35 to 0.95 m."""
+    assert (run.lower_limits, run.upper_limits) == ((-2.6, 0.35), (2.6, 0.95))
+    for column, lowest, allowed in ((0, -2.7, -2.6), (1, -0.1, 0.35), (1, 0.3, 0.35)):
+        joints = run.joints.copy()
+        joints[5:8, column] = lowest
+        (found,) = violations(dataclasses.replace(run, joints=joints))
+        assert (found["limit"], found["value"], found["allowed"]) == ("lower", lowest, allowed)
+    joints[5:8, 1] = 1.1
+    (found,) = violations(dataclasses.replace(run, joints=joints))
+    assert (found["limit"], found["value"], found["allowed"]) == ("upper", 1.1, 0.95)
+
+
+def geared(tmp_path: Path) -> Robot:
+    """Return a car with an arm joint that a flap mimics: twice as far, and 0.1 rad beyond."""
+    parts = Parts([])
+    parts.link("flap", 0.5)
+    limit = '<limit lower="-0.3" upper="0.4" effort="9" velocity="1.5"/>'
+    follows = '<mimic joint="arm_joint" multiplier="2" offset="0.1"/>'
+    ends = ("base", "flap")
+    parts.joint("flap_joint", "prismatic", ends, "0 0 0.5", "0 0 1", limit + follows)
+    flap = "".join(parts.xml)
+    return rpctl.load(write(tmp_path, vehicle("car-like").replace("</robot>", f"{flap}</robot>")))
+
+
+def test_mimic_joints_break_limits_too(tmp_path: Path) -> None:
+    robot = geared(tmp_path)
+    run = track(robot, "eight", 0.1, (0.1, 0.0, 0.0))
+    flap = run.other_names.index("flap_joint")
+    arm = run.joint_names.index("arm_joint")
+    np.testing.assert_allclose(run.others[:, flap], 2.0 * run.joints[:, arm] + 0.1, atol=1e-6)
+    rate = run.nu[:, run.quasi_velocities.index("arm_joint")]
+    np.testing.assert_allclose(run.other_rates[:, flap], 2.0 * rate, atol=1e-12)
+    others, rates = np.zeros_like(run.others), np.zeros_like(run.other_rates)
+    quiet = dataclasses.replace(run, others=others.copy(), other_rates=rates.copy())
+    assert violations(quiet) == []
+    others[10:20, flap], others[30:, flap], rates[40, flap] = -2.0, 0.5, -1.6
+    found = violations(dataclasses.replace(run, others=others, other_rates=rates))
+    assert [(f["joint"], f["limit"], f["value"], f["allowed"]) for f in found] == [
+        ("flap_joint", "velocity", 1.6, 1.5),
+        ("flap_joint", "lower", -2.0, -0.3),
+        ("flap_joint", "upper", 0.5, 0.4),
+    ]
+    assert found[1]["first_time"] == pytest.approx(run.t[10])
+
+
+def test_joints_without_an_actuator_have_velocity_limits(tmp_path: Path) -> None:
+    """A follower, which no motor turns here, and a front wheel that rolls along."""
+    path = write(
+        tmp_path,
+        vehicle("car-like").replace(
+            '<parent link="steer_left_fork"/>',
+            '<limit velocity="30"/><parent link="steer_left_fork"/>',
+        ),
+    )
+    told = write(tmp_path, 'type = "car-like"\n[[swivel]]\njoint = "steer_right"\n'
+                 "driven = false\n", "drive.toml")  # fmt: skip
+    run = track(rpctl.load(path, drive=told), "circle", 0.05)
+    assert not {"steer_right", "front_left"} & set(run.actuators)
+    rates, steering = run.other_rates.copy(), run.steering.copy()
+    rates[7, run.other_names.index("steer_right")] = 6.5
+    rates[9, run.other_names.index("front_left")] = -31.0
+    steering[11, run.steering_names.index("steer_right")] = -1.3
+    found = violations(dataclasses.replace(run, other_rates=rates, steering=steering))
+    assert [(f["joint"], f["limit"], f["value"], f["allowed"]) for f in found] == [
+        ("steer_right", "lower", -1.3, -1.2),
+        ("front_left", "velocity", 31.0, 30.0),
+        ("steer_right", "velocity", 6.5, 6.0),
+    ]
+
+
+def test_a_limit_counts_once(run: Run) -> None:
+    """A driven wheel's rate is in the log twice."""
+    wheel = run.other_names.index("wheel_left_joint")
+    rates, others = run.rates.copy(), run.other_rates.copy()
+    rates[3, 0] = others[3, wheel] = 1e3
+    (found,) = violations(dataclasses.replace(run, rates=rates, other_rates=others))
+    assert (found["joint"], found["limit"]) == ("wheel_left_joint", "velocity")
 
 
 def test_a_limit_may_be_touched(run: Run) -> None:
@@ -112,6 +197,113 @@ def test_ground_beyond_its_margins(run: Run) -> None:
     figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
     assert "needing up to over 10 times the grip" not in figures["ground"]
     assert "needing over 10 times the grip" in figures["ground"]
+
+
+def split(run: Run, least: float, most: float, equal: float, tips: bool = False) -> dict[str, Any]:
+    """Return the figures of a run on four contacts whose grip is least at 0.2 s, most at 0.1 s."""
+    slips, ratio = np.full((len(run.t), 2), 0.05), np.full_like(run.t, 0.05)
+    slips[100, 0], slips[50, 1], ratio[70] = least, most, equal
+    slips[100, 1] = max(least, slips[100, 1])
+    load = np.zeros((len(run.t), 4, 2))
+    load[:, :, 0], load[:, :, 1] = 10.0, 20.0
+    load[30, 2] = 3.0, 50.0
+    if tips:
+        slips[:], load[:] = np.nan, np.nan
+    slips[7], load[7] = np.nan, np.nan  # it tips for an instant, which tells of no split
+    margin = np.full_like(run.t, 0.4)
+    margin[7] = -0.1
+    changed = dataclasses.replace(
+        run,
+        contacts=("a", "b", "c", "d"),
+        tip_margin=margin,
+        slip_ratio=ratio,
+        slip_range=slips,
+        load_range=load,
+    )
+    return summarize(changed)
+
+
+def test_ground_where_the_split_is_not_known(run: Run) -> None:
+    figures = split(run, 0.12, 0.31, 0.2)
+    assert figures["max_slip_ratio"] is None
+    assert figures["slip_ratio_range"] == [0.12, 0.31]
+    assert figures["equal_springs_slip_ratio"] == 0.2
+    assert figures["would_slip"] is figures["could_slip"] is False
+    assert figures["ground"].endswith(
+        "and uses 12 to 31 % of the grip at friction 0.7, as the load splits "
+        "(20 % if its 4 contacts are equally stiff)"
+    )
+    assert figures["contact_loads"] == [
+        {"name": name, "min": least, "max": most}
+        for name, least, most in (("a", 10, 20), ("b", 10, 20), ("c", 3, 50), ("d", 10, 20))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "certain", "told"),
+    [
+        (0.12, 1.4, False, "could slip at 0.1 s, needing 12 to 140 % of the grip at"),
+        (0.12, 40.0, False, "could slip at 0.1 s, needing 12 % to over 10 times the grip at"),
+        (1.2, 1.4, True, "would slip at 0.2 s, needing 120 to 140 % of the grip at"),
+        (1.2, np.inf, True, "would slip at 0.2 s, needing at least 120 % of the grip at"),
+        (np.inf, np.inf, True, "would slip at 0.2 s, needing over 10 times the grip at"),
+        (
+            0.12,
+            np.inf,
+            False,
+            "uses at least 12 % of the grip at friction 0.7, without an upper bound, as a wheel "
+            "that pushes may bear nothing (20 % if its 4 contacts are equally stiff)",
+        ),
+    ],
+)
+def test_slip_is_certain_or_possible(
+    run: Run, least: float, most: float, certain: bool, told: str
+) -> None:
+    figures = split(run, least, most, 0.2)
+    assert figures["would_slip"] is certain
+    assert figures["could_slip"] is True
+    assert told in figures["ground"]
+    ends = json.loads(to_json(figures["slip_ratio_range"]))
+    assert ends == [None if end == np.inf else end for end in (least, most)]
+
+
+def test_ground_where_all_splits_need_the_same(run: Run) -> None:
+    figures = split(run, 0.31, 0.31, 0.31)
+    assert figures["max_slip_ratio"] == 0.31
+    assert figures["slip_ratio_range"] == [0.31, 0.31]
+    assert figures["ground"].endswith("uses 31 % of the grip at friction 0.7")
+    rounded = split(run, 0.3101, 0.3102, 0.31)
+    assert rounded["max_slip_ratio"] is None
+    assert "uses 31 % of the grip" in rounded["ground"]
+
+
+def test_ground_of_a_robot_that_tips_all_the_time(run: Run) -> None:
+    figures = split(run, 0.1, 0.2, 0.3, tips=True)
+    assert figures["would_tip"] is True
+    assert figures["slip_ratio_range"] is figures["contact_loads"] is figures["would_slip"] is None
+    assert figures["ground"].endswith("at worst, and nothing can be said of its grip")
+
+
+def test_three_contacts_have_one_number(run: Run) -> None:
+    figures = summarize(run)
+    slip = figures["max_slip_ratio"]
+    assert figures["slip_ratio_range"] == [slip, slip]
+    assert figures["could_slip"] is figures["would_slip"] is False
+    assert [(row["name"], row["min"], row["max"]) for row in figures["contact_loads"]] == [
+        (name, load.min(), load.max())
+        for name, load in zip(run.contacts, run.contact_load.T, strict=True)
+    ]
+
+
+def test_a_run_that_logged_no_ranges_tells_of_one_split(run: Run) -> None:
+    old = dataclasses.replace(run, contacts=("a",) * 4)
+    figures = summarize(old)
+    known = figures["max_slip_ratio"], figures["slip_ratio_range"], figures["contact_loads"]
+    assert known == (None, None, None)
+    assert figures["would_slip"] is figures["could_slip"] is None
+    slipping = dataclasses.replace(old, slip_ratio=np.full_like(run.t, 1.5))
+    assert summarize(slipping)["could_slip"] is True
+    assert summarize(slipping)["would_slip"] is None
 
 
 def test_ground_of_fixed_bases_and_of_wheels_alone(tmp_path: Path) -> None:

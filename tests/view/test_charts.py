@@ -10,7 +10,7 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.view.chart_data import MAX_POINTS, chart_data
-from rpctl.view.charts import Chart, charts
+from rpctl.view.charts import Chart, charts, grip_top
 from rpctl.view.overlay import contact_forces, effort_shares, overlay
 from tests.view.samples import short_run
 
@@ -79,6 +79,53 @@ def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
     np.testing.assert_allclose(
         100.0 * effort_shares(paper_run), np.abs([line.values for line in efforts.lines]).T
     )
+
+
+def shared(run: Run) -> Run:
+    """Return a run whose loads are intervals: twice and half of what they were, grip likewise."""
+    loads, slips = (
+        np.stack([0.5 * run.contact_load, 2.0 * run.contact_load], axis=2),
+        run.slip_ratio,
+    )
+    slips = np.column_stack([0.5 * slips, 2.0 * slips])
+    return replace(run, load_range=loads, slip_range=slips)
+
+
+def test_what_is_an_interval_has_a_band(paper_run: Run) -> None:
+    run = shared(paper_run)
+    loads, grip = chart(run, "Ground loads"), chart(run, "Grip used")
+    for line, load in zip(loads.lines, run.contact_load.T, strict=True):
+        assert line.band is not None
+        np.testing.assert_array_equal(line.band, [0.5 * load, 2.0 * load])
+    (line,) = grip.lines
+    assert line.band is not None
+    np.testing.assert_allclose(line.band, 100.0 * np.outer([0.5, 2.0], run.slip_ratio))
+    for each in (loads, grip):
+        assert each.note.endswith("shaded: all splits of the load")
+    for title in ("Ground loads", "Grip used"):
+        assert all(line.band is None for line in chart(paper_run, title).lines)
+        assert "shaded" not in chart(paper_run, title).note
+    data = chart_data([run], ["run"])
+    drawn = next(c for c in data["charts"] if c["title"] == "Ground loads")["variants"][0]["lines"]
+    least, most = (floats(text) for text in drawn[1]["band"])
+    np.testing.assert_allclose(least, 0.5 * run.contact_load[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(most, 2.0 * run.contact_load[:, 1], rtol=1e-6)
+    assert "band" not in data["charts"][0]["variants"][0]["lines"][0]
+
+
+def test_a_band_without_an_end_leaves_the_axis_to_the_line(paper_run: Run) -> None:
+    slips = np.column_stack([0.5 * paper_run.slip_ratio, np.full_like(paper_run.t, 2.5)])
+    run = replace(shared(paper_run), slip_range=slips)
+    assert grip_top(run) == 2.5
+    slips[5, 1], slips[6], slips[7, 1] = np.inf, np.nan, 7.0
+    assert grip_top(run) == max(1.0, paper_run.slip_ratio.max())
+    grip = chart(run, "Grip used")
+    assert "(drawn up to 100)" in grip.note
+    assert grip.lines[0].band is not None
+    least, most = grip.lines[0].band
+    np.testing.assert_array_equal(np.isnan(least), np.arange(len(least)) == 6)
+    assert np.isinf(most[[5, 7]]).all()
+    json.dumps(chart_data([run], ["run"]), allow_nan=False)
 
 
 def test_no_peak_is_lost(paper_run: Run) -> None:

@@ -16,17 +16,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rpctl
 from rpctl import Robot, Run
 from rpctl.control.config import Config, write_config
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.simulation import loop
 from rpctl.view import live, obstacle_shapes
 from rpctl.view import stream as streams
 from rpctl.view.live import Broadcast
-from rpctl.view.server import PageServer
+from rpctl.view.robot_page import Show, robot_page
+from rpctl.view.server import EVENTS, PageServer
 from rpctl.view.stream import Stream
 from tests.view.chromium import changed, chromium, opened, picture, wait
 from tests.view.samples import unpack, write_cart, write_gripper
@@ -199,6 +201,45 @@ def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
             assert joints["right_finger_joint"] == pytest.approx(
                 0.1 - 0.5 * joints["left_finger_joint"], abs=2e-5
             )
+
+
+def test_page_draws_robot_ghost_and_trail_where_they_are(
+    browser: Any, tricycle: Robot, golden: Run
+) -> None:
+    """The trail is the robot's, the ghost its reference's: they are far apart here."""
+    stream, still = Stream(), np.zeros(2)
+    watcher = Broadcast(tricycle, Unopened(), stream, 1.0)
+    for k, t in enumerate(golden.t):
+        twist = np.array([0.5, 0.0, -0.1])  # P is 0.8 m behind the wheel that steers
+        pose, joints = golden.base_ref[k], golden.joints_ref[k]
+        watcher(t, golden.q[k], ReferenceState(pose, twist, np.zeros(3), joints, still, still))
+    text = robot_page(tricycle, Show(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
+    joints = [tricycle.model.getJointId(f"{name}_joint") for name in ("steer", "swing", "slide")]
+    with PageServer(lambda: text, stream) as server, opened(browser, server.url) as page:
+        wait(page, "rpctl.time >= 0.5")
+        drawn = page.evaluate(
+            """(joints) => { const place = (name) => { const node = rpctl.scene.node(name);
+              node.updateWorldMatrix(true, false); return node.matrixWorld.elements; };
+            const trail = rpctl.scene.node("trail-live").geometry;
+            return { robot: joints.map((j) => place(`robot-${j}`)),
+              ghost: joints.map((j) => place(`reference-${j}`)), count: trail.drawRange.count,
+              trail: Array.from(trail.attributes.position.array.slice(0, 36)) }; }""",
+            joints,
+        )
+        said = page.locator("#status").inner_text()
+    assert drawn["count"] == 6 * (len(golden.t) - 1)
+    trail = np.array(drawn["trail"]).reshape(-1, 2, 3).mean(axis=1)
+    assert trail[:, :2] == pytest.approx(golden.base[:, :2], abs=1e-5)
+    data, wanted = tricycle.model.createData(), golden.q_ref[-1].copy()
+    tricycle.set_joint(wanted, "steer_joint", float(np.arctan(0.8 * -0.1 / 0.5)))
+    upright = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    for shown, q in ((drawn["robot"], golden.q[-1]), (drawn["ghost"], wanted)):
+        pin.forwardKinematics(tricycle.model, data, q)
+        for elements, joint in zip(shown, joints, strict=True):
+            pose = upright @ np.array(elements).reshape(4, 4).T
+            assert pose == pytest.approx(data.oMi[joint].homogeneous, abs=1e-4)
+    gap = 1e3 * np.linalg.norm(golden.base[-1, :2] - golden.base_ref[-1, :2])
+    assert said == f"0.5 of 0.5 s · base error {gap:.1f} mm"
 
 
 def test_simulation_that_is_watched_keeps_to_real_time(

@@ -111,6 +111,28 @@ def test_a_grip_beyond_all_bounds_keeps_the_limit_in_sight(paper_run: Run) -> No
     assert 1.0 < axes.get_ylim()[1] < 4.0
 
 
+def test_a_grip_that_is_an_interval_is_a_band(paper_run: Run) -> None:
+    slip = paper_run.slip_ratio
+    run = replace(paper_run, slip_range=np.column_stack([0.5 * slip, 2.0 * slip]))
+    (grip,) = tracking_figure(run, panels=["grip"]).axes
+    (band,) = grip.collections
+    edges = np.asarray(band.get_paths()[0].vertices)
+    assert edges[:, 1].min() == pytest.approx(0.5 * slip.min())
+    assert edges[:, 1].max() == pytest.approx(2.0 * slip.max())
+    assert grip.lines[-1].get_ydata() == pytest.approx(slip)
+    legend = grip.get_legend()
+    assert legend is not None
+    told = [text.get_text() for text in legend.get_texts()]
+    assert told == ["all splits of the load", "equally stiff contacts"]
+    endless = replace(run, slip_range=np.column_stack([slip, np.full_like(slip, np.inf)]))
+    (grip,) = tracking_figure(endless, panels=["grip"]).axes
+    assert grip.get_ylim()[1] == pytest.approx(1.12 * max(1.0, slip.max()))
+    edges = np.asarray(grip.collections[0].get_paths()[0].vertices)
+    assert edges[:, 1].max() == grip.get_ylim()[1]
+    (plain,) = tracking_figure(paper_run, panels=["grip"]).axes
+    assert not plain.collections
+
+
 @pytest.mark.parametrize("name", ["tiago_dual", "panda"])
 def test_many_joints_and_fixed_bases(name: str) -> None:
     robot = rpctl.load(name)

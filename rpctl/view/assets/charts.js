@@ -102,7 +102,7 @@ function makeCharts(data, host, seek) {
     card.append(head, plot, keys);
     host.append(card);
     let variant = chart.variants[0], decades = Boolean(variant.decades), u = null;
-    let values = [], buttons = [], cursor = null;
+    let values = [], edges = [], buttons = [], cursor = null;
     if (chart.variants.length > 1) head.insertBefore(chooser(), at);
     if (decades) head.append(scaleButton());
     build();
@@ -139,8 +139,16 @@ function makeCharts(data, host, seek) {
       if (u) u.destroy();
       unit.textContent = variant.unit;
       values = variant.lines.map((line) => floats(line.values));
-      const shown = [], series = [{}];
+      edges = variant.lines.map((line) => line.band && line.band.map(floats));
+      const shown = [], series = [{}], bands = [];
       variant.lines.forEach((line, i) => {
+        if (edges[i]) {
+          bands.push({ series: [series.length + 1, series.length], fill: () => shade(line, "1c") });
+          for (const edge of edges[i]) {
+            shown.push(prepared(edge.map((value) => Math.min(value, highest()))));
+            series.push({ ...style(line, false, i), stroke: () => shade(line, "60"), width: 1 });
+          }
+        }
         for (const [drawn, wanted] of [[line.reference, true], [line.values, false]]) {
           if (!drawn) continue;
           shown.push(prepared(wanted ? floats(drawn) : values[i]));
@@ -148,7 +156,7 @@ function makeCharts(data, host, seek) {
         }
       });
       cursor = element("div", "now");
-      u = new uPlot(options(series), [x, ...shown], plot);
+      u = new uPlot({ ...options(series), bands }, [x, ...shown], plot);
       u.over.append(cursor);
       u.over.addEventListener("click", (event) => {
         seek(u.posToVal(event.offsetX, "x"));
@@ -172,6 +180,16 @@ function makeCharts(data, host, seek) {
         stroke: () => colours[line.colour % PALETTE] || "#888", alpha: wanted ? 0.65 : 1,
         width: wanted ? 1.1 : 1.5, dash: wanted ? [3, 3] : turn ? [9, 3] : undefined,
       };
+    }
+
+    /* The colour of what lies between the least and the largest value of a line; alpha in hex. */
+    function shade(line, alpha) { return `${colours[line.colour % PALETTE] || "#888888"}${alpha}`; }
+
+    /* Return how far the axis reaches: a band without an end stops there. */
+    function highest() {
+      return [...values, ...edges.flatMap((band) => band || [])].reduce((top, line) => line.reduce(
+        (most, value) => (value > most && value < Infinity ? value : most), top),
+      Math.max(0, ...variant.limits));
     }
 
     function options(series) {
@@ -274,7 +292,10 @@ function makeCharts(data, host, seek) {
     function readLines(index) {
       at.textContent = hovered === null ? "" : `at ${x[index].toFixed(2)} s`;
       variant.lines.forEach((line, i) => {
-        buttons[i].lastChild.textContent = told(values[i][index] * line.scale, line.unit);
+        const [low, high] = (edges[i] || []).map((edge) => edge[index] * line.scale);
+        const one = low === undefined || Number.isNaN(low), bare = told(low, "").trim();
+        buttons[i].lastChild.textContent = one ? told(values[i][index] * line.scale, line.unit)
+          : high === Infinity ? `≥ ${told(low, line.unit)}` : `${bare} – ${told(high, line.unit)}`;
       });
     }
 

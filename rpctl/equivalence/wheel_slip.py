@@ -116,8 +116,13 @@ def slip(motion: FileMotion) -> Slip:
     held |= _on_average(drive, wheels)
     if drive.has_axle:
         held["P, sideways"] = float(_left(drive) @ motion.velocity(motion.raw.root, _point(drive)))
-    scaled = [{k: abs(x) / (speed or 1.0) for k, x in each.items()} for each in (held, designed)]
-    return Slip(speed, *scaled, _base_speeds(motion, wheels))
+    scale = 1.0 / speed if speed else 1.0
+    return Slip(
+        speed=speed,
+        held={key: scale * abs(size) for key, size in held.items()},
+        designed={key: scale * abs(size) for key, size in designed.items()},
+        base=_base_speeds(motion, wheels),
+    )
 
 
 def _base_speeds(motion: FileMotion, wheels: Sequence[Rolling]) -> dict[str, float]:

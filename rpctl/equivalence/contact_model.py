@@ -1,0 +1,259 @@
+"""A robot as a free body in MuJoCo, on a plane: wheels that roll because friction lets them.
+
+No equation says that a wheel rolls. The root link has six degrees of freedom; each wheel is a
+crowned tyre of the file's radius and width, and meets the plane in a contact with friction:
+MuJoCo's convex model (E. Todorov, "Convex and analytically-invertible dynamics with contacts and
+constraints", ICRA 2014) with an elliptic cone, stiff enough that sinking and creeping stay below
+the bands of the trial. Supports slide without friction. Nothing else collides.
+
+What the reduced model ties together is tied here, too: mimic joints by MuJoCo's equality, swivels
+that keep to the centre of rotation by tie rods, which are springs. A roller, and a wheel that
+slides sideways, has friction along one direction only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.dynamics.supports import find_supports
+from rpctl.equivalence.contact_shapes import support_shapes, tyre
+from rpctl.equivalence.mujoco_model import OWN, MujocoModel
+from rpctl.robot.drive import Wheel
+from rpctl.robot.model import Robot
+from rpctl.robot.steering import follow
+
+STEP = 5e-4  # s: below the contacts' time constant
+SOLREF = (2e-3, 1.0)  # time constant (s), least that STEP allows with a margin, and damping ratio
+SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)  # impedance near 1: hard contacts, which sink by microns
+IMPRATIO = 0.1  # friction softer than the load: axles a hair apart creep, they do not fight
+TIE = 300.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
+NUDGE = 1e-6  # rad, of a difference quotient
+FRICTION = 0.7  # of rubber on a dry indoor floor, as the margins of the reduced model assume
+FREE = 1e-5  # friction along which a roller runs, or a ball slides: the least MuJoCo takes
+LEAST = 1e-9  # N: below it nothing bears a load
+SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The ground's action at one instant: load (n,) by contact, total force (3,), both N.
+
+    ``zmp`` (2,) is where the loads balance, world, m.
+    """
+
+    load: Array
+    force: Array
+    zmp: Array
+
+
+class ContactModel:
+    """MuJoCo's model of a robot on the ground, and its state.
+
+    Args:
+        robot: The robot; its file's numbers and shapes are used, not its Pinocchio model. Of the
+            drive: which joints carry wheels, and how a roller lies on its wheel.
+
+    Attributes:
+        names: The contacts: the wheels' joints, then the supports, as ``Contacts.names``.
+        notes: What the file does not say of them.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
+        self._robot = robot
+        self._contacts: dict[str, str] = {}  # geoms, and what they are called
+        self.notes: tuple[str, ...] = ()
+        self._swinging: dict[str, float] = {}  # inertia of each follower about its axis, kg·m²
+        tree = MujocoModel(robot, release=self._release)
+        self._model, self._dofs, self._root = tree.mjm, tree.joints, tree.root
+        self._data = self._mujoco.MjData(self._model)
+        self.names = tuple(self._contacts.values())
+        self._index = {self._model.geom(geom).id: k for k, geom in enumerate(self._contacts)}
+        self._loose = {
+            self._model.geom(f"{OWN}{wheel.joint}").id: wheel
+            for wheel in robot.drive.wheels
+            if _loose(robot, wheel)
+        }
+
+    def start(self, q: Array) -> None:
+        """Put the robot at q (nq,), at rest, its wheels at the height of the ground."""
+        cos, sin = float(q[2]), float(q[3])
+        half = 0.5 * math.atan2(sin, cos)
+        self._data.qpos[:3] = q[0], q[1], -self._robot.drive.ground
+        self._data.qpos[3:7] = math.cos(half), 0.0, 0.0, math.sin(half)
+        for name, dof in self._dofs.items():
+            self._data.qpos[dof + 1] = self._robot.joint_position(q, name)
+        self._data.qvel[:] = 0.0
+        self._mujoco.mj_forward(self._model, self._data)
+        M = np.zeros((self._model.nv, self._model.nv))
+        self._mujoco.mj_fullM(self._model, self._data, M)
+        dofs = {swivel.joint: self._dofs[swivel.joint] for swivel in self._robot.drive.followers}
+        self._swinging = {name: float(M[dof, dof]) for name, dof in dofs.items()}
+
+    def advance(self, efforts: Mapping[str, float], steps: int) -> Contact:
+        """Apply joints' efforts (N·m or N) for some steps; return the contacts at the first."""
+        self._data.qfrc_applied[:] = 0.0
+        for name, effort in efforts.items():
+            self._data.qfrc_applied[self._dofs[name]] = effort
+        given = self._data.qfrc_applied.copy()
+        for step in range(steps):
+            self._data.qfrc_applied[:] = given
+            self._pull_ties()
+            self._step()
+            if step == 0:
+                first = self._contact()
+        return first
+
+    def joint(self, name: str) -> tuple[float, float]:
+        """Return a joint's position (rad or m) and its rate."""
+        dof = self._dofs[name]
+        return float(self._data.qpos[dof + 1]), float(self._data.qvel[dof])
+
+    @property
+    def pose(self) -> Array:
+        """The root link's x, y (m) and turn (rad) seen from above."""
+        w, x, y, z = self._data.qpos[3:7]
+        turn = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return np.array([*self._data.qpos[:2], turn])
+
+    def _step(self) -> None:
+        mujoco, model, data = self._mujoco, self._model, self._data
+        mujoco.mj_step1(model, data)
+        if self._loose:
+            self._turn_contacts()
+            mujoco.mj_makeConstraint(model, data)
+            mujoco.mj_projectConstraint(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_step2(model, data)
+
+    def _pull_ties(self) -> None:
+        """Pull each swivel that follows towards its place, and those that it follows back.
+
+        A tie rod is a spring and a damper on φ = δ − f(leaders), so it does no work but on φ:
+        the follower feels −(k φ + d φ̇), the leaders ∂f/∂δ times the opposite.
+        """
+        drive, data = self._robot.drive, self._data
+        if not drive.followers:
+            return
+        leaders = {swivel.joint: self.joint(swivel.joint) for swivel in drive.steered}
+        at = {name: position for name, (position, _) in leaders.items()}
+        place = follow(drive, at)
+        nudged = {name: follow(drive, at | {name: at[name] + NUDGE}) for name in at}
+        for swivel in drive.followers:
+            name, slopes = swivel.joint, {}
+            position, rate = self.joint(name)
+            for leader in at:
+                slopes[leader] = (nudged[leader][name] - place[name]) / NUDGE
+                rate -= slopes[leader] * leaders[leader][1]
+            inertia = self._swinging[name]
+            pull = inertia * TIE * (TIE * (position - place[name]) + 2.0 * rate)
+            data.qfrc_applied[self._dofs[name]] -= pull
+            for leader, slope in slopes.items():
+                data.qfrc_applied[self._dofs[leader]] += slope * pull
+
+    def _turn_contacts(self) -> None:
+        """Turn the contacts of rollers and balls: friction holds along one direction only."""
+        contacts = self._data.contact
+        frames, friction = contacts.frame, contacts.friction
+        for k, geom in enumerate(contacts.geom2.tolist()):
+            wheel = self._loose.get(geom)
+            if wheel is None:
+                continue
+            (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self._held(wheel).tolist()
+            frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
+            friction[k, :2] = FRICTION, FREE
+
+    def _held(self, wheel: Wheel) -> Array:
+        """Return the direction (3,) in which the ground holds a wheel, level, world.
+
+        It is the drive's angle off the wheel's rolling direction, which MuJoCo's axle gives.
+        """
+        axle = self._data.xaxis[self._model.joint(wheel.joint).id]
+        ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
+        x, y = _off_rolling(self._robot, wheel)
+        return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
+
+    def _contact(self) -> Contact:
+        contacts, wrench = self._data.contact, np.zeros(6)
+        load, total, moment = np.zeros(len(self.names)), np.zeros(3), np.zeros(2)
+        rows = (contacts.geom2, contacts.frame.reshape(-1, 3, 3), contacts.pos)
+        for k, (geom, frame, place) in enumerate(zip(*rows, strict=True)):
+            self._mujoco.mj_contactForce(self._model, self._data, k, wrench)
+            load[self._index[int(geom)]] += wrench[0]
+            total += frame.T @ wrench[:3]
+            moment += wrench[0] * place[:2]
+        return Contact(load, total, moment / max(float(load.sum()), LEAST))
+
+    def _release(self, spec: Any, root: Any) -> None:
+        """Give the root link six degrees of freedom, and the robot a ground to stand on."""
+        mujoco, option = self._mujoco, spec.option
+        root.add_freejoint()
+        option.timestep, option.cone = STEP, mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.impratio = IMPRATIO
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)  # contacts are edited
+        plane = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
+        plane.contype, plane.conaffinity = 2, 0
+        for wheel in self._robot.drive.wheels:
+            tread = tyre(self._robot, wheel)
+            axes = (tread.radius, tread.radius, tread.half_width)
+            self._touch(spec, tread.link, wheel.joint, "ELLIPSOID", axes, tread.pose, 3)
+            self.notes += (tread.note,) if tread.note else ()
+        for name, link, shape in support_shapes(self._robot, find_supports(self._robot)):
+            size = _halved(shape.kind, shape.size)
+            self._touch(spec, link, name, SHAPES[shape.kind], size, shape.origin, 1)
+        for joint in self._robot.mimics:
+            if joint.mimic is not None and joint.mimic.joint not in self._robot.locked:
+                equal = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
+                equal.type, equal.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+                equal.data[:2] = joint.mimic.offset, joint.mimic.multiplier
+                equal.solref, equal.solimp = SOLREF, SOLIMP
+
+    def _touch(
+        self,
+        spec: Any,
+        link: str,
+        name: str,
+        kind: str,
+        size: Sequence[float],
+        pose: Array,
+        directions: int,
+    ) -> None:
+        """Let a shape of a link meet the plane, with friction where ``directions`` are 3."""
+        quaternion = np.zeros(4)
+        self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
+        geom = spec.body(OWN + link).add_geom(name=f"{OWN}{name}", pos=pose[:3, 3], quat=quaternion)
+        geom.type = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind}")
+        geom.size[: len(size)] = size
+        geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 2, directions, 1
+        geom.friction[0] = FRICTION
+        geom.solref, geom.solimp = SOLREF, SOLIMP
+        self._contacts[geom.name] = name
+
+
+def _loose(robot: Robot, wheel: Wheel) -> bool:
+    """Return whether the ground holds a wheel in one direction only."""
+    return wheel.slides or robot.drive.type in ("mecanum", "omni")
+
+
+def _off_rolling(robot: Robot, wheel: Wheel) -> tuple[float, float]:
+    """Return the direction in which a wheel is held, seen from its rolling direction (2,)."""
+    description = robot.description
+    pose = description.pose(description.joint[wheel.joint].child, dict(robot.locked))
+    axle = pose[:3, :3] @ description.joint[wheel.joint].axis
+    ahead = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
+    x, y = wheel.direction
+    return float(ahead[0] * x + ahead[1] * y), float(ahead[0] * y - ahead[1] * x)
+
+
+def _halved(kind: str, size: Sequence[float]) -> tuple[float, ...]:
+    """Return a URDF shape's size as MuJoCo counts it: half edges, half lengths."""
+    if kind == "box":
+        return tuple(0.5 * edge for edge in size)
+    return (size[0],) if kind == "sphere" else (size[0], 0.5 * size[1])

@@ -1,0 +1,167 @@
+"""The contact trial: the reduced model against the robot itself, rolling on a plane in MuJoCo.
+
+Both get the same efforts from the same plan. One side integrates M ν̇ + h = B τ, in which rolling
+is an equation; on the other the wheels roll because friction lets them. Their paths, the ground's
+forces and the efforts of steered and arm joints must agree within bands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rpctl.description.records import Array
+from rpctl.dynamics.contact import Contacts, find_contacts, ground_reaction
+from rpctl.dynamics.motion import rk4_step
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.certificate import CONTACT, Skipped
+from rpctl.equivalence.contact_gaps import caster_names, gaps, rolling_casters
+from rpctl.equivalence.contact_model import STEP, ContactModel
+from rpctl.equivalence.contact_plan import TICK, NotGentle, Plan, plan_motion
+from rpctl.equivalence.contact_record import ContactTrial, Motion
+from rpctl.equivalence.mujoco_model import EngineRefused
+from rpctl.errors import ActuationError, RpctlError, SingularBasisError
+from rpctl.robot.model import Robot
+
+NAME = "motion on the ground"
+SETTLING = 0.3  # s in which the robot sinks into its contacts: 150 of their time constants
+SAMPLE = 5  # ticks between two samples
+
+Row = tuple[Array, ...]  # of Motion's arrays
+
+
+def contact_trial(robot: Robot) -> ContactTrial | Skipped:
+    """Let a robot roll on a plane in MuJoCo, and compare it with the reduced model.
+
+    Wheels get their efforts open loop, the same numbers on both sides; steered and arm joints
+    have one servo law, each side on its own measured state, for under efforts alone an arm falls.
+    MuJoCo starts settled in its contacts, the reduced model where MuJoCo then stands.
+
+    Returns:
+        The trial, or the row that says why there is none.
+    """
+    if not robot.drive.wheels:
+        return Skipped(NAME, CONTACT, "a fixed base has nothing to roll")
+    dynamics = ReducedDynamics(robot)
+    contacts = find_contacts(dynamics)
+    if contacts is None or not contacts.balanced:
+        why = contacts.notes[0] if contacts is not None else "it has no contacts"
+        return Skipped(NAME, CONTACT, f"not known to stand: {why}")
+    try:
+        plan, model = plan_motion(dynamics, contacts), ContactModel(robot)
+    except (NotGentle, ActuationError, SingularBasisError, EngineRefused) as reason:
+        return Skipped(NAME, CONTACT, str(reason))
+    engine = _motion(list(_rolled(dynamics, contacts, plan, model)))
+    reduced = _motion(_integrated(dynamics, contacts, plan, engine.pose[0]))
+    times: Array = SAMPLE * TICK * np.arange(len(engine.pose), dtype=float)
+    times.setflags(write=False)
+    rows = gaps(robot, contacts, plan.names, reduced, engine)
+    return ContactTrial(
+        checks=tuple(replace(row, time=float(times[row.sample])) for row in rows),
+        notes=(*model.notes, *_notes(robot, contacts, engine)),
+        contacts=contacts.names,
+        determinate=contacts.determinate,
+        joints=plan.names,
+        slides=tuple(robot.description.joint[n].kind == "prismatic" for n in plan.names),
+        footprint=contacts.points,
+        t=times,
+        reduced=reduced,
+        engine=engine,
+    )
+
+
+def _motion(rows: list[Row]) -> Motion:
+    return Motion(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _rolled(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, model: ContactModel
+) -> Iterator[Row]:
+    """Yield what MuJoCo does, from where the robot has settled."""
+    robot, still = dynamics.robot, np.zeros(dynamics.robot.dof)
+    casters = caster_names(robot)
+    order = [model.names.index(name) for name in contacts.names]
+    hold = dynamics.efforts(plan.q[0], dynamics.inverse(plan.q[0], still, still))
+    model.start(plan.q[0])
+    for tick in range(-round(SETTLING / TICK), len(plan.tau) + 1):
+        measured = np.array([model.joint(name) for name in plan.names]).reshape(-1, 2)
+        planned = hold if tick < 0 else None
+        tau = plan.efforts(tick, measured[:, 0], measured[:, 1], planned)
+        pose, swung = model.pose, np.array([model.joint(name)[0] for name in casters])
+        ground = model.advance(dict(zip(robot.actuators, tau, strict=True)), round(TICK / STEP))
+        if tick >= 0 and tick % SAMPLE == 0:
+            yield pose, ground.load[order], ground.force, ground.zmp, tau[list(plan.held)], swung
+
+
+def _integrated(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, pose: Array
+) -> list[Row]:
+    """Return what the reduced model does.
+
+    A wrong model may run into a posture that is singular; from there on its rows are NaN.
+    """
+    rows: list[Row] = []
+    try:
+        rows.extend(_stepped(dynamics, contacts, plan, pose))  # rows before an error stay
+    except RpctlError:
+        if not rows:
+            raise
+    lost = tuple(np.full_like(part, np.nan) for part in rows[0])
+    return rows + [lost] * (1 + len(plan.tau) // SAMPLE - len(rows))
+
+
+def _stepped(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, pose: Array
+) -> Iterator[Row]:
+    """Yield what the reduced model does from a pose (3,) of the root link, at rest."""
+    robot = dynamics.robot
+    index = [robot.velocity_index(name) for name in plan.names]
+    q, nu = plan.q[0].copy(), np.zeros(robot.dof)
+    q[:4] = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
+    for tick in range(len(plan.tau) + 1):
+        at = np.array([robot.joint_position(q, name) for name in plan.names])
+        tau = plan.efforts(tick, at, (dynamics.basis(q) @ nu)[index])
+        if tick % SAMPLE == 0:
+            yield _reduced_row(dynamics, contacts, plan, (q, nu, tau))
+        q, nu, _ = rk4_step(dynamics, q, nu, tau, TICK)
+
+
+def _reduced_row(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, state: tuple[Array, Array, Array]
+) -> Row:
+    """Return a row of :class:`Motion` at q, ν and τ."""
+    robot, (q, nu, tau) = dynamics.robot, state
+    ground = ground_reaction(dynamics, contacts, q, nu, tau)
+    pose = np.array([q[0], q[1], math.atan2(q[3], q[2])])
+    swung = np.array([robot.joint_position(q, name) for name in caster_names(robot)])
+    return pose, ground.load, ground.force, ground.zmp, tau[list(plan.held)], swung
+
+
+def _notes(robot: Robot, contacts: Contacts, engine: Motion) -> Iterator[str]:
+    """Yield what the two sides share, and what is not compared."""
+    drive = robot.drive
+    if drive.type == "skid-steer":
+        yield (
+            "straight ahead only: a skid-steer base turns by scrubbing, which the effective track "
+            "stands for in the reduced model"
+        )
+    if drive.type in ("mecanum", "omni"):
+        yield (
+            "rollers are friction along the roller's axle and none across it; their angle on the "
+            "wheel is the drive's"
+        )
+    if any(wheel.slides for wheel in drive.wheels):
+        yield "wheels that nothing holds sideways have friction along their rolling only"
+    if drive.followers:
+        names = ", ".join(swivel.joint for swivel in drive.followers)
+        yield f"stiff tie rods hold {names} to the common centre of rotation"
+    if not contacts.determinate:
+        count = len(contacts.names)
+        yield f"{count} contacts: statics fix their sum and its centre, not each load"
+    rolling = rolling_casters(robot, contacts, engine)
+    lifted = [name for name in caster_names(robot) if name not in rolling]
+    if lifted:
+        yield f"{', '.join(lifted)} bear no load all the while: how they swing is not compared"

@@ -1,0 +1,97 @@
+"""What the model leaves out of the file, or takes for simpler than it is: each with its number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from rpctl.description.records import Joint
+from rpctl.robot.idealisation import Idealisation, listed
+from rpctl.robot.idealised_wheels import wheel_idealisations
+from rpctl.robot.model import Robot
+from rpctl.robot.steering import regular
+
+LOOKS = 360  # positions of a steered joint's range that are looked at; edges are bisected
+BISECTIONS = 40  # halvings of an edge between two looks: to rounding
+
+
+def idealisations(robot: Robot) -> tuple[Idealisation, ...]:
+    """Return what is idealised of a robot: only what applies to it.
+
+    These are the wheels' places, directions and sizes where the file's are not quite those of the
+    drive, the steering that no random sample has, and the losses in the joints.
+    """
+    found = (*wheel_idealisations(robot), *_steering(robot), *_losses(robot))
+    return tuple(found)
+
+
+def _steering(robot: Robot) -> Iterator[Idealisation]:
+    """Yield the positions of each steered joint that are too near to a singular steering.
+
+    A joint's range is that of random samples, its limits or ±π; the others are at 0.
+    """
+    for swivel in robot.drive.steered:
+        joint = robot.description.joint[swivel.joint]
+        low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
+        gaps = _irregular(robot, joint.name, low, high)
+        if not gaps:
+            continue
+        share = 100.0 * sum(end - begin for begin, end in gaps) / (high - low)
+        spans = " and ".join(
+            f"{math.degrees(begin):.1f}° to {math.degrees(end):.1f}°" for begin, end in gaps
+        )
+        others = ", the others at 0" if len(robot.drive.steered) > 1 else ""
+        yield Idealisation(
+            "singular steering",
+            share,
+            "%",
+            f"random samples leave out steering near a singular one: {listed(joint)} from {spans}"
+            f"{others}: {share:.2g} % of its range",
+        )
+
+
+def _irregular(robot: Robot, name: str, low: float, high: float) -> list[tuple[float, float]]:
+    """Return the ranges (rad) of a steered joint within which steering is near a singular one."""
+
+    def inside(position: float) -> bool:
+        return not regular(robot.drive, {name: position})
+
+    def edge(out: float, within: float) -> float:
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (out + within)
+            out, within = (out, middle) if inside(middle) else (middle, within)
+        return within
+
+    looks = np.linspace(low, high, LOOKS + 1).tolist()
+    gaps: list[tuple[float, float]] = []
+    begin = low if inside(low) else None
+    for before, after in pairwise(looks):
+        if inside(after) and begin is None:
+            begin = edge(before, after)
+        elif begin is not None and not inside(after):
+            gaps.append((begin, edge(after, before)))
+            begin = None
+    return gaps if begin is None else [*gaps, (begin, high)]
+
+
+def _losses(robot: Robot) -> Iterator[Idealisation]:
+    """Yield the damping and friction of ``<dynamics>``, for turning joints and for sliding ones."""
+    joints = [robot.description.joint[name] for name in robot.model.names[2:]]
+    for slides in (False, True):
+        group = [joint for joint in joints if (joint.kind == "prismatic") is slides]
+        damping = "N·s/m" if slides else "N·m·s/rad"
+        friction = "N" if slides else "N·m"
+        yield from _loss("damping", [(joint.damping, joint) for joint in group], damping)
+        yield from _loss("friction", [(joint.friction, joint) for joint in group], friction)
+
+
+def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[Idealisation]:
+    lossy = [(value, joint) for value, joint in values if value]
+    if lossy:
+        largest, joint = max(lossy, key=lambda item: item[0])
+        many = f"of {len(lossy)} joints is left out, at most" if len(lossy) > 1 else "is left out:"
+        text = f"<dynamics> {what} {many} {largest:.3g} {unit} of {listed(joint)}"
+        yield Idealisation(what, largest, unit, text)

@@ -1,0 +1,280 @@
+"""What is idealised of wheels and swivels: places, directions and sizes, in numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.description.mesh_paths import MeshPaths
+from rpctl.description.records import Array
+from rpctl.robot.drive import Swivel
+from rpctl.robot.evidence import lines_of
+from rpctl.robot.idealisation import Idealisation, listed
+from rpctl.robot.model import Robot
+from rpctl.robot.wheel_size import ROLES, Size, is_round, told_sizes, wheel_parts
+from rpctl.robot.wheels import Candidate, root_axis
+
+ANGLE = 1e-4  # rad; smaller ones are the rounding of a file's angles
+LENGTH = 1e-5  # m; shorter ones are the rounding of a file's places
+CORNERS = 5e-3  # of the radius: so near to it the bounds of a circle of 32 corners are
+
+
+def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
+    """Yield what is idealised of a robot's wheels and swivels."""
+    wheels = [_placed(robot, index) for index in range(len(robot.drive.wheels))]
+    rolling = [
+        wheel
+        for wheel, record in zip(wheels, robot.drive.wheels, strict=True)
+        if wheel.swivel is None and not record.slides
+    ]
+    if robot.drive.type != "omni":
+        yield from _heading(robot, rolling)
+    if robot.drive.has_axle:
+        yield from _scatter(robot, rolling)
+    yield from _standing(robot, wheels)
+    for swivel in robot.drive.swivels:
+        carried = [wheels[index] for index in robot.drive.carried(swivel)]
+        yield from _swivel(robot, swivel, carried)
+    yield from _sizes(robot, wheels)
+    yield from _sliding(robot, wheels)
+
+
+def _placed(robot: Robot, index: int) -> Candidate:
+    """Return a wheel of the drive where the file has it, in the root link's frame."""
+    record, description = robot.drive.wheels[index], robot.description
+    joint = description.joint[record.joint]
+    pose = description.pose(joint.parent, dict(robot.locked)) @ joint.origin
+    axle = pose[:3, :3] @ joint.axis
+    swivel = None if record.swivel is None else description.joint[record.swivel]
+    place = (pose[:3, 3], axle, pose[:3, :3], swivel)
+    return Candidate(joint, *place, record.radius, record.source, record.offset, False, "")
+
+
+def _between(axle: Array, heading: float) -> float:
+    """Return the angle, seen from above, between an axle and the one across a heading, rad."""
+    along = axle[0] * math.cos(heading) + axle[1] * math.sin(heading)
+    across = axle[1] * math.cos(heading) - axle[0] * math.sin(heading)
+    return math.atan2(abs(along), abs(across))
+
+
+def _told(angle: float) -> str:
+    return f"{math.degrees(angle):.3g}°"
+
+
+def _heading(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+    """Yield by how much axles of wheels that the root link holds are off their mean."""
+    if not wheels:
+        return
+    angle, worst = max(
+        ((_between(wheel.axle, robot.drive.heading), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if angle > ANGLE:
+        yield Idealisation(
+            "heading",
+            math.degrees(angle),
+            "°",
+            f"the heading is across the mean of {len(wheels)} axles that are not parallel: "
+            f"{listed(worst.joint)} is {_told(angle)} ({1e3 * angle:.3g} mrad) off it",
+        )
+
+
+def _scatter(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+    """Yield how far wheels taken for one axle are apart across it, and axles from P."""
+    drive, lines = robot.drive, lines_of(wheels)
+    ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
+    for line in lines:
+        apart = float(np.ptp([float(wheel.centre[:2] @ ahead) for wheel in line]))
+        if apart > LENGTH:
+            yield Idealisation(
+                "axle scatter",
+                1e3 * apart,
+                "mm",
+                f"{listed(*(wheel.joint for wheel in line))} are taken for wheels on one axle; "
+                f"their centres are {1e3 * apart:.3g} mm apart along the heading",
+            )
+    places = [abs(float((wheel.centre[:2] - drive.point) @ ahead)) for wheel in wheels]
+    if len(lines) > 1 and max(places) > LENGTH:
+        furthest = wheels[int(np.argmax(places))]
+        yield Idealisation(
+            "axles apart",
+            max(places),
+            "m",
+            f"{len(lines)} fixed axles share one lateral constraint, at P: "
+            f"{listed(furthest.joint)} is {max(places):.3g} m from it along the heading, and in a "
+            f"bend slides sideways, without friction, at {max(places):.3g} m/s for each rad/s",
+        )
+
+
+def _standing(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+    """Yield how far contacts are off the plane of the ground, and axles off the level."""
+    if not wheels:
+        return
+    gap, worst = max(
+        ((abs(wheel.bottom - robot.drive.ground), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if gap > LENGTH:
+        side = "above" if worst.bottom > robot.drive.ground else "below"
+        yield Idealisation(
+            "contact height",
+            1e3 * gap,
+            "mm",
+            "all wheels are taken to touch the ground, at the mean of their heights: "
+            f"{listed(worst.joint)} ends {1e3 * gap:.3g} mm {side} it",
+        )
+    lean, worst = max(
+        ((math.asin(min(1.0, abs(float(wheel.axle[2])))), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if lean > ANGLE:
+        yield Idealisation(
+            "axle lean",
+            math.degrees(lean),
+            "°",
+            f"wheels touch the ground straight below their centres, as if their axles were level: "
+            f"that of {listed(worst.joint)} leans {_told(lean)}",
+        )
+
+
+def _swivel(robot: Robot, swivel: Swivel, wheels: list[Candidate]) -> Iterator[Idealisation]:
+    """Yield what is idealised of a swivel: its axis, its trail, and its wheels' directions."""
+    description, locked = robot.description, dict(robot.locked)
+    joint = description.joint[swivel.joint]
+    pose = description.pose(joint.parent, locked) @ joint.origin
+    axis = root_axis(description, locked, joint)
+    lean = math.atan2(math.hypot(axis[0], axis[1]), abs(float(axis[2])))
+    if lean > ANGLE:
+        shift = abs(float(pose[2, 3]) - robot.drive.ground) * math.tan(lean)
+        yield Idealisation(
+            "swivel lean",
+            math.degrees(lean),
+            "°",
+            f"the axis of {listed(joint)} leans {_told(lean)} and is taken to be upright: it would "
+            f"meet the ground {1e3 * shift:.3g} mm from below its origin",
+        )
+    ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading)])
+    contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
+    trail = float(ahead @ (contact - pose[:2, 3]))
+    if abs(trail - swivel.trail) > LENGTH:
+        yield Idealisation(
+            "trail",
+            1e3 * trail,
+            "mm",
+            f"{listed(joint)} steers together with others, so its trail is taken to be 0: its "
+            f"contact is {1e3 * abs(trail):.3g} mm {'ahead of' if trail > 0.0 else 'behind'} its "
+            "axis",
+        )
+    angle, worst = max(
+        ((_between(wheel.axle, swivel.heading), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if angle > ANGLE:
+        yield Idealisation(
+            "swivel heading",
+            math.degrees(angle),
+            "°",
+            f"all wheels of {listed(joint)} are taken to roll as its first one does: the axle of "
+            f"{listed(worst.joint)} is {_told(angle)} off",
+        )
+
+
+class _Other(NamedTuple):
+    """A radius that shapes tell besides the one used; wheels alike are told of together."""
+
+    role: str
+    radius: float  # m
+    source: str
+    used: float  # m
+    used_source: str  # without its line
+    rolls: bool  # whether either is a collision's
+
+
+def _sizes(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+    """Yield where shapes tell other radii than the one used, are off the axle, and how wide."""
+    paths = MeshPaths(robot.description.path, robot.description.package_dirs)
+    widest, others = 0.0, dict[tuple[object, ...], list[tuple[Candidate, _Other]]]()
+    for wheel in wheels:
+        sizes = told_sizes(robot.description, robot.locked, wheel.joint, paths)
+        drawn = _plainly(robot, wheel)
+        for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
+            others.setdefault(other[:2] + other[3:], []).append((wheel, other))
+        for _, size in sizes:
+            if size.source == wheel.source:
+                yield from _off_axle(wheel, size)
+                widest = max(widest, size.width)
+    for group in others.values():
+        yield _radius(group[0][1], listed(*(wheel.joint for wheel, _ in group)))
+    if widest > 0.0:
+        yield Idealisation(
+            "thin wheels",
+            1e3 * widest,
+            "mm",
+            "wheels are thin discs that touch the ground in one point, though up to "
+            f"{1e3 * widest:.3g} mm wide: nothing resists their turning on the spot",
+        )
+
+
+def _plainly(robot: Robot, wheel: Candidate) -> set[str]:
+    """Return the roles of shapes that are all round or meshes: rollers and lugs hide the reach."""
+    parts = wheel_parts(robot.description, robot.locked, wheel.joint)
+    hidden = {p.role for p in parts if p.shape.kind != "mesh" and not is_round(p, wheel.joint.axis)}
+    return set(ROLES) - hidden
+
+
+def _others(wheel: Candidate, sizes: list[tuple[str, Size]]) -> Iterator[_Other]:
+    """Yield the widest radius of each role, where it is not the one used."""
+    used = wheel.radius or 0.0
+    by_collision = any(role == "collision" for role, _ in sizes)
+    for role in ROLES:
+        told = [size for its_role, size in sizes if its_role == role]
+        if not told:
+            continue
+        size = max(told, key=lambda size: size.radius or 0.0)
+        radius = size.radius or 0.0
+        slack = CORNERS * used if "mesh" in size.source + wheel.source else LENGTH
+        if abs(radius - used) > slack:
+            source = wheel.source.split(", line")[0]
+            yield _Other(role, radius, size.source, used, source, by_collision)
+
+
+def _radius(other: _Other, names: str) -> Idealisation:
+    rolls = "simulators roll on the collision" if other.rolls else "there is no round collision"
+    return Idealisation(
+        "radius",
+        other.radius,
+        "m",
+        f"the radius of {names} is {other.used:.4g} m ({other.used_source}), that of the "
+        f"{other.role} shape {other.radius:.4g} m ({other.source}); {rolls}",
+    )
+
+
+def _off_axle(wheel: Candidate, size: Size) -> Iterator[Idealisation]:
+    if size.aside > LENGTH:
+        yield Idealisation(
+            "eccentric wheel",
+            1e3 * size.aside,
+            "mm",
+            f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
+            f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
+        )
+
+
+def _sliding(robot: Robot, wheels: Iterable[Candidate]) -> Iterator[Idealisation]:
+    """Yield which wheels slide sideways without friction."""
+    sliding = [
+        wheel.joint
+        for wheel, record in zip(wheels, robot.drive.wheels, strict=True)
+        if record.slides
+    ]
+    if sliding:
+        verb = "slides" if len(sliding) == 1 else "slide"
+        yield Idealisation(
+            "sliding wheels",
+            float(len(sliding)),
+            "wheels",
+            f"{listed(*sliding)} {verb} sideways without friction",
+        )

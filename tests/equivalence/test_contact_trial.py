@@ -1,0 +1,578 @@
+"""The robot itself, rolling in MuJoCo, agrees with the reduced model; a wrong model does not."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl import ReducedDynamics, Robot
+from rpctl.cli import app
+from rpctl.description.records import Array
+from rpctl.dynamics import motion
+from rpctl.dynamics.contact import find_contacts
+from rpctl.equivalence import (
+    contact_model,
+    contact_plan,
+    contact_shapes,
+    contact_trial,
+    mujoco_engine,
+)
+from rpctl.equivalence import verify as verify_module
+from rpctl.equivalence.certificate import Certificate, Skipped
+from rpctl.equivalence.contact_gaps import gaps
+from rpctl.equivalence.contact_model import ContactModel
+from rpctl.equivalence.contact_record import ContactTrial, Gap, Motion
+from rpctl.equivalence.contact_shapes import tyre
+from rpctl.robot.drive import Swivel, Wheel
+from rpctl.robot.vary import set_limits
+from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
+
+if not mujoco_engine.installed():
+    pytest.skip("MuJoCo is optional", allow_module_level=True)
+
+G = 9.81
+SETTLED = 1e-3  # of a load: what sinking by microns and settling for .3 s leave
+ROWS = ("path", "heading", "force of the ground", "zero-moment point", "wheel loads")
+JOINT_ROWS = ("joint forces", "joint torques")
+
+
+def rolled(robot: Robot) -> ContactTrial:
+    trial = contact_trial.contact_trial(robot)
+    assert isinstance(trial, ContactTrial), trial
+    return trial
+
+
+def broken(trial: ContactTrial) -> dict[str, float]:
+    return {check.name: check.residual for check in trial.checks if not check.passed}
+
+
+@pytest.fixture(scope="module")
+def trial(paper: Robot) -> ContactTrial:
+    return rolled(paper)
+
+
+def wheels(robot: Robot, change: Callable[[Wheel], Wheel], *which: int) -> Robot:
+    """Return the robot with some wheels of its drive changed, all of them if none is named."""
+    found = tuple(
+        change(wheel) if k in which or not which else wheel
+        for k, wheel in enumerate(robot.drive.wheels)
+    )
+    return dataclasses.replace(robot, drive=dataclasses.replace(robot.drive, wheels=found))
+
+
+def swivels(robot: Robot, change: Callable[[Swivel], Swivel]) -> Robot:
+    first, *rest = robot.drive.swivels
+    drive = dataclasses.replace(robot.drive, swivels=(change(first), *rest))
+    return dataclasses.replace(robot, drive=drive)
+
+
+def larger(robot: Robot) -> Robot:
+    return wheels(robot, lambda wheel: dataclasses.replace(wheel, radius=1.05 * wheel.radius))
+
+
+def aside(robot: Robot) -> Robot:
+    return wheels(robot, lambda wheel: dataclasses.replace(wheel, offset=wheel.offset + 0.05), 0)
+
+
+def off_point(robot: Robot) -> Robot:
+    x, y = robot.drive.point
+    return dataclasses.replace(robot, drive=dataclasses.replace(robot.drive, point=(x + 0.05, y)))
+
+
+def reversed_trail(robot: Robot) -> Robot:
+    return swivels(robot, lambda swivel: dataclasses.replace(swivel, trail=-swivel.trail))
+
+
+def upside_down(robot: Robot) -> Robot:
+    return swivels(robot, lambda swivel: dataclasses.replace(swivel, sign=-swivel.sign))
+
+
+def body(robot: Robot, change: Callable[[pin.Inertia], pin.Inertia]) -> Robot:
+    """Return the robot with the root link's inertia changed in Pinocchio's model alone."""
+    model = robot.model.copy()
+    model.inertias[1] = change(model.inertias[1])
+    return dataclasses.replace(robot, model=model)
+
+
+def heavier(robot: Robot) -> Robot:
+    return body(robot, lambda one: pin.Inertia(1.1 * one.mass, one.lever, 1.1 * one.inertia))
+
+
+def shifted(robot: Robot) -> Robot:
+    ahead = np.array([0.02, 0.0, 0.0])
+    return body(robot, lambda one: pin.Inertia(one.mass, one.lever + ahead, one.inertia))
+
+
+def test_a_sound_robot_agrees(trial: ContactTrial) -> None:
+    assert tuple(check.name for check in trial.checks) == ROWS + JOINT_ROWS
+    assert broken(trial) == {}
+    assert trial.determinate
+    assert trial.notes == ()
+
+
+def test_it_travels_and_turns_as_planned(trial: ContactTrial) -> None:
+    """v = ½(1 − cos(πt/2)) m/s for 2 s is 1 m; ω = .4(1 − cos πt) rad/s is .8 rad."""
+    assert trial.t[-1] == pytest.approx(2.0)
+    assert trial.distance == pytest.approx(1.0, abs=2e-3)
+    for side in (trial.engine, trial.reduced):
+        assert side.pose[-1, 2] == pytest.approx(0.8, abs=5e-3)
+        assert np.abs(side.pose[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("fault", "rows"),
+    [
+        (larger, {"path", "heading"}),
+        (aside, {"path", "heading", "wheel loads"}),
+        (heavier, {"path", "force of the ground", "wheel loads"}),
+        (shifted, {"heading", "wheel loads", "zero-moment point"}),
+    ],
+)
+def test_a_wrong_model_of_the_paper_robot_is_noticed(
+    paper: Robot, fault: Callable[[Robot], Robot], rows: set[str]
+) -> None:
+    assert rows <= broken(rolled(fault(paper))).keys()
+
+
+def test_a_reversed_caster_is_noticed() -> None:
+    found = broken(rolled(reversed_trail(rpctl.load("casters"))))
+    assert {"casters", "heading"} <= found.keys()
+    assert found["casters"] > 100.0  # it runs ahead of its axis until it flips round
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("mixed_chain", "skid_steer", "mecanum", "car", "tricycle", "swerve", "twin_casters"),
+        *("casters", "omni", "tiago", "tiago_no_hand", "tiago_dual", "tiago_pro"),
+    ],
+)
+def test_every_wheeled_robot_of_the_catalogue_agrees(name: str) -> None:
+    trial = rolled(rpctl.load(name))
+    assert broken(trial) == {}
+    assert trial.distance > 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "fault", "row"),
+    [
+        ("tricycle", larger, "path"),
+        ("tricycle", shifted, "zero-moment point"),
+        ("tricycle", aside, "wheel loads"),
+        ("tricycle", upside_down, "path"),
+        ("casters", aside, "casters"),
+        ("casters", upside_down, "casters"),
+        ("casters", off_point, "heading"),
+        ("mixed_chain", aside, "joint torques"),
+        ("car", off_point, "force of the ground"),
+        ("car", upside_down, "joint forces"),
+        ("tiago", shifted, "heading"),
+        ("mecanum", larger, "path"),
+        ("omni", aside, "heading"),
+    ],
+)
+def test_a_wrong_model_of_any_drive_is_noticed(
+    name: str, fault: Callable[[Robot], Robot], row: str
+) -> None:
+    assert row in broken(rolled(fault(rpctl.load(name))))
+
+
+@pytest.mark.slow
+def test_a_car_needs_its_tie_rod(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each front wheel's drag turns its knuckle, and only the rod holds the two against it."""
+    monkeypatch.setattr(contact_model, "TIE", 1e-6)
+    assert {"path", "joint torques"} <= broken(rolled(rpctl.load("car"))).keys()
+
+
+# --- the rows, one by one -----------------------------------------------------------------------
+
+
+def moved(motion: Motion, **added: Any) -> Motion:
+    """Return a motion to which something is added at its last sample."""
+    parts = {name: values.copy() for name, values in vars(motion).items()}
+    for name, amount in added.items():
+        parts[name][-1] += amount
+    return Motion(**parts)
+
+
+def rows_of(robot: Robot, reduced: Motion, engine: Motion, joints: tuple[str, ...]) -> list[Gap]:
+    contacts = find_contacts(ReducedDynamics(robot))
+    assert contacts is not None
+    return list(gaps(robot, contacts, joints, reduced, engine))
+
+
+@pytest.mark.parametrize(
+    ("row", "part", "direction", "scale", "entry"),
+    [
+        ("path", "pose", [0.6, 0.8, 0.0], 1e-3, ""),
+        ("heading", "pose", [0.0, 0.0, 1.0], 1e-3, ""),
+        ("force of the ground", "force", [0.0, -1.0, 0.0], 1.0, "y"),
+        ("wheel loads", "load", [0.0, 0.0, 1.0], 1.0, "base_link"),
+        ("joint forces", "efforts", [0.0, 1.0], 1.0, "arm_prismatic_joint"),
+        ("joint torques", "efforts", [-1.0, 0.0], 1.0, "arm_revolute_joint"),
+    ],
+)
+def test_every_row_fails_alone_at_its_band(
+    paper: Robot,
+    trial: ContactTrial,
+    row: str,
+    part: str,
+    direction: list[float],
+    scale: float,
+    entry: str,
+) -> None:
+    engine = trial.engine
+    exact = {check.name: check for check in rows_of(paper, engine, engine, trial.joints)}
+    assert all(check.residual == 0.0 for check in exact.values())
+    gap = 1.5 * exact[row].band
+    added = {part: gap * np.array(direction)}
+    if row == "path":
+        added["zmp"] = added["pose"][:2]  # the robot is elsewhere, and so is what bears it
+    found = {c.name: c for c in rows_of(paper, moved(engine, **added), engine, trial.joints)}
+    assert [name for name, check in found.items() if not check.passed] == [row]
+    assert found[row].residual == pytest.approx(1.5)
+    assert found[row].gap == pytest.approx(gap)
+    assert (found[row].entry, found[row].sample) == (entry, len(engine.pose) - 1)
+
+
+def test_the_zero_moment_point_fails_alone(paper: Robot, trial: ContactTrial) -> None:
+    """Its band is half a percent of 1.5 m, the distance between the wheels."""
+    changed = moved(trial.engine, zmp=np.array([-0.015, 0.0]))
+    found = {c.name: c for c in rows_of(paper, changed, trial.engine, trial.joints)}
+    assert [name for name, check in found.items() if not check.passed] == ["zero-moment point"]
+    assert found["zero-moment point"].residual == pytest.approx(2.0)
+    assert found["zero-moment point"].entry == "x"
+
+
+def test_bands_are_those_that_are_stated(paper: Robot, trial: ContactTrial) -> None:
+    """Of 1 m and .8 rad a quarter of a percent more than 1 mm and 1 mrad, of 38 kg half a one."""
+    bands = {check.name: check.band for check in trial.checks}
+    assert bands["path"] == pytest.approx(3.5e-3, rel=1e-3)
+    assert bands["heading"] == pytest.approx(3e-3, rel=1e-3)
+    assert bands["force of the ground"] == pytest.approx(5e-3 * 38.0 * G, rel=1e-6)
+    assert bands["wheel loads"] == bands["force of the ground"]
+    largest = np.abs(trial.engine.efforts).max(axis=0)  # revolute, prismatic
+    floor = 1e-6 * 38.0 * G
+    assert bands["joint forces"] == pytest.approx(0.01 * largest[1] + floor)
+    assert bands["joint torques"] == pytest.approx(0.01 * largest[0] + 1.5 * floor)
+
+
+def test_what_is_no_number_fails(paper: Robot, trial: ContactTrial) -> None:
+    lost = moved(trial.engine, pose=np.nan)
+    found = {c.name: c for c in rows_of(paper, lost, trial.engine, trial.joints)}
+    assert math.isinf(found["path"].residual)
+    assert not found["path"].passed
+    assert found["path"].to_dict()["residual"] is None
+    json.dumps(found["path"].to_dict(), allow_nan=False)
+
+
+def test_a_heading_near_half_a_turn_wraps(paper: Robot, trial: ContactTrial) -> None:
+    turned = moved(trial.engine, pose=np.array([0.0, 0.0, 2.0 * math.pi]))
+    found = {c.name: c for c in rows_of(paper, turned, trial.engine, trial.joints)}
+    assert found["heading"].gap == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_model_that_breaks_down_fails_and_does_not_raise(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = iter(range(10**6))
+    step = motion.rk4_step
+
+    def failing(*arguments: Any) -> Any:
+        if next(calls) > 400:
+            raise rpctl.RpctlError("singular")
+        return step(*arguments)
+
+    monkeypatch.setattr(contact_trial, "rk4_step", failing)
+    trial = rolled(paper)
+    assert not trial.passed
+    assert len(trial.reduced.pose) == len(trial.engine.pose)
+    assert np.isnan(trial.reduced.pose[-1]).all()
+    json.dumps(trial.to_dict(), allow_nan=False)
+
+
+# --- MuJoCo's side ------------------------------------------------------------------------------
+
+
+def settled(robot: Robot, steps: int = 600) -> contact_model.Contact:
+    model = ContactModel(robot)
+    model.start(contact_plan.start(robot))
+    for _ in range(steps):
+        ground = model.advance({}, 1)
+    assert np.abs(model.pose).max() < 1e-6  # level ground: it stays where it is
+    return ground
+
+
+def test_loads_at_rest_are_those_of_the_lever_rule(tmp_path: Path) -> None:
+    """Base 30 kg at x = .3 m, cargo 8 kg at (.4, .3) m, wheels 1 kg each at x = 0, y = ±.75 m.
+
+    The ball at x = .6 m bears (30·.3 + 8·.4)/.6 = 20.333 kg; the wheels 19.667 kg, of which the
+    left one has 8·.3/1.5 = 1.6 kg more than half.
+    """
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6) + cargo(8, 0.4, 0.3, 0.2))))
+    ground = settled(robot)
+    assert ContactModel(robot).names == ("left_joint", "right_joint", "ball")
+    expected = G * np.array([19.66666667 / 2 + 1.6, 19.66666667 / 2 - 1.6, 20.33333333])
+    np.testing.assert_allclose(ground.load, expected, rtol=SETTLED)
+    np.testing.assert_allclose(ground.force, [0.0, 0.0, 40.0 * G], atol=SETTLED * 40.0 * G)
+    np.testing.assert_allclose(ground.zmp, np.array([12.2, 2.4]) / 40.0, atol=1e-4)
+
+
+def test_a_torque_on_the_wheels_rolls_the_platform(tmp_path: Path) -> None:
+    """Both wheels 0.75 N·m for .5 s: a = (2·.75/.15)/(32 + 2·.005/.15²) = .3082 m/s², forward."""
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6))))
+    model = ContactModel(robot)
+    model.start(robot.configuration(theta=0.5 * math.pi))
+    for _ in range(600):
+        model.advance({}, 1)
+    start = model.pose
+    for _ in range(1000):
+        ground = model.advance({"left_joint": 0.75, "right_joint": 0.75}, 1)
+    way = 0.5 * (10.0 / (32.0 + 0.01 / 0.15**2)) * 0.5**2
+    np.testing.assert_allclose(model.pose - start, [0.0, way, 0.0], atol=0.01 * way)
+    assert ground.force[1] == pytest.approx(32.0 * 10.0 / (32.0 + 0.01 / 0.15**2), rel=0.01)
+    assert model.joint("left_joint")[0] == pytest.approx(way / 0.15, rel=0.01)
+
+
+def test_rollers_are_held_along_their_axles(tmp_path: Path) -> None:
+    robot = four_wheels(tmp_path, "mecanum")
+    model, turn = ContactModel(robot), 0.7
+    model.start(robot.configuration(theta=turn))
+    cos, sin = math.cos(turn), math.sin(turn)
+    for wheel in robot.drive.wheels:
+        x, y = wheel.direction
+        expected = [cos * x - sin * y, sin * x + cos * y, 0.0]
+        np.testing.assert_allclose(model._held(wheel), expected, atol=1e-9)
+
+
+def test_a_mecanum_base_slides_across_its_rollers_only(tmp_path: Path) -> None:
+    """All wheels forward: it drives straight, each roller's force along its axle."""
+    robot = four_wheels(tmp_path, "mecanum")
+    model = ContactModel(robot)
+    model.start(robot.configuration())
+    joints = {wheel.joint for wheel in robot.drive.wheels}
+    for _ in range(400):
+        model.advance({}, 1)
+    model.advance(dict.fromkeys(joints, 0.0), 1)
+    for contact in model._data.contact:
+        wheel = model._loose[int(contact.geom2)]
+        np.testing.assert_allclose(contact.frame[3:6], model._held(wheel), atol=1e-12)
+        assert contact.friction[1] < 1e-4 < contact.friction[0]
+
+
+def test_a_mimic_joint_follows_in_mujoco(tmp_path: Path) -> None:
+    arm = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.5"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+      <joint name="{name}_joint" type="revolute"><parent link="base"/><child link="{name}"/>
+      <origin xyz="0.2 0 0.4"/><axis xyz="0 0 1"/>{mimic}
+      <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
+    follow = '<mimic joint="first_joint" multiplier="-0.5" offset="0.2"/>'
+    extra = arm.format(name="first", mimic="") + arm.format(name="second", mimic=follow)
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6) + extra)))
+    model = ContactModel(robot)
+    model.start(robot.configuration(joints={"first_joint": 0.4}))
+    for _ in range(400):
+        model.advance({"first_joint": 0.2}, 1)
+    first, second = model.joint("first_joint")[0], model.joint("second_joint")[0]
+    assert first > 0.45
+    assert second == pytest.approx(-0.5 * first + 0.2, abs=1e-3)
+
+
+# --- shapes -------------------------------------------------------------------------------------
+
+
+def test_a_tyre_is_the_widest_cylinder_at_its_own_place(tmp_path: Path) -> None:
+    hub = """<collision><origin xyz="0 0.05 0" rpy="1.5707963267948966 0 0"/>
+      <geometry><cylinder radius="0.16" length="0.06"/></geometry></collision></link>
+      <joint name="left_joint\""""
+    text = platform(SET_A, extra=ball(0.6)).replace('</link>\n  <joint name="left_joint"', hub)
+    robot = rpctl.load(write(tmp_path, text))
+    tread = tyre(robot, robot.drive.wheels[0])
+    assert (tread.radius, tread.half_width, tread.note) == (0.16, 0.03, "")
+    np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.05, 0.0])
+    np.testing.assert_allclose(np.abs(tread.pose[:3, 2]), [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_a_tyre_knows_nothing_of_the_drive_where_it_is_drawn(paper: Robot) -> None:
+    drawn = tyre(paper, paper.drive.wheels[0])
+    record = larger(aside(paper)).drive.wheels[0]
+    assert tyre(paper, record).radius == drawn.radius == 0.15
+    np.testing.assert_array_equal(tyre(paper, record).pose, drawn.pose)
+
+
+def test_a_declared_radius_is_told(paper: Robot) -> None:
+    wheel = dataclasses.replace(paper.drive.wheels[0], radius=0.2, source="drive file")
+    tread = tyre(paper, wheel)
+    assert (tread.radius, tread.note) == (0.2, "the radius of wheel_left_joint is the drive file's")
+
+
+def test_a_wheel_that_is_not_drawn_is_told(paper: Robot) -> None:
+    wheel = dataclasses.replace(paper.drive.wheels[0], radius=0.17, offset=0.03)
+    child = paper.description.joint[wheel.joint].child
+    links = tuple(
+        dataclasses.replace(link, visuals=(), collisions=()) if link.name == child else link
+        for link in paper.description.links
+    )
+    bare = dataclasses.replace(
+        paper, description=dataclasses.replace(paper.description, links=links)
+    )
+    tread = tyre(bare, wheel)
+    assert tread.radius == 0.17
+    np.testing.assert_allclose(tread.pose[:3, 3], 0.03 * np.array(wheel.axis))
+    assert tread.note.startswith("wheel_left_joint draws no wheel")
+
+
+def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
+    """A ring of eight corners, .15 m about y, from y = .01 to .05 m."""
+    angles = 0.25 * math.pi * np.arange(8)
+    corners = [
+        f"v {0.15 * math.cos(a):.6f} {y} {0.15 * math.sin(a):.6f}"
+        for y in (0.01, 0.05)
+        for a in angles
+    ]
+    faces = [f"f {k} {k % 8 + 1} {k + 8}" for k in range(1, 9)]
+    (tmp_path / "wheel.obj").write_text("\n".join(corners + faces), encoding="utf-8")
+    shape = platform(SET_A).partition("<collision>")[2].partition("</collision>")[0]
+    mesh = '<geometry><mesh filename="wheel.obj"/></geometry>'
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6)).replace(shape, mesh)))
+    tread = tyre(robot, robot.drive.wheels[0])
+    assert tread.radius == pytest.approx(0.15)
+    assert tread.half_width == pytest.approx(0.02)
+    np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.03, 0.0], atol=1e-9)
+    assert abs(tread.pose[1, 2]) == pytest.approx(1.0)
+
+
+# --- the plan -----------------------------------------------------------------------------------
+
+
+def planned(robot: Robot) -> contact_plan.Plan:
+    dynamics = ReducedDynamics(robot)
+    contacts = find_contacts(dynamics)
+    assert contacts is not None
+    return contact_plan.plan_motion(dynamics, contacts)
+
+
+def test_the_servo_pushes_towards_the_plan(paper: Robot) -> None:
+    plan = planned(paper)
+    at, rates = plan.targets[0][0], plan.targets[1][0]
+    np.testing.assert_array_equal(plan.efforts(0, at, rates), plan.tau[0])
+    behind = plan.efforts(0, at - [0.01, 0.0], rates) - plan.tau[0]
+    slow = plan.efforts(0, at, rates - [0.01, 0.0]) - plan.tau[0]
+    inertia = plan.inertia[0]
+    np.testing.assert_allclose(behind[2:], 6400.0 * 0.01 * inertia[:, 0], atol=1e-12)
+    np.testing.assert_allclose(slow[2:], 160.0 * 0.01 * inertia[:, 0], atol=1e-12)
+    assert not behind[:2].any()  # wheels get what the plan says, whatever is measured
+    np.testing.assert_allclose(plan.efforts(0, at + 2.0 * math.pi, rates), plan.tau[0], atol=1e-9)
+
+
+def test_a_slower_motion_is_planned_where_wheels_are_slow(paper: Robot) -> None:
+    """At full pace the right wheel turns at (1 + .8·.75/2…)/.15 rad/s at most; 3 rad/s halve it."""
+    slow = set_limits(paper, velocity={"wheel_*": 3.0})
+    index = [paper.velocity_index(wheel.joint) for wheel in paper.drive.wheels]
+    full, tame = planned(paper).v[:, index], planned(slow).v[:, index]
+    assert np.abs(full).max() > 0.8 * 3.0 >= np.abs(tame).max()
+    np.testing.assert_allclose(tame[-1], full[-1] / 4.0, rtol=1e-6)
+
+
+def test_nothing_gentle_is_a_row_that_says_so(paper: Robot) -> None:
+    found = contact_trial.contact_trial(set_limits(paper, effort={"wheel_*": 1e-6}))
+    assert isinstance(found, Skipped)
+    assert "is not gentle: wheel_" in found.note
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("arm", "a fixed base has nothing to roll"), ("bicycle", "not known to stand: only wheel_")],
+)
+def test_what_cannot_roll_is_left_out_and_said(name: str, why: str) -> None:
+    found = contact_trial.contact_trial(rpctl.load(name))
+    assert isinstance(found, Skipped)
+    assert found.note.startswith(why)
+
+
+# --- the certificate ----------------------------------------------------------------------------
+
+
+def test_the_trial_decides_over_the_certificate(trial: ContactTrial) -> None:
+    certificate = Certificate("paper", 1, 0, (), contact=trial)
+    assert certificate.passed
+    wide = dataclasses.replace(trial.checks[0], residual=1.01)
+    failed = dataclasses.replace(trial, checks=(wide, *trial.checks[1:]))
+    assert not failed.passed
+    assert not dataclasses.replace(certificate, contact=failed).passed
+    assert failed != trial == dataclasses.replace(trial)
+
+
+def test_json_holds_bands_and_short_paths(trial: ContactTrial) -> None:
+    told = json.loads(json.dumps(trial.to_dict(), allow_nan=False))
+    assert [check["name"] for check in told["checks"]] == [check.name for check in trial.checks]
+    assert told["checks"][0]["band"] == pytest.approx(3.5e-3, rel=1e-3)
+    assert told["checks"][0]["unit"] == "m"
+    assert len(told["t"]) == len(told["paths"]["mujoco"]) == len(told["paths"]["reduced"]) == 101
+    np.testing.assert_allclose(told["paths"]["mujoco"][-1], trial.engine.pose[-1], atol=1e-6)
+    np.testing.assert_allclose(told["paths"]["reduced"][50], trial.reduced.pose[100], atol=1e-6)
+
+
+def test_verify_makes_the_trial_when_asked(
+    paper: Robot, trial: ContactTrial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contact_trial, "contact_trial", lambda robot: trial)
+    assert rpctl.verify(paper, samples=1).contact is None
+    certificate = rpctl.verify(paper, samples=1, contact=True)
+    assert certificate.contact is trial
+    assert certificate.to_dict()["contact"]["passed"]
+
+
+def test_without_mujoco_the_row_says_so(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mujoco_engine, "installed", lambda: False)
+    certificate = rpctl.verify(paper, samples=1, engines=(), contact=True)
+    assert certificate.contact is None
+    (row,) = certificate.skipped
+    assert (row.name, row.note) == ("motion on the ground", verify_module.ABSENT)
+
+
+def test_the_command_line_tells_of_the_trial(
+    trial: ContactTrial, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(contact_trial, "contact_trial", lambda robot: trial)
+    page = tmp_path / "paper.html"
+    arguments = ["verify", "paper", "--samples", "1", "--contact", "--html", str(page)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    for text in ("zero-moment point", "3.5 mm", "rolled 1.00 m in MuJoCo, at most"):
+        assert text in result.output
+    assert 'class="trial"' in page.read_text(encoding="utf-8")
+    wide = dataclasses.replace(trial.checks[0], residual=1.01)
+    failed = dataclasses.replace(trial, checks=(wide, *trial.checks[1:]))
+    monkeypatch.setattr(contact_trial, "contact_trial", lambda robot: failed)
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 1
+    assert "not verified: path against MuJoCo, rolling on a plane" in result.output
+
+
+@pytest.mark.parametrize("module", [contact_model, contact_shapes])
+def test_mujocos_side_asks_neither_pinocchio_nor_the_rolling(module: object) -> None:
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
+    imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    used = {name for name in imported if name.startswith(("pinocchio", "rpctl.dynamics"))}
+    assert used <= {"rpctl.dynamics.supports"}  # which parts stand on the ground, by name
+    called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert not called & {"model", "crba", "rnea", "basis", "forwardKinematics"}
+
+
+def test_arrays_are_read_only(trial: ContactTrial) -> None:
+    arrays: list[Array] = [trial.t, trial.footprint, *vars(trial.engine).values()]
+    assert not any(values.flags.writeable for values in arrays)

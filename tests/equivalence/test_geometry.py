@@ -1,0 +1,355 @@
+"""The rows on the file's shapes: slip by paper and pencil, and what a person is told of it."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.equivalence import file_drive, raw_file, wheel_slip
+from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.equivalence.file_drive import quantities
+from rpctl.equivalence.raw_file import read_file
+from rpctl.equivalence.reading import Reading, read
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
+from rpctl.robot.catalog import names
+from tests.description.test_mended import FINE
+from tests.robot.wild import Files, body, meshed
+from tests.robots import SET_A, platform, write
+from tests.vehicles import Parts, rear_axle, vehicle
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path)
+
+
+def row(proof: Certificate, name: str) -> Check:
+    (found,) = (check for check in proof.checks if check.name == name)
+    return found
+
+
+def moved(
+    reading: Reading, twist: list[float], rates: dict[str, float], **positions: float
+) -> Slip:
+    raw = reading.raw
+    return slip(
+        FileMotion(raw, reading.drive, positions, np.array(twist), rates, raw.poses(positions))
+    )
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_minimal_reader_places_every_link_as_the_strict_one(name: str) -> None:
+    description = rpctl.load(name).description
+    raw = read_file(description.raw)
+    rng = np.random.default_rng(3)
+    positions = {joint.name: float(rng.uniform(-1.0, 1.0)) for joint in description.joints}
+    poses = raw.poses(positions)
+    assert list(raw.link) == list(description.link)
+    for link in description.links:
+        expected = description.pose(link.name, positions)
+        np.testing.assert_allclose(poses[link.name], expected, rtol=0, atol=1e-13)
+        shapes = [(s.kind, s.size) for s in (*link.collisions, *link.visuals)]
+        assert [(s.kind, s.size) for s in raw.link[link.name].shapes] == shapes
+
+
+@pytest.mark.parametrize("name", FINE)
+def test_the_minimal_reader_reads_odd_files(name: str) -> None:
+    """Byte-order marks, wide characters, other newlines, namespaces: the same tree."""
+    plain, odd = read_file(FINE["no declaration"]), read_file(FINE[name])
+    assert list(odd.joint) == list(plain.joint)
+    for link, pose in plain.poses({}).items():
+        np.testing.assert_array_equal(odd.poses({})[link], pose)
+
+
+def test_it_reads_by_itself_only_what_yourdfpy_cannot(tmp_path: Path) -> None:
+    text = platform(SET_A)
+    assert read(rpctl.load(write(tmp_path, text))).yourdfpy
+    spaced = text.replace("<robot ", '<robot xmlns="http://example.org/urdf" ')
+    robot = rpctl.load(write(tmp_path, spaced))
+    reading = read(robot)
+    assert not reading.yourdfpy
+    assert reading.links == reading.raw.links
+    assert rpctl.verify(robot, 2).passed
+
+
+@pytest.mark.parametrize("module", [raw_file, file_drive, wheel_slip])
+def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: object) -> None:
+    """Of ``description`` only meshes are opened through it; of ``robot`` records are named."""
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
+    imported = {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    own = {each for each in imported if each.startswith(("rpctl.description", "rpctl.robot"))}
+    assert own <= {
+        "rpctl.description.mesh_files",
+        "rpctl.description.mesh_paths.MeshError",
+        "rpctl.description.mesh_paths.MeshPaths",
+        "rpctl.robot.drive.Drive",
+        "rpctl.robot.drive.Swivel",
+        "rpctl.robot.drive.Wheel",
+        "rpctl.robot.model.Robot",
+    }
+    read_of_robot = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+    assert not read_of_robot & {"xml", "model", "link_", "child_joints", "parent_joint"}
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_drive_is_measured_as_it_was_detected(name: str) -> None:
+    robot = rpctl.load(name)
+    reading = read(robot)
+    assert reading.shapeless == ()
+    found = list(quantities(reading.measured))
+    assert len(found) >= 3
+    for (label, one), (_, other) in zip(found, quantities(robot.drive), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12, err_msg=label)
+
+
+def test_slip_of_a_platform_by_hand(tmp_path: Path) -> None:
+    """Track 1.5 m, radius .15 m, straight on at 1 m/s and 10 % too slow a left wheel."""
+    reading = read(rpctl.load(write(tmp_path, platform(SET_A))))
+    found = moved(reading, [1.0, 0.0, 0.0], {"left_joint": 6.0, "right_joint": 1.0 / 0.15})
+    assert found.speed == pytest.approx(1.0)
+    assert found.held["left_joint, forward"] == pytest.approx(0.1)
+    assert found.held["right_joint, forward"] == pytest.approx(0.0, abs=1e-15)
+    assert found.base == pytest.approx({"v": 1.0, "omega": 0.0})
+    aside = moved(reading, [3.0, 4.0, 0.0], {"left_joint": 20.0, "right_joint": 20.0})
+    assert aside.speed == pytest.approx(5.0)
+    assert aside.held["left_joint, sideways"] == pytest.approx(0.8)
+    assert aside.held["P, sideways"] == pytest.approx(0.8)
+    turning = moved(reading, [0.0, 0.0, 2.0], {"left_joint": -10.0, "right_joint": 10.0})
+    assert turning.speed == pytest.approx(1.5)
+    assert max(turning.held.values()) < 1e-15
+    assert turning.base == pytest.approx({"v": 0.0, "omega": 2.0})
+
+
+def test_slip_of_a_steered_wheel_by_hand(tmp_path: Path) -> None:
+    """Rear axle at x = −.1, front contact 3 cm ahead and 1 cm left of its pivot at x = .6."""
+    reading = read(rpctl.load(write(tmp_path, vehicle("tricycle"))))
+    rates = {"rear_left": 10.0, "rear_right": -10.0, "front": 10.0, "steer": 0.5}
+    found = moved(reading, [1.0, 0.0, 0.0], rates)
+    # The fork takes it along at .5 rad/s: 1.5 cm/s to the left and .5 cm/s back.
+    assert found.held["front, sideways"] == pytest.approx(0.015)
+    assert found.held["front, forward"] == pytest.approx(0.005)
+    turned = moved(reading, [1.0, 0.0, 0.0], {**rates, "steer": 0.0}, steer=0.5)
+    assert turned.held["front, sideways"] == pytest.approx(math.sin(0.5))
+    assert turned.held["front, forward"] == pytest.approx(1.0 - math.cos(0.5))
+
+
+def test_rollers_are_held_along_themselves_only() -> None:
+    reading = read(rpctl.load("mecanum"))
+    radius = reading.drive.wheels[0].radius
+    names_ = [wheel.joint for wheel in reading.drive.wheels]
+    spun = moved(reading, [0.7, 0.0, 0.0], dict.fromkeys(names_, 0.7 / radius))
+    assert max(spun.held.values()) < 1e-15
+    aside = moved(reading, [0.0, 0.7, 0.0], dict.fromkeys(names_, 0.0))
+    assert set(aside.held) == {f"{name}, along its roller" for name in names_}
+    np.testing.assert_allclose(list(aside.held.values()), math.sqrt(0.5))
+    assert not aside.designed
+
+
+def test_what_slides_by_design_is_told_by_hand() -> None:
+    """A skid-steer base: an axle a ahead of P slides sideways at a ω, and so it says."""
+    robot = rpctl.load("skid_steer")
+    reading = read(robot)
+    drive, b = reading.drive, 0.5 * robot.drive.track
+    ahead = float(file_drive.measure(robot, reading.raw)[0].point[0])
+    rates = {w.joint: (0.5 - 0.25 * b * (1 if "left" in w.joint else -1)) / w.radius
+             for w in drive.wheels}  # fmt: skip
+    found = moved(reading, [0.5, 0.0, 0.25], rates)
+    (a,) = {
+        round(abs(float(reading.raw.poses({})[reading.raw.joint[w.joint].child][0, 3]) - ahead), 9)
+        for w in drive.wheels
+    }
+    speed = math.hypot(0.5 + 0.25 * b, 0.25 * a)
+    np.testing.assert_allclose(list(found.designed.values()), 0.25 * a / speed)
+    assert len(found.designed) == 4
+    proof = rpctl.verify(robot, samples=2, engines=())
+    assert row(proof, "wheels' contact at S ν").note.startswith("by the drive's model wheel_")
+    assert proof.passed
+
+
+WIDE = """type = "skid-steer"
+track = {track}
+[[wheel]]
+joint = "wheel_front_left_joint"
+[[wheel]]
+joint = "wheel_front_right_joint"
+[[wheel]]
+joint = "wheel_rear_left_joint"
+[[wheel]]
+joint = "wheel_rear_right_joint"
+"""
+
+
+def test_a_declared_track_is_where_the_wheels_grip(tmp_path: Path) -> None:
+    """Of what its own track leaves, a wider one makes (T − t)/2 ω of slip, and says so."""
+    plain = rpctl.load("skid_steer")
+    track = 1.25 * plain.drive.track
+    drive = write(tmp_path, WIDE.format(track=track), "drive.toml")
+    robot = rpctl.load("skid_steer", drive=drive)
+    proof = rpctl.verify(robot, samples=3, engines=())
+    assert row(proof, "wheels' contact at S ν").residual < 1e-12
+    assert proof.passed
+    (told,) = proof.declared
+    assert told.residual > 0.01
+    reading = read(robot)
+    radius, turn = robot.drive.wheels[0].radius, 0.6
+    rates = {w.joint: 0.5 * track * turn / radius * (-1 if "left" in w.joint else 1)
+             for w in robot.drive.wheels}  # fmt: skip
+    found = moved(reading, [0.0, 0.0, turn], rates)
+    forward = [size for key, size in found.held.items() if key.endswith("forward")]
+    np.testing.assert_allclose(forward, 0.0, atol=1e-15)
+    bare = dataclasses.replace(reading, drive=reading.measured)
+    slips = [s for k, s in moved(bare, [0.0, 0.0, turn], rates).held.items() if "forward" in k]
+    expected = 0.5 * (track - plain.drive.track) * turn
+    np.testing.assert_allclose(np.array(slips) * found.speed, expected, rtol=1e-12)
+
+
+SPOKE = """
+  <link name="{name}"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>
+    <collision><geometry><sphere radius="{radius}"/></geometry></collision></link>
+  <joint name="{name}_joint" type="{kind}"><parent link="left_wheel"/><child link="{name}"/>
+    <axis xyz="1 0 0"/></joint>"""
+
+
+def test_what_moves_on_a_wheel_is_not_the_wheel(tmp_path: Path) -> None:
+    """A roller that turns on a wheel is none of its shape; one that is frozen, or fixed, is."""
+
+    def radius(kind: str, **options: object) -> float:
+        extra = SPOKE.format(name="spoke", radius=0.153, kind=kind)
+        path = write(tmp_path, platform(SET_A, extra=extra))
+        robot = rpctl.load(path, **options)  # type: ignore[arg-type]
+        measured, _ = file_drive.measure(robot, read_file(robot.description.raw))
+        (left,) = (w for w in measured.wheels if w.joint == "left_joint")
+        return left.radius
+
+    assert radius("continuous") == 0.15
+    assert radius("continuous", lock=["spoke_joint"]) == 0.153
+    assert radius("fixed") == 0.153
+
+
+def test_wheels_that_share_a_lateral_force_are_held_on_average(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, vehicle("parallel")))
+    proof = rpctl.verify(robot, samples=3, engines=())
+    check = row(proof, "wheels' contact at S ν")
+    assert check.residual < 1e-12
+    assert "front_" in check.note
+    assert "sideways" in check.note
+
+
+@pytest.mark.parametrize("degrees", [0.3, 0.8])
+def test_toe_in_is_told_in_words(tmp_path: Path, degrees: float) -> None:
+    text = platform(SET_A)
+    for y, sign in (("0.75", 1), ("-0.75", -1)):
+        turn = f'rpy="0 0 {math.radians(sign * degrees)!r}"'
+        text = text.replace(f'xyz="0 {y} 0.15"', f'xyz="0 {y} 0.15" {turn}')
+    robot = rpctl.load(write(tmp_path, text))
+    assert robot.drive.heading == pytest.approx(0.0, abs=1e-15)  # it goes straight on
+    check = row(rpctl.verify(robot, samples=20, engines=()), "wheels' contact at S ν")
+    # A wheel slides sideways at the sine of its angle, of its own speed: the faster's at most.
+    assert check.residual == pytest.approx(math.sin(math.radians(degrees)), rel=0.01)
+    percent = f"{100.0 * check.residual:.2g} % of the robot's speed"
+    assert check.entry.endswith(f"slides sideways at {percent}")
+    assert check.passed
+
+
+def test_a_record_that_contradicts_the_shapes_fails_in_words(paper: Robot) -> None:
+    left, right = paper.drive.wheels
+    larger = dataclasses.replace(left, radius=0.165)
+    drive = dataclasses.replace(paper.drive, wheels=(larger, right))
+    proof = rpctl.verify(dataclasses.replace(paper, drive=drive), samples=3, engines=())
+    check = row(proof, "wheels' contact at S ν")
+    assert check.residual == pytest.approx(1.0 - 0.15 / 0.165)
+    assert check.entry == "wheel_left_joint slides forward at 9.1 % of the robot's speed"
+    assert row(proof, "drive's geometry").entry == (
+        "radius of wheel_left_joint: 0.165 in the drive, 0.15 as drawn"
+    )
+    assert not proof.passed
+
+
+DECLARED = """type = "differential"
+[[wheel]]
+joint = "left_joint"
+radius = 0.165
+[[wheel]]
+joint = "right_joint"
+"""
+
+
+def test_a_declared_number_is_told_and_fails_when_strict(files: Files) -> None:
+    robot = files.load(platform(SET_A), DECLARED)
+    proof = rpctl.verify(robot, samples=3, engines=())
+    assert proof.passed
+    (told,) = proof.declared
+    assert told.residual == pytest.approx(1.0 - 0.15 / 0.165)
+    assert told.entry == "left_joint slides forward at 9.1 % of the robot's speed"
+    assert "radius of left_joint: 0.165 in the drive, 0.15 as drawn" in told.note
+    assert proof.shared == ("declared radius of left_joint",)
+    strict = rpctl.verify(robot, samples=3, engines=(), strict=True)
+    assert not strict.passed
+    assert [check.name for check in strict.checks if not check.passed] == ["declared numbers"]
+    assert strict.declared == ()
+    plain = json.loads(json.dumps(proof.to_dict(), allow_nan=False))
+    assert plain["declared"][0]["name"] == "declared numbers"
+
+
+def test_a_declared_number_that_is_as_drawn_is_no_news(files: Files) -> None:
+    robot = files.load(platform(SET_A), DECLARED.replace("0.165", "0.15"))
+    proof = rpctl.verify(robot, samples=2, engines=(), strict=True)
+    assert proof.passed
+    assert proof.declared == ()
+    assert proof.shared == ("declared radius of left_joint",)
+
+
+def test_a_whole_drive_from_python_is_declared(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(SET_A))
+    drive = rpctl.load(path).drive
+    left, right = drive.wheels
+    given = dataclasses.replace(drive, wheels=(dataclasses.replace(left, radius=0.165), right))
+    proof = rpctl.verify(rpctl.load(path, drive=given), samples=2, engines=())
+    assert proof.passed
+    assert proof.shared == ("the drive, given as a whole",)
+    assert proof.declared[0].residual == pytest.approx(1.0 - 0.15 / 0.165)
+
+
+def test_a_wheel_without_a_shape_is_told(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    for name, y in (("front_left", 0.3), ("front_right", -0.3)):
+        meshed(parts, name, f"0.5 {y} 0.1")
+    robot = files.load(parts, "skid-steer")
+    proof = rpctl.verify(robot, samples=2, engines=())
+    (skipped,) = (each for each in proof.skipped if each.against == "the file's shapes")
+    assert skipped.note.startswith("no shape of front_left, front_right can be read")
+    assert proof.shared == ("radius of front_left, front_right, which have no shape",)
+    assert proof.passed
+
+
+def test_a_fixed_base_has_no_such_rows() -> None:
+    proof = rpctl.verify(rpctl.load("arm"), samples=2, engines=())
+    assert "the file's shapes" not in {check.against for check in proof.checks}
+
+
+def test_estimated_inertias_are_shared(tmp_path: Path) -> None:
+    bare = Parts([])
+    bare.link("base", 25.0)
+    rear_axle(bare)
+    cube = '<link name="box"><collision><geometry><box size=".1 .2 .3"/></geometry></collision>'
+    bare.xml.append(f"{cube}</link>")
+    bare.joint("box_joint", "fixed", ("base", "box"), "0 0.1 0.3", "0 0 1")
+    path = write(tmp_path, f'<robot name="r">{"".join(bare.xml)}</robot>')
+    proof = rpctl.verify(rpctl.load(path, density=1000.0), samples=3)
+    assert proof.shared == ("estimated inertias of box",)
+    assert proof.passed

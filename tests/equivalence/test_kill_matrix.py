@@ -1,0 +1,89 @@
+"""The certificate is no formality: every planted fault trips rows, every row is tripped alone."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
+from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.state import draw_state
+from tests.equivalence.kill_matrix import (
+    FAULTS,
+    FEW,
+    GENERAL,
+    PROBES,
+    SAMPLES,
+    Row,
+    tripped,
+    victim,
+)
+
+robot_of = cache(victim)
+BELOW_ZERO = "file: an inertia below zero"  # nothing else trips M's definiteness
+
+
+def rows(robot: Robot) -> set[Row]:
+    return {(check.name, check.against) for check in rpctl.verify(robot, samples=1).checks}
+
+
+def test_the_general_robot_has_what_the_faults_need() -> None:
+    robot = robot_of(GENERAL)
+    assert {joint.kind for joint in robot.joints} == {"revolute", "prismatic", "continuous"}
+    assert len(robot.mimics) == 1
+    assert min(abs(wheel.offset) for wheel in robot.drive.wheels) > 1e-3
+    assert min(abs(coordinate) for coordinate in robot.drive.point) > 1e-3
+
+
+@pytest.mark.parametrize("who", sorted({who for who, _ in (*FAULTS.values(), *PROBES.values())}))
+def test_without_a_fault_it_passes(who: str) -> None:
+    assert rpctl.verify(robot_of(who), samples=SAMPLES).passed
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_trips_two_rows_or_more(name: str) -> None:
+    who, plant = FAULTS[name]
+    assert len({check.name for check in tripped(robot_of(who), plant)}) >= 2
+
+
+def test_every_row_is_tripped_by_a_fault_that_trips_few_others() -> None:
+    """A row that is compared with itself, or whose limit is 1e9 times too wide, trips on none."""
+    alone: set[Row] = set()
+    for who, plant in (*PROBES.values(), FAULTS[BELOW_ZERO]):
+        found = {(check.name, check.against) for check in tripped(robot_of(who), plant)}
+        assert found
+        assert len(found) <= FEW
+        alone |= found
+    assert alone >= rows(robot_of(GENERAL)) | rows(robot_of("swerve"))
+
+
+def test_a_fault_leaves_nothing_behind() -> None:
+    """Each is planted and taken out again: the same certificate as before."""
+    for who, plant in (*FAULTS.values(), *PROBES.values()):
+        with plant(robot_of(who)):
+            pass
+    assert rpctl.verify(robot_of(GENERAL), samples=SAMPLES).passed
+
+
+def test_the_worst_sample_is_kept(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """h is wrong at four of six samples, by sizes that neither rise nor fall."""
+    wrong = {1: 1e-6, 2: 1e-8, 3: 1e-3, 4: 1e-5}
+    states = {draw_state(paper, 0, k).q.tobytes(): size for k, size in wrong.items()}
+    original = ReducedDynamics.bias
+
+    def bias(self: ReducedDynamics, q: Array, nu: Array) -> Array:
+        return original(self, q, nu) * (1.0 + states.get(q.tobytes(), 0.0))
+
+    monkeypatch.setattr(ReducedDynamics, "bias", bias)
+    proof = rpctl.verify(paper, samples=6, engines=())
+    (check,) = (each for each in proof.checks if each.name == "reduced bias h")
+    q, nu = draw_state(paper, 0, 3).q, draw_state(paper, 0, 3).nu
+    h = original(ReducedDynamics(paper), q, nu)
+    assert check.sample == 3
+    size = GibbsAppell(paper).reduced(q, nu).h_size.max()
+    assert check.residual == pytest.approx(1e-3 * np.abs(h).max() / size, rel=1e-6)
+    assert check.entry == paper.quasi_velocities[int(np.abs(h).argmax())]

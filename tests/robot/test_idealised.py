@@ -1,0 +1,336 @@
+"""What is idealised: said where it applies, with the number that pencil and paper give."""
+
+from __future__ import annotations
+
+import math
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import rpctl
+from rpctl import Robot
+from rpctl.robot.idealisation import Idealisation
+from rpctl.robot.idealised import idealisations
+from tests.robot.wild import Files, body, xml
+from tests.robots import SET_A, four_wheels, platform, write
+from tests.vehicles import Parts, caster, rear_axle, vehicle
+
+THIN = "thin wheels"
+STEERING = "singular steering"
+LIMIT = '<limit lower="-1.2" upper="1.2" effort="40" velocity="6"/>'  # that Parts give
+MEMO = platform(SET_A)  # wheels of 0.15 m, 40 mm wide, at y = ±0.75 m
+
+
+def said(robot: Robot) -> dict[str, Idealisation]:
+    """Return what is idealised by its kind, but for the wheels' width; each kind once."""
+    found = [each for each in idealisations(robot) if each.what != THIN]
+    told = {each.what: each for each in found}
+    assert len(told) == len(found)
+    return told
+
+
+def only(robot: Robot) -> Idealisation:
+    (found,) = said(robot).values()
+    return found
+
+
+def of_car(parts: Parts, files: Files) -> list[Idealisation]:
+    """Return what is idealised of a car's wheels; its steering has limits that are wide."""
+    return [each for each in idealisations(files.load(parts)) if each.what not in (THIN, STEERING)]
+
+
+def turned_axles(tmp_path: Path, *axes: tuple[float, float, float]) -> Robot:
+    text = MEMO
+    for axis in axes:
+        numbers = " ".join(map(repr, axis))
+        text = text.replace('<axis xyz="0 1 0"/>', f'<axis xyz="{numbers}" />', 1)
+    return rpctl.load(write(tmp_path, text))
+
+
+def toed(tmp_path: Path, left: float, right: float) -> Robot:
+    """Return a platform whose axles are turned about the vertical, rad."""
+    return turned_axles(
+        tmp_path, *((-math.sin(angle), math.cos(angle), 0.0) for angle in (left, right))
+    )
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed_chain", "casters"])
+def test_a_clean_robot_has_thin_wheels_and_no_more(name: str) -> None:
+    (thin,) = idealisations(rpctl.load(name))
+    width = {"paper": 70.0, "mixed_chain": 50.0, "casters": 40.0}[name]
+    assert (thin.what, thin.unit) == (THIN, "mm")
+    assert thin.value == pytest.approx(width)
+    assert f"though up to {width:g} mm wide" in thin.sentence
+
+
+def test_a_fixed_base_has_no_wheels() -> None:
+    assert idealisations(rpctl.load("arm")) == ()
+
+
+def test_axles_that_are_not_parallel(tmp_path: Path) -> None:
+    found = only(toed(tmp_path, math.radians(0.8), math.radians(-0.8)))
+    assert (found.what, found.unit) == ("heading", "°")
+    assert found.value == pytest.approx(0.8)
+    assert "the mean of 2 axles that are not parallel" in found.sentence
+    assert found.sentence.endswith("is 0.8° (14 mrad) off it")
+    one = said(toed(tmp_path, math.radians(0.8), 0.0))
+    assert one["heading"].value == pytest.approx(0.4)
+    # The wheels, 1.5 m apart, lie on a line that the mean axle crosses at 0.4°.
+    assert one["axle scatter"].value == pytest.approx(1500.0 * math.sin(math.radians(0.4)))
+    assert not said(toed(tmp_path, 0.9e-4, -0.9e-4))
+    assert only(toed(tmp_path, 1.1e-4, -1.1e-4)).value == pytest.approx(math.degrees(1.1e-4))
+
+
+def test_an_axle_that_leans(tmp_path: Path) -> None:
+    lean = math.radians(0.5)
+    found = only(turned_axles(tmp_path, (0, 1, 0), (0.0, math.cos(lean), -math.sin(lean))))
+    assert found.what == "axle lean"
+    assert found.value == pytest.approx(0.5)
+    assert '"right_joint" (line' in found.sentence
+    assert found.sentence.endswith("leans 0.5°")
+    assert not said(turned_axles(tmp_path, (0.0, 1.0, 0.9e-4), (0, 1, 0)))
+
+
+def test_wheels_nearly_on_one_axle(tmp_path: Path) -> None:
+    """The left wheel 3 mm ahead; the contacts are level."""
+    found = only(rpctl.load(write(tmp_path, MEMO.replace('xyz="0 0.75', 'xyz="0.003 0.75'))))
+    assert (found.what, found.unit) == ("axle scatter", "mm")
+    assert found.value == pytest.approx(3.0)
+    assert found.sentence.endswith("their centres are 3 mm apart along the heading")
+    assert "left_joint" in found.sentence
+    assert "right_joint" in found.sentence
+    assert not said(rpctl.load(write(tmp_path, MEMO.replace('xyz="0 0.75', 'xyz="9e-6 0.75'))))
+
+
+def test_wheels_that_end_at_two_heights(tmp_path: Path) -> None:
+    """Bottoms at 0 and 4 mm: the ground at 2 mm, a wheel 2 mm off it."""
+    text = MEMO.replace('xyz="0 -0.75 0.15"', 'xyz="0 -0.75 0.154"')
+    found = only(rpctl.load(write(tmp_path, text)))
+    assert (found.what, found.unit) == ("contact height", "mm")
+    assert found.value == pytest.approx(2.0)
+    assert "2 mm below it" in found.sentence or "2 mm above it" in found.sentence
+    assert not said(rpctl.load(write(tmp_path, text.replace("0.154", "0.150015"))))
+
+
+def test_a_wheel_that_ends_below_the_others(files: Files) -> None:
+    """Bottoms at 0, 0 and −3 mm: the ground at −1 mm, the third 2 mm below it."""
+    parts = body()
+    rear_axle(parts)
+    parts.wheel("stray", "base", "0.4 0 0.097")
+    found = said(files.load(parts))["contact height"]
+    assert found.value == pytest.approx(2.0)
+    assert found.sentence.endswith('"stray" (line 1) ends 2 mm below it')
+
+
+def test_axles_that_share_one_constraint(tmp_path: Path) -> None:
+    """Axles at 0 and −0.9 m: P lies between them, 0.45 m from each."""
+    found = only(four_wheels(tmp_path, "skid-steer"))
+    assert (found.what, found.unit) == ("axles apart", "m")
+    assert found.value == pytest.approx(0.45)
+    assert "2 fixed axles share one lateral constraint, at P" in found.sentence
+    assert "at 0.45 m/s for each rad/s" in found.sentence
+    assert not said(four_wheels(tmp_path, "mecanum"))
+    told = write(tmp_path, 'type = "skid-steer"\npoint = [-0.2, 0]\n', "drive.toml")
+    found = only(rpctl.load(tmp_path / "skid-steer.urdf", drive=told))
+    assert found.value == pytest.approx(0.7)
+    assert "rear_" in found.sentence
+
+
+def cylinder(r: float, role: str, x: float = 0.0) -> str:
+    origin = f'<origin xyz="{x} 0 0" rpy="{pi / 2} 0 0"/>'
+    return f'<{role}>{origin}<geometry><cylinder radius="{r}" length="0.05"/></geometry></{role}>'
+
+
+def cart(shape: str) -> Parts:
+    parts = body()
+    for name, y in (("left", 0.2), ("right", -0.2)):
+        parts.link(f"{name}_link", 1.0, shape)
+        parts.joint(name, "continuous", ("base", f"{name}_link"), f"0 {y} 0.1", "0 1 0")
+    return parts
+
+
+def test_a_visual_radius_that_is_not_the_collisions(files: Files) -> None:
+    shapes = cylinder(0.1, "collision") + cylinder(0.11, "visual")
+    found = only(files.load(cart(shapes)))
+    assert (found.what, found.value, found.unit) == ("radius", 0.11, "m")
+    assert found.sentence == (
+        'the radius of "left" (line 1), "right" (line 1) is 0.1 m (collision cylinder), that of '
+        "the visual shape 0.11 m (visual cylinder, line 1); simulators roll on the collision"
+    )
+    assert not said(files.load(cart(cylinder(0.1, "collision") + cylinder(0.1, "visual"))))
+    text = xml(cart(shapes)).replace('radius="0.11"', 'radius="0.12"', 1)
+    assert [each.value for each in idealisations(files.load(text))[:2]] == [0.12, 0.11]
+    lugs = '<visual><geometry><box size="0.2 0.04 0.2"/></geometry></visual>'
+    assert not said(files.load(cart(shapes + lugs)))  # what is drawn reaches further than one knows
+    told = 'type = "differential"\n' + "".join(
+        f'[[wheel]]\njoint = "{name}"\nradius = 0.12\n' for name in ("left", "right")
+    )
+    radii = {each.value: each.sentence for each in idealisations(files.load(cart(shapes), told))}
+    assert set(radii) == {0.1, 0.11}
+    assert "is 0.12 m (drive file), that of the collision shape 0.1 m" in radii[0.1]
+    seen = files.load(cart(cylinder(0.1, "visual")), told)
+    assert only(seen).sentence.endswith("there is no round collision")
+
+
+def test_meshes_that_are_no_finer_than_their_corners(files: Files) -> None:
+    turn = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # z becomes −y
+    for name, r in (("near", 0.1004), ("far", 0.1006)):
+        disc = trimesh.creation.cylinder(radius=r, height=0.04, sections=32, transform=turn)
+        disc.export(files.folder / f"{name}.stl")
+    shape = '<visual><geometry><mesh filename="{}.stl"/></geometry></visual>'
+    rolls = cylinder(0.1, "collision")
+    assert not said(files.load(cart(rolls + shape.format("near"))))
+    assert only(files.load(cart(rolls + shape.format("far")))).value == pytest.approx(0.1006)
+    (alone,) = idealisations(files.load(cart(shape.format("far"))))
+    assert alone.what == THIN
+    assert alone.value == pytest.approx(40.0)
+
+
+def test_a_shape_that_is_off_the_axle(files: Files) -> None:
+    found = idealisations(files.load(cart(cylinder(0.1, "collision", x=0.003))))
+    assert [each.what for each in found] == ["eccentric wheel", "eccentric wheel", THIN]
+    assert found[0].value == pytest.approx(3.0)
+    assert "is centred 3 mm off its axle" in found[0].sentence
+    assert not said(files.load(cart(cylinder(0.1, "collision", x=9e-6))))
+
+
+def car(trail: float, axis: str = "0 0 1") -> Parts:
+    """Return a car with a front axle 0.7 m ahead; the left contact is ``trail`` ahead of its axis.
+
+    The swivels' origins are 0.1 m above the ground.
+    """
+    parts = body()
+    rear_axle(parts)
+    parts.swivel("steer_left", "0.7 0.25 0.1", "revolute", axis)
+    parts.wheel("front_left", "steer_left_fork", f"{trail} 0.05 0")
+    parts.swivel("steer_right", "0.7 -0.25 0.1", "revolute")
+    parts.wheel("front_right", "steer_right_fork", "0 -0.05 0")
+    return parts
+
+
+def test_trails_of_wheels_that_steer_together(files: Files) -> None:
+    assert of_car(car(0.0), files) == []
+    for trail, where in ((0.0015, "1.5 mm ahead of"), (-0.0015, "1.5 mm behind")):
+        (found,) = of_car(car(trail), files)
+        assert found.what == "trail"
+        assert found.value == pytest.approx(1e3 * trail)
+        assert '"steer_left" (line 1) steers together with others' in found.sentence
+        assert f"its contact is {where} its axis" in found.sentence
+    assert of_car(car(9e-6), files) == []
+
+
+def test_the_trail_that_is_kept_is_not_said(tmp_path: Path) -> None:
+    assert not said(rpctl.load(write(tmp_path, vehicle("casters"))))
+    assert not said(rpctl.load(write(tmp_path, vehicle("tricycle"))))  # 30 mm
+
+
+def test_a_swivel_that_leans(files: Files) -> None:
+    """tan of the lean is 0.01: 1 mm for 0.1 m above the ground."""
+    (found,) = of_car(car(0.0, axis="0.006 0.008 1"), files)
+    assert (found.what, found.unit) == ("swivel lean", "°")
+    assert found.value == pytest.approx(math.degrees(math.atan(0.01)))
+    assert "leans 0.573° and is taken to be upright" in found.sentence
+    assert "meet the ground 1 mm from below its origin" in found.sentence
+
+
+def test_wheels_of_one_swivel_that_are_not_parallel(files: Files) -> None:
+    turn = math.radians(0.6)
+    parts = body()
+    rear_axle(parts)
+    parts.swivel("steer", "0.6 0 0.1", "revolute")
+    parts.wheel("one", "steer_fork", "0 0.05 0")
+    parts.wheel("two", "steer_fork", "0 -0.05 0", f"{-math.sin(turn)} {math.cos(turn)} 0")
+    found = only(files.load(parts))
+    assert found.what == "swivel heading"
+    assert found.value == pytest.approx(0.6)
+    assert 'the axle of "two" (line 1) is 0.6° off' in found.sentence
+
+
+@pytest.mark.parametrize("limit", [None, 1.5])
+def test_steering_that_no_sample_has(tmp_path: Path, limit: float | None) -> None:
+    """A bicycle's hold on its base is cos δ: below a tenth from acos 0.1 on, 84.3°."""
+    text = vehicle("bicycle")
+    assert not said(rpctl.load(write(tmp_path, text)))
+    if limit is None:
+        text = text.replace('"steer" type="revolute"', '"steer" type="continuous"')
+    else:
+        text = text.replace('lower="-1.2" upper="1.2"', f'lower="{-limit}" upper="{limit}"')
+    found = only(rpctl.load(write(tmp_path, text)))
+    reach = pi if limit is None else limit
+    gap = 4.0 * math.asin(0.1) if limit is None else 2.0 * (limit - math.acos(0.1))
+    assert (found.what, found.unit) == (STEERING, "%")
+    assert found.value == pytest.approx(100.0 * gap / (2.0 * reach), rel=1e-9)
+    inner, outer = math.degrees(math.acos(0.1)), min(95.739, math.degrees(reach))
+    spans = f"from {-outer:.1f}° to {-inner:.1f}° and {inner:.1f}° to {outer:.1f}°: "
+    assert spans in found.sentence
+    assert found.sentence.endswith(f": {found.value:.2g} % of its range")
+
+
+def test_steering_of_a_wheel_beside_the_middle(tmp_path: Path) -> None:
+    """A car's left wheel, 0.7 m ahead and 0.25 m to the left: its hold is cos(δ − atan 0.25/0.7).
+
+    To the right, below −64.6°, it is less than a tenth; its limits are ±1.2 rad, or ±68.8°.
+    """
+    found = only(rpctl.load(write(tmp_path, vehicle("car-like"))))
+    gap = 1.2 - (math.acos(0.1) - math.atan2(0.25, 0.7))
+    assert found.value == pytest.approx(100.0 * gap / 2.4, rel=1e-9)
+    assert '"steer_left" (line 1) from -68.8° to -64.6°: 3 %' in found.sentence
+
+
+def test_steering_of_two_leaders(tmp_path: Path) -> None:
+    """The hold is 0.75 |cos φ₂| between pivots 0.75 m apart, one behind the other.
+
+    A tenth is 0.05 |(1, 0, −0.3 / 0.5)|, as the first pivot is 0.3 m to the left and 0.5 m away.
+    """
+    found = only(rpctl.load(write(tmp_path, vehicle("steered"))))
+    edge = math.asin(0.05 * math.sqrt(1.36) / 0.75)
+    assert found.value == pytest.approx(100.0 * 4.0 * edge / (2.0 * pi), rel=1e-9)
+    assert '"rl_steer" (line 1)' in found.sentence
+    assert "the others at 0: 5 % of its range" in found.sentence
+
+
+def test_losses_that_are_left_out(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.xml = [
+        part.replace("</joint>", '<dynamics damping="0.2"/></joint>') for part in parts.xml
+    ]
+    for name, kind, loss in (
+        ("shoulder", "revolute", 'damping="0.5" friction="0.3"'),
+        ("slide", "prismatic", 'damping="70" friction="0"'),
+        ("head", "revolute", 'damping="9"'),
+    ):
+        parts.link(f"{name}_link", 1.0)
+        more = f'<limit lower="-1" upper="1" effort="9" velocity="1"/><dynamics {loss}/>'
+        text = Parts([])
+        text.joint(name, kind, ("base", f"{name}_link"), "0 0 0.5", "0 0 1", more)
+        parts.xml += [part.replace(LIMIT, "") for part in text.xml]
+    found = [each for each in idealisations(files.load(parts, lock=["head"])) if each.what != THIN]
+    assert [(each.what, each.value, each.unit) for each in found] == [
+        ("damping", 0.5, "N·m·s/rad"),
+        ("friction", 0.3, "N·m"),
+        ("damping", 70.0, "N·s/m"),
+    ]
+    assert found[0].sentence == (
+        '<dynamics> damping of 3 joints is left out, at most 0.5 N·m·s/rad of "shoulder" (line 1)'
+    )
+    assert found[1].sentence == ('<dynamics> friction is left out: 0.3 N·m of "shoulder" (line 1)')
+
+
+def test_wheels_that_slide(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.wheel("stray", "base", "0.4 0 0.1")
+    found = only(files.load(parts))
+    assert (found.what, found.value) == ("sliding wheels", 1.0)
+    assert found.sentence == '"stray" (line 1) slides sideways without friction'
+
+
+def test_casters_say_nothing_of_what_they_keep(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    caster(parts, "caster", 0.4, 0.0, 0.05, twin=True)
+    assert not said(files.load(xml(parts)))

@@ -1,0 +1,350 @@
+"""What a report's page holds of a run that is known on paper: charts, efforts, ground reactions."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl import Robot, Run
+from rpctl.view.chart_data import chart_data
+from rpctl.view.overlay import contact_forces, overlay
+from tests import golden as made
+from tests.golden import COUNT, TIMES
+
+Array = np.ndarray[Any, Any]
+EFFORTS = np.array(made.EFFORTS)
+FLOAT32 = 1e-6  # relative: what a page holds is rounded so
+
+
+def floats(text: str) -> Array:
+    return np.frombuffer(base64.b64decode(text), "<f4").astype(float)
+
+
+def told(*runs: Run) -> dict[str, Any]:
+    """Return the charts of runs by title, as a page decodes them."""
+    data = chart_data(runs, [f"run {k}" for k in range(len(runs))])
+    return {"x": floats(data["x"]), **{chart["title"]: chart for chart in data["charts"]}}
+
+
+def lines(chart: dict[str, Any], variant: int = 0) -> dict[str, dict[str, Any]]:
+    return {line["label"]: line for line in chart["variants"][variant]["lines"]}
+
+
+def speeds(first: float, slope: float) -> Array:
+    return first + slope * np.arange(COUNT)
+
+
+SHARES = 100.0 * EFFORTS / np.array([40.0, 1.0, 15.0, 20.0, 80.0])
+# Title, unit of the axis, limits; label, unit told, factor to it, what is drawn, its reference.
+Drawn = tuple[str, str, float, Any, Any]
+CHARTS: dict[str, tuple[str, list[float], list[Drawn]]] = {
+    "Base error": ("m, rad", [], [
+        ("distance", "m", 1.0, [5.0, 0.5, 0.5, 0.13, 0.1, 0.05], None),
+        ("longitudinal x₁", "m", 1.0, [3.0, -0.3, 0.3, 0.05, -0.06, 0.03], None),
+        ("lateral x₂", "m", 1.0, [4.0, 0.4, -0.4, 0.12, -0.08, -0.04], None),
+        ("heading x₃", "rad", 1.0, made.HEADING_ERRORS, None),
+    ]),
+    "End-effector error": ("m, rad", [], [
+        ("position", "m", 1.0, [0.7, 0.3, 0.07, 0.03, 0.07, 0.03], None),
+        ("orientation", "rad", 1.0, [0.06, 0.05, 0.04, 0.03, 0.02, 0.01], None),
+    ]),
+    "Joint errors": ("rad, m", [], [
+        ("swing", "rad", 1.0, made.SWING_ERRORS, None),
+        ("slide", "m", 1.0, made.SLIDE_ERRORS, None),
+    ]),
+    "Base speeds": ("m/s", [], [("v", "m/s", 1.0, speeds(0.5, 0.1), speeds(-7.0, 0.1))]),
+    "Joint speeds": ("rad/s, m/s", [], [
+        ("swing", "rad/s", 1.0, speeds(0.5, 0.37), speeds(-7.0, 0.37)),
+        ("slide", "m/s", 1.0, speeds(0.5, -0.55), speeds(-7.0, -0.55)),
+    ]),
+    "Other speeds": ("rad/s", [], [
+        ("steer", "rad/s", 1.0, speeds(0.5, -0.2), speeds(-7.0, -0.2)),
+    ]),
+    "Efforts": ("% of limit", [-100.0, 100.0], [
+        ("left_wheel", "N·m", 0.4, SHARES[:, 0], None),
+        ("steer", "N·m", 0.15, SHARES[:, 2], None),
+        ("swing", "N·m", 0.2, SHARES[:, 3], None),
+        ("slide", "N", 0.8, SHARES[:, 4], None),
+    ]),
+    "Efforts without limits, N·m": ("N·m", [], [("right_wheel", "N·m", 1.0, EFFORTS[:, 1], None)]),
+    "Tip-over margin": ("m", [0.0], [
+        ("zero-moment point to edge", "m", 1.0, made.TIP_MARGINS, None),
+    ]),
+    "Grip used": ("%", [100.0], [
+        ("force / (friction · load)", "%", 1.0, [10.0, 20.0, 15.0, 40.0, 30.0, 5.0], None),
+    ]),
+    "Ground loads": ("N", [], [
+        ("front_wheel", "N", 1.0, speeds(80.0, 1.0), None),
+        ("left_wheel", "N", 1.0, speeds(60.0, 0.0), None),
+        ("right_wheel", "N", 1.0, speeds(120.0, -1.0), None),
+    ]),
+}  # fmt: skip
+
+
+def test_each_line_is_what_its_label_says(golden: Run) -> None:
+    charts = told(golden)
+    np.testing.assert_allclose(charts.pop("x"), TIMES, rtol=FLOAT32)
+    assert list(charts) == list(CHARTS)
+    for title, (unit, limits, expected) in CHARTS.items():
+        (variant,) = charts[title]["variants"]
+        assert (variant["unit"], variant["limits"]) == (unit, limits), title
+        assert [line["label"] for line in variant["lines"]] == [label for label, *_ in expected]
+        for line, (_, unit_told, scale, values, reference) in zip(
+            variant["lines"], expected, strict=True
+        ):
+            assert line["unit"] == unit_told
+            assert line["scale"] == pytest.approx(scale)
+            assert line["shown"] == (line["label"] != "distance")
+            assert floats(line["values"]) == pytest.approx(values, rel=FLOAT32)
+            assert ("reference" in line) == (reference is not None)
+            if reference is not None:
+                assert floats(line["reference"]) == pytest.approx(reference, rel=FLOAT32)
+    notes = {title: chart["note"] for title, chart in charts.items() if chart["note"]}
+    assert notes == {
+        "Base speeds": "dashed: reference",
+        "Joint speeds": "dashed: reference",
+        "Other speeds": "dashed: reference",
+        "Efforts": "dashed: limits",
+        "Tip-over margin": "tips below the dashed line",
+        "Grip used": "friction 0.7, slips above 100",
+    }
+
+
+def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: Run) -> None:
+    charts = told(golden)
+    seen: dict[str, set[int]] = {}
+    for title in CHARTS:
+        drawn = lines(charts[title])
+        assert len({line["colour"] for line in drawn.values()}) == len(drawn)
+        if title not in ("Base error", "End-effector error", "Base speeds", "Ground loads"):
+            for label, line in drawn.items():
+                seen.setdefault(label, set()).add(line["colour"])
+    joints = ("left_wheel", "right_wheel", "steer", "swing", "slide")
+    assert {label: seen[label] for label in joints} == {
+        label: {k} for k, label in enumerate(joints)
+    }
+
+
+def test_speeds_of_every_kind_of_base(golden: Run) -> None:
+    run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
+    drawn = lines(told(run)["Base speeds"])
+    assert {label: line["unit"] for label, line in drawn.items()} == {
+        "vx": "m/s", "vy": "m/s", "ω": "rad/s",
+    }  # fmt: skip
+    assert floats(drawn["ω"]["values"]) == pytest.approx(speeds(0.5, 0.37))
+    assert floats(drawn["vy"]["reference"]) == pytest.approx(speeds(-7.0, -0.2))
+    assert [line["colour"] for line in drawn.values()] == [0, 1, 2]
+
+
+def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
+    arm = ("swing_joint", "slide_joint")
+    charts = told(
+        replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:])
+    )
+    assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
+    assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
+
+
+def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
+    names = {"joint_names": ("omega", "vx"), "actuators": (*golden.actuators[:3], "omega", "vx")}
+    run = replace(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
+    charts = told(run)
+    assert [*lines(charts["Base speeds"])] == ["v"]
+    told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
+    assert told_of == {"omega": "rad/s", "vx": "m/s"}
+    alone = replace(
+        run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:]
+    )
+    assert not {"Base error", "Base speeds"} & set(told(alone))
+
+
+def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
+    charts = told(replace(golden, effort_limits=(np.inf,) * 5))
+    assert "Efforts" not in charts
+    assert [*lines(charts["Efforts without limits, N·m"])] == [
+        "left_wheel", "right_wheel", "steer", "swing",
+    ]  # fmt: skip
+    (slide,) = lines(charts["Efforts without limits, N"]).values()
+    assert slide["unit"] == "N"
+    assert floats(slide["values"]) == pytest.approx(EFFORTS[:, 4])
+
+
+def test_a_grip_beyond_bounds_is_cut_and_that_is_told(golden: Run) -> None:
+    slip = np.array(made.SLIP_RATIOS)
+    slip[3] = 3.0
+    at_most = told(replace(golden, slip_ratio=slip))["Grip used"]
+    assert at_most["note"] == "friction 0.7, slips above 100"
+    slip[3] = 4.0
+    chart = told(replace(golden, slip_ratio=slip))["Grip used"]
+    (line,) = lines(chart).values()
+    assert floats(line["values"]) == pytest.approx([10.0, 20.0, 15.0, 300.0, 30.0, 5.0])
+    assert chart["note"] == "friction 0.7, slips above 100 (drawn up to 300)"
+
+
+def test_range_of_an_errors_axis(golden: Run) -> None:
+    """From a fifth of what it settles at to twice the largest, of the lines that are shown."""
+    charts = told(golden)
+    assert charts["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.03, 8.0])
+    assert charts["Joint errors"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.01, 2.0])
+    ranged = {t for t in CHARTS if "decades" in charts[t]["variants"][0]}
+    assert ranged == {"Base error", "End-effector error", "Joint errors"}
+    longer = told(part(golden, np.tile(np.arange(COUNT), 4), t=0.1 * np.arange(4 * COUNT)))
+    # Settled: the median over the last fifth, of 0.3, 0.05, 0.06 and 0.03 m.
+    assert longer["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.055, 8.0])
+    settled = replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None])
+    assert told(settled)["Base error"]["variants"][0]["decades"] == pytest.approx([8e-6, 8.0])
+    coarse = replace(golden, e=np.full((COUNT, 5), -0.5))
+    assert told(coarse)["Base error"]["variants"][0]["decades"] == pytest.approx([0.01, 1.0])
+    perfect = replace(golden, e=np.zeros((COUNT, 5)))
+    low, high = told(perfect)["Base error"]["variants"][0]["decades"]
+    assert (low, high) == pytest.approx((2e-13, 2e-11))
+
+
+def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
+    """Return some samples of a run, later by a time that no page should tell, or at other times."""
+    arrays = {n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)}
+    return replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
+
+
+def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> None:
+    other = replace(golden, nu=golden.nu + 100.0, nu_ref=golden.nu_ref - 100.0, tau=0.5 * EFFORTS)
+    charts = told(golden, other)
+    joints = charts["Joint speeds"]
+    assert [variant["label"] for variant in joints["variants"]] == ["swing", "slide"]
+    assert [variant["unit"] for variant in joints["variants"]] == ["rad/s", "m/s"]
+    assert joints["note"] == "dashed: reference"
+    drawn = lines(joints, 1)
+    assert [*drawn] == ["run 0", "run 1"]
+    assert [line["colour"] for line in drawn.values()] == [0, 1]
+    first, second = (drawn[name] for name in drawn)
+    assert floats(first["values"]) == pytest.approx(speeds(0.5, -0.55))
+    assert floats(first["reference"]) == pytest.approx(speeds(-7.0, -0.55))
+    assert floats(second["values"]) == pytest.approx(speeds(100.5, -0.55))
+    assert floats(second["reference"]) == pytest.approx(speeds(-107.0, -0.55))
+    efforts = charts["Efforts"]["variants"][3]
+    assert (efforts["label"], efforts["unit"]) == ("slide", "% of limit")
+    assert floats(efforts["lines"][1]["values"]) == pytest.approx(0.5 * SHARES[:, 4])
+    loose = replace(other, effort_limits=(np.inf, *golden.effort_limits[1:]))
+    mixed = told(golden, loose)
+    assert [*lines(mixed["Efforts"], 0)] == ["run 0"]  # the other's wheel has no limit
+    alone = mixed["Efforts without limits, N·m"]["variants"]
+    assert [[line["label"] for line in variant["lines"]] for variant in alone] == [
+        ["run 0", "run 1"],
+        ["run 1"],
+    ]
+    distance = charts["Base error"]["variants"][0]
+    assert all(line["shown"] for line in distance["lines"])
+    assert distance["decades"] == pytest.approx([0.2 * 0.05, 10.0])
+
+
+def test_runs_on_other_clocks_keep_their_extremes_in_order(golden: Run) -> None:
+    """Samples every 0.1 s: two stretches of 0.25 s, each with two points."""
+    short, brief = part(golden, slice(0, 5), 3.0), part(golden, slice(0, 2))
+    charts = told(golden, short, brief)
+    assert charts["x"] == pytest.approx([0.0, 0.5 / 3.0, 1.0 / 3.0, 0.5])
+    whole, cut, start = (floats(line["values"]) for line in lines(charts["Efforts"], 0).values())
+    # 12, -30, 10 and 8, 6, 4 N·m of 40: the stretches fall.
+    assert whole == pytest.approx([30.0, -75.0, 20.0, 10.0])
+    assert cut == pytest.approx([30.0, -75.0, 20.0, 15.0])
+    assert start[:2] == pytest.approx([30.0, -75.0])
+    assert np.isnan(start[2:]).all()
+    speed = lines(charts["Base speeds"])
+    assert floats(speed["run 0"]["values"]) == pytest.approx([0.5, 0.7, 0.8, 1.0])
+    assert floats(speed["run 1"]["reference"]) == pytest.approx([-7.0, -6.8, -6.7, -6.6])
+
+
+def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None:
+    """Samples every 0.2 s, to 1 s: two stretches of 0.5 s."""
+    charts = told(golden, part(golden, slice(0, COUNT), t=2.0 * TIMES))
+    assert charts["x"] == pytest.approx([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
+    quick, slow = (floats(line["values"]) for line in lines(charts["Base speeds"]).values())
+    assert quick == pytest.approx([0.5, 0.9, 1.0, 1.0])
+    assert slow == pytest.approx([0.5, 0.7, 0.8, 1.0])
+
+
+def test_time_starts_at_zero(golden: Run) -> None:
+    assert told(part(golden, slice(1, 6), 2.0))["x"] == pytest.approx(TIMES[:5], abs=1e-7)
+
+
+def test_efforts_tint_what_their_actuators_move(tricycle: Robot, golden: Run) -> None:
+    """A frame tells the largest effort until the next one, of either sign."""
+    late = part(golden, slice(0, COUNT), 2.0)
+    for run in (golden, late):
+        effort = overlay(tricycle, run, (run.t - run.t[0])[[0, 2, 5]])["effort"]
+        names = [tricycle.model.names[joint] for joint in effort["joints"]]
+        assert names == list(made.ACTUATORS)
+        shares = floats(effort["share"]).reshape(3, 5)
+        assert shares == pytest.approx(
+            np.array(
+                [  # the right wheel has no limit: of its peak, 50 N·m
+                    [30 / 40, 50 / 50, 3 / 15, 16 / 20, 60 / 80],
+                    [10 / 40, 10 / 50, 1.5 / 15, 8 / 20, 56 / 80],
+                    [4 / 40, 3 / 50, 0.25 / 15, 4.5 / 20, 42 / 80],
+                ]
+            ),
+            rel=FLOAT32,
+        )
+
+
+def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) -> None:
+    run = replace(golden, zmp=golden.q[:, :2] + np.array([0.05, -0.02]))
+    stance = overlay(tricycle, run, TIMES[[1, 4]])["stance"]
+    assert stance["height"] == pytest.approx(-0.05)
+    assert np.array(stance["points"]) == pytest.approx(np.array(made.POINTS))
+    corners = np.array(stance["points"])[stance["polygon"]]
+    following = np.roll(corners, -1, axis=0)
+    area = 0.5 * (corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum()
+    assert area == pytest.approx(0.5 * 0.6 * 0.8)  # base times height, counter-clockwise
+    pose = floats(stance["pose"]).reshape(-1, 3)
+    assert pose == pytest.approx(np.array([[0.2, 0.03, 0.3], [0.8, 0.48, 1.2]]), rel=FLOAT32)
+    for (x, y), theta in zip(floats(stance["zmp"]).reshape(-1, 2), (0.3, 1.2), strict=True):
+        cos, sin = np.cos(theta), np.sin(theta)
+        assert (x, y) == pytest.approx((0.05 * cos - 0.02 * sin, -0.05 * sin - 0.02 * cos))
+    assert floats(stance["margin"]) == pytest.approx([0.25, 0.2])
+    assert stance["largest"] == 120.0
+    force = floats(stance["force"]).reshape(2, 3, 3)
+    assert force[0] == pytest.approx(np.array([[0, 0, 81], [0, 0, 60], [0, 0, 119]]))
+    pulled = np.array(run.contact_load)
+    pulled[3, 1] = -500.0
+    assert overlay(tricycle, replace(run, contact_load=pulled), TIMES)["stance"]["largest"] == 500.0
+    blind = overlay(tricycle, replace(run, contact_load=np.empty((COUNT, 0))), TIMES[[1, 4]])
+    assert "force" not in blind["stance"]
+    assert blind["stance"]["margin"] == stance["margin"]
+
+
+def test_a_heading_beyond_half_a_turn_goes_on(tricycle: Robot, golden: Run) -> None:
+    """Between two frames the viewer interpolates: a jump by a turn would spin the arrows."""
+    q = np.array(golden.q)
+    q[:, 2], q[:, 3] = np.cos(2.0 * np.arange(COUNT)), np.sin(2.0 * np.arange(COUNT))
+    stance = overlay(tricycle, replace(golden, q=q), TIMES)["stance"]
+    yaw = floats(stance["pose"]).reshape(-1, 3)[:, 2]
+    assert yaw == pytest.approx(2.0 * np.arange(COUNT))
+
+
+def test_forces_are_those_of_their_wheels(golden: Run) -> None:
+    """Forward each wheel's own; to the left its share of its axle's, by its load."""
+    run = replace(golden, quasi_velocities=("v", "omega", "swing_joint", "slide_joint"))
+    first = contact_forces(run)[0]
+    expected = np.array([[11.0, -4.0, 80.0], [-19.0, 2.0, 60.0], [31.0, 4.0, 120.0]])
+    assert first == pytest.approx(expected)
+    last = contact_forces(run)[-1]  # 11 N over 60 and 115 N; -14 N in front
+    expected = np.array([[16, -14, 85], [-14, 11 * 60 / 175, 60], [36, 11 * 115 / 175, 115]])
+    assert last == pytest.approx(expected)
+    turned = contact_forces(replace(run, drive={**run.drive, "heading": 0.5 * np.pi}))[0]
+    expected = np.array([[4.0, 11.0, 80.0], [-2.0, -19.0, 60.0], [-4.0, 31.0, 120.0]])
+    assert turned == pytest.approx(expected)
+    lifted = np.array(run.contact_load)
+    lifted[:, 1] = -5.0  # a contact that would pull bears no lateral force
+    first = contact_forces(replace(run, contact_load=lifted))[0]
+    assert first[:, 1] == pytest.approx([-4.0, 0.0, 6.0])
+    assert first[:, 2] == pytest.approx([80.0, -5.0, 120.0])
+    supported = np.column_stack([run.contact_load, np.full(COUNT, 7.0)])  # a ball bears load only
+    fourth = contact_forces(replace(run, contact_load=supported, contacts=(*run.contacts, "ball")))
+    assert fourth[0, 3] == pytest.approx([0.0, 0.0, 7.0])
+    steered = contact_forces(golden)  # the log does not hold where its wheels point
+    assert not steered[:, :, :2].any()
+    assert steered[0, :, 2] == pytest.approx([80.0, 60.0, 120.0])

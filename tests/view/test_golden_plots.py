@@ -1,0 +1,332 @@
+"""What each curve of a figure is, on a run that is known on paper: name, place, sign, unit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+
+import rpctl
+from rpctl import Run
+from rpctl.view.plot_style import LIGHT
+from rpctl.view.plots import tracking_figure
+from tests import golden as made
+from tests.golden import COUNT, TIMES
+from tests.view.samples import among
+
+Array = np.ndarray[Any, Any]
+EFFORTS = np.array(made.EFFORTS)
+
+
+def panel(run: Run, name: str, number: int = 0) -> Axes:
+    axes: Axes = tracking_figure(run, panels=[name]).axes[number]
+    return axes
+
+
+def curves(axes: Axes, colour: str | None = None) -> list[Array]:
+    """Return the points (n, 2) of the curves of a panel, or of those of one colour."""
+    return [
+        np.column_stack(line.get_data())
+        for line in axes.lines
+        if len(line.get_xdata()) and (colour is None or to_hex(line.get_color()) == colour.lower())
+    ]
+
+
+def labelled(axes: Axes) -> dict[str, Array]:
+    """Return the points of the curves that the panel's own legend names."""
+    return {
+        str(line.get_label()): np.column_stack(line.get_data())
+        for line in axes.lines
+        if not str(line.get_label()).startswith("_") and len(line.get_xdata())
+    }
+
+
+def over_time(curve: Array) -> Array:
+    """Return the values of a curve that is drawn over the run's time."""
+    assert curve[:, 0] == pytest.approx(TIMES)
+    return curve[:, 1]
+
+
+def speeds(first: float, slope: float) -> Array:
+    return first + slope * np.arange(COUNT)
+
+
+def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
+    axes = panel(golden, "paths")
+    drawn = labelled(axes)
+    assert drawn["base"] == pytest.approx(golden.base[:, :2])
+    assert drawn["end effector"] == pytest.approx(golden.ee[:, :2])
+    assert drawn["desired"] == pytest.approx(golden.base_ref[:, :2])
+    base, tip = curves(axes, LIGHT.desired)
+    assert base == pytest.approx(golden.base_ref[:, :2])
+    assert tip == pytest.approx(golden.ee_ref[:, :2])
+    (base,) = curves(axes, LIGHT.base)
+    assert base == pytest.approx(golden.base[:, :2])
+    (tip,) = curves(axes, LIGHT.tip)
+    assert tip == pytest.approx(golden.ee[:, :2])
+    starts = {
+        line.get_markeredgecolor(): np.column_stack(line.get_data())
+        for line in axes.lines
+        if line.get_marker() == "o" and len(line.get_xdata())
+    }
+    assert starts[LIGHT.base] == pytest.approx(golden.base[:1, :2])
+    assert starts[LIGHT.tip] == pytest.approx(golden.ee[:1, :2])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
+    assert axes.get_aspect() == 1.0
+
+
+def straight(golden: Run, length: float) -> Run:
+    """Return the run of a robot that goes straight up y, and that its reference leaves behind."""
+    k = np.arange(COUNT) / (COUNT - 1)
+    root = np.column_stack([np.full(COUNT, 2.0), length * k, np.zeros(COUNT), np.ones(COUNT)])
+    q = np.hstack([root, golden.q[:, 4:]])
+    base = np.column_stack([root[:, 0], root[:, 1] - 0.1, np.full(COUNT, 0.5 * np.pi)])
+    return replace(golden, q=q, base=base)
+
+
+def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
+    """Its contacts are 0.8 m apart; it goes 2 m in 0.5 s, and may be drawn every 0.96 m."""
+    askew = ((0.7, 0.1), (-0.1, 0.3), (-0.1, -0.3))  # no mirror image of itself
+    axes = panel(replace(straight(golden, 2.0), contact_points=askew), "paths")
+    ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+    starts = [2.0 * t / 0.5 - 0.1 for t in (0.0, 0.3, 0.5)]  # every 0.25 s, at the next sample
+    assert [tick[0].tolist() for tick in ticks] == [pytest.approx([2.0, y]) for y in starts]
+    for tick in ticks:
+        assert tick[1] - tick[0] == pytest.approx([0.0, 0.4 * 0.8], abs=1e-12)
+    outlines = [patch.get_xy()[:-1] for patch in axes.patches if len(patch.get_xy())]  # type: ignore[attr-defined]
+    assert len(outlines) == 2 * 3  # filled and edged
+    for filled, edged, y in zip(outlines[0:6:2], outlines[1:6:2], (0.0, 1.2, 2.0), strict=True):
+        corners = {(1.9, y + 0.7), (1.7, y - 0.1), (2.3, y - 0.1)}
+        assert {tuple(np.round(c, 9)) for c in filled} == {tuple(np.round(c, 9)) for c in corners}
+        assert filled == pytest.approx(edged)
+    named = axes.get_legend_handles_labels()[1]
+    assert named == [
+        "base",
+        "end effector",
+        "desired",
+        "start",
+        "contacts and heading, every 0.25 s",
+    ]
+
+
+def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
+    axes = panel(straight(golden, 0.95), "paths")  # less than 1.2 of its length
+    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 1
+    assert "contacts and heading" not in str(axes.get_legend_handles_labels()[1])
+
+
+def test_at_most_ten_poses_of_a_long_way(golden: Run) -> None:
+    axes = panel(straight(golden, 100.0), "paths")
+    assert "contacts and heading, every 0.05 s" in axes.get_legend_handles_labels()[1]
+
+
+def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
+    """What is drawn of the robot is as long as the track, where that is more."""
+    run = straight(golden, 2.0)
+    for points in (((0.0, 0.1), (0.0, -0.1)), ((0.0, 0.1), (0.0, 0.0), (0.0, -0.1)), ()):
+        axes = panel(replace(run, contact_points=points), "paths")
+        assert not axes.patches
+        ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+        assert np.linalg.norm(ticks[0][1] - ticks[0][0]) == pytest.approx(0.4 * 0.6)
+        nothing = {**run.drive, "track": 0.0}
+        axes = panel(replace(run, contact_points=(), drive=nothing), "paths")
+        tick = next(c for c in curves(axes, LIGHT.ink) if len(c) == 2)
+        assert np.linalg.norm(tick[1] - tick[0]) == pytest.approx(0.4)
+
+
+def test_errors_are_told_with_their_units(golden: Run) -> None:
+    base = panel(golden, "base")
+    drawn = labelled(base)
+    assert over_time(drawn["longitudinal |x₁|, m"]) == pytest.approx(
+        [3, 0.3, 0.3, 0.05, 0.06, 0.03]
+    )
+    assert over_time(drawn["lateral |x₂|, m"]) == pytest.approx([4, 0.4, 0.4, 0.12, 0.08, 0.04])
+    assert over_time(drawn["heading |x₃|, rad"]) == pytest.approx([0.9, 0.7, 0.5, 0.3, 0.2, 0.1])
+    assert base.get_ylim() == pytest.approx((0.2 * 0.03, 8.0))
+    assert (base.get_xlabel(), base.get_ylabel()) == ("t, s", "m or rad")
+    joints = panel(golden, "joints")
+    swing, slide = curves(joints)
+    assert over_time(swing) == pytest.approx(np.abs(made.SWING_ERRORS))
+    assert over_time(slide) == pytest.approx(np.abs(made.SLIDE_ERRORS))
+    assert joints.get_ylim() == pytest.approx((0.2 * 0.01, 2.0))
+    assert joints.get_ylabel() == "rad or m"
+    tip = panel(golden, "tip")
+    drawn = labelled(tip)
+    assert over_time(drawn["position, mm"]) == pytest.approx([700, 300, 70, 30, 70, 30])
+    assert over_time(drawn["orientation, mrad"]) == pytest.approx([60, 50, 40, 30, 20, 10])
+    assert tip.get_ylim() == pytest.approx((0.2 * 10, 1400))
+    assert tip.get_ylabel() == "mm or mrad"
+
+
+def test_axis_of_errors_that_vanish_or_stay(golden: Run) -> None:
+    perfect = panel(replace(golden, e=np.zeros((COUNT, 5))), "base")
+    assert perfect.get_ylim() == pytest.approx((2e-13, 2e-11))
+    assert all((over_time(c) == 1e-12).all() for c in curves(perfect))
+    settled = panel(replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
+    assert settled.get_ylim() == pytest.approx((8e-6, 8.0))
+    coarse = panel(replace(golden, e=np.full((COUNT, 5), -0.5)), "base")
+    assert coarse.get_ylim() == pytest.approx((0.01, 1.0))
+
+
+def test_speeds_and_their_references(golden: Run) -> None:
+    """Solid what the robot did, dashed what the reference does; what the law asked for is neither."""
+    axes = panel(golden, "speeds")
+    drawn = labelled(axes)
+    assert over_time(drawn["v, m/s"]) == pytest.approx(speeds(0.5, 0.1))
+    assert over_time(drawn["steer, rad/s"]) == pytest.approx(speeds(0.5, -0.2))
+    references = curves(axes, LIGHT.desired)
+    assert [over_time(c) for c in references] == [
+        pytest.approx(speeds(-7.0, 0.1)), pytest.approx(speeds(-7.0, -0.2)),
+    ]  # fmt: skip
+    handles, named = axes.get_legend_handles_labels()
+    assert named == ["v, m/s", "steer, rad/s", "reference"]
+    assert handles[-1].get_color() == LIGHT.desired  # type: ignore[attr-defined]
+    assert axes.get_ylabel() == "m/s or rad/s"
+    joints = panel(golden, "joint-speeds")
+    swing, swing_ref, slide, slide_ref = curves(joints)
+    assert over_time(swing) == pytest.approx(speeds(0.5, 0.37))
+    assert over_time(slide) == pytest.approx(speeds(0.5, -0.55))
+    assert over_time(swing_ref) == pytest.approx(speeds(-7.0, 0.37))
+    assert over_time(slide_ref) == pytest.approx(speeds(-7.0, -0.55))
+    assert len(curves(joints, LIGHT.desired)) == 2
+    assert joints.get_ylabel() == "rad/s or m/s"
+
+
+def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
+    run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
+    axes = panel(run, "speeds")
+    drawn = labelled(axes)
+    assert [*drawn] == ["$v_x$, m/s", "$v_y$, m/s", "ω, rad/s"]
+    assert over_time(drawn["ω, rad/s"]) == pytest.approx(speeds(0.5, 0.37))
+    assert len({line.get_color() for line in axes.lines[:3]}) == 3
+
+
+def test_references_of_many_joints_are_not_drawn(golden: Run) -> None:
+    four = ("v", "a", "b", "c", "d")
+    wide = {name: np.ones((COUNT, 5)) for name in ("nu", "nu_ref")}
+    run = replace(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
+    run = replace(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
+    run = replace(run, effort_limits=(1.0,) * 4)
+    assert len(curves(panel(run, "joint-speeds"))) == 4
+    three = replace(run, joint_names=four[2:], units=("rad",) * 3)
+    assert len(curves(panel(three, "joint-speeds"))) == 6
+
+
+def test_efforts_of_the_right_actuators(golden: Run) -> None:
+    figure = tracking_figure(golden, panels=["efforts"])
+    shares, free = figure.axes
+    low, high, *drawn = curves(shares)
+    assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-1.0, -1.0], [1.0, 1.0])
+    expected = EFFORTS[:, [0, 2, 3, 4]] / [40.0, 15.0, 20.0, 80.0]
+    assert pytest.approx(expected) == np.array([over_time(c) for c in drawn]).T
+    assert shares.get_ylabel() == "effort / limit"
+    assert shares.get_ylim() == pytest.approx((-1.12, 1.12))
+    (wheel,) = curves(free)
+    assert over_time(wheel) == pytest.approx(EFFORTS[:, 1])
+    assert free.get_ylabel() == "effort, N·m"
+    (legend,) = figure.legends
+    looks = [
+        (text.get_text(), line.get_color())
+        for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    ]
+    assert [name for name, _ in looks] == ["left_wheel", "right_wheel", "steer", "swing", "slide"]
+    assert [colour for _, colour in looks] == [*LIGHT.cycle[:5]]
+    assert [line.get_color() for line in shares.lines[2:]] == [LIGHT.cycle[i] for i in (0, 2, 3, 4)]
+    assert free.lines[0].get_color() == LIGHT.cycle[1]
+    loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
+    turning, sliding = loose.axes
+    assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
+    assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
+    assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
+
+
+def test_efforts_beyond_their_limits_stay_in_view(golden: Run) -> None:
+    axes = panel(replace(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
+    assert axes.get_ylim() == pytest.approx((1.12 * -8.0, 1.12 * 4.0))
+
+
+def test_margins_with_their_limits(golden: Run) -> None:
+    tip, grip = panel(golden, "tip-over"), panel(golden, "grip")
+    limit, margin = curves(tip)
+    assert limit[:, 1].tolist() == [0.0, 0.0]
+    assert over_time(margin) == pytest.approx(made.TIP_MARGINS)
+    assert tip.get_ylim() == pytest.approx((-0.08 * 0.3, 1.08 * 0.3))
+    assert tip.get_ylabel() == "zero-moment point to edge, m"
+    limit, ratio = curves(grip)
+    assert limit[:, 1].tolist() == [1.0, 1.0]
+    assert over_time(ratio) == pytest.approx(made.SLIP_RATIOS)
+    assert grip.get_ylim() == pytest.approx((0.0, 1.12))
+    beyond = replace(
+        golden, tip_margin=golden.tip_margin - 0.225, slip_ratio=5.0 * golden.slip_ratio
+    )
+    assert panel(beyond, "tip-over").get_ylim() == pytest.approx((-0.1 - 0.014, 0.075 + 0.014))
+    assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
+    far = replace(golden, slip_ratio=50.0 * golden.slip_ratio)
+    assert panel(far, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 3.0))
+
+
+def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
+    """The base reaches as far as its contacts lie from P: to the front wheel, 0.8 m."""
+    column, wall = rpctl.Disc(1.0, -0.75, 0.25), rpctl.HalfPlane(0.0, 2.0, -1.0)  # y ≥ −1
+    post = rpctl.Disc(0.5, 1.5, 0.125)
+    axes = panel(among(golden, column, wall, tip=(post,)), "paths")
+    circles = [
+        (*patch.center, patch.radius, to_hex(patch.get_edgecolor()), patch.get_fill())
+        for patch in axes.patches + axes.artists
+        if hasattr(patch, "radius")
+    ]
+    base, tip = LIGHT.base_obstacle, LIGHT.tip_obstacle
+    assert circles == [
+        (1.0, -0.75, 0.25, base, True),
+        (1.0, -0.75, pytest.approx(0.25 + 0.8), base, False),
+        (0.5, 1.5, 0.125, tip, True),
+        (0.5, 1.5, pytest.approx(0.125 + 0.05), tip, False),
+    ]
+    (kept,) = curves(axes, base)
+    assert kept[:, 1] == pytest.approx([-1.0 + 0.8] * 2)
+    figure = axes.figure
+    figure.draw_without_rendering()  # type: ignore[union-attr]
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert left < 0.375
+    assert right > 1.25
+    assert bottom < -1.0
+    assert top > 1.625
+
+
+def test_feet_of_walls_come_into_view(golden: Run) -> None:
+    """A wall is framed where the body comes nearest to it: P for the base's, the tip for its own."""
+    tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
+    run = replace(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
+    plain = panel(run, "paths").dataLim
+    assert plain.y0 > -0.75
+    for x, y in ((2.0, -0.1), (0.5, 0.0)):  # 1 m away from each start: 0.6 x + 0.8 y ≥ offset
+        wall = rpctl.HalfPlane(0.6, 0.8, 0.6 * x + 0.8 * y - 1.0)
+        shown = among(run, wall) if x == 2.0 else among(run, tip=(wall,))
+        view = panel(shown, "paths").dataLim
+        assert view.y0 == pytest.approx(y - 0.8)
+        assert view.x0 == pytest.approx(min(plain.x0, x - 0.6))
+        assert (view.x1, view.y1) == pytest.approx((plain.x1, plain.y1))
+    away = panel(among(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
+    assert away.get_points() == pytest.approx(plain.get_points())
+
+
+def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
+    """Twenty times the diagonal of what is drawn, on both sides of its middle."""
+    wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
+    plain = panel(golden, "paths").dataLim
+    axes = panel(among(golden, wall), "paths")
+    (corners,) = (
+        p.get_xy()[:-1] for p in axes.artists + axes.patches if len(getattr(p, "xy", ())) == 5
+    )
+    middle = 0.5 * (plain.min + plain.max)
+    far = 20.0 * np.hypot(*plain.size)
+    along = np.array([-0.8, 0.6])
+    assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
+    assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])
+    (kept,) = curves(axes, LIGHT.base_obstacle)
+    assert wall.distance(kept) == pytest.approx([0.8, 0.8])
+    assert sorted((kept - middle) @ along) == pytest.approx([-far, far])
