@@ -82,3 +82,16 @@ def test_a_motion_too_fast_for_the_step_is_followed_in_shorter_ones(tmp_path: Pa
     pair = energy._pair(dynamics, state.q, 0.1 * state.nu, tau, energy.POWER_STEP)
     assert pair.error > energy.POWER_ERROR
     assert power_balance(dynamics, state).residual < 1e-9
+
+
+def test_the_first_step_of_a_fast_robot_turns_its_joints_little(tmp_path: Path) -> None:
+    robot = NASTY["1 mm long"](tmp_path)
+    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
+    tau = efforts(dynamics, state.q, state.nu, state.push)
+    rates = np.abs(dynamics.basis(state.q) @ state.nu).sum()
+    rates += energy.POWER_STEP * np.abs(dynamics.forward(state.q, state.nu, tau)).sum()
+    step = energy._first_step(dynamics, state.q, state.nu, tau)
+    assert step == pytest.approx(energy.POWER_TURN / rates, rel=1e-12)
+    assert step < 0.1 * energy.POWER_STEP
+    still = energy._first_step(dynamics, state.q, 0.0 * state.nu, 0.0 * tau)
+    assert still <= energy.POWER_STEP

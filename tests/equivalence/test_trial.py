@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpctl import ReducedDynamics, Robot, draw_state
+from rpctl import ReducedDynamics, Robot, draw_state, load
 from rpctl.description.records import Array
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.measure import EPS, allowed, rate
-from rpctl.equivalence.trial import efforts, find_sizes, inverse, make_trial
+from rpctl.equivalence.trial import efforts, find_sizes, inertia_spread, inverse, make_trial
 from rpctl.errors import RpctlError
 from tests.equivalence.nasty import NASTY
+from tests.robots import SET_A, platform, write
 
 
 def test_a_limit_grows_with_the_products_only_where_they_count() -> None:
@@ -77,6 +78,9 @@ def test_sizes_bound_what_they_are_of(tmp_path: Path, name: str) -> None:
         assert (trial.forces >= (np.abs(M @ trial.nu_dot) + h + driven) * (1.0 - 1e-9)).all()
         v_dot = dynamics.basis(q) @ trial.nu_dot
         assert trial.size >= np.abs(v_dot).max()
+        row = int(np.argmax(np.abs(trial.answer) @ trial.forces))
+        worst = np.sign(trial.answer[row]) * trial.forces  # roundings that all add up
+        assert trial.size == pytest.approx(trial.answer[row] @ worst, rel=1e-12)
 
 
 def test_an_inertia_of_any_units_is_inverted(paper: Robot) -> None:
@@ -89,3 +93,11 @@ def test_an_inertia_of_any_units_is_inverted(paper: Robot) -> None:
         inverse(np.diag([1.0, -1.0]))
     with pytest.raises(RpctlError, match="not positive definite"):
         inverse(np.diag([1.0, 0.0]))
+
+
+def test_the_spread_of_a_platform_is_its_wheels(tmp_path: Path) -> None:
+    """Seen from P, at the wheels' height: two wheels, √m_w b/r of v each, and b of that of ω."""
+    robot = load(write(tmp_path, platform(SET_A)))
+    b, r, m = SET_A["b"], SET_A["r"], SET_A["m_w"]
+    spread = inertia_spread(ReducedDynamics(robot), robot.configuration(), np.array([0.0, 0.0, r]))
+    np.testing.assert_allclose(spread, 2.0 * np.sqrt(m) * b / r * np.array([1.0, b]), rtol=1e-12)
