@@ -447,12 +447,15 @@ def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
     (tmp_path / "wheel.obj").write_text("\n".join(corners + faces), encoding="utf-8")
     shape = platform(SET_A).partition("<collision>")[2].partition("</collision>")[0]
     mesh = '<geometry><mesh filename="wheel.obj"/></geometry>'
-    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6)).replace(shape, mesh)))
-    tread = tyre(robot, robot.drive.wheels[0])
-    assert tread.radius == pytest.approx(0.15)
-    assert tread.half_width == pytest.approx(0.02)
-    np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.03, 0.0], atol=1e-9)
-    assert abs(tread.pose[1, 2]) == pytest.approx(1.0)
+    text = platform(SET_A, extra=ball(0.6), right_sign=-1).replace(shape, mesh)
+    robot = rpctl.load(write(tmp_path, text))
+    for wheel, sign in zip(robot.drive.wheels, (1.0, -1.0), strict=True):
+        tread = tyre(robot, wheel)
+        assert tread.radius == pytest.approx(0.15)
+        assert tread.half_width == pytest.approx(0.02)
+        np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.03, 0.0], atol=1e-9)
+        np.testing.assert_allclose(tread.pose[:3, 2], [0.0, sign, 0.0], atol=1e-12)
+        np.testing.assert_allclose(tread.pose[:3, :3] @ tread.pose[:3, :3].T, np.eye(3), atol=1e-12)
 
 
 # --- the plan -----------------------------------------------------------------------------------
@@ -476,6 +479,20 @@ def test_the_servo_pushes_towards_the_plan(paper: Robot) -> None:
     np.testing.assert_allclose(slow[2:], 160.0 * 0.01 * inertia[:, 0], atol=1e-12)
     assert not behind[:2].any()  # wheels get what the plan says, whatever is measured
     np.testing.assert_allclose(plan.efforts(0, at + 2.0 * math.pi, rates), plan.tau[0], atol=1e-9)
+
+
+def test_casters_start_behind_their_axes() -> None:
+    robot = rpctl.load("casters")
+    names = [swivel.joint for swivel in robot.drive.swivels]
+    behind = contact_plan.start(robot)
+    assert [robot.joint_position(behind, name) for name in names] == [0.0, 0.0]
+    ahead = contact_plan.start(reversed_trail(robot))
+    assert abs(robot.joint_position(ahead, names[0])) == pytest.approx(math.pi)
+    assert robot.joint_position(ahead, names[1]) == 0.0
+    turned = contact_plan.start(
+        swivels(robot, lambda one: dataclasses.replace(one, heading=0.5, sign=-1.0))
+    )
+    assert robot.joint_position(turned, names[0]) == pytest.approx(0.5)
 
 
 def test_a_slower_motion_is_planned_where_wheels_are_slow(paper: Robot) -> None:

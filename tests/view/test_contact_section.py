@@ -42,7 +42,7 @@ def row(name: str, gap: float, band: float, unit: str = "m") -> Gap:
 @pytest.fixture
 def trial() -> ContactTrial:
     return ContactTrial(
-        checks=(row("path", 0.2, 0.3), row("heading", 0.0, 1e-3, "rad")),
+        checks=(row("path", 0.2, 0.3), row("heading", 0.0, 1e-3, "rad"), row("casters", 0.0, 1.0)),
         notes=("rollers & <such>",),
         contacts=("left", "right", "ball"),
         determinate=True,
@@ -112,6 +112,37 @@ def test_tracks_are_those_of_the_contacts(trial: ContactTrial) -> None:
         np.testing.assert_allclose(way[-1] - path[-1], [-size * y, -size * x], atol=BAR)
 
 
+def box(svg: str) -> tuple[float, float]:
+    """Return a picture's width and height."""
+    (found,) = re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+    return float(found[0]), float(found[1])
+
+
+def test_the_grid_counts_from_the_worlds_origin(trial: ContactTrial) -> None:
+    """The root link starts there, so two lines cross at the start; the rest are squares apart."""
+    svg, _ = plan_view(trial)
+    (text,), (width, height) = re.findall(r'class="grid" d="([^"]*)"', svg), box(svg)
+    upright = [float(x) for x in re.findall(r"M([-\d.]+) 0V", text)]
+    level = [float(y) for y in re.findall(r"M0 ([-\d.]+)H", text)]
+    (path,) = points(svg, "ribbon")
+    square = 0.2 * scale(svg)  # at most 14 of them across 1.75 m
+    for lines, start, size in ((upright, path[0, 0], width), (level, path[0, 1], height)):
+        assert min(abs(line - start) for line in lines) < BAR
+        np.testing.assert_allclose(np.abs(np.diff(lines)), square, atol=BAR)
+        assert -BAR <= min(lines) < square
+        assert size + BAR >= max(lines) > size - square
+
+
+def test_the_picture_holds_all_and_wastes_nothing(trial: ContactTrial) -> None:
+    svg, _ = plan_view(trial)
+    drawn = [*points(svg, "ribbon"), *points(svg, "thread")]
+    for kind in ("start", "end engine", "end reduced"):
+        drawn += points(svg, f"stand {kind}")
+    every, size = np.vstack(drawn), np.array(box(svg))
+    np.testing.assert_allclose(every.min(axis=0), size - every.max(axis=0), atol=1.0)  # centred
+    assert every.min() == pytest.approx(34.0, abs=1.0)
+
+
 def keyframes(css: str, kind: str) -> Array:
     """Return the share, x, y and turn of every keyframe of a robot (n, 4)."""
     (block,) = re.findall(rf"@keyframes roll-{kind}\{{(.*)\}}", css)
@@ -131,6 +162,7 @@ def test_the_robots_move_as_they_did_in_real_time(trial: ContactTrial) -> None:
         np.testing.assert_allclose(frames[:-1, 3], -45.0 * T[picked], atol=1e-2)
         assert picked[[0, -1]].tolist() == [0, COUNT - 1]
         assert frames[-1].tolist() == [100.0, *frames[-2, 1:]]
+        assert len(frames) == 42
 
 
 def chart(trial: ContactTrial, title: str) -> str:
@@ -168,6 +200,10 @@ def test_charts_hold_both_sides(
     slope, offset = np.polyfit(actual, drawn, 1)
     assert slope < 0.0  # more is further up
     np.testing.assert_allclose(slope * actual + offset, drawn, atol=PIXEL)
+    (width, height), every = box(svg), np.vstack([*ribbons, *threads])
+    assert 0.0 < every[:, 0].min() < every[:, 0].max() < width
+    assert 10.0 < every[:, 1].min() < every[:, 1].max() < height - 20.0
+    assert every[:, 1].max() - every[:, 1].min() > 0.6 * height
     grid = re.findall(r'text-anchor="end">([-\d.]+)</text>', svg)
     rows = re.findall(r'class="grid" d="M[\d.]+ ([\d.]+)H', svg)
     assert len(grid) >= 3
@@ -206,7 +242,7 @@ def test_the_page_tells_the_trial(trial: ContactTrial, tmp_path: Path) -> None:
     assert "within <strong>200 mm</strong>" in page
     assert "<td>200 mm ≤ 300 mm</td><td>at 1.50 s</td>" in page
     assert "<td>0 mrad ≤ 1 mrad</td>" in page
-    assert "both agree" in page
+    assert '<span class="badge good">both agree</span>' in page
     assert "rollers &amp; &lt;such&gt;" in page
     for foreign in ("<script", "<img", "url(", "http"):
         assert foreign not in page.replace("http-equiv", "")
@@ -214,13 +250,15 @@ def test_the_page_tells_the_trial(trial: ContactTrial, tmp_path: Path) -> None:
 
 
 def test_a_gap_too_wide_is_told(trial: ContactTrial, tmp_path: Path) -> None:
-    failed = dataclasses.replace(trial, checks=(row("path", 0.2, 0.1), trial.checks[1]))
+    failed = dataclasses.replace(trial, checks=(row("path", 0.2, 0.1), *trial.checks[1:]))
     certificate = Certificate("robot", 1, 0, (), contact=failed)
     page = write_certificate(certificate, tmp_path / "page.html").read_text(encoding="utf-8")
     assert "the two paths come <strong>200 mm</strong> apart, where 100 mm is allowed" in page
-    assert "1 of 2 gaps too wide" in page
+    assert '<span class="badge bad">1 of 3 gaps too wide</span>' in page
     assert "<td>200 mm &gt; 100 mm ✗</td>" in page
-    assert '<figure class="failed">' in page
+    first, *others = re.findall(r"<figure([^>]*)><figcaption>", page)
+    assert first == ' class="failed"'
+    assert not any(others)
     assert '<figure class="failed">' not in contact_section(trial)[0]
     assert "not equivalent" in page
 
