@@ -113,6 +113,7 @@ def test_where_the_ground_would_have_to_pull_there_is_no_split() -> None:
     found = find_ranges(contacts(4, (), 1), [falling, standing, falling])
     np.testing.assert_array_equal(np.isnan(found.load).all(axis=(1, 2)), [True, False, True])
     np.testing.assert_array_equal(np.isnan(found.slip).all(axis=1), [True, False, True])
+    assert not (found.load.flags.writeable or found.slip.flags.writeable)
 
 
 def test_a_crowd_and_wheels_alone_have_no_ranges() -> None:

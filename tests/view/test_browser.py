@@ -5,6 +5,7 @@ import io
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -314,6 +315,45 @@ def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> No
     np.testing.assert_allclose(np.array(bases)[:, :2], points, atol=3e-3)
     order = np.argsort(paper_run.contact_load[sample])
     np.testing.assert_array_equal(np.argsort(lengths), order)
+
+
+def test_what_is_an_interval_is_shaded_and_told(
+    browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
+) -> None:
+    """The first half of the grip ends at twice the line, the second nowhere."""
+    slip, loads = paper_run.slip_ratio, paper_run.contact_load
+    endless = np.where(paper_run.t < 1.5, 2.0 * slip, np.inf)
+    run = replace(
+        paper_run,
+        slip_range=np.column_stack([0.5 * slip, endless]),
+        load_range=np.stack([loads - 20.0, loads + 30.0], axis=2),
+    )
+    told = """([title, time]) => { rpctl.pause(); rpctl.seek(time);
+        const chart = rpctl.charts.find((each) => each.title === title);
+        const keys = chart.plot.root.parentElement.parentElement.querySelector('.keys');
+        return [...keys.querySelectorAll('b')].map((each) => each.textContent); }"""
+    shaded = """([time, value]) => {
+        const plot = rpctl.charts.find((each) => each.title === 'Grip used').plot;
+        const [x, y] = [plot.valToPos(time, 'x', true), plot.valToPos(value, 'y', true)];
+        return [...plot.ctx.getImageData(Math.round(x), Math.round(y), 1, 1).data]; }"""
+    with opened(browser, write_report(run, tmp_path / "report.html", robot=paper)) as page:
+        k = int(np.searchsorted(run.t, 1.13))
+        time, late = float(run.t[k]), 2.63
+        (grip,) = page.evaluate(told, ["Grip used", time])
+        low, high = (float(text.removesuffix(" %")) for text in grip.split(" – "))
+        assert low == pytest.approx(50.0 * slip[k], rel=0.02)
+        assert high == pytest.approx(200.0 * slip[k], rel=0.02)
+        (grip,) = page.evaluate(told, ["Grip used", late])
+        assert grip.startswith("≥ ")
+        told_loads = page.evaluate(told, ["Ground loads", time])
+        for text, load in zip(told_loads, loads[k], strict=True):
+            low, high = (float(part.removesuffix(" N")) for part in text.split(" – "))
+            assert (low, high) == pytest.approx((load - 20.0, load + 30.0), abs=0.6)
+        above = 100.0 * 2.5 * float(slip[k])  # beyond the band where it ends, within where not
+        assert page.evaluate(shaded, [time, above])[3] == 0
+        within = page.evaluate(shaded, [late, 70.0])
+        assert within[3] > 0
+        assert within[0] > within[2]  # the line's orange, not the grid's grey
 
 
 def test_logarithmic_axis_can_be_left(page: Any) -> None:
