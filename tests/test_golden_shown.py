@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +78,9 @@ def test_summary_of_a_run(golden: Run, told: Told) -> None:
     ]
 
 
-@pytest.mark.parametrize(("margin", "slip", "marked"), [(0.1, 0.5, 0), (-0.1, 0.5, 1), (0.1, 2.0, 1)])
+@pytest.mark.parametrize(
+    ("margin", "slip", "marked"), [(0.1, 0.5, 0), (-0.1, 0.5, 1), (0.1, 2.0, 1)]
+)
 def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked: int) -> None:
     run = replace(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
     console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
@@ -91,7 +93,9 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
 
 def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, told: Told) -> None:
     none = np.empty((COUNT, 0))
-    bare = replace(golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none)
+    bare = replace(
+        golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none
+    )
     more = {"notes": [], "report": "r", "report_bytes": 0}
     show.show_summary({**summarize(bare), **more}, Path("out"))
     assert not [line for line in told() if line.startswith(("end effector", "ground"))]
@@ -127,7 +131,9 @@ def test_a_robot_and_its_limits(tricycle: Robot, told: Told) -> None:
 def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
     drive = replace(tricycle.drive, heading=-0.5 * math.pi, ground=-0.25)
     measures = {
-        kind: dict(show._drive_rows(facts(replace(tricycle, drive=replace(drive, type=kind)))["drive"]))
+        kind: dict(
+            show._drive_rows(facts(replace(tricycle, drive=replace(drive, type=kind)))["drive"])
+        )
         for kind in ("tricycle", "skid-steer", "steered")
     }
     assert {kind: rows["track"] for kind, rows in measures.items()} == {
@@ -211,21 +217,24 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
     """Shares of limits: the actuator without a limit does not count."""
     found = figures(golden, [1e-5, 3e-5] * 50)
     tau, limits = np.array(golden.tau)[:, [0, 2, 3, 4]], np.array([40.0, 15.0, 20.0, 80.0])
-    assert found == Figures(
-        rms_base=pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
-        final_base=pytest.approx(0.05),
-        final_lateral=pytest.approx(0.04),
-        rms_end_effector=pytest.approx(math.sqrt((0.49 + 0.09 + 2 * 0.0049 + 2 * 0.0009) / 6)),
-        final_end_effector=pytest.approx(0.03),
-        peak_effort=pytest.approx(0.8),
-        rms_effort=pytest.approx(math.sqrt(float(np.mean((tau / limits) ** 2)))),
-        violations=(),
-        sample_time=pytest.approx(4e-5),
-        sample_time_99=pytest.approx(4e-5),
-    )
+    expected: dict[str, Any] = {
+        "rms_base": pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
+        "final_base": pytest.approx(0.05),
+        "final_lateral": pytest.approx(0.04),
+        "rms_end_effector": pytest.approx(math.sqrt((0.49 + 0.09 + 2 * 0.0049 + 2 * 0.0009) / 6)),
+        "final_end_effector": pytest.approx(0.03),
+        "peak_effort": pytest.approx(0.8),
+        "rms_effort": pytest.approx(math.sqrt(float(np.mean((tau / limits) ** 2)))),
+        "violations": (),
+        "sample_time": pytest.approx(4e-5),
+        "sample_time_99": pytest.approx(4e-5),
+    }
+    assert asdict(found) == expected
     lifted = np.array(golden.joints)
     lifted[2, 1] = 0.5
-    assert figures(replace(golden, joints=lifted), [1e-5, 1e-5]).violations == ("slide_joint upper",)
+    assert figures(replace(golden, joints=lifted), [1e-5, 1e-5]).violations == (
+        "slide_joint upper",
+    )
 
 
 def row(law: Controller, base: float, tip: float | None, *broken: str) -> Row:
@@ -237,7 +246,11 @@ def row(law: Controller, base: float, tip: float | None, *broken: str) -> Row:
 
 def test_table_of_a_benchmark(told: Told, tmp_path: Path) -> None:
     failed = Row(Cell("nominal", "line", Controller("mpc", "paper")), None, "it turns on the spot")
-    rows = [row(PAPER, 0.004, 0.006), row(OURS, 0.003, 0.008), row(KANAYAMA, 0.001, None, "a upper")]
+    rows = [
+        row(PAPER, 0.004, 0.006),
+        row(OURS, 0.003, 0.008),
+        row(KANAYAMA, 0.001, None, "a upper"),
+    ]
     cli_compare.show([*rows, failed], OURS, tmp_path)
     text = told()
     for line in (
@@ -253,7 +266,9 @@ def test_table_of_a_benchmark(told: Told, tmp_path: Path) -> None:
     assert any("base rms final e.e. rms final peak rms limits sample 99 %" in line for line in text)
     assert any("mm mm mm mm effort effort broken µs µs" in line for line in text)
     said = " ".join(text)
-    assert "in 1 of 2 comparisons; where paper+paper works, it is at least as good in 1 of 2" in said
+    assert (
+        "in 1 of 2 comparisons; where paper+paper works, it is at least as good in 1 of 2" in said
+    )
 
 
 def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:

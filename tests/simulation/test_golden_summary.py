@@ -23,7 +23,8 @@ def changed(run: Run, name: str, sample: int | slice, column: int, value: float)
     """Return a run with one entry of an array, or several of a column, changed."""
     array = np.array(getattr(run, name))
     array[sample, column] = value
-    return replace(run, **{name: array})
+    entry: dict[str, Any] = {name: array}
+    return replace(run, **entry)
 
 
 def test_figures_of_a_run(golden: Run) -> None:
@@ -69,7 +70,9 @@ def test_figures_of_a_run(golden: Run) -> None:
 
 
 def test_the_second_half_of_an_odd_number_of_samples_has_the_middle_one(golden: Run) -> None:
-    arrays = {name: a[:5] for name, a in vars(golden).items() if isinstance(a, np.ndarray)}
+    arrays: dict[str, Any] = {
+        name: a[:5] for name, a in vars(golden).items() if isinstance(a, np.ndarray)
+    }
     told = summarize(replace(golden, **arrays))
     assert told["settled_base_error"] == pytest.approx(0.5)
     assert told["joint_errors"][1]["settled"] == pytest.approx(0.02)
@@ -119,7 +122,9 @@ def test_each_limit_may_be_reached_but_not_passed(
     array, column, limit, joint, kind = case
     assert violations(changed(golden, array, 1, column, limit)) == []
     size = max(abs(limit), 1.0)  # rounding may pass it by 1e-9 of the limit, and of 1
-    assert violations(changed(golden, array, 1, column, limit + 0.5e-9 * np.sign(limit) * size)) == []
+    assert (
+        violations(changed(golden, array, 1, column, limit + 0.5e-9 * np.sign(limit) * size)) == []
+    )
     (found,) = violations(changed(golden, array, 1, column, limit + 2e-9 * np.sign(limit) * size))
     assert (found["joint"], found["limit"]) == (joint, kind)
 
@@ -162,7 +167,9 @@ def test_where_there_is_no_limit_nothing_is_broken(golden: Run) -> None:
 
 def test_efforts_of_nothing_use_nothing_of_their_limits(golden: Run) -> None:
     """Only a robot without effort limits has no share of one."""
-    still = replace(golden, tau=np.zeros((COUNT, 5)), effort_limits=(np.inf, 40.0, 15.0, 20.0, 80.0))
+    still = replace(
+        golden, tau=np.zeros((COUNT, 5)), effort_limits=(np.inf, 40.0, 15.0, 20.0, 80.0)
+    )
     told = summarize(still)
     assert (told["max_effort_ratio"], told["max_effort_joint"]) == (0.0, "right_wheel_joint")
 

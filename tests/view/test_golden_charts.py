@@ -124,7 +124,9 @@ def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: 
             for label, line in drawn.items():
                 seen.setdefault(label, set()).add(line["colour"])
     joints = ("left_wheel", "right_wheel", "steer", "swing", "slide")
-    assert {label: seen[label] for label in joints} == {label: {k} for k, label in enumerate(joints)}
+    assert {label: seen[label] for label in joints} == {
+        label: {k} for k, label in enumerate(joints)
+    }
 
 
 def test_speeds_of_every_kind_of_base(golden: Run) -> None:
@@ -140,19 +142,26 @@ def test_speeds_of_every_kind_of_base(golden: Run) -> None:
 
 def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     arm = ("swing_joint", "slide_joint")
-    charts = told(replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:]))
+    charts = told(
+        replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:])
+    )
     assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
     assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
 
 
 def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
-    names = {"joint_names": ("omega", "vx"), "actuators": (*golden.actuators[:3], "omega", "vx")}
+    names: dict[str, Any] = {
+        "joint_names": ("omega", "vx"),
+        "actuators": (*golden.actuators[:3], "omega", "vx"),
+    }
     run = replace(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
     charts = told(run)
     assert [*lines(charts["Base speeds"])] == ["v"]
     told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
     assert told_of == {"omega": "rad/s", "vx": "m/s"}
-    alone = replace(run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:])
+    alone = replace(
+        run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:]
+    )
     assert not {"Base error", "Base speeds"} & set(told(alone))
 
 
@@ -200,7 +209,9 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
 
 def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
     """Return some samples of a run, later by a time that no page should tell, or at other times."""
-    arrays = {n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)}
+    arrays: dict[str, Any] = {
+        n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)
+    }
     return replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 
 

@@ -172,7 +172,11 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     assert table["End effector, final"] == ["30 mm", "30 mm", "–"]
     assert table["Largest effort / limit"] == ["80%", "160%", "–"]
     limits = [badges(cell)[0] for cell in table["Limits"]]
-    assert limits == [("good", "within limits"), ("bad", "limits broken"), ("good", "within limits")]
+    assert limits == [
+        ("good", "within limits"),
+        ("bad", "limits broken"),
+        ("good", "within limits"),
+    ]
     assert table["Dynamics"][0] == "–"
     assert badges(table["Dynamics"][1]) == [("good", "verified")]
     arms = [replace(run, end_effector=None, ee=none, ee_ref=none) for run in runs]
@@ -187,7 +191,12 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     ]
     arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
     nothing = replace(arm, ee=none)
-    for shown, expected in (([bare], True), ([arm], True), ([nothing], False), ([nothing, arm], True)):
+    for shown, expected in (
+        ([bare], True),
+        ([arm], True),
+        ([nothing], False),
+        ([nothing, arm], True),
+    ):
         layers = [layer for layer, *_ in entries(compare_legend(shown, ["x"] * len(shown)))]
         assert ("desired" in layers) == expected
     colours = re.findall(r"color: var\(--c(\d+)\)", compare_legend([golden] * 13, ["x"] * 13))
@@ -228,22 +237,26 @@ def test_picture_of_a_benchmark() -> None:
         assert axes.get_ylim() == (3.0, -1.0)  # the first law at the top
         assert axes.get_xscale() == "log"
 
-    def marks(axes: Any) -> list[tuple[str, str, list[float], float]]:
+    def marks(axes: Any) -> list[Any]:
         return [
-            (each.get_marker(), to_hex(each.get_color()), each.get_xdata().tolist()
-             if hasattr(each.get_xdata(), "tolist") else list(each.get_xdata()), each.get_ydata()[0])
+            (
+                each.get_marker(),
+                to_hex(each.get_color()),
+                list(each.get_xdata()),
+                each.get_ydata()[0],
+            )
             for each in axes.lines
-        ]  # fmt: skip
+        ]
 
     tip, base, grey = LIGHT.tip.lower(), LIGHT.base.lower(), GREY
-    drawn = marks(line)
+    drawn: list[Any] = marks(line)
     assert ("None", tip, pytest.approx([4.0, 20.0]), 0) in drawn
     assert ("o", tip, pytest.approx([4.0]), 0) in drawn
     assert ("None", base, pytest.approx([2.0, 10.0]), 1) in drawn
     assert ("o", base, pytest.approx([2.0]), 1) in drawn
     assert ("o", grey, pytest.approx([3.0]), 2) in drawn
-    rings = [
-        (to_hex(each.get_markeredgecolor()), each.get_xdata()[0], each.get_ydata()[0])
+    rings: list[Any] = [
+        (to_hex(each.get_markeredgecolor()), *np.concatenate(each.get_data()))
         for each in line.lines
         if each.get_marker() == "o" and to_hex(each.get_markerfacecolor()) == LIGHT.paper
     ]
@@ -253,7 +266,12 @@ def test_picture_of_a_benchmark() -> None:
     (failed,) = (mark for mark in marks(spin) if mark[0] == "x")
     assert failed[2:] == (pytest.approx([80.0 / 1.6**0.35]), 0)
     assert not empty.lines
-    assert [each.get_text() for each in line.texts] == [str(PAPER), str(OURS), str(OTHERS), "nominal"]
+    assert [each.get_text() for each in line.texts] == [
+        str(PAPER),
+        str(OURS),
+        str(OTHERS),
+        "nominal",
+    ]
     assert [each.get_text() for each in delayed.texts][-1] == "delay"
     told = [each.get_text() for each in figure.texts]
     assert told == ["rms error, mm (logarithmic)", "a robot"]
@@ -281,7 +299,9 @@ def test_panels_of_a_benchmark_do_not_overlap() -> None:
     assert (a.y0, c.x0) == pytest.approx((b.y0, a.x0))
     assert d.y1 - d.y0 == pytest.approx(a.y1 - a.y0)
     figure.draw_without_rendering()
-    labels = [[t.get_text() for t in axes.get_xticklabels() if t.get_text()] for axes in figure.axes]
+    labels = [
+        [t.get_text() for t in axes.get_xticklabels() if t.get_text()] for axes in figure.axes
+    ]
     assert labels[0] == labels[1] == []
     assert {"1", "10", "100"} <= set(labels[2])
     assert "3" not in labels[2]  # a wide axis: of 1, 10 and 100 only

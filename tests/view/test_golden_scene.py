@@ -190,7 +190,9 @@ def test_ghost_is_veiled_and_the_robot_is_not(scene: Scene) -> None:
         for mesh in group["children"]:
             paint = paints[mesh["material"]]
             assert mesh["material"].startswith("paint-") == solid
-            assert paint.get("opacity", 0.0) == (1.0 if solid else {"tint": 0.3}.get(paint["uuid"], 0.0))
+            assert paint.get("opacity", 0.0) == (
+                1.0 if solid else {"tint": 0.3}.get(paint["uuid"], 0.0)
+            )
             assert mesh.get("castShadow", False) == solid
 
 
@@ -201,7 +203,9 @@ def test_everything_is_in_view(tricycle: Robot, golden: Run, scene: Scene) -> No
     )
     assert (scene.lower[:2] <= everything.min(axis=0) + 1e-9).all()
     assert (scene.upper[:2] >= everything.max(axis=0) - 1e-9).all()
-    assert -0.1 * (np.sqrt(2.0) - 1.0) <= scene.lower[2] + 0.05 <= 0.0  # a wheel's box as it turns
+    assert (
+        -0.1 * (np.sqrt(2.0) - 1.0) <= scene.lower[2] + 0.05 < -0.035
+    )  # a wheel's box as it turns
     assert scene.upper[2] == pytest.approx(0.45 + 0.6)  # the first end-effector reference
     assert scene.follow == "robot-1"
     assert scene.origin == pytest.approx([0.0, 0.0, 0.0])
@@ -215,7 +219,9 @@ def test_everything_is_in_view(tricycle: Robot, golden: Run, scene: Scene) -> No
 def test_a_motion_in_the_air_has_its_ground_in_view(tricycle: Robot, golden: Run) -> None:
     """However the shapes lie: here the robot has none, and its paths are above the ground."""
     drive = replace(tricycle.drive, ground=-0.5)
-    scene = build_scene(replace(tricycle, drive=drive), replace(golden, drive={**golden.drive, "ground": -0.5}))
+    scene = build_scene(
+        replace(tricycle, drive=drive), replace(golden, drive={**golden.drive, "ground": -0.5})
+    )
     assert scene.lower[2] == pytest.approx(-0.5)
     trail = middles(trails(scene.commands)["trail-base"], COUNT)
     assert trail[:, 2] == pytest.approx(-0.5, abs=0.05)
@@ -228,9 +234,11 @@ def test_clips_start_at_zero_and_long_ones_are_thinned(tricycle: Robot, golden: 
     assert scene.times == pytest.approx(TIMES)
     assert scene.duration == pytest.approx(0.5)
     check_motion(scene.commands, tricycle, golden.q, "robot")
-    for duration, count, frames_kept in ((2.0, 400, 61), (100.0, 2500, 1800), (0.1, 2, 2)):
+    for duration, count, frames_kept in ((2.01, 400, 62), (100.0, 2500, 1800), (0.1, 2, 2)):
         places = np.linspace(0, COUNT - 1, count).astype(int)
-        arrays = {n: a[places] for n, a in vars(golden).items() if isinstance(a, np.ndarray)}
+        arrays: dict[str, Any] = {
+            n: a[places] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+        }
         run = replace(golden, **{**arrays, "t": np.linspace(0.0, duration, count)})
         times = build_scene(tricycle, run).times
         assert len(times) == frames_kept  # 30 a second, 1800 at most, the ends among them
@@ -336,7 +344,9 @@ def test_reference_robot_of_a_log_steers_by_the_reference(tricycle: Robot) -> No
     moving = step > 1e-5
     middle = 0.5 * (ahead[1:] + ahead[:-1])[moving]
     assert moving.sum() > 50
-    assert middle == pytest.approx(np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3)
+    assert middle == pytest.approx(
+        np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3
+    )
     assert np.abs(ahead - run.steering[:, 0]).max() > 0.01
     for name, offset in (("left_wheel_joint", 0.3), ("right_wheel_joint", -0.3)):
         turned = np.unwrap([tricycle.joint_position(q, name) for q in run.q_ref])
