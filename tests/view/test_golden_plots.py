@@ -264,6 +264,7 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     assert free.lines[0].get_color() == LIGHT.cycle[1]
     loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
     turning, sliding = loose.axes
+    assert len(loose.legends) == 1
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
     assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
