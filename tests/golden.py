@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -79,7 +80,7 @@ TRICYCLE = "".join(
     )
 )
 
-TIMES = 0.1 * np.arange(6)  # s
+TIMES: Array = 0.1 * np.arange(6.0)  # s
 COUNT = len(TIMES)
 QUASI_VELOCITIES = ("v", "steer_joint", "swing_joint", "slide_joint")
 ACTUATORS = ("left_wheel_joint", "right_wheel_joint", "steer_joint", "swing_joint", "slide_joint")
@@ -118,6 +119,9 @@ TIP_MARGINS = (0.3, 0.25, 0.125, 0.15, 0.2, 0.28)  # m
 SLIP_RATIOS = (0.1, 0.2, 0.15, 0.4, 0.3, 0.05)
 
 
+ASIDE: Array = np.array([0.05, -0.02])  # from P to the zero-moment point, m
+
+
 def load_tricycle(folder: Path) -> Robot:
     """Return the tricycle, whose arm turns and slides.
 
@@ -130,12 +134,12 @@ def load_tricycle(folder: Path) -> Robot:
 
 def golden_run(robot: Robot) -> Run:
     """Return the log of the tricycle, written by hand."""
-    k = np.arange(COUNT)
+    k = np.arange(float(COUNT))
     q = np.array([_configuration(robot, *row) for row in _actual(k)])
     q_ref = np.array([_configuration(robot, *row) for row in _reference(k)])
     ee = _tips(robot, q)
     wheel_force = 1.0 + k[:, None] + 10.0 * np.array([1.0, -2.0, 3.0])  # N; front, left, right
-    arrays: dict[str, Array] = {
+    arrays: dict[str, Any] = {
         "t": TIMES,
         "q": q,
         "q_ref": q_ref,
@@ -161,7 +165,7 @@ def golden_run(robot: Robot) -> Run:
         "wheel_force": wheel_force,
         "axle_force": np.column_stack([6.0 + k, -4.0 - 2.0 * k]),  # of both rear wheels; front
         "contact_load": np.column_stack([80.0 + k, 60.0 + 0.0 * k, 120.0 - k]),
-        "zmp": np.array([robot.base_pose(row)[:2] + [0.05, -0.02] for row in q]),
+        "zmp": np.array([robot.base_pose(row)[:2] + ASIDE for row in q]),
         "tip_margin": np.array(TIP_MARGINS),
         "slip_ratio": np.array(SLIP_RATIOS),
         "active_limits": np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0], [1, 0]], float),
@@ -171,7 +175,7 @@ def golden_run(robot: Robot) -> Run:
     return Run(**arrays, **_facts(robot))
 
 
-def _facts(robot: Robot) -> dict[str, object]:
+def _facts(robot: Robot) -> dict[str, Any]:
     return {
         "robot": robot.name,
         "source": robot.source,

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -216,18 +216,19 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
     """Shares of limits: the actuator without a limit does not count."""
     found = figures(golden, [1e-5, 3e-5] * 50)
     tau, limits = np.array(golden.tau)[:, [0, 2, 3, 4]], np.array([40.0, 15.0, 20.0, 80.0])
-    assert found == Figures(
-        rms_base=pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
-        final_base=pytest.approx(0.05),
-        final_lateral=pytest.approx(0.04),
-        rms_end_effector=pytest.approx(math.sqrt((0.49 + 0.09 + 2 * 0.0049 + 2 * 0.0009) / 6)),
-        final_end_effector=pytest.approx(0.03),
-        peak_effort=pytest.approx(0.8),
-        rms_effort=pytest.approx(math.sqrt(float(np.mean((tau / limits) ** 2)))),
-        violations=(),
-        sample_time=pytest.approx(4e-5),
-        sample_time_99=pytest.approx(4e-5),
-    )
+    expected: dict[str, Any] = {
+        "rms_base": pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
+        "final_base": pytest.approx(0.05),
+        "final_lateral": pytest.approx(0.04),
+        "rms_end_effector": pytest.approx(math.sqrt((0.49 + 0.09 + 2 * 0.0049 + 2 * 0.0009) / 6)),
+        "final_end_effector": pytest.approx(0.03),
+        "peak_effort": pytest.approx(0.8),
+        "rms_effort": pytest.approx(math.sqrt(float(np.mean((tau / limits) ** 2)))),
+        "violations": (),
+        "sample_time": pytest.approx(4e-5),
+        "sample_time_99": pytest.approx(4e-5),
+    }
+    assert asdict(found) == expected
     lifted = np.array(golden.joints)
     lifted[2, 1] = 0.5
     assert figures(replace(golden, joints=lifted), [1e-5, 1e-5]).violations == (

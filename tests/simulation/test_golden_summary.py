@@ -23,7 +23,8 @@ def changed(run: Run, name: str, sample: int | slice, column: int, value: float)
     """Return a run with one entry of an array, or several of a column, changed."""
     array = np.array(getattr(run, name))
     array[sample, column] = value
-    return replace(run, **{name: array})
+    entry: dict[str, Any] = {name: array}
+    return replace(run, **entry)
 
 
 def test_figures_of_a_run(golden: Run) -> None:
@@ -69,7 +70,9 @@ def test_figures_of_a_run(golden: Run) -> None:
 
 
 def test_the_second_half_of_an_odd_number_of_samples_has_the_middle_one(golden: Run) -> None:
-    arrays = {name: a[:5] for name, a in vars(golden).items() if isinstance(a, np.ndarray)}
+    arrays: dict[str, Any] = {
+        name: a[:5] for name, a in vars(golden).items() if isinstance(a, np.ndarray)
+    }
     told = summarize(replace(golden, **arrays))
     assert told["settled_base_error"] == pytest.approx(0.5)
     assert told["joint_errors"][1]["settled"] == pytest.approx(0.02)

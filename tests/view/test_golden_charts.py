@@ -150,7 +150,10 @@ def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
 
 
 def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
-    names = {"joint_names": ("omega", "vx"), "actuators": (*golden.actuators[:3], "omega", "vx")}
+    names: dict[str, Any] = {
+        "joint_names": ("omega", "vx"),
+        "actuators": (*golden.actuators[:3], "omega", "vx"),
+    }
     run = replace(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
     charts = told(run)
     assert [*lines(charts["Base speeds"])] == ["v"]
@@ -206,7 +209,9 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
 
 def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
     """Return some samples of a run, later by a time that no page should tell, or at other times."""
-    arrays = {n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)}
+    arrays: dict[str, Any] = {
+        n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)
+    }
     return replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 
 

@@ -237,22 +237,26 @@ def test_picture_of_a_benchmark() -> None:
         assert axes.get_ylim() == (3.0, -1.0)  # the first law at the top
         assert axes.get_xscale() == "log"
 
-    def marks(axes: Any) -> list[tuple[str, str, list[float], float]]:
+    def marks(axes: Any) -> list[Any]:
         return [
-            (each.get_marker(), to_hex(each.get_color()), each.get_xdata().tolist()
-             if hasattr(each.get_xdata(), "tolist") else list(each.get_xdata()), each.get_ydata()[0])
+            (
+                each.get_marker(),
+                to_hex(each.get_color()),
+                list(each.get_xdata()),
+                each.get_ydata()[0],
+            )
             for each in axes.lines
-        ]  # fmt: skip
+        ]
 
     tip, base, grey = LIGHT.tip.lower(), LIGHT.base.lower(), GREY
-    drawn = marks(line)
+    drawn: list[Any] = marks(line)
     assert ("None", tip, pytest.approx([4.0, 20.0]), 0) in drawn
     assert ("o", tip, pytest.approx([4.0]), 0) in drawn
     assert ("None", base, pytest.approx([2.0, 10.0]), 1) in drawn
     assert ("o", base, pytest.approx([2.0]), 1) in drawn
     assert ("o", grey, pytest.approx([3.0]), 2) in drawn
-    rings = [
-        (to_hex(each.get_markeredgecolor()), each.get_xdata()[0], each.get_ydata()[0])
+    rings: list[Any] = [
+        (to_hex(each.get_markeredgecolor()), *np.concatenate(each.get_data()))
         for each in line.lines
         if each.get_marker() == "o" and to_hex(each.get_markerfacecolor()) == LIGHT.paper
     ]

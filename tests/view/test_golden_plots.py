@@ -12,6 +12,7 @@ from matplotlib.colors import to_hex
 
 import rpctl
 from rpctl import Run
+from rpctl.view.plot_panels import find_panels
 from rpctl.view.plot_style import LIGHT
 from rpctl.view.plots import tracking_figure
 from tests import golden as made
@@ -32,7 +33,8 @@ def curves(axes: Axes, colour: str | None = None) -> list[Array]:
     return [
         np.column_stack(line.get_data())
         for line in axes.lines
-        if len(line.get_xdata()) and (colour is None or to_hex(line.get_color()) == colour.lower())
+        if np.size(line.get_xdata())
+        and (colour is None or to_hex(line.get_color()) == colour.lower())
     ]
 
 
@@ -41,7 +43,7 @@ def labelled(axes: Axes) -> dict[str, Array]:
     return {
         str(line.get_label()): np.column_stack(line.get_data())
         for line in axes.lines
-        if not str(line.get_label()).startswith("_") and len(line.get_xdata())
+        if not str(line.get_label()).startswith("_") and np.size(line.get_xdata())
     }
 
 
@@ -71,7 +73,7 @@ def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
     starts = {
         line.get_markeredgecolor(): np.column_stack(line.get_data())
         for line in axes.lines
-        if line.get_marker() == "o" and len(line.get_xdata())
+        if line.get_marker() == "o" and np.size(line.get_xdata())
     }
     assert starts[LIGHT.base] == pytest.approx(golden.base[:1, :2])
     assert starts[LIGHT.tip] == pytest.approx(golden.ee[:1, :2])
@@ -80,11 +82,11 @@ def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
 
 
 def straight(golden: Run, length: float) -> Run:
-    """Return the run of a robot that goes straight up y, and that its reference leaves behind."""
+    """Return the run of a robot that goes straight up y, its forward direction to the right."""
     k = np.arange(COUNT) / (COUNT - 1)
     root = np.column_stack([np.full(COUNT, 2.0), length * k, np.zeros(COUNT), np.ones(COUNT)])
     q = np.hstack([root, golden.q[:, 4:]])
-    base = np.column_stack([root[:, 0], root[:, 1] - 0.1, np.full(COUNT, 0.5 * np.pi)])
+    base = np.column_stack([root[:, 0], root[:, 1] - 0.1, np.full(COUNT, np.arctan2(0.8, 0.6))])
     return replace(golden, q=q, base=base)
 
 
@@ -96,7 +98,7 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
     starts = [2.0 * t / 0.5 - 0.1 for t in (0.0, 0.3, 0.5)]  # every 0.25 s, at the next sample
     assert [tick[0].tolist() for tick in ticks] == [pytest.approx([2.0, y]) for y in starts]
     for tick in ticks:
-        assert tick[1] - tick[0] == pytest.approx([0.0, 0.4 * 0.8], abs=1e-12)
+        assert tick[1] - tick[0] == pytest.approx([0.4 * 0.8 * 0.6, 0.4 * 0.8 * 0.8])
     outlines = [patch.get_xy()[:-1] for patch in axes.patches if len(patch.get_xy())]  # type: ignore[attr-defined]
     assert len(outlines) == 2 * 3  # filled and edged
     for filled, edged, y in zip(outlines[0:6:2], outlines[1:6:2], (0.0, 1.2, 2.0), strict=True):
@@ -111,6 +113,29 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
         "start",
         "contacts and heading, every 0.25 s",
     ]
+
+
+def test_time_of_a_run_may_start_anywhere(golden: Run) -> None:
+    run = straight(golden, 2.0)
+    axes = panel(replace(run, t=run.t + 7.0), "paths")
+    assert "contacts and heading, every 0.25 s" in axes.get_legend_handles_labels()[1]
+    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 3
+
+
+def test_panels_and_where_they_stand(golden: Run) -> None:
+    """Paths take a row of their own, the others half of one; what a run has not is left out."""
+    figure = tracking_figure(golden)
+    spans = [list(axes.get_subplotspec().colspan) for axes in figure.axes]  # type: ignore[union-attr]
+    rows = [axes.get_subplotspec().rowspan.start for axes in figure.axes]  # type: ignore[union-attr]
+    assert spans == [[0, 1], *([[0], [1]] * 5)][: len(spans)]
+    assert rows == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5]
+    none = np.empty((COUNT, 0))
+    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
+    names = [panel.name for panel in find_panels(replace(arm, slip_ratio=none))]
+    assert names == ["paths", "joints", "tip", "joint-speeds", "efforts", "efforts"]
+    base = replace(golden, ee=none, joint_names=(), quasi_velocities=("v", "omega"))
+    names = [panel.name for panel in find_panels(base)]
+    assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
 
 def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
@@ -173,7 +198,7 @@ def test_axis_of_errors_that_vanish_or_stay(golden: Run) -> None:
 
 
 def test_speeds_and_their_references(golden: Run) -> None:
-    """Solid what the robot did, dashed what the reference does; what the law asked for is neither."""
+    """Solid what the robot did, dashed what the reference did; neither is what the law asked."""
     axes = panel(golden, "speeds")
     drawn = labelled(axes)
     assert over_time(drawn["v, m/s"]) == pytest.approx(speeds(0.5, 0.1))
@@ -207,7 +232,7 @@ def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
 
 def test_references_of_many_joints_are_not_drawn(golden: Run) -> None:
     four = ("v", "a", "b", "c", "d")
-    wide = {name: np.ones((COUNT, 5)) for name in ("nu", "nu_ref")}
+    wide: dict[str, Any] = {name: np.ones((COUNT, 5)) for name in ("nu", "nu_ref")}
     run = replace(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
     run = replace(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
     run = replace(run, effort_limits=(1.0,) * 4)
@@ -221,8 +246,8 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     shares, free = figure.axes
     low, high, *drawn = curves(shares)
     assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-1.0, -1.0], [1.0, 1.0])
-    expected = EFFORTS[:, [0, 2, 3, 4]] / [40.0, 15.0, 20.0, 80.0]
-    assert pytest.approx(expected) == np.array([over_time(c) for c in drawn]).T
+    told = np.array([over_time(c) for c in drawn]).T * [40.0, 15.0, 20.0, 80.0]
+    assert told == pytest.approx(EFFORTS[:, [0, 2, 3, 4]])
     assert shares.get_ylabel() == "effort / limit"
     assert shares.get_ylim() == pytest.approx((-1.12, 1.12))
     (wheel,) = curves(free)
@@ -239,6 +264,7 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     assert free.lines[0].get_color() == LIGHT.cycle[1]
     loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
     turning, sliding = loose.axes
+    assert len(loose.legends) == 1
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
     assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
@@ -274,9 +300,10 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
     column, wall = rpctl.Disc(1.0, -0.75, 0.25), rpctl.HalfPlane(0.0, 2.0, -1.0)  # y ≥ −1
     post = rpctl.Disc(0.5, 1.5, 0.125)
     axes = panel(among(golden, column, wall, tip=(post,)), "paths")
+    drawn: list[Any] = [*axes.patches, *axes.artists]
     circles = [
         (*patch.center, patch.radius, to_hex(patch.get_edgecolor()), patch.get_fill())
-        for patch in axes.patches + axes.artists
+        for patch in drawn
         if hasattr(patch, "radius")
     ]
     base, tip = LIGHT.base_obstacle, LIGHT.tip_obstacle
@@ -298,7 +325,7 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
 
 
 def test_feet_of_walls_come_into_view(golden: Run) -> None:
-    """A wall is framed where the body comes nearest to it: P for the base's, the tip for its own."""
+    """A wall is framed where its body comes nearest: P to the base's, the tip to its own."""
     tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
     run = replace(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
     plain = panel(run, "paths").dataLim
@@ -319,11 +346,10 @@ def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
     wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
     plain = panel(golden, "paths").dataLim
     axes = panel(among(golden, wall), "paths")
-    (corners,) = (
-        p.get_xy()[:-1] for p in axes.artists + axes.patches if len(getattr(p, "xy", ())) == 5
-    )
-    middle = 0.5 * (plain.min + plain.max)
-    far = 20.0 * np.hypot(*plain.size)
+    drawn: list[Any] = [*axes.artists, *axes.patches]
+    (corners,) = (p.get_xy()[:-1] for p in drawn if len(getattr(p, "xy", ())) == 5)
+    middle = 0.5 * plain.get_points().sum(axis=0)
+    far = 20.0 * float(np.hypot(plain.width, plain.height))
     along = np.array([-0.8, 0.6])
     assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
     assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])

@@ -19,6 +19,7 @@ from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.view.compare import merge
 from rpctl.view.live import Broadcast
+from rpctl.view.obstacle_shapes import PATH
 from rpctl.view.player import player
 from rpctl.view.report import write_report
 from rpctl.view.robot_page import Show, robot_page
@@ -26,7 +27,7 @@ from rpctl.view.scene import Scene, build_scene
 from rpctl.view.stage import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
 from rpctl.view.stream import Stream
 from tests.golden import COUNT, TIMES
-from tests.view.samples import numbers, unpack
+from tests.view.samples import DISC, among, numbers, unpack
 from tests.view.test_live import Unopened, frames
 
 Array = np.ndarray[Any, Any]
@@ -203,7 +204,9 @@ def test_everything_is_in_view(tricycle: Robot, golden: Run, scene: Scene) -> No
     )
     assert (scene.lower[:2] <= everything.min(axis=0) + 1e-9).all()
     assert (scene.upper[:2] >= everything.max(axis=0) - 1e-9).all()
-    assert -0.1 * (np.sqrt(2.0) - 1.0) <= scene.lower[2] + 0.05 <= 0.0  # a wheel's box as it turns
+    assert (
+        -0.1 * (np.sqrt(2.0) - 1.0) <= scene.lower[2] + 0.05 < -0.035
+    )  # a wheel's box as it turns
     assert scene.upper[2] == pytest.approx(0.45 + 0.6)  # the first end-effector reference
     assert scene.follow == "robot-1"
     assert scene.origin == pytest.approx([0.0, 0.0, 0.0])
@@ -232,9 +235,11 @@ def test_clips_start_at_zero_and_long_ones_are_thinned(tricycle: Robot, golden: 
     assert scene.times == pytest.approx(TIMES)
     assert scene.duration == pytest.approx(0.5)
     check_motion(scene.commands, tricycle, golden.q, "robot")
-    for duration, count, frames_kept in ((2.0, 400, 61), (100.0, 2500, 1800), (0.1, 2, 2)):
+    for duration, count, frames_kept in ((2.01, 400, 62), (100.0, 2500, 1800), (0.1, 2, 2)):
         places = np.linspace(0, COUNT - 1, count).astype(int)
-        arrays = {n: a[places] for n, a in vars(golden).items() if isinstance(a, np.ndarray)}
+        arrays: dict[str, Any] = {
+            n: a[places] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+        }
         run = replace(golden, **{**arrays, "t": np.linspace(0.0, duration, count)})
         times = build_scene(tricycle, run).times
         assert len(times) == frames_kept  # 30 a second, 1800 at most, the ends among them
@@ -274,6 +279,31 @@ def test_of_several_runs_each_keeps_its_motion_and_trails(
     merged = merge([golden, same], [scene, build_scene(tricycle, same)])
     names = [name for name in trails(merged.commands) if name.startswith("run2-")]
     assert names == ["run2-trail-base", "run2-trail-tip"]
+
+
+def heights(commands: Sequence[bytes], path: str, number: int) -> tuple[float, float]:
+    """Return the least and the largest height of a geometry, m."""
+    geometry = drawn_by(commands)[path]["object"]["geometries"][number]
+    points = numbers(geometry["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
+    return float(points[:, 2].min()), float(points[:, 2].max())
+
+
+def test_the_ground_of_several_runs_is_the_first_ones(
+    tricycle: Robot, golden: Run, other: Run, scene: Scene
+) -> None:
+    sunk = replace(other, drive={**other.drive, "ground": -0.3})
+    merged = merge([golden, sunk], [scene, build_scene(tricycle, sunk)])
+    assert heights(merged.commands, "/rpctl/ground", 0) == pytest.approx((-0.05, -0.05))
+
+
+def test_columns_stand_on_the_ground_and_are_half_as_high_as_the_robot(
+    tricycle: Robot, golden: Run
+) -> None:
+    """The robot is 0.55 m high, from the ground at -0.05 m to the box at its arm's end."""
+    scene = build_scene(tricycle, among(golden, DISC))
+    foot, top = heights(scene.commands, PATH, 0)
+    assert foot == pytest.approx(-0.05, abs=0.01)
+    assert top == pytest.approx(-0.05 + 0.5 * 0.55, abs=0.01)
 
 
 def bend(curvature: float) -> ReferenceState:

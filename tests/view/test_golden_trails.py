@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def test_a_tube_is_round_about_its_path(lead: tuple[float, float, float]) -> Non
     assert np.einsum("kij,kj->ki", spokes, tangents) == pytest.approx(0.0, abs=1e-12)
     following = np.roll(spokes, -1, axis=1)
     assert np.einsum("kij,kij->ki", spokes, following) == pytest.approx(0.5 * 0.05**2)  # 60° apart
-    for ring, after in zip(spokes[:-1], spokes[1:], strict=True):
+    for ring, after in pairwise(spokes):
         turn = np.einsum("ij,ij->i", ring, after) / 0.05**2
         assert turn.min() > 0.5  # it is never twisted by a sixth of a turn
     assert len(faces) == 8 * trails.TUBE_SIDES * 2
@@ -127,7 +128,7 @@ def test_meshes_joined_keep_their_triangles() -> None:
 
 
 def test_grid_lies_on_whole_steps_and_fades_out() -> None:
-    points, opacity = trails.grid(np.array([3.1, -2.1]), 2.0, 0.5, -0.25)
+    points, opacity = trails.grid(np.array([3.1, -2.1]), 2.2, 0.5, -0.25)
     assert set(points[:, 2]) == {-0.25}
     starts, ends = points[0::2], points[1::2]
     level = np.isclose(starts[:, 0], ends[:, 0])
@@ -135,13 +136,14 @@ def test_grid_lies_on_whole_steps_and_fades_out() -> None:
     lines = np.where(level, starts[:, 0], starts[:, 1]) / 0.5
     assert lines == pytest.approx(np.round(lines))
     assert np.linalg.norm(ends - starts, axis=1) == pytest.approx(
-        2 * 2.0 / (2 * trails.GRID_PIECES)
+        2 * 2.5 / (2 * trails.GRID_PIECES)
     )
-    away = np.linalg.norm(points[:, :2] - [3.0, -2.0], axis=1) / 2.0
+    away = np.linalg.norm(points[:, :2] - [3.0, -2.0], axis=1) / 2.5
     assert opacity == pytest.approx(np.clip(1.0 - away, 0.0, 1.0) ** 1.2)
     assert opacity.max() == 1.0
     assert (opacity.reshape(-1, 2).max(axis=1) > 0.0).all()
-    assert {5, 7} < set(np.round(lines[level]).astype(int))  # lines on both sides of the middle
+    assert set(np.round(lines[level]).astype(int)) == set(range(2, 11))  # four on each side of 6
+    assert set(np.round(lines[~level]).astype(int)) == set(range(-8, 1))  # and of -4
 
 
 @pytest.mark.parametrize(
@@ -151,7 +153,7 @@ def test_trails_and_ground_suit_the_size_of_the_motion(
     size: float, width: float, radius: float
 ) -> None:
     lower = np.array([1.0, 2.0, -5.0])
-    upper = lower + [0.6 * size, 0.8 * size, 100.0]
+    upper = lower + np.array([0.6 * size, 0.8 * size, 100.0])
     assert stage.trail_width(lower, upper) == pytest.approx(width)
     centre, reach = stage.ground_disc(lower, upper)
     assert centre == pytest.approx([1.0 + 0.3 * size, 2.0 + 0.4 * size])
@@ -175,7 +177,12 @@ def test_trails_and_ground_suit_the_size_of_the_motion(
 
 def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
-    paths = {"base": path, "base-desired": path, "tip": path + [0, 0, 1], "tip-desired": path}
+    paths = {
+        "base": path,
+        "base-desired": path,
+        "tip": path + np.array([0.0, 0.0, 1.0]),
+        "tip-desired": path,
+    }
     lower, upper = np.zeros(3), np.array([3.0, 4.0, 1.0])  # a trail of 30 mm
     drawn = unpack(stage.trails_command(paths, lower, upper))["object"]
     heights, widths = {}, {}
