@@ -6,7 +6,8 @@ Every number is taken from the user's bytes (:mod:`rpctl.equivalence.raw_file`),
 
 - a wheel is a sphere, cylinder or capsule about its axle, the widest of the collision shapes, or
   else of the visual ones; without any, a mesh, half as high as the wider of its extents across the
-  axle. Links fixed to the wheel's own belong to it.
+  axle. Of several as wide, its centre is the mean of theirs. Links fixed to the wheel's own belong
+  to it where they are centred on the axle.
 - forward is across the mean of the axles that the root link holds and that do not slide.
 - P is the middle between the outermost wheels of an axle; of several axles the mean.
 - a swivel heads across the axle of its first wheel; its trail is how far its wheels' contact lies
@@ -35,6 +36,8 @@ ROUND = ("sphere", "cylinder", "capsule")
 TILT = 0.02  # sine of the largest angle between an axis and a wheel's shape, or the ground
 ONE_LINE = 0.02  # wheels are on one axle if their centres are apart by less, of their distance
 STEADY = 2e-3  # m; a smaller trail of wheels that share a centre of rotation is a file's rounding
+SAME = 1e-9  # m; shapes whose radii differ by no more are tyres of one wheel
+CENTRED = 0.1  # of the radius: how far a part of another link may be off the axle
 ROUNDING = 1e-9  # m; a smaller trail is that of numbers
 ROLLER = 0.25 * math.pi  # rad, between a mecanum wheel's roller and the forward direction
 UP = np.array([0.0, 0.0, 1.0])
@@ -133,21 +136,27 @@ def _size(
     raw: RawFile, joint: RawJoint, locked: Mapping[str, float], paths: MeshPaths
 ) -> tuple[float, float] | None:
     """Return a wheel's radius and the distance of its centre along the axle, m; None without."""
-    shapes = list(_shapes(raw, joint.child, locked))
-    for role in ("collision", "visual"):
-        found = [(s.size[0], float(at[:3, 3] @ joint.axis)) for s, at in shapes
-                 if s.role == role and _about_axle(s, at, joint.axis)]  # fmt: skip
-        if found:
-            return max(found, key=lambda size: size[0])
-    meshes = sorted((s.role, k) for k, (s, _) in enumerate(shapes) if s.kind == "mesh")
-    bounds = (_bounds(*shapes[k], joint.axis, paths) for _, k in meshes)
-    return next((size for size in bounds if size is not None), None)
+    parts = list(_parts(raw, joint.child, locked))
+    for measured in (_primitive, _mesh):
+        for role in ("collision", "visual"):
+            found = [
+                size
+                for shape, at, own in parts
+                if shape.role == role
+                and (size := measured(shape, at, joint.axis, paths)) is not None
+                and (own or size[2] <= CENTRED * size[0])
+            ]
+            if found:
+                radius = max(size[0] for size in found)
+                tyres = [middle for size, middle, _ in found if radius - size <= SAME]
+                return radius, float(np.mean(tyres))
+    return None
 
 
-def _shapes(
+def _parts(
     raw: RawFile, link: str, locked: Mapping[str, float]
-) -> Iterator[tuple[RawShape, Array]]:
-    """Yield the shapes of a link and of links that do not move on it, each with its pose (4, 4)."""
+) -> Iterator[tuple[RawShape, Array, bool]]:
+    """Yield the shapes of a link and of those that do not move on it: pose (4, 4), whose it is."""
     still = {link}
     for name, pose in raw.poses(locked, link).items():
         joint = raw.above[name]
@@ -156,22 +165,31 @@ def _shapes(
                 continue
             still.add(name)
         if name in still:
-            yield from ((shape, pose @ shape.origin) for shape in raw.link[name].shapes)
+            for shape in raw.link[name].shapes:
+                yield shape, pose @ shape.origin, name == link
 
 
-def _about_axle(shape: RawShape, at: Array, axis: Array) -> bool:
-    if shape.kind == "sphere":
-        return True
-    return shape.kind in ROUND and float(np.linalg.norm(np.cross(at[:3, 2], axis))) <= TILT
-
-
-def _bounds(
+def _primitive(
     shape: RawShape, at: Array, axis: Array, paths: MeshPaths
-) -> tuple[float, float] | None:
-    """Return half of a mesh's wider extent across an axis, and its middle along it, m.
+) -> tuple[float, float, float] | None:
+    """Return a round shape's radius, its middle along an axis and beside it, m; None if not."""
+    if shape.kind not in ROUND or not shape.size[0] > 0.0:
+        return None
+    if shape.kind != "sphere" and np.linalg.norm(np.cross(at[:3, 2], axis)) > TILT:
+        return None
+    middle = at[:3, 3]
+    return shape.size[0], float(middle @ axis), float(np.linalg.norm(np.cross(middle, axis)))
 
-    None where the mesh cannot be read.
+
+def _mesh(
+    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
+) -> tuple[float, float, float] | None:
+    """Return half of a mesh's wider extent across an axis, its middle along it and beside it, m.
+
+    None where it cannot be read.
     """
+    if shape.kind != "mesh":
+        return None
     try:
         surfaces = mesh_files.read(paths.resolve(shape.mesh))
     except MeshError:
@@ -180,9 +198,10 @@ def _bounds(
     points = points @ at[:3, :3].T + at[:3, 3]
     one = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     one /= np.linalg.norm(one)
-    along = points @ axis
-    wide = max(np.ptp(points @ one), np.ptp(points @ np.cross(axis, one)))
-    return 0.5 * float(wide), 0.5 * float(along.min() + along.max())
+    placed = points @ np.column_stack([axis, one, np.cross(axis, one)])
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    along, x, y = (0.5 * (low + high)).tolist()
+    return 0.5 * float(max(high[1:] - low[1:])), along, math.hypot(x, y)
 
 
 def _placed(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> Placed:

@@ -127,16 +127,14 @@ def is_round(part: Part, axis: Array) -> bool:
 
 def _round_size(parts: list[Part], axis: Array, role: str) -> Size | None:
     """Return the size that the widest round part of a role tells, if there is one."""
-    found = [part.shape for part in parts if part.role == role and is_round(part, axis)]
-    if not found:
-        return None
-    widest = max(found, key=lambda shape: shape.size[0])
-    tyres = [shape for shape in found if widest.size[0] - shape.size[0] <= SAME]
-    offset = float(np.mean([tyre.origin[:3, 3] @ axis for tyre in tyres]))
-    aside = float(np.linalg.norm(np.cross(widest.origin[:3, 3], axis)))
-    width = 0.0 if widest.kind == "sphere" else widest.size[1]
-    source = f"{role} {widest.kind}, line {widest.line}"
-    return Size(widest.size[0], source, offset, aside=aside, width=width)
+    found = []
+    for shape in (part.shape for part in parts if part.role == role and is_round(part, axis)):
+        middle = shape.origin[:3, 3]
+        aside = float(np.linalg.norm(np.cross(middle, axis)))
+        width = 0.0 if shape.kind == "sphere" else shape.size[1]
+        source = f"{role} {shape.kind}, line {shape.line}"
+        found.append(Size(shape.size[0], source, float(middle @ axis), aside=aside, width=width))
+    return _widest(found)
 
 
 def _mesh_size(
@@ -146,7 +144,7 @@ def _mesh_size(
 
     Why one cannot is added to ``reasons``.
     """
-    widest: Size | None = None
+    found = []
     for shape, its_role, own in parts:
         if shape.kind != "mesh" or its_role != role:
             continue
@@ -155,14 +153,23 @@ def _mesh_size(
         except MeshError as error:
             reasons.append(f'mesh "{shape.mesh}" {error}')
             continue
-        radius = 0.5 * bounds.wide  # the reach, which a tread's lugs do not tilt
-        centred = own or bounds.aside <= CENTRED * radius
-        if centred and (widest is None or radius > (widest.radius or 0.0)):
-            narrow, wide = bounds.narrow, bounds.wide
+        narrow, wide = bounds.narrow, bounds.wide
+        radius = 0.5 * wide  # the reach, which a tread's lugs do not tilt
+        if own or bounds.aside <= CENTRED * radius:
             uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < EVEN * wide else ""
             source = f"bounds of the {role} mesh, line {shape.line}"
-            widest = Size(radius, source, bounds.middle, uneven, bounds.aside, bounds.width)
-    return widest
+            found.append(Size(radius, source, bounds.middle, uneven, bounds.aside, bounds.width))
+    return _widest(found)
+
+
+def _widest(found: list[Size]) -> Size | None:
+    """Return the widest of some sizes; of several so wide, with their middle's offset."""
+    if not found:
+        return None
+    widest = max(found, key=lambda size: size.radius or 0.0)
+    reach = widest.radius or 0.0
+    tyres = [size.offset for size in found if reach - (size.radius or 0.0) <= SAME]
+    return widest._replace(offset=float(np.mean(tyres)))
 
 
 class _Bounds(NamedTuple):
