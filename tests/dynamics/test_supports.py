@@ -83,8 +83,12 @@ def test_shapes(shape: str, origin: str, point: tuple[float, float] | None, tmp_
     assert [part.point[:2] for part in parts] == ([] if point is None else [point])
 
 
-def test_lowest_points_of_slanted_shapes(tmp_path: Path) -> None:
-    """A cylinder stands on its rim, a capsule on its end, a box on its corner or edge."""
+@pytest.mark.parametrize("over", [0.0, math.pi])
+def test_lowest_points_of_slanted_shapes(tmp_path: Path, over: float) -> None:
+    """A cylinder stands on its rim, a capsule on its end, a box on its corner or edge.
+
+    Turned over they are the same shapes.
+    """
     tilt, r, half = 0.3, 0.04, 0.03
     shapes = {
         f'<cylinder radius="{r}" length="{2 * half}"/>': (
@@ -102,7 +106,7 @@ def test_lowest_points_of_slanted_shapes(tmp_path: Path) -> None:
     }
     for shape, (ahead, height) in shapes.items():
         extra = ball(0.5, z=height).replace('<sphere radius="0.05"/>', shape)
-        extra = extra.replace("<collision>", f'<collision><origin rpy="0 {tilt} 0"/>')
+        extra = extra.replace("<collision>", f'<collision><origin rpy="0 {tilt + over} 0"/>')
         robot = rpctl.load(write(tmp_path, platform(SET_A, extra=extra)))
         (part,) = find_supports(robot).parts
         np.testing.assert_allclose(part.point, [0.5 + ahead, 0.0, 0.0], atol=1e-12, err_msg=shape)

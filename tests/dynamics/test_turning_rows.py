@@ -135,6 +135,20 @@ def test_what_is_kept_cannot_be_written(tmp_path: Path) -> None:
     assert np.abs(turned - dynamics.basis(q)).max() > 0.01
 
 
+@pytest.mark.parametrize("kind", TURNING)
+def test_efforts_are_those_of_where_it_is(
+    tmp_path: Path, kind: str, rng: np.random.Generator
+) -> None:
+    """B(q) τ = F at one q after the other: nothing is kept of the last."""
+    robot = load(tmp_path, kind)
+    dynamics = ReducedDynamics(robot)
+    for _ in range(3):
+        q, force = steered(robot, rng)[0], rng.normal(size=robot.dof)
+        S = ReducedDynamics(robot).basis(q)
+        B = np.array([S[robot.velocity_index(name)] for name in robot.actuators]).T
+        np.testing.assert_allclose(B @ dynamics.efforts(q, force), force, atol=1e-9)
+
+
 def test_what_the_steering_leaves_undriven_is_named(tmp_path: Path) -> None:
     """A bicycle whose handlebar nothing turns: its speed is driven, its steering is not."""
     path = write(tmp_path, vehicle("bicycle"))
