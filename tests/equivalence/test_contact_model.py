@@ -1,0 +1,190 @@
+"""The robot on a plane in MuJoCo: it stands, rolls and is shaped as its file says."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.equivalence import contact_model, contact_plan, contact_shapes, mujoco_engine
+from rpctl.equivalence.contact_model import ContactModel
+from rpctl.equivalence.contact_shapes import tyre
+from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
+
+if not mujoco_engine.installed():
+    pytest.skip("MuJoCo is optional", allow_module_level=True)
+
+G = 9.81
+SETTLED = 1e-3  # of a load: what sinking by microns and settling for .3 s leave
+
+
+# --- MuJoCo's side ------------------------------------------------------------------------------
+
+
+def settled(robot: Robot, steps: int = 600) -> contact_model.Contact:
+    model = ContactModel(robot)
+    model.start(contact_plan.start(robot))
+    for _ in range(steps):
+        ground = model.advance({}, 1)
+    assert np.abs(model.pose).max() < 1e-6  # level ground: it stays where it is
+    return ground
+
+
+def test_loads_at_rest_are_those_of_the_lever_rule(tmp_path: Path) -> None:
+    """Base 30 kg at x = .3 m, cargo 8 kg at (.4, .3) m, wheels 1 kg each at x = 0, y = ±.75 m.
+
+    The ball at x = .6 m bears (30·.3 + 8·.4)/.6 = 20.333 kg; the wheels 19.667 kg, of which the
+    left one has 8·.3/1.5 = 1.6 kg more than half.
+    """
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6) + cargo(8, 0.4, 0.3, 0.2))))
+    ground = settled(robot)
+    assert ContactModel(robot).names == ("left_joint", "right_joint", "ball")
+    expected = G * np.array([19.66666667 / 2 + 1.6, 19.66666667 / 2 - 1.6, 20.33333333])
+    np.testing.assert_allclose(ground.load, expected, rtol=SETTLED)
+    np.testing.assert_allclose(ground.force, [0.0, 0.0, 40.0 * G], atol=SETTLED * 40.0 * G)
+    np.testing.assert_allclose(ground.zmp, np.array([12.2, 2.4]) / 40.0, atol=1e-4)
+
+
+def test_a_torque_on_the_wheels_rolls_the_platform(tmp_path: Path) -> None:
+    """Both wheels 0.75 N·m for .5 s: a = (2·.75/.15)/(32 + 2·.005/.15²) = .3082 m/s², forward."""
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6))))
+    model = ContactModel(robot)
+    model.start(robot.configuration(theta=0.5 * math.pi))
+    for _ in range(600):
+        model.advance({}, 1)
+    start = model.pose
+    for _ in range(1000):
+        ground = model.advance({"left_joint": 0.75, "right_joint": 0.75}, 1)
+    way = 0.5 * (10.0 / (32.0 + 0.01 / 0.15**2)) * 0.5**2
+    np.testing.assert_allclose(model.pose - start, [0.0, way, 0.0], atol=0.01 * way)
+    assert ground.force[1] == pytest.approx(32.0 * 10.0 / (32.0 + 0.01 / 0.15**2), rel=0.01)
+    assert model.joint("left_joint")[0] == pytest.approx(way / 0.15, rel=0.01)
+
+
+def test_rollers_are_held_along_their_axles(tmp_path: Path) -> None:
+    robot = four_wheels(tmp_path, "mecanum")
+    model, turn = ContactModel(robot), 0.7
+    model.start(robot.configuration(theta=turn))
+    cos, sin = math.cos(turn), math.sin(turn)
+    for wheel in robot.drive.wheels:
+        x, y = wheel.direction
+        expected = [cos * x - sin * y, sin * x + cos * y, 0.0]
+        np.testing.assert_allclose(model._held(wheel), expected, atol=1e-9)
+
+
+def test_a_mecanum_base_slides_across_its_rollers_only(tmp_path: Path) -> None:
+    """All wheels forward: it drives straight, each roller's force along its axle."""
+    robot = four_wheels(tmp_path, "mecanum")
+    model = ContactModel(robot)
+    model.start(robot.configuration())
+    joints = {wheel.joint for wheel in robot.drive.wheels}
+    for _ in range(400):
+        model.advance({}, 1)
+    model.advance(dict.fromkeys(joints, 0.0), 1)
+    for contact in model._data.contact:
+        wheel = model._loose[int(contact.geom2)]
+        along = model._held(wheel)
+        np.testing.assert_allclose(contact.frame[3:6], along, atol=1e-12)
+        np.testing.assert_allclose(contact.frame[6:], np.cross([0.0, 0.0, 1.0], along), atol=1e-12)
+        assert contact.friction[1] < 1e-4 < contact.friction[0]
+
+
+def test_a_mimic_joint_follows_in_mujoco(tmp_path: Path) -> None:
+    arm = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.5"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+      <joint name="{name}_joint" type="revolute"><parent link="base"/><child link="{name}"/>
+      <origin xyz="0.2 0 0.4"/><axis xyz="0 0 1"/>{mimic}
+      <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
+    follow = '<mimic joint="first_joint" multiplier="-0.5" offset="0.2"/>'
+    extra = arm.format(name="first", mimic="") + arm.format(name="second", mimic=follow)
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6) + extra)))
+    model = ContactModel(robot)
+    model.start(robot.configuration(joints={"first_joint": 0.4}))
+    for _ in range(400):
+        model.advance({"first_joint": 0.2}, 1)
+    first, second = model.joint("first_joint")[0], model.joint("second_joint")[0]
+    assert first > 0.45
+    assert second == pytest.approx(-0.5 * first + 0.2, abs=1e-3)
+
+
+# --- shapes -------------------------------------------------------------------------------------
+
+
+def test_a_tyre_is_the_widest_cylinder_at_its_own_place(tmp_path: Path) -> None:
+    hub = """<collision><origin xyz="0 0.05 0" rpy="1.5707963267948966 0 0"/>
+      <geometry><cylinder radius="0.16" length="0.06"/></geometry></collision></link>
+      <joint name="left_joint\""""
+    text = platform(SET_A, extra=ball(0.6)).replace('</link>\n  <joint name="left_joint"', hub)
+    robot = rpctl.load(write(tmp_path, text))
+    tread = tyre(robot, robot.drive.wheels[0])
+    assert (tread.radius, tread.half_width, tread.note) == (0.16, 0.03, "")
+    np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.05, 0.0])
+    np.testing.assert_allclose(np.abs(tread.pose[:3, 2]), [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_a_tyre_knows_nothing_of_the_drive_where_it_is_drawn(paper: Robot) -> None:
+    drawn = tyre(paper, paper.drive.wheels[0])
+    record = dataclasses.replace(paper.drive.wheels[0], radius=0.16, offset=0.05)
+    assert tyre(paper, record).radius == drawn.radius == 0.15
+    np.testing.assert_array_equal(tyre(paper, record).pose, drawn.pose)
+
+
+def test_a_declared_radius_is_told(paper: Robot) -> None:
+    wheel = dataclasses.replace(paper.drive.wheels[0], radius=0.2, source="drive file")
+    tread = tyre(paper, wheel)
+    assert (tread.radius, tread.note) == (0.2, "the radius of wheel_left_joint is the drive file's")
+
+
+def test_a_wheel_that_is_not_drawn_is_told(paper: Robot) -> None:
+    wheel = dataclasses.replace(paper.drive.wheels[0], radius=0.17, offset=0.03)
+    child = paper.description.joint[wheel.joint].child
+    links = tuple(
+        dataclasses.replace(link, visuals=(), collisions=()) if link.name == child else link
+        for link in paper.description.links
+    )
+    bare = dataclasses.replace(
+        paper, description=dataclasses.replace(paper.description, links=links)
+    )
+    tread = tyre(bare, wheel)
+    assert tread.radius == 0.17
+    np.testing.assert_allclose(tread.pose[:3, 3], 0.03 * np.array(wheel.axis))
+    assert tread.note.startswith("wheel_left_joint draws no wheel")
+
+
+def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
+    """A ring of eight corners, .15 m about y, from y = .01 to .05 m."""
+    angles = 0.25 * math.pi * np.arange(8)
+    corners = [
+        f"v {0.15 * math.cos(a):.6f} {y} {0.15 * math.sin(a):.6f}"
+        for y in (0.01, 0.05)
+        for a in angles
+    ]
+    faces = [f"f {k} {k % 8 + 1} {k + 8}" for k in range(1, 9)]
+    (tmp_path / "wheel.obj").write_text("\n".join(corners + faces), encoding="utf-8")
+    shape = platform(SET_A).partition("<collision>")[2].partition("</collision>")[0]
+    mesh = '<geometry><mesh filename="wheel.obj"/></geometry>'
+    text = platform(SET_A, extra=ball(0.6), right_sign=-1).replace(shape, mesh)
+    robot = rpctl.load(write(tmp_path, text))
+    for wheel, sign in zip(robot.drive.wheels, (1.0, -1.0), strict=True):
+        tread = tyre(robot, wheel)
+        assert tread.radius == pytest.approx(0.15)
+        assert tread.half_width == pytest.approx(0.02)
+        np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.03, 0.0], atol=1e-9)
+        np.testing.assert_allclose(tread.pose[:3, 2], [0.0, sign, 0.0], atol=1e-12)
+        np.testing.assert_allclose(tread.pose[:3, :3] @ tread.pose[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("module", [contact_model, contact_shapes])
+def test_mujocos_side_asks_neither_pinocchio_nor_the_rolling(module: object) -> None:
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
+    imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    used = {name for name in imported if name.startswith(("pinocchio", "rpctl.dynamics"))}
+    assert used <= {"rpctl.dynamics.supports"}  # which parts stand on the ground, by name
+    called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert not called & {"model", "crba", "rnea", "basis", "forwardKinematics"}
