@@ -21,6 +21,7 @@ table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nu
 th { text-align: left; color: var(--soft); font-weight: 600; }
 th, td { padding: 6px 10px; border-bottom: 1px solid var(--line); vertical-align: top; }
 td:nth-child(3) { white-space: nowrap; }
+@media (min-width: 800px) { td:nth-child(-n + 2) { white-space: nowrap; } }
 .remark { margin: 14px 10px; color: var(--soft); overflow-wrap: anywhere; }
 .wide { overflow-x: auto; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }
