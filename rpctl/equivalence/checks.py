@@ -136,7 +136,8 @@ def multipliers(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
     force = torques - push
     scale = max(np.abs(torques).max(), np.abs(force).max(), np.abs(tau).max(initial=0.0))
     products = np.abs(M @ trial.answer) @ trial.forces + parts
-    limit = allowed(FORWARD, float(products.max()), scale)
+    swing = _swing(inertia_spread(dynamics, q, np.array([*q[:2], 0.0])), nu)
+    limit = allowed(FORWARD, max(float(products.max()), swing), scale)
     yield worst("constraint forces Aᵀ λ", against, (force - lagrange.force) / scale, limit, names)
 
 

@@ -46,14 +46,20 @@ def constrained_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Constrai
     data = robot.model.createData()
     A, drift = _rows(robot, q, v)
     force = effort_columns(robot) @ tau - pin.nonLinearEffects(robot.model, data, q, v)
-    factor = cho_factor(pin.crba(robot.model, data, q))
-    free = cho_solve(factor, force)  # without the constraint
+    M = pin.crba(robot.model, data, q)
+    factor = cho_factor(M)
     response = cho_solve(factor, A.T)  # acceleration by each multiplier (nv, rows)
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("ij,ji->i", A, response), np.finfo(float).tiny))
     mobility = scale[:, None] * (A @ response) * scale
-    wanted = scale * (-drift - A @ free)
-    multipliers = scale * (np.linalg.pinv(mobility, rcond=RANK_MARGIN, hermitian=True) @ wanted)
-    return ConstrainedMotion(free + response @ multipliers, multipliers, A.T @ multipliers)
+    inverse = np.linalg.pinv(mobility, rcond=RANK_MARGIN, hermitian=True)
+    v_dot, multipliers = np.zeros(len(v)), np.zeros(len(A))
+    # What the constraints take back of the free acceleration may be nearly all: the first pass
+    # loses those digits, the second solves for what is left of both equations.
+    for _ in range(2):
+        free = cho_solve(factor, force - M @ v_dot + A.T @ multipliers)
+        more = scale * (inverse @ (scale * (-drift - A @ (v_dot + free))))
+        v_dot, multipliers = v_dot + free + response @ more, multipliers + more
+    return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
 
 
 def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:

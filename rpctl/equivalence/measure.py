@@ -18,7 +18,7 @@ from rpctl.equivalence.certificate import Check
 
 EPS = float(np.finfo(float).eps)
 EXACT = 1e-12  # float64 rounding over a tree of tens of links, with two decades to spare
-ROUNDINGS = 10.0  # of eps times the products that are summed: sums along a tree, not one product
+ROUNDINGS = 30.0  # of EPS times the products summed: three sums (tree, S, Sᵀ) of some ten terms
 DIFFERENCE = 1e-6  # central differences: truncation against rounding, with decades to spare
 DIFFERENCE_STEP = 1e-3  # rad; near the fifth root of EPS, where a rule of order 4 is best
 

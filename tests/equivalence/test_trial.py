@@ -18,8 +18,8 @@ from tests.robots import SET_A, platform, write
 
 
 def test_a_limit_grows_with_the_products_only_where_they_count() -> None:
-    assert allowed(1e-12, 100.0, 1.0) == 1e-12
-    assert allowed(1e-12, 1e5, 2.0) == pytest.approx(10.0 * EPS * 5e4, rel=1e-15)
+    assert allowed(1e-12, 150.0, 1.0) == 1e-12  # 30 · 2.2e-16 · 150 = 1.0e-12, just below
+    assert allowed(1e-12, 1e5, 2.0) == pytest.approx(30.0 * EPS * 5e4, rel=1e-15)
     assert allowed(1e-12, 1e5, 0.0) == 1e-12
 
 
