@@ -6,7 +6,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rpctl.equivalence.certificate import CONTACT
-from rpctl.equivalence.contact_record import ContactTrial
+from rpctl.equivalence.contact.record import ContactTrial
 
 
 def trial_table(trial: ContactTrial, marks: dict[bool, str]) -> Table:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rpctl.equivalence.contact_record import ContactTrial
+    from rpctl.equivalence.contact.record import ContactTrial
 
 CONTACT = "MuJoCo, rolling on a plane"  # what the contact trial compares with
 

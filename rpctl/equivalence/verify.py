@@ -22,7 +22,7 @@ from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
-    from rpctl.equivalence.contact_record import ContactTrial
+    from rpctl.equivalence.contact.record import ContactTrial
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco",)
@@ -173,9 +173,7 @@ def _engine(
 
 def _trial(robot: Robot) -> ContactTrial | Skipped:
     """Return the trial on the ground, or the row that says why there is none."""
-    from rpctl.equivalence import contact_trial
+    from rpctl.equivalence.contact.trial import NAME, contact_trial
     from rpctl.equivalence.mujoco_engine import installed
 
-    if not installed():
-        return Skipped(contact_trial.NAME, CONTACT, ABSENT)
-    return contact_trial.contact_trial(robot)
+    return contact_trial(robot) if installed() else Skipped(NAME, CONTACT, ABSENT)

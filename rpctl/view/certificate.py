@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from rpctl.equivalence.certificate import Certificate, Check, Skipped
-from rpctl.equivalence.contact_record import Gap
+from rpctl.equivalence.contact.record import Gap
 from rpctl.files import write_atomically
 from rpctl.view.contact_section import contact_section
 from rpctl.view.panel import badge, residual

@@ -10,7 +10,7 @@ from html import escape
 import numpy as np
 
 from rpctl.description.records import Array
-from rpctl.equivalence.contact_record import ContactTrial
+from rpctl.equivalence.contact.record import ContactTrial
 
 WIDTH, HEIGHT = 360.0, 170.0
 LEFT, RIGHT, TOP, BOTTOM = 44.0, 12.0, 12.0, 24.0

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from rpctl.description.records import Array
-from rpctl.equivalence.contact_record import ContactTrial
+from rpctl.equivalence.contact.record import ContactTrial
 
 WIDTH, LOWEST, TALLEST = 480.0, 300.0, 560.0
 MARGIN = 34.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from rpctl.equivalence.contact_record import ContactTrial
+from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.view.contact_charts import charts
 from rpctl.view.contact_plan_view import plan_view
 from rpctl.view.panel import badge

@@ -12,9 +12,12 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.equivalence import contact_model, contact_plan, contact_shapes, mujoco_engine
-from rpctl.equivalence.contact_model import ContactModel
-from rpctl.equivalence.contact_shapes import tyre
+from rpctl.equivalence import mujoco_engine
+from rpctl.equivalence.contact import model as contact_model
+from rpctl.equivalence.contact import plan as contact_plan
+from rpctl.equivalence.contact import shapes as contact_shapes
+from rpctl.equivalence.contact.model import ContactModel
+from rpctl.equivalence.contact.shapes import tyre
 from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
 
 if not mujoco_engine.installed():

@@ -20,16 +20,14 @@ from rpctl.cli import app
 from rpctl.description.records import Array
 from rpctl.dynamics import motion
 from rpctl.dynamics.contact import find_contacts
-from rpctl.equivalence import (
-    contact_model,
-    contact_plan,
-    contact_trial,
-    mujoco_engine,
-)
+from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
 from rpctl.equivalence.certificate import Certificate, Skipped
-from rpctl.equivalence.contact_gaps import gaps
-from rpctl.equivalence.contact_record import ContactTrial, Gap, Motion
+from rpctl.equivalence.contact import model as contact_model
+from rpctl.equivalence.contact import plan as contact_plan
+from rpctl.equivalence.contact import trial as contact_trial
+from rpctl.equivalence.contact.gaps import gaps
+from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
 from rpctl.robot.drive import Swivel, Wheel
 from rpctl.robot.vary import set_limits
 

@@ -12,7 +12,7 @@ import pytest
 
 from rpctl.description.records import Array
 from rpctl.equivalence.certificate import CONTACT, Certificate
-from rpctl.equivalence.contact_record import ContactTrial, Gap, Motion
+from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
 from rpctl.view.certificate import write_certificate
 from rpctl.view.contact_charts import charts
 from rpctl.view.contact_plan_view import plan_view

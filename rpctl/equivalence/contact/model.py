@@ -23,7 +23,7 @@ import numpy as np
 
 from rpctl.description.records import Array
 from rpctl.dynamics.supports import find_supports
-from rpctl.equivalence.contact_shapes import support_shapes, tyre
+from rpctl.equivalence.contact.shapes import support_shapes, tyre
 from rpctl.equivalence.mujoco_model import OWN, MujocoModel
 from rpctl.robot.drive import Wheel
 from rpctl.robot.model import Robot

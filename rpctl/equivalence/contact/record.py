@@ -69,7 +69,7 @@ class Gap(Check):
 
 @dataclass(frozen=True)
 class ContactTrial:
-    """The outcome of :func:`rpctl.equivalence.contact_trial.contact_trial`.
+    """The outcome of :func:`rpctl.equivalence.contact.trial.contact_trial`.
 
     Two trials are equal where their rows are.
 
