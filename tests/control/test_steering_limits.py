@@ -10,7 +10,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.control.steering import BRAKE, BRISK, ROOM, SHARE, base_command
+from rpctl.control.steering import BRAKE, BRISK, ROOM, SHARE, _most, base_command
 from rpctl.control.twist import Twist
 from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState
@@ -109,3 +109,11 @@ def test_the_tightest_bend_is_that_of_the_side_that_steers_less(tmp_path: Path) 
     robot = car(tmp_path, 'lower="-0.6" upper="0.9"', 'lower="-1.2" upper="1.2"')
     expected = 0.7 / math.tan(0.6) + 0.25
     assert turning_radius(robot.drive, robot.description.joint) == pytest.approx(expected)
+
+
+def test_how_far_off_the_reference_wheels_may_point(tmp_path: Path) -> None:
+    """With an axle up to 45°; without one a share of how far P is from the line of the two that
+    lead, 0.3 m here, in lengths of how far the furthest of them is, 0.5 m."""
+    assert _most(ReducedDynamics(bicycle(tmp_path, -0.4, 0.7))) == 1.0
+    corners = rpctl.load(write(tmp_path, vehicle("steered")))
+    assert _most(ReducedDynamics(corners)) == pytest.approx(0.8 * 0.3 / 0.5)
