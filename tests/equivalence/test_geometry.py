@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import rpctl
 from rpctl import Robot
@@ -353,3 +354,39 @@ def test_estimated_inertias_are_shared(tmp_path: Path) -> None:
     proof = rpctl.verify(rpctl.load(path, density=1000.0), samples=3)
     assert proof.shared == ("estimated inertias of box",)
     assert proof.passed
+
+
+def test_a_wheel_drawn_as_a_mesh_is_measured(tmp_path: Path) -> None:
+    """A 24-gon of radius .15 m, its middle 2 cm along the axle, and one of half the size visual."""
+    tyre = trimesh.creation.cylinder(radius=150.0, height=40.0, sections=24)
+    tyre.apply_translation([0.0, 0.0, 20.0])  # in mm, along its axis
+    tyre.export(tmp_path / "tyre.stl")
+    text = platform(SET_A).replace(
+        '<cylinder radius="0.15" length="0.04"/>',
+        '<mesh filename="tyre.stl" scale="0.001 0.001 0.001"/>',
+    )
+    robot = rpctl.load(write(tmp_path, text))
+    measured, shapeless = file_drive.measure(robot, read_file(robot.description.raw))
+    assert shapeless == ()
+    for wheel in measured.wheels:
+        assert wheel.radius == pytest.approx(0.15)
+        assert wheel.offset == pytest.approx(-0.02)  # rolled by 90°, its z axis points to −y
+    assert rpctl.verify(robot, samples=2, engines=()).passed
+    left, right = robot.drive.wheels
+    smaller = dataclasses.replace(left, radius=0.14)
+    drive = dataclasses.replace(robot.drive, wheels=(smaller, right))
+    proof = rpctl.verify(dataclasses.replace(robot, drive=drive), samples=3, engines=())
+    assert row(proof, "drive's geometry").entry.startswith(
+        "radius of left_joint: 0.14 in the drive"
+    )
+    assert row(proof, "wheels' contact at S ν").residual == pytest.approx(0.15 / 0.14 - 1.0)
+
+
+def test_the_same_wheels_are_followed_wherever_their_joints_are(tmp_path: Path) -> None:
+    """Slip depends on no wheel angle: the lowest point is not one of the mesh, or of the file."""
+    reading = read(rpctl.load(write(tmp_path, vehicle("tricycle"))))
+    rates = {"rear_left": 9.0, "rear_right": -10.0, "front": 10.0, "steer": 0.5}
+    still = moved(reading, [1.0, 0.1, 0.2], rates, steer=0.3)
+    turned = moved(reading, [1.0, 0.1, 0.2], rates, steer=0.3, front=1.1, rear_left=-2.0)
+    for key, size in still.held.items():
+        assert turned.held[key] == pytest.approx(size, abs=1e-14)
