@@ -22,7 +22,6 @@ from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
-    from rpctl.equivalence.contact.record import ContactTrial
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco",)
@@ -77,31 +76,39 @@ def verify(
     geometry = Geometry(dynamics, reading)
     oracle = GibbsAppell(robot, reading=reading)
     derivations = _Derivations(dynamics, oracle, geometry, mujoco)
-    found: dict[tuple[str, str], Check] = {}
-    for sample in range(samples):
-        for check in _compare(derivations, draw_state(robot, seed, sample)):
-            known = found.get((check.name, check.against))
-            if known is None or check.share > known.share:
-                found[check.name, check.against] = replace(check, sample=sample)
-        if progress is not None:
-            progress(sample + 1)
-    checks_made = (*geometry.record(), *found.values())
-    declared = () if strict else tuple(c for c in checks_made if c.name == DECLARED)
+    rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
+    declared = () if strict else tuple(check for check in rows if check.name == DECLARED)
     certificate = Certificate(
         robot=robot.name,
         samples=samples,
         seed=seed,
-        checks=tuple(check for check in checks_made if check not in declared),
+        checks=tuple(check for check in rows if check not in declared),
         skipped=(*geometry.skipped(), *absent),
         estimated_links=robot.description.estimated_links,
         declared=declared,
         shared=shared(robot, reading),
         idealised=tuple(each.sentence for each in idealisations(robot)),
     )
-    trial = _trial(robot) if contact else None
-    if isinstance(trial, Skipped):
-        return replace(certificate, skipped=(*certificate.skipped, trial))
-    return replace(certificate, contact=trial)
+    return _on_the_ground(robot, certificate) if contact else certificate
+
+
+def _worst(
+    derivations: _Derivations,
+    samples: int,
+    seed: int,
+    progress: Callable[[int], object] | None,
+) -> Iterator[Check]:
+    """Yield every row at its worst sample."""
+    found: dict[tuple[str, str], Check] = {}
+    for sample in range(samples):
+        state = draw_state(derivations.dynamics.robot, seed, sample)
+        for check in _compare(derivations, state):
+            known = found.get((check.name, check.against))
+            if known is None or check.share > known.share:
+                found[check.name, check.against] = replace(check, sample=sample)
+        if progress is not None:
+            progress(sample + 1)
+    yield from found.values()
 
 
 def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
@@ -171,9 +178,12 @@ def _engine(
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 
 
-def _trial(robot: Robot) -> ContactTrial | Skipped:
-    """Return the trial on the ground, or the row that says why there is none."""
+def _on_the_ground(robot: Robot, certificate: Certificate) -> Certificate:
+    """Return a certificate with the trial on the ground, or the row that says why there is none."""
     from rpctl.equivalence.contact.trial import NAME, contact_trial
     from rpctl.equivalence.mujoco_engine import installed
 
-    return contact_trial(robot) if installed() else Skipped(NAME, CONTACT, ABSENT)
+    trial = contact_trial(robot) if installed() else Skipped(NAME, CONTACT, ABSENT)
+    if isinstance(trial, Skipped):
+        return replace(certificate, skipped=(*certificate.skipped, trial))
+    return replace(certificate, contact=trial)

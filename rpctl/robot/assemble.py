@@ -50,14 +50,8 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     ]
     if kind == "skid-steer" and evidence.spec.track is not None:
         wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
-        records = [
-            record
-            if record.swivel is not None or record.slides
-            else replace(
-                record, shift=math.copysign(wider, float((wheel.centre[:2] - point) @ left))
-            )
-            for record, wheel in zip(records, wheels, strict=True)
-        ]
+        aside = [float((wheel.centre[:2] - point) @ left) for wheel in wheels]
+        records = [_gripping(*each, wider) for each in zip(records, aside, strict=True)]
     return Drive(
         type=kind,
         wheels=tuple(records),
@@ -70,6 +64,13 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
         declared=_declared(evidence.spec),
     )
+
+
+def _gripping(wheel: Wheel, aside: float, wider: float) -> Wheel:
+    """Return a wheel that grips further out, m; one that swivels or slides rolls where it is."""
+    if wheel.swivel is not None or wheel.slides:
+        return wheel
+    return replace(wheel, shift=math.copysign(wider, aside))
 
 
 def _declared(spec: DriveSpec) -> tuple[str, ...]:

@@ -123,6 +123,12 @@ class ContactModel:
         turn = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         return np.array([*self._data.qpos[:2], turn])
 
+    @property
+    def tilt(self) -> float:
+        """How far the root link leans out of the level, rad."""
+        up = self._data.xmat[self._root].reshape(3, 3)[2, 2]
+        return math.acos(min(1.0, float(up)))
+
     def _step(self) -> None:
         mujoco, model, data = self._mujoco, self._model, self._data
         mujoco.mj_step1(model, data)

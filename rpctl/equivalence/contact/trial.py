@@ -28,6 +28,7 @@ from rpctl.robot.model import Robot
 
 NAME = "motion on the ground"
 SETTLING = 0.3  # s in which the robot sinks into its contacts: 150 of their time constants
+TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 SAMPLE = 5  # ticks between two samples
 
 Row = tuple[Array, ...]  # of Motion's arrays
@@ -61,7 +62,7 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     rows = gaps(robot, contacts, plan.names, reduced, engine)
     return ContactTrial(
         checks=tuple(replace(row, time=float(times[row.sample])) for row in rows),
-        notes=(*model.notes, *_notes(robot, contacts, engine)),
+        notes=(*model.notes, *_tilted(model.tilt), *_notes(robot, contacts, engine)),
         contacts=contacts.names,
         determinate=contacts.determinate,
         joints=plan.names,
@@ -138,6 +139,16 @@ def _reduced_row(
     pose = np.array([q[0], q[1], math.atan2(q[3], q[2])])
     swung = np.array([robot.joint_position(q, name) for name in caster_names(robot)])
     return pose, ground.load, ground.force, ground.zmp, tau[list(plan.held)], swung
+
+
+def _tilted(tilt: float) -> Iterator[str]:
+    """Yield what a tilt (rad) shows of the file, where it is more than contacts give in."""
+    if tilt > TILT:
+        yield (
+            f"it stands {math.degrees(tilt):.2g}° out of the level: its wheels and supports do not "
+            "end at one height in the file, as the reduced model takes them to; correct their "
+            "origins or sizes"
+        )
 
 
 def _notes(robot: Robot, contacts: Contacts, engine: Motion) -> Iterator[str]:
