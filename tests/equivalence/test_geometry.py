@@ -13,7 +13,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.equivalence import file_drive, raw_file, wheel_slip
+from rpctl.equivalence import file_drive, geometry, raw_file, wheel_slip
 from rpctl.equivalence.certificate import Certificate, Check
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
@@ -353,3 +353,21 @@ def test_estimated_inertias_are_shared(tmp_path: Path) -> None:
     proof = rpctl.verify(rpctl.load(path, density=1000.0), samples=3)
     assert proof.shared == ("estimated inertias of box",)
     assert proof.passed
+
+
+def test_what_slides_most_by_design_is_told() -> None:
+    """Of three wheels the one that slides at 30 % of the speed; less than .1 % is not told."""
+    sizes = {"a, sideways": 0.01, "b, sideways": 0.3, "c, sideways": 0.02}
+    told = "by the drive's model b slides sideways at 30 % of the robot's speed"
+    assert geometry._by_design(Slip(1.0, {}, sizes, {})) == told
+    assert geometry._by_design(Slip(1.0, {}, {"a, sideways": 0.0009}, {})) == ""
+    assert geometry._by_design(Slip(1.0, {}, {}, {})) == ""
+
+
+def test_what_slides_most_is_told_and_what_is_no_number_fails() -> None:
+    held = {"a, forward": 0.01, "b, sideways": 0.015, "c, forward": 0.002}
+    check = geometry._sliding("wheels", Slip(1.0, held, {}, {}), "")
+    assert (check.residual, check.limit, check.passed) == (0.015, 0.02, True)
+    assert check.entry == "b slides sideways at 1.5 % of the robot's speed"
+    lost = geometry._sliding("wheels", Slip(1.0, held | {"c, forward": math.nan}, {}, {}), "")
+    assert (lost.residual, lost.passed) == (math.inf, False)
