@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import rpctl
 from rpctl import Robot
@@ -56,8 +57,9 @@ def swivel(drive: Drive, name: str) -> Swivel:
     return found
 
 
-def near(value: object, expected: object) -> None:
-    np.testing.assert_allclose(value, expected, rtol=0, atol=1e-12)  # type: ignore[arg-type]
+def near(value: ArrayLike, expected: ArrayLike) -> None:
+    found, truth = np.asarray(value, dtype=float), np.asarray(expected, dtype=float)
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-12)
 
 
 def three_on_an_axle() -> Parts:

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Robot
+from rpctl import ReducedDynamics, Robot
 from rpctl.equivalence import file_drive, geometry, raw_file, wheel_slip
 from rpctl.equivalence.certificate import Certificate, Check
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
 from rpctl.equivalence.reading import Reading, read
+from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.catalog import names
 from tests.description.test_mended import FINE
@@ -371,3 +372,17 @@ def test_what_slides_most_is_told_and_what_is_no_number_fails() -> None:
     assert check.entry == "b slides sideways at 1.5 % of the robot's speed"
     lost = geometry._sliding("wheels", Slip(1.0, held | {"c, forward": math.nan}, {}, {}), "")
     assert (lost.residual, lost.passed) == (math.inf, False)
+
+
+@pytest.mark.parametrize(("speed", "residual"), [(4.0, 0.5), (0.0, 2.0)])
+def test_base_speeds_are_relative_to_the_robots(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, speed: float, residual: float
+) -> None:
+    """The file makes v 2 m/s more than ν says: half of a speed of 4 m/s."""
+    rows, state = geometry.Geometry(ReducedDynamics(paper), read(paper)), draw_state(paper, 0, 0)
+    base = {"v": float(state.nu[0]) + 2.0, "omega": float(state.nu[1])}
+    found = Slip(speed, {"a, forward": 0.0}, {}, base)
+    monkeypatch.setattr(geometry, "slip", lambda motion: found)
+    (check,) = (each for each in rows.at(state) if each.name == "base speeds ν")
+    assert check.residual == pytest.approx(residual)
+    assert check.entry == "v"
