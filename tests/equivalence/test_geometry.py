@@ -13,12 +13,13 @@ import pytest
 import trimesh
 
 import rpctl
-from rpctl import Robot
-from rpctl.equivalence import file_drive, raw_file, wheel_slip
+from rpctl import ReducedDynamics, Robot
+from rpctl.equivalence import file_drive, geometry, raw_file, wheel_slip
 from rpctl.equivalence.certificate import Certificate, Check
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
 from rpctl.equivalence.reading import Reading, read
+from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.catalog import names
 from tests.description.test_mended import FINE
@@ -390,3 +391,35 @@ def test_the_same_wheels_are_followed_wherever_their_joints_are(tmp_path: Path) 
     turned = moved(reading, [1.0, 0.1, 0.2], rates, steer=0.3, front=1.1, rear_left=-2.0)
     for key, size in still.held.items():
         assert turned.held[key] == pytest.approx(size, abs=1e-14)
+
+
+def test_what_slides_most_by_design_is_told() -> None:
+    """Of three wheels the one that slides at 30 % of the speed; less than .1 % is not told."""
+    sizes = {"a, sideways": 0.01, "b, sideways": 0.3, "c, sideways": 0.02}
+    told = "by the drive's model b slides sideways at 30 % of the robot's speed"
+    assert geometry._by_design(Slip(1.0, {}, sizes, {})) == told
+    assert geometry._by_design(Slip(1.0, {}, {"a, sideways": 0.0009}, {})) == ""
+    assert geometry._by_design(Slip(1.0, {}, {}, {})) == ""
+
+
+def test_what_slides_most_is_told_and_what_is_no_number_fails() -> None:
+    held = {"a, forward": 0.01, "b, sideways": 0.015, "c, forward": 0.002}
+    check = geometry._sliding("wheels", Slip(1.0, held, {}, {}), "")
+    assert (check.residual, check.limit, check.passed) == (0.015, 0.02, True)
+    assert check.entry == "b slides sideways at 1.5 % of the robot's speed"
+    lost = geometry._sliding("wheels", Slip(1.0, held | {"c, forward": math.nan}, {}, {}), "")
+    assert (lost.residual, lost.passed) == (math.inf, False)
+
+
+@pytest.mark.parametrize(("speed", "residual"), [(4.0, 0.5), (0.0, 2.0)])
+def test_base_speeds_are_relative_to_the_robots(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, speed: float, residual: float
+) -> None:
+    """The file makes v 2 m/s more than ν says: half of a speed of 4 m/s."""
+    rows, state = geometry.Geometry(ReducedDynamics(paper), read(paper)), draw_state(paper, 0, 0)
+    base = {"v": float(state.nu[0]) + 2.0, "omega": float(state.nu[1])}
+    found = Slip(speed, {"a, forward": 0.0}, {}, base)
+    monkeypatch.setattr(geometry, "slip", lambda motion: found)
+    (check,) = (each for each in rows.at(state) if each.name == "base speeds ν")
+    assert check.residual == pytest.approx(residual)
+    assert check.entry == "v"

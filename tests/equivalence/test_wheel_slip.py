@@ -1,0 +1,71 @@
+"""Slip and base speeds by paper and pencil, on wheels whose signs and places differ."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl.equivalence.reading import read
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
+from tests.robots import write
+from tests.vehicles import vehicle
+
+
+def moved(
+    folder: Path, kind: str, twist: tuple[float, float, float], rates: dict[str, float],
+    positions: dict[str, float],
+) -> Slip:  # fmt: skip
+    reading = read(rpctl.load(write(folder, vehicle(kind))))
+    told = dict.fromkeys((wheel.joint for wheel in reading.drive.wheels), 0.0) | rates
+    at = dict.fromkeys((swivel.joint for swivel in reading.drive.swivels), 0.0) | positions
+    return slip(
+        FileMotion(reading.raw, reading.drive, at, np.array(twist), told, reading.raw.poses(at))
+    )
+
+
+def test_a_single_wheel_at_p_is_held_sideways(tmp_path: Path) -> None:
+    """P is its centre: no arm from P tells that it is abreast of it."""
+    found = moved(tmp_path, "bicycle", (0.3, 0.4, 0.0), {}, {})
+    assert found.speed == pytest.approx(0.5)
+    assert found.held["rear, sideways"] == pytest.approx(0.8)
+    assert found.held["rear, forward"] == pytest.approx(0.6)
+    assert found.held["P, sideways"] == pytest.approx(0.8)
+    assert not found.designed
+
+
+def test_what_shares_a_lateral_force_slides_on_average(tmp_path: Path) -> None:
+    """Straight on at 1 m/s with wheels at .4 and .36 rad, their axles to the left and right."""
+    at = {"steer_left": 0.4, "steer_right": -0.36}  # its axis points down
+    found = moved(tmp_path, "parallel", (1.0, 0.0, 0.0), {}, at)
+    mean = 0.5 * (math.sin(0.4) + math.sin(0.36))
+    assert found.held["steer_left and steer_right, sideways on average"] == pytest.approx(mean)
+    assert found.designed["front_left, sideways"] == pytest.approx(math.sin(0.4))
+    assert found.designed["front_right, sideways"] == pytest.approx(math.sin(0.36))
+    assert found.held["front_right, forward"] == pytest.approx(math.cos(0.36))
+
+
+@pytest.mark.parametrize(
+    ("kind", "rates", "speed"),
+    [
+        ("steered", {"fl_wheel": -5.0, "fr_wheel": 9.0}, 0.5),  # its axle points right
+        ("twin", {"fl_l_wheel": 5.0, "fl_r_wheel": 7.0, "rl_l_wheel": 9.0}, 0.6),
+    ],
+)
+@pytest.mark.parametrize("angle", [0.0, 0.5, 2.5])
+def test_the_speed_of_a_base_without_an_axle_is_its_first_swivels(
+    tmp_path: Path, kind: str, rates: dict[str, float], speed: float, angle: float
+) -> None:
+    """The rims' mean speed along the swivel's heading, wherever that points."""
+    found = moved(tmp_path, kind, (1.0, 0.0, 0.0), rates, {"fl_steer": angle})
+    assert found.base == pytest.approx({"v": speed})
+
+
+def test_a_robot_at_rest_slides_as_it_is(tmp_path: Path) -> None:
+    """There is no speed to be relative to: a wheel that spins at 2 rad/s slides at .2 m/s."""
+    found = moved(tmp_path, "bicycle", (0.0, 0.0, 0.0), {"rear": 2.0}, {})
+    assert found.speed == 0.0
+    assert found.held["rear, forward"] == pytest.approx(0.2)
