@@ -168,6 +168,8 @@ def golden_run(robot: Robot) -> Run:
         "zmp": np.array([robot.base_pose(row)[:2] + ASIDE for row in q]),
         "tip_margin": np.array(TIP_MARGINS),
         "slip_ratio": np.array(SLIP_RATIOS),
+        "load_range": np.empty((COUNT, 0)),  # three contacts: statics tell their loads
+        "slip_range": np.empty((COUNT, 0)),
         "active_limits": np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0], [1, 0]], float),
     }
     for array in arrays.values():
