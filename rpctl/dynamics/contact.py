@@ -236,7 +236,7 @@ def _multipliers(A: Array) -> Array:
 
 def _unheld(points: Array, heading: float) -> str:
     """Return the freedom that contacts (n, 2) on one line leave, in words."""
-    along = np.ptp(points, axis=0) if len(points) < 2 else points[-1] - points[0]
+    along = points[-1] - points[0]
     ahead = abs(along @ [math.cos(heading), math.sin(heading)])
     aside = abs(along @ [-math.sin(heading), math.cos(heading)])
     if max(ahead, aside) <= NARROW:

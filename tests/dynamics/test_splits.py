@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,15 @@ def test_where_the_ground_would_have_to_pull_there_is_no_split() -> None:
     np.testing.assert_array_equal(np.isnan(found.load).all(axis=(1, 2)), [True, False, True])
     np.testing.assert_array_equal(np.isnan(found.slip).all(axis=1), [True, False, True])
     assert not (found.load.flags.writeable or found.slip.flags.writeable)
+
+
+def test_many_contacts_are_taken_instant_by_instant() -> None:
+    """26 on a circle have more corners than a block holds; each may bear up to half, as two do."""
+    turn = 2.0 * np.pi * np.arange(26) / 26
+    points = np.column_stack([np.cos(turn), np.sin(turn)])
+    assert 26 * len(list(combinations(range(26), 3))) > splits.BLOCK
+    found = find_ranges(contacts(26, (), 1), [reaction(points, (0.0, 0.0), (0.0,))] * 2)
+    np.testing.assert_allclose(found.load / W, np.broadcast_to([0.0, 0.5], (2, 26, 2)), atol=1e-12)
 
 
 def test_a_crowd_and_wheels_alone_have_no_ranges() -> None:

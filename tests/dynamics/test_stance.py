@@ -58,6 +58,12 @@ def test_outside_the_polygon_some_contact_pulls() -> None:
     np.testing.assert_allclose(stance.statics @ load, [1.0, 1.5, 0.0], atol=1e-12)
 
 
+def test_where_no_split_only_pushes_that_of_the_plane_stays() -> None:
+    """Rounding may call a margin positive that is not."""
+    stance, moments = make_stance(SQUARE), np.array([1.0, 1.5, 0.0])
+    np.testing.assert_array_equal(loads(stance, moments, 1e-17), stance.split @ moments)
+
+
 def test_contacts_on_a_line_have_no_width() -> None:
     assert width(SQUARE[:2]) == 0.0
     assert width(np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0]])) == pytest.approx(0.0, abs=1e-15)

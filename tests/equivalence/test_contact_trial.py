@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,19 +14,16 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl import ReducedDynamics, Robot
+from rpctl import Robot
 from rpctl.cli import app
 from rpctl.description.records import Array
 from rpctl.dynamics import motion
-from rpctl.dynamics.contact import find_contacts
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
 from rpctl.equivalence.certificate import Certificate, Skipped
 from rpctl.equivalence.contact import model as contact_model
-from rpctl.equivalence.contact import plan as contact_plan
 from rpctl.equivalence.contact import trial as contact_trial
-from rpctl.equivalence.contact.gaps import gaps
-from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
+from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.robot.drive import Swivel, Wheel
 from rpctl.robot.vary import set_limits
 
@@ -47,11 +43,6 @@ def rolled(robot: Robot) -> ContactTrial:
 
 def broken(trial: ContactTrial) -> dict[str, float]:
     return {check.name: check.residual for check in trial.checks if not check.passed}
-
-
-@pytest.fixture(scope="module")
-def trial(paper: Robot) -> ContactTrial:
-    return rolled(paper)
 
 
 def wheels(robot: Robot, change: Callable[[Wheel], Wheel], *which: int) -> Robot:
@@ -189,94 +180,6 @@ def test_a_car_needs_its_tie_rod(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"path", "joint torques"} <= broken(rolled(rpctl.load("car"))).keys()
 
 
-# --- the rows, one by one -----------------------------------------------------------------------
-
-
-def moved(motion: Motion, **added: Any) -> Motion:
-    """Return a motion to which something is added at its last sample."""
-    parts = {name: values.copy() for name, values in vars(motion).items()}
-    for name, amount in added.items():
-        parts[name][-1] += amount
-    return Motion(**parts)
-
-
-def rows_of(robot: Robot, reduced: Motion, engine: Motion, joints: tuple[str, ...]) -> list[Gap]:
-    contacts = find_contacts(ReducedDynamics(robot))
-    assert contacts is not None
-    return list(gaps(robot, contacts, joints, reduced, engine))
-
-
-@pytest.mark.parametrize(
-    ("row", "part", "direction", "scale", "entry"),
-    [
-        ("path", "pose", [0.6, 0.8, 0.0], 1e-3, ""),
-        ("heading", "pose", [0.0, 0.0, 1.0], 1e-3, ""),
-        ("force of the ground", "force", [0.0, -1.0, 0.0], 1.0, "y"),
-        ("wheel loads", "load", [0.0, 0.0, 1.0], 1.0, "base_link"),
-        ("joint forces", "efforts", [0.0, 1.0], 1.0, "arm_prismatic_joint"),
-        ("joint torques", "efforts", [-1.0, 0.0], 1.0, "arm_revolute_joint"),
-    ],
-)
-def test_every_row_fails_alone_at_its_band(
-    paper: Robot,
-    trial: ContactTrial,
-    row: str,
-    part: str,
-    direction: list[float],
-    scale: float,
-    entry: str,
-) -> None:
-    engine = trial.engine
-    exact = {check.name: check for check in rows_of(paper, engine, engine, trial.joints)}
-    assert all(check.residual == 0.0 for check in exact.values())
-    gap = 1.5 * exact[row].band
-    added = {part: gap * np.array(direction)}
-    if row == "path":
-        added["zmp"] = added["pose"][:2]  # the robot is elsewhere, and so is what bears it
-    found = {c.name: c for c in rows_of(paper, moved(engine, **added), engine, trial.joints)}
-    assert [name for name, check in found.items() if not check.passed] == [row]
-    assert found[row].residual == pytest.approx(1.5)
-    assert found[row].gap == pytest.approx(gap)
-    assert (found[row].entry, found[row].sample) == (entry, len(engine.pose) - 1)
-
-
-def test_the_zero_moment_point_fails_alone(paper: Robot, trial: ContactTrial) -> None:
-    """Its band is half a percent of 1.5 m, the distance between the wheels."""
-    changed = moved(trial.engine, zmp=np.array([-0.015, 0.0]))
-    found = {c.name: c for c in rows_of(paper, changed, trial.engine, trial.joints)}
-    assert [name for name, check in found.items() if not check.passed] == ["zero-moment point"]
-    assert found["zero-moment point"].residual == pytest.approx(2.0)
-    assert found["zero-moment point"].entry == "x"
-
-
-def test_bands_are_those_that_are_stated(paper: Robot, trial: ContactTrial) -> None:
-    """Of 1 m and .8 rad a quarter of a percent more than 1 mm and 1 mrad, of 38 kg half a one."""
-    bands = {check.name: check.band for check in trial.checks}
-    assert bands["path"] == pytest.approx(3.5e-3, rel=1e-3)
-    assert bands["heading"] == pytest.approx(3e-3, rel=1e-3)
-    assert bands["force of the ground"] == pytest.approx(5e-3 * 38.0 * G, rel=1e-6)
-    assert bands["wheel loads"] == bands["force of the ground"]
-    largest = np.abs(trial.engine.efforts).max(axis=0)  # revolute, prismatic
-    floor = 1e-6 * 38.0 * G
-    assert bands["joint forces"] == pytest.approx(0.01 * largest[1] + floor)
-    assert bands["joint torques"] == pytest.approx(0.01 * largest[0] + 1.5 * floor)
-
-
-def test_what_is_no_number_fails(paper: Robot, trial: ContactTrial) -> None:
-    lost = moved(trial.engine, pose=np.nan)
-    found = {c.name: c for c in rows_of(paper, lost, trial.engine, trial.joints)}
-    assert math.isinf(found["path"].residual)
-    assert not found["path"].passed
-    assert found["path"].to_dict()["residual"] is None
-    json.dumps(found["path"].to_dict(), allow_nan=False)
-
-
-def test_a_heading_near_half_a_turn_wraps(paper: Robot, trial: ContactTrial) -> None:
-    turned = moved(trial.engine, pose=np.array([0.0, 0.0, 2.0 * math.pi]))
-    found = {c.name: c for c in rows_of(paper, turned, trial.engine, trial.joints)}
-    assert found["heading"].gap == pytest.approx(0.0, abs=1e-12)
-
-
 def test_a_model_that_breaks_down_fails_and_does_not_raise(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -294,52 +197,6 @@ def test_a_model_that_breaks_down_fails_and_does_not_raise(
     assert len(trial.reduced.pose) == len(trial.engine.pose)
     assert np.isnan(trial.reduced.pose[-1]).all()
     json.dumps(trial.to_dict(), allow_nan=False)
-
-
-# --- the plan -----------------------------------------------------------------------------------
-
-
-def planned(robot: Robot) -> contact_plan.Plan:
-    dynamics = ReducedDynamics(robot)
-    contacts = find_contacts(dynamics)
-    assert contacts is not None
-    return contact_plan.plan_motion(dynamics, contacts)
-
-
-def test_the_servo_pushes_towards_the_plan(paper: Robot) -> None:
-    plan = planned(paper)
-    at, rates = plan.targets[0][0], plan.targets[1][0]
-    np.testing.assert_array_equal(plan.efforts(0, at, rates), plan.tau[0])
-    behind = plan.efforts(0, at - [0.01, 0.0], rates) - plan.tau[0]
-    slow = plan.efforts(0, at, rates - [0.01, 0.0]) - plan.tau[0]
-    inertia = plan.inertia[0]
-    np.testing.assert_allclose(behind[2:], 6400.0 * 0.01 * inertia[:, 0], atol=1e-12)
-    np.testing.assert_allclose(slow[2:], 160.0 * 0.01 * inertia[:, 0], atol=1e-12)
-    assert not behind[:2].any()  # wheels get what the plan says, whatever is measured
-    np.testing.assert_allclose(plan.efforts(0, at + 2.0 * math.pi, rates), plan.tau[0], atol=1e-9)
-
-
-def test_casters_start_behind_their_axes() -> None:
-    robot = rpctl.load("casters")
-    names = [swivel.joint for swivel in robot.drive.swivels]
-    behind = contact_plan.start(robot)
-    assert [robot.joint_position(behind, name) for name in names] == [0.0, 0.0]
-    ahead = contact_plan.start(reversed_trail(robot))
-    assert abs(robot.joint_position(ahead, names[0])) == pytest.approx(math.pi)
-    assert robot.joint_position(ahead, names[1]) == 0.0
-    turned = contact_plan.start(
-        swivels(robot, lambda one: dataclasses.replace(one, heading=0.5, sign=-1.0))
-    )
-    assert robot.joint_position(turned, names[0]) == pytest.approx(0.5)
-
-
-def test_a_slower_motion_is_planned_where_wheels_are_slow(paper: Robot) -> None:
-    """At full pace the right wheel turns at (1 + .8·.75/2…)/.15 rad/s at most; 3 rad/s halve it."""
-    slow = set_limits(paper, velocity={"wheel_*": 3.0})
-    index = [paper.velocity_index(wheel.joint) for wheel in paper.drive.wheels]
-    full, tame = planned(paper).v[:, index], planned(slow).v[:, index]
-    assert np.abs(full).max() > 0.8 * 3.0 >= np.abs(tame).max()
-    np.testing.assert_allclose(tame[-1], full[-1] / 4.0, rtol=1e-6)
 
 
 def test_nothing_gentle_is_a_row_that_says_so(paper: Robot) -> None:

@@ -1,0 +1,17 @@
+"""What several tests of the contact trial compare with."""
+
+from __future__ import annotations
+
+import pytest
+
+from rpctl import Robot
+from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.contact.trial import contact_trial
+
+
+@pytest.fixture(scope="session")
+def trial(paper: Robot) -> ContactTrial:
+    """The paper's robot itself, rolling in MuJoCo and by the reduced model."""
+    found = contact_trial(paper)
+    assert isinstance(found, ContactTrial), found
+    return found
