@@ -71,9 +71,9 @@ def test_the_log_is_read_only(pushed: Run) -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_slip_is_the_largest_either_way(sign: float) -> None:
-    A, S = np.array([[1.0, 2.0], [0.0, 1.0]]), np.array([[0.1], [0.05]])
-    dynamics = SimpleNamespace(constraint=lambda q: A, basis=lambda q: S)
-    slip = _slip(dynamics, np.zeros(1), np.array([3.0 * sign]))  # type: ignore[arg-type]
+    A, v = np.array([[1.0, 2.0], [0.0, 1.0]]), np.array([0.3, 0.15])
+    dynamics = SimpleNamespace(constraint=lambda q: A)
+    slip = _slip(dynamics, np.zeros(1), sign * v)  # type: ignore[arg-type]
     assert slip == pytest.approx(0.6)
 
 
