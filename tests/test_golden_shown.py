@@ -16,6 +16,8 @@ from rich.console import Console
 
 import rpctl
 from rpctl import Robot, Run, cli_compare, show, summarize
+from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.errors import Finding
 from rpctl.robot.facts import facts
 from rpctl.simulation.scenarios import OURS, PAPER, Controller
 from rpctl.simulation.study import Cell, Figures, Row, figures
@@ -83,12 +85,16 @@ def test_summary_of_a_run(golden: Run, told: Told) -> None:
 )
 def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked: int) -> None:
     run = replace(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
+    run = replace(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
     console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(show, "console", lambda: console)
         more = {"notes": [], "report": "r", "report_bytes": 0}
         show.show_summary({**summarize(run), **more}, Path("out"))
-    assert console.export_text(styles=True).count("\x1b[1;31mground\x1b[0m") == marked
+    text = console.export_text(styles=True)
+    assert text.count("\x1b[1;31mground\x1b[0m") == marked
+    assert "\x1b[1;31mslide_joint" in text  # 60 N of 50
+    assert "\x1b[1;31mswing_joint" not in text  # 16 N·m of 16
 
 
 def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, told: Told) -> None:
@@ -141,8 +147,34 @@ def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
         "skid-steer": "0.6 m; P, the centre of rotation, at (-0.1, 0) m",
         "steered": "0.6 m; P, the origin of the root link, at (-0.1, 0) m",
     }
+    level = facts(replace(tricycle, drive=replace(drive, ground=0.0)))["drive"]
+    assert dict(show._drive_rows(level))["root link"] == "forward at -90°, 0 m above the ground"
     for rows in measures.values():
         assert rows["root link"] == "forward at -90°, 0.25 m above the ground"
+
+
+def test_reasons_and_findings_name_what_they_are_about(tricycle: Robot, told: Told) -> None:
+    both = [{"joint": "a", "why": "is round"}, {"joint": "b", "why": "is round"}]
+    assert [*show._reasons(both)] == ["[dim]each is round[/]"]
+    more = [*both, {"joint": "c", "why": "is said to be"}]
+    assert [*show._reasons(more)] == ["[dim]a, b is round[/]", "[dim]c is said to be[/]"]
+    findings = (Finding("warning", 7, "it is odd"), Finding("info", None, "it is fine"))
+    show.show_robot(replace(tricycle, findings=findings))
+    assert told()[-2:] == ["warning golden.urdf:7: it is odd", "info golden.urdf: it is fine"]
+
+
+def test_a_certificate_tells_its_worst(told: Told) -> None:
+    near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
+    exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
+    good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near))
+    show.show_certificate(good)
+    text = told()
+    assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
+    assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
+    assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
+    assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
+    show.show_certificate(replace(good, checks=(exact, bad)))
+    assert told()[-1].startswith("✗ not verified: rolling against A; 2 checks over 5 random states")
 
 
 def test_a_caster_trails_behind(tmp_path: Path, told: Told) -> None:

@@ -15,7 +15,7 @@ from rpctl import Run, summarize
 from rpctl.simulation.scenarios import OURS, PAPER, Controller
 from rpctl.simulation.study import Cell, Figures, Row
 from rpctl.view.compare_panel import compare_legend, compare_panel
-from rpctl.view.panel import headline, legend, panel, residual, subtitle
+from rpctl.view.panel import headline, legend, length, panel, residual, subtitle
 from rpctl.view.plot_style import LIGHT
 from rpctl.view.study_figure import GREY, study_figure
 from tests.golden import COUNT
@@ -50,7 +50,14 @@ CERTIFICATE: dict[str, Any] = {
 def test_panel_of_a_run(golden: Run) -> None:
     settings = {
         "reference": "/home/somebody/eight.csv",
-        "kinematic": {"law": "Horizon", "horizon": 0.3, "steps": 20, "strict": True, "gain": None},
+        "kinematic": {
+            "law": "Horizon",
+            "horizon": 0.3,
+            "steps": 20,
+            "strict": True,
+            "gain": None,
+            "weights": {"law": 2.0},
+        },
         "dynamic": {"law": "IntegralDynamic", "inner": {"law": "BoundedDynamic"}, "horizon": 0.5},
         "control_period": 0.002,
         "initial_error": [0.1, -0.2, 0.3],
@@ -86,7 +93,7 @@ def test_panel_of_a_run(golden: Run) -> None:
         "End effector": "slide",
     }
     assert {label: told.get(label) for label in expected} == expected
-    assert "Gain k, 1/s" not in told
+    assert not {"Gain k, 1/s", "Weights"} & set(told)
     assert badges(page) == [("good", "within limits"), ("good", "verified")]
     assert "Worst of 7 random states, seed 3." in page
     assert "On the ground: keeps 0.12 m from tipping" in page
@@ -133,6 +140,14 @@ def test_headline_of_a_run(golden: Run) -> None:
 )  # fmt: skip
 def test_residuals(value: float | None, limit: float, passed: bool, text: str) -> None:
     assert residual({"residual": value, "limit": limit, "passed": passed}) == text
+
+
+@pytest.mark.parametrize(
+    ("metres", "text"),
+    [(1.0, "1 m"), (0.9994, "999 mm"), (-0.25, "-250 mm"), (1e-3, "1 mm"), (2.5e-4, "250 µm")],
+)
+def test_lengths_in_their_units(metres: float, text: str) -> None:
+    assert length(metres) == text
 
 
 def test_legend_names_what_is_drawn(golden: Run) -> None:

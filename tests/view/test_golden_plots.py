@@ -138,6 +138,14 @@ def test_panels_and_where_they_stand(golden: Run) -> None:
     assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
 
+def test_joints_are_named_wherever_they_are_drawn(golden: Run) -> None:
+    named = {
+        name: len(tracking_figure(golden, panels=[name]).legends)
+        for name in dict.fromkeys(panel.name for panel in find_panels(golden))
+    }
+    assert {name for name, count in named.items() if count} == {"joints", "joint-speeds", "efforts"}
+
+
 def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
     axes = panel(straight(golden, 0.95), "paths")  # less than 1.2 of its length
     assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 1
@@ -193,6 +201,12 @@ def test_axis_of_errors_that_vanish_or_stay(golden: Run) -> None:
     assert all((over_time(c) == 1e-12).all() for c in curves(perfect))
     settled = panel(replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
     assert settled.get_ylim() == pytest.approx((8e-6, 8.0))
+    tiled = np.tile(np.arange(COUNT), 4)
+    arrays: dict[str, Any] = {
+        n: a[tiled] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+    }
+    longer = replace(golden, **{**arrays, "t": 0.1 * np.arange(4.0 * COUNT)})
+    assert panel(longer, "base").get_ylim() == pytest.approx((0.2 * 0.055, 8.0))  # of a last fifth
     coarse = panel(replace(golden, e=np.full((COUNT, 5), -0.5)), "base")
     assert coarse.get_ylim() == pytest.approx((0.01, 1.0))
 
@@ -322,6 +336,15 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
     assert right > 1.25
     assert bottom < -1.0
     assert top > 1.625
+
+
+def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
+    """Without contacts the base has no radius; the end effector's is 0.05 m all the same."""
+    disc, post = rpctl.Disc(1.0, -0.75, 0.25), rpctl.Disc(0.5, 1.5, 0.125)
+    bare = replace(golden, contact_points=())
+    for run, expected in ((among(bare, disc), False), (among(bare, disc, tip=(post,)), True)):
+        named = panel(run, "paths").get_legend_handles_labels()[1]
+        assert ("as near as its centre may come" in named) == expected
 
 
 def test_feet_of_walls_come_into_view(golden: Run) -> None:

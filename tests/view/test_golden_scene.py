@@ -18,7 +18,7 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.view.compare import merge
-from rpctl.view.live import Broadcast
+from rpctl.view.live import Broadcast, broadcast
 from rpctl.view.obstacle_shapes import PATH
 from rpctl.view.player import player
 from rpctl.view.report import write_report
@@ -29,6 +29,7 @@ from rpctl.view.stream import Stream
 from tests.golden import COUNT, TIMES
 from tests.view.samples import DISC, among, numbers, unpack
 from tests.view.test_live import Unopened, frames
+from tests.view.test_server import ask
 
 Array = np.ndarray[Any, Any]
 K = np.arange(COUNT)
@@ -341,6 +342,31 @@ def test_live_page_is_told_of_robot_and_reference(
     x, y = 1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4)  # the root link is ahead of P
     expected = {"x": x, "y": y, "heading": 0.4, **arm, **wheels}
     assert ghost == pytest.approx(expected, abs=1e-5)
+
+
+def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
+    """Its page has the whole path, and the robot as the reference has it at the start."""
+
+    def reference(t: float) -> ReferenceState:
+        state = bend(0.5 - 0.1 * t)
+        return state._replace(pose=np.array([1.0 + 0.5 * t, 2.0, 0.4]), joints=np.array([t, 0.2]))
+
+    pages: list[str] = []
+
+    def say(text: str) -> None:
+        pages.append(ask(text.split()[0])[1].decode())
+
+    with broadcast(tricycle, reference, 4.0, say):
+        pass
+    data = embedded(pages[0])
+    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
+    assert shown["steer_joint"] == pytest.approx(np.arctan(0.8 * 0.5))
+    assert (shown["swing_joint"], shown["slide_joint"]) == pytest.approx((0.0, 0.2))
+    start = [1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4), 0.4]
+    assert data["start"] == pytest.approx(start)
+    assert data["duration"] == 4.0
+    dashes = trails(data["commands"])["trail-base-desired"]
+    assert [dashes[:, 0].min(), dashes[:, 0].max()] == pytest.approx([1.0, 3.0], abs=0.3)
 
 
 def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden: Run) -> None:
