@@ -172,6 +172,19 @@ def golden_run(robot: Robot) -> Run:
     return Run(**arrays, **_facts(robot))
 
 
+def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
+    """Return some samples of a run, later by a time that no page should tell, or at other times."""
+    arrays: dict[str, Any] = {
+        n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)
+    }
+    return dataclasses.replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
+
+
+def speeds(first: float, slope: float) -> Array:
+    """Return a quasi-velocity of the log (K,), or what its reference or law asks of it."""
+    return np.asarray(first + slope * np.arange(COUNT))
+
+
 def _facts(robot: Robot) -> dict[str, Any]:
     return {
         "robot": robot.name,

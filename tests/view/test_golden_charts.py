@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rpctl import Robot, Run
+from rpctl import Run
 from rpctl.view.chart_data import chart_data
-from rpctl.view.overlay import contact_forces, overlay
 from tests import golden as made
-from tests.golden import COUNT, TIMES
+from tests.golden import COUNT, TIMES, part, speeds
+from tests.view.drawn import floats
 
-Array = np.ndarray[Any, Any]
 EFFORTS = np.array(made.EFFORTS)
 FLOAT32 = 1e-6  # relative: what a page holds is rounded so
-
-
-def floats(text: str) -> Array:
-    return np.frombuffer(base64.b64decode(text), "<f4").astype(float)
-
-
-def told(*runs: Run) -> dict[str, Any]:
-    """Return the charts of runs by title, as a page decodes them."""
-    data = chart_data(runs, [f"run {k}" for k in range(len(runs))])
-    return {"x": floats(data["x"]), **{chart["title"]: chart for chart in data["charts"]}}
-
-
-def lines(chart: dict[str, Any], variant: int = 0) -> dict[str, dict[str, Any]]:
-    return {line["label"]: line for line in chart["variants"][variant]["lines"]}
-
-
-def speeds(first: float, slope: float) -> Array:
-    return first + slope * np.arange(COUNT)
-
-
 SHARES = 100.0 * EFFORTS / np.array([40.0, 1.0, 15.0, 20.0, 80.0])
 # Title, unit of the axis, limits; label, unit told, factor to it, what is drawn, its reference.
 Drawn = tuple[str, str, float, Any, Any]
@@ -83,6 +61,16 @@ CHARTS: dict[str, tuple[str, list[float], list[Drawn]]] = {
         ("right_wheel", "N", 1.0, speeds(120.0, -1.0), None),
     ]),
 }  # fmt: skip
+
+
+def told(*runs: Run) -> dict[str, Any]:
+    """Return the charts of runs by title, as a page decodes them."""
+    data = chart_data(runs, [f"run {k}" for k in range(len(runs))])
+    return {"x": floats(data["x"]), **{chart["title"]: chart for chart in data["charts"]}}
+
+
+def lines(chart: dict[str, Any], variant: int = 0) -> dict[str, dict[str, Any]]:
+    return {line["label"]: line for line in chart["variants"][variant]["lines"]}
 
 
 def test_each_line_is_what_its_label_says(golden: Run) -> None:
@@ -207,14 +195,6 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
     assert (low, high) == pytest.approx((2e-13, 2e-11))
 
 
-def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
-    """Return some samples of a run, later by a time that no page should tell, or at other times."""
-    arrays: dict[str, Any] = {
-        n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)
-    }
-    return replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
-
-
 def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> None:
     other = replace(golden, nu=golden.nu + 100.0, nu_ref=golden.nu_ref - 100.0, tau=0.5 * EFFORTS)
     charts = told(golden, other)
@@ -264,7 +244,7 @@ def test_runs_on_other_clocks_keep_their_extremes_in_order(golden: Run) -> None:
 
 def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None:
     """Samples every 0.2 s, to 1 s: two stretches of 0.5 s."""
-    charts = told(golden, part(golden, slice(0, COUNT), t=2.0 * TIMES))
+    charts = told(golden, part(golden, slice(0, COUNT), t=np.asarray(2.0 * TIMES)))
     assert charts["x"] == pytest.approx([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
     quick, slow = (floats(line["values"]) for line in lines(charts["Base speeds"]).values())
     assert quick == pytest.approx([0.5, 0.9, 1.0, 1.0])
@@ -273,83 +253,3 @@ def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None
 
 def test_time_starts_at_zero(golden: Run) -> None:
     assert told(part(golden, slice(1, 6), 2.0))["x"] == pytest.approx(TIMES[:5], abs=1e-7)
-
-
-def test_efforts_tint_what_their_actuators_move(tricycle: Robot, golden: Run) -> None:
-    """A frame tells the largest effort until the next one, of either sign."""
-    late = part(golden, slice(0, COUNT), 2.0)
-    for run in (golden, late):
-        effort = overlay(tricycle, run, (run.t - run.t[0])[[0, 2, 5]])["effort"]
-        names = [tricycle.model.names[joint] for joint in effort["joints"]]
-        assert names == list(made.ACTUATORS)
-        shares = floats(effort["share"]).reshape(3, 5)
-        assert shares == pytest.approx(
-            np.array(
-                [  # the right wheel has no limit: of its peak, 50 N·m
-                    [30 / 40, 50 / 50, 3 / 15, 16 / 20, 60 / 80],
-                    [10 / 40, 10 / 50, 1.5 / 15, 8 / 20, 56 / 80],
-                    [4 / 40, 3 / 50, 0.25 / 15, 4.5 / 20, 42 / 80],
-                ]
-            ),
-            rel=FLOAT32,
-        )
-
-
-def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) -> None:
-    run = replace(golden, zmp=golden.q[:, :2] + np.array([0.05, -0.02]))
-    stance = overlay(tricycle, run, TIMES[[1, 4]])["stance"]
-    assert stance["height"] == pytest.approx(-0.05)
-    assert np.array(stance["points"]) == pytest.approx(np.array(made.POINTS))
-    corners = np.array(stance["points"])[stance["polygon"]]
-    following = np.roll(corners, -1, axis=0)
-    area = 0.5 * (corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum()
-    assert area == pytest.approx(0.5 * 0.6 * 0.8)  # base times height, counter-clockwise
-    pose = floats(stance["pose"]).reshape(-1, 3)
-    assert pose == pytest.approx(np.array([[0.2, 0.03, 0.3], [0.8, 0.48, 1.2]]), rel=FLOAT32)
-    for (x, y), theta in zip(floats(stance["zmp"]).reshape(-1, 2), (0.3, 1.2), strict=True):
-        cos, sin = np.cos(theta), np.sin(theta)
-        assert (x, y) == pytest.approx((0.05 * cos - 0.02 * sin, -0.05 * sin - 0.02 * cos))
-    assert floats(stance["margin"]) == pytest.approx([0.25, 0.2])
-    assert stance["largest"] == 120.0
-    force = floats(stance["force"]).reshape(2, 3, 3)
-    assert force[0] == pytest.approx(np.array([[0, 0, 81], [0, 0, 60], [0, 0, 119]]))
-    pulled = np.array(run.contact_load)
-    pulled[3, 1] = -500.0
-    assert overlay(tricycle, replace(run, contact_load=pulled), TIMES)["stance"]["largest"] == 500.0
-    blind = overlay(tricycle, replace(run, contact_load=np.empty((COUNT, 0))), TIMES[[1, 4]])
-    assert "force" not in blind["stance"]
-    assert blind["stance"]["margin"] == stance["margin"]
-
-
-def test_a_heading_beyond_half_a_turn_goes_on(tricycle: Robot, golden: Run) -> None:
-    """Between two frames the viewer interpolates: a jump by a turn would spin the arrows."""
-    q = np.array(golden.q)
-    q[:, 2], q[:, 3] = np.cos(2.0 * np.arange(COUNT)), np.sin(2.0 * np.arange(COUNT))
-    stance = overlay(tricycle, replace(golden, q=q), TIMES)["stance"]
-    yaw = floats(stance["pose"]).reshape(-1, 3)[:, 2]
-    assert yaw == pytest.approx(2.0 * np.arange(COUNT))
-
-
-def test_forces_are_those_of_their_wheels(golden: Run) -> None:
-    """Forward each wheel's own; to the left its share of its axle's, by its load."""
-    run = replace(golden, quasi_velocities=("v", "omega", "swing_joint", "slide_joint"))
-    first = contact_forces(run)[0]
-    expected = np.array([[11.0, -4.0, 80.0], [-19.0, 2.0, 60.0], [31.0, 4.0, 120.0]])
-    assert first == pytest.approx(expected)
-    last = contact_forces(run)[-1]  # 11 N over 60 and 115 N; -14 N in front
-    expected = np.array([[16, -14, 85], [-14, 11 * 60 / 175, 60], [36, 11 * 115 / 175, 115]])
-    assert last == pytest.approx(expected)
-    turned = contact_forces(replace(run, drive={**run.drive, "heading": 0.5 * np.pi}))[0]
-    expected = np.array([[4.0, 11.0, 80.0], [-2.0, -19.0, 60.0], [-4.0, 31.0, 120.0]])
-    assert turned == pytest.approx(expected)
-    lifted = np.array(run.contact_load)
-    lifted[:, 1] = -5.0  # a contact that would pull bears no lateral force
-    first = contact_forces(replace(run, contact_load=lifted))[0]
-    assert first[:, 1] == pytest.approx([-4.0, 0.0, 6.0])
-    assert first[:, 2] == pytest.approx([80.0, -5.0, 120.0])
-    supported = np.column_stack([run.contact_load, np.full(COUNT, 7.0)])  # a ball bears load only
-    fourth = contact_forces(replace(run, contact_load=supported, contacts=(*run.contacts, "ball")))
-    assert fourth[0, 3] == pytest.approx([0.0, 0.0, 7.0])
-    steered = contact_forces(golden)  # the log does not hold where its wheels point
-    assert not steered[:, :, :2].any()
-    assert steered[0, :, 2] == pytest.approx([80.0, 60.0, 120.0])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -14,24 +11,17 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-import rpctl
 from rpctl import Robot, Run
-from rpctl.reference.motion import ReferenceState
 from rpctl.view.compare import merge
-from rpctl.view.live import Broadcast, broadcast
 from rpctl.view.obstacle_shapes import PATH
 from rpctl.view.player import player
 from rpctl.view.report import write_report
-from rpctl.view.robot_page import Show, robot_page
 from rpctl.view.scene import Scene, build_scene
 from rpctl.view.stage import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
-from rpctl.view.stream import Stream
 from tests.golden import COUNT, TIMES
-from tests.view.samples import DISC, among, numbers, unpack
-from tests.view.test_live import Unopened, frames
-from tests.view.test_server import ask
+from tests.view.drawn import Array, away, drawn_by, embedded, middles, tracks, trails
+from tests.view.samples import DISC, among, numbers
 
-Array = np.ndarray[Any, Any]
 K = np.arange(COUNT)
 NEAR = 1e-3  # m: trails lie that near to their paths, and thinned frames to theirs
 
@@ -56,53 +46,6 @@ def other(golden: Run) -> Run:
         ee=golden.ee_ref + aside,
         ee_ref=golden.ee + 2.0 * aside,
     )
-
-
-def drawn_by(commands: Sequence[bytes]) -> dict[str, dict[str, Any]]:
-    """Return the commands by the path that they are about, or by their type."""
-    return {c["path"] or c["type"]: c for c in map(unpack, commands)}
-
-
-def embedded(page: str) -> dict[str, Any]:
-    """Return the data that a page carries, with its commands as bytes."""
-    found = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    data: dict[str, Any] = json.loads(found.group(1))
-    data["commands"] = [base64.b64decode(each) for each in data["commands"]]
-    return data
-
-
-def trails(commands: Sequence[bytes]) -> dict[str, Array]:
-    """Return the vertices (n, 3) of the trails by their nodes' names."""
-    scene = drawn_by(commands)["/rpctl/trails"]["object"]
-    geometries = {g["uuid"]: g["data"]["attributes"]["position"] for g in scene["geometries"]}
-    return {
-        node["name"]: numbers(geometries[node["geometry"]]["array"]).reshape(-1, 3)
-        for node in scene["object"]["children"]
-    }
-
-
-def middles(vertices: Array, count: int) -> Array:
-    """Return the path (count, 3) in the middle of a band or tube."""
-    return np.asarray(vertices.reshape(count, -1, 3).mean(axis=1))
-
-
-def away(points: Array, path: Array) -> Array:
-    """Return the distances (n,) of points from a path of straight pieces."""
-    start, step = path[:-1], np.diff(path, axis=0)
-    share = np.einsum("nij,ij->ni", points[:, None] - start, step) / (step**2).sum(axis=1)
-    foot = start + np.clip(share, 0.0, 1.0)[..., None] * step
-    return np.asarray(np.linalg.norm(points[:, None] - foot, axis=2).min(axis=1))
-
-
-def tracks(commands: Sequence[bytes]) -> dict[str, tuple[Array, Array]]:
-    """Return times (n,) and values (n, size) of every animated property."""
-    (animation,) = drawn_by(commands)["set_animation"]["animations"]
-    found = {}
-    for track in animation["clip"]["tracks"]:
-        times = numbers(track["times"])
-        found[track["name"]] = times, numbers(track["values"]).reshape(len(times), -1)
-    return found
 
 
 def check_trails(commands: Sequence[bytes], run: Run, prefix: str = "") -> None:
@@ -305,102 +248,3 @@ def test_columns_stand_on_the_ground_and_are_half_as_high_as_the_robot(
     foot, top = heights(scene.commands, PATH, 0)
     assert foot == pytest.approx(-0.05, abs=0.01)
     assert top == pytest.approx(-0.05 + 0.5 * 0.55, abs=0.01)
-
-
-def bend(curvature: float) -> ReferenceState:
-    """Return a reference that drives a bend at 0.5 m/s, with its arm held out."""
-    nothing = np.zeros(2)
-    return ReferenceState(
-        pose=np.array([1.0, 2.0, 0.4]),
-        twist=np.array([0.5, 0.0, 0.5 * curvature]),
-        twist_dot=np.zeros(3),
-        joints=np.array([-0.3, 0.2]),
-        joint_rates=nothing,
-        joint_accelerations=nothing,
-    )
-
-
-@pytest.mark.parametrize("curvature", [0.5, -0.25])
-def test_live_page_is_told_of_robot_and_reference(
-    tricycle: Robot, golden: Run, curvature: float
-) -> None:
-    """P is 0.8 m behind the front wheel: in a bend that one steers by atan(0.8 κ)."""
-    stream = Stream()
-    Broadcast(tricycle, Unopened(), stream, 1.0)(0.0, golden.q[5], bend(curvature))
-    ((t, count, *rest),) = frames(stream)
-    names = ("x", "y", "heading", *list(tricycle.model.names)[2:])
-    assert (t, count) == (0.0, len(names))
-    robot = dict(zip(names, rest[: int(count)], strict=True))
-    ghost = dict(zip(names, rest[int(count) :], strict=True))
-    wheels = {"left_wheel_joint": 5.5, "right_wheel_joint": 4.5, "front_wheel_joint": -3.5}
-    wheels = {name: float(np.angle(np.exp(1j * angle))) for name, angle in wheels.items()}
-    arm = {"steer_joint": 0.5, "swing_joint": 1.0, "slide_joint": 0.25}
-    expected = {"x": 1.0, "y": 0.75, "heading": 1.5, **arm, **wheels}
-    assert robot == pytest.approx(expected, abs=1e-5)
-    steer = float(np.arctan(0.8 * curvature))
-    arm = {"steer_joint": steer, "swing_joint": -0.3, "slide_joint": 0.2}
-    x, y = 1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4)  # the root link is ahead of P
-    expected = {"x": x, "y": y, "heading": 0.4, **arm, **wheels}
-    assert ghost == pytest.approx(expected, abs=1e-5)
-
-
-def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
-    """Its page has the whole path, and the robot as the reference has it at the start."""
-
-    def reference(t: float) -> ReferenceState:
-        state = bend(0.5 - 0.1 * t)
-        return state._replace(pose=np.array([1.0 + 0.5 * t, 2.0, 0.4]), joints=np.array([t, 0.2]))
-
-    pages: list[str] = []
-
-    def say(text: str) -> None:
-        pages.append(ask(text.split()[0])[1].decode())
-
-    with broadcast(tricycle, reference, 4.0, say):
-        pass
-    data = embedded(pages[0])
-    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
-    assert shown["steer_joint"] == pytest.approx(np.arctan(0.8 * 0.5))
-    assert (shown["swing_joint"], shown["slide_joint"]) == pytest.approx((0.0, 0.2))
-    start = [1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4), 0.4]
-    assert data["start"] == pytest.approx(start)
-    assert data["duration"] == 4.0
-    dashes = trails(data["commands"])["trail-base-desired"]
-    assert [dashes[:, 0].min(), dashes[:, 0].max()] == pytest.approx([1.0, 3.0], abs=0.3)
-
-
-def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden: Run) -> None:
-    show = Show("/events", golden.q[1], golden.base_ref, 0.5)
-    data = embedded(robot_page(tricycle, show))
-    found = trails(data["commands"])
-    assert [*found] == ["trail-base-desired"]  # the actual one grows in the page
-    flat = golden.base_ref * [1.0, 1.0, 0.0]
-    assert away(found["trail-base-desired"] * [1.0, 1.0, 0.0], flat).max() < data["trail"]
-    assert data["point"] == pytest.approx([-0.1, 0.0])
-    assert data["start"] == pytest.approx([0.2, 0.03, 0.3])
-    assert data["duration"] == 0.5
-    low, high = np.array(data["area"])[:, :2]
-    assert (low < golden.base_ref[:, :2].min(axis=0) - 0.5).all()
-    assert (high > golden.base_ref[:, :2].max(axis=0) + 0.5).all()
-    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
-    assert shown["steer_joint"] == pytest.approx(0.1)
-    assert shown["slide_joint"] == pytest.approx(0.05)
-
-
-def test_reference_robot_of_a_log_steers_by_the_reference(tricycle: Robot) -> None:
-    """Its wheels roll along the reference too; the robot itself, off its path, does neither."""
-    run = rpctl.track(tricycle, "eight", 0.4, (0.1, -0.1, 0.1))
-    ahead = np.array([tricycle.joint_position(q, "steer_joint") for q in run.q_ref])
-    heading, place = run.base_ref[:, 2], run.base_ref[:, :2]
-    step = np.linalg.norm(np.diff(place, axis=0), axis=1)
-    moving = step > 1e-5
-    middle = 0.5 * (ahead[1:] + ahead[:-1])[moving]
-    assert moving.sum() > 50
-    assert middle == pytest.approx(
-        np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3
-    )
-    assert np.abs(ahead - run.steering[:, 0]).max() > 0.01
-    for name, offset in (("left_wheel_joint", 0.3), ("right_wheel_joint", -0.3)):
-        turned = np.unwrap([tricycle.joint_position(q, name) for q in run.q_ref])
-        rolled = step.sum() - offset * (heading[-1] - heading[0])
-        assert turned[-1] - turned[0] == pytest.approx(rolled / 0.1, rel=2e-2)

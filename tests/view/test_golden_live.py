@@ -1,0 +1,122 @@
+"""What a page is told of a simulation: the robot as it is, the reference as it should be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot, Run
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import ReferenceState
+from rpctl.view.live import Broadcast, broadcast
+from rpctl.view.robot_page import Show, robot_page
+from rpctl.view.stream import Stream
+from tests.view.drawn import away, embedded, trails
+from tests.view.test_live import Unopened, frames
+from tests.view.test_server import ask
+
+
+def bend(curvature: float) -> ReferenceState:
+    """Return a reference that drives a bend at 0.5 m/s, with its arm held out."""
+    nothing = np.zeros(2)
+    return ReferenceState(
+        pose=np.array([1.0, 2.0, 0.4]),
+        twist=np.array([0.5, 0.0, 0.5 * curvature]),
+        twist_dot=np.zeros(3),
+        joints=np.array([-0.3, 0.2]),
+        joint_rates=nothing,
+        joint_accelerations=nothing,
+    )
+
+
+@pytest.mark.parametrize("curvature", [0.5, -0.25])
+def test_live_page_is_told_of_robot_and_reference(
+    tricycle: Robot, golden: Run, curvature: float
+) -> None:
+    """P is 0.8 m behind the front wheel: in a bend that one steers by atan(0.8 κ)."""
+    stream = Stream()
+    Broadcast(tricycle, Unopened(), stream, 1.0)(0.0, golden.q[5], bend(curvature))
+    ((t, count, *rest),) = frames(stream)
+    names = ("x", "y", "heading", *list(tricycle.model.names)[2:])
+    assert (t, count) == (0.0, len(names))
+    robot = dict(zip(names, rest[: int(count)], strict=True))
+    ghost = dict(zip(names, rest[int(count) :], strict=True))
+    wheels = {"left_wheel_joint": 5.5, "right_wheel_joint": 4.5, "front_wheel_joint": -3.5}
+    wheels = {name: float(np.angle(np.exp(1j * angle))) for name, angle in wheels.items()}
+    arm = {"steer_joint": 0.5, "swing_joint": 1.0, "slide_joint": 0.25}
+    expected = {"x": 1.0, "y": 0.75, "heading": 1.5, **arm, **wheels}
+    assert robot == pytest.approx(expected, abs=1e-5)
+    steer = float(np.arctan(0.8 * curvature))
+    arm = {"steer_joint": steer, "swing_joint": -0.3, "slide_joint": 0.2}
+    x, y = 1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4)  # the root link is ahead of P
+    expected = {"x": x, "y": y, "heading": 0.4, **arm, **wheels}
+    assert ghost == pytest.approx(expected, abs=1e-5)
+
+
+def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
+    """Its page has the whole path, and the robot as the reference has it at the start."""
+
+    def reference(t: float) -> ReferenceState:
+        state = bend(0.5 - 0.1 * t)
+        return state._replace(pose=np.array([1.0 + 0.5 * t, 2.0, 0.4]), joints=np.array([t, 0.2]))
+
+    pages: list[str] = []
+
+    def say(text: str) -> None:
+        pages.append(ask(text.split()[0])[1].decode())
+
+    with broadcast(tricycle, reference, 4.0, say):
+        pass
+    data = embedded(pages[0])
+    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
+    assert shown["steer_joint"] == pytest.approx(np.arctan(0.8 * 0.5))
+    assert (shown["swing_joint"], shown["slide_joint"]) == pytest.approx((0.0, 0.2))
+    start = [1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4), 0.4]
+    assert data["start"] == pytest.approx(start)
+    assert data["duration"] == 4.0
+    dashes = trails(data["commands"])["trail-base-desired"]
+    assert [dashes[:, 0].min(), dashes[:, 0].max()] == pytest.approx([1.0, 3.0], abs=0.3)
+
+
+def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden: Run) -> None:
+    show = Show("/events", golden.q[1], golden.base_ref, 0.5)
+    data = embedded(robot_page(tricycle, show))
+    found = trails(data["commands"])
+    assert [*found] == ["trail-base-desired"]  # the actual one grows in the page
+    flat = golden.base_ref * [1.0, 1.0, 0.0]
+    assert away(found["trail-base-desired"] * [1.0, 1.0, 0.0], flat).max() < data["trail"]
+    assert data["point"] == pytest.approx([-0.1, 0.0])
+    assert data["start"] == pytest.approx([0.2, 0.03, 0.3])
+    assert data["duration"] == 0.5
+    low, high = np.array(data["area"])[:, :2]
+    assert (low < golden.base_ref[:, :2].min(axis=0) - 0.5).all()
+    assert (high > golden.base_ref[:, :2].max(axis=0) + 0.5).all()
+    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
+    assert shown["steer_joint"] == pytest.approx(0.1)
+    assert shown["slide_joint"] == pytest.approx(0.05)
+
+
+def test_reference_robot_of_a_log_steers_by_the_reference(tricycle: Robot) -> None:
+    """Its wheels roll along the reference too; the robot is off its path, its arm pushed aside."""
+    pushed = rpctl.Plant(tau_bias={"swing_joint": 10.0, "slide_joint": 40.0})
+    run = rpctl.track(tricycle, "circle", 0.6, (0.1, -0.1, 0.1), plant=pushed)
+    held = np.array([tricycle.joint_positions(q) for q in run.q_ref])
+    wanted = load_reference(tricycle, "circle")
+    assert held == pytest.approx(np.array([wanted(t).joints for t in run.t]), abs=1e-9)
+    assert (np.abs(held - run.joints).max(axis=0) > 1e-3).all()
+    ahead = np.array([tricycle.joint_position(q, "steer_joint") for q in run.q_ref])
+    heading, place = run.base_ref[:, 2], run.base_ref[:, :2]
+    step = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    moving = step > 1e-5
+    middle = 0.5 * (ahead[1:] + ahead[:-1])[moving]
+    assert moving.sum() > 50
+    assert np.abs(middle).min() > 0.1
+    assert middle == pytest.approx(
+        np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3
+    )
+    assert np.abs(ahead - run.steering[:, 0]).max() > 0.01
+    for name, offset in (("left_wheel_joint", 0.3), ("right_wheel_joint", -0.3)):
+        turned = np.unwrap([tricycle.joint_position(q, name) for q in run.q_ref])
+        rolled = step.sum() - offset * (heading[-1] - heading[0])
+        assert turned[-1] - turned[0] == pytest.approx(rolled / 0.1, rel=2e-2)
