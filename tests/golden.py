@@ -172,7 +172,7 @@ def golden_run(robot: Robot) -> Run:
     return Run(**arrays, **_facts(robot))
 
 
-def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Array | None = None) -> Run:
+def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Any = None) -> Run:
     """Return some samples of a run, later by a time that no page should tell, or at other times."""
     arrays: dict[str, Any] = {
         n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)

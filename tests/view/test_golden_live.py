@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import rpctl
 from rpctl import Robot, Run
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import ReferenceState
 from rpctl.view.live import Broadcast, broadcast
 from rpctl.view.robot_page import Show, robot_page
@@ -95,28 +93,3 @@ def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden:
     shown = {joint["name"]: joint["position"] for joint in data["joints"]}
     assert shown["steer_joint"] == pytest.approx(0.1)
     assert shown["slide_joint"] == pytest.approx(0.05)
-
-
-def test_reference_robot_of_a_log_steers_by_the_reference(tricycle: Robot) -> None:
-    """Its wheels roll along the reference too; the robot is off its path, its arm pushed aside."""
-    pushed = rpctl.Plant(tau_bias={"swing_joint": 10.0, "slide_joint": 40.0})
-    run = rpctl.track(tricycle, "circle", 0.6, (0.1, -0.1, 0.1), plant=pushed)
-    held = np.array([tricycle.joint_positions(q) for q in run.q_ref])
-    wanted = load_reference(tricycle, "circle")
-    assert held == pytest.approx(np.array([wanted(t).joints for t in run.t]), abs=1e-9)
-    assert (np.abs(held - run.joints).max(axis=0) > 1e-3).all()
-    ahead = np.array([tricycle.joint_position(q, "steer_joint") for q in run.q_ref])
-    heading, place = run.base_ref[:, 2], run.base_ref[:, :2]
-    step = np.linalg.norm(np.diff(place, axis=0), axis=1)
-    moving = step > 1e-5
-    middle = 0.5 * (ahead[1:] + ahead[:-1])[moving]
-    assert moving.sum() > 50
-    assert np.abs(middle).min() > 0.1
-    assert middle == pytest.approx(
-        np.arctan(0.8 * np.diff(heading)[moving] / step[moving]), abs=1e-3
-    )
-    assert np.abs(ahead - run.steering[:, 0]).max() > 0.01
-    for name, offset in (("left_wheel_joint", 0.3), ("right_wheel_joint", -0.3)):
-        turned = np.unwrap([tricycle.joint_position(q, name) for q in run.q_ref])
-        rolled = step.sum() - offset * (heading[-1] - heading[0])
-        assert turned[-1] - turned[0] == pytest.approx(rolled / 0.1, rel=2e-2)
