@@ -157,6 +157,8 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
     turning, sliding = loose.axes
     assert len(loose.legends) == 1
+    limited = tracking_figure(replace(golden, effort_limits=(80.0,) * 5), panels=["efforts"])
+    assert (len(limited.axes), len(limited.legends)) == (1, 1)
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
     assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
