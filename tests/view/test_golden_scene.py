@@ -248,3 +248,5 @@ def test_columns_stand_on_the_ground_and_are_half_as_high_as_the_robot(
     foot, top = heights(scene.commands, PATH, 0)
     assert foot == pytest.approx(-0.05, abs=0.01)
     assert top == pytest.approx(-0.05 + 0.5 * 0.55, abs=0.01)
+    merged = merge([among(golden, DISC)] * 2, [scene, scene])
+    assert heights(merged.commands, PATH, 0) == pytest.approx((foot, top), abs=0.01)
