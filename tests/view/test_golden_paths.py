@@ -145,6 +145,12 @@ def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
         assert ("as near as its centre may come" in named) == expected
 
 
+def test_other_tables_of_a_law_are_no_obstacles(golden: Run) -> None:
+    law = {"law": "Mine", "targets": [{"law": "Disc", "x": 1.0, "y": 0.0, "radius": 0.2}]}
+    named = panel(replace(golden, settings={"kinematic": law}), "paths")
+    assert "obstacle of the base" not in named.get_legend_handles_labels()[1]
+
+
 def test_feet_of_walls_come_into_view(golden: Run) -> None:
     """A wall is framed where its body comes nearest: P to the base's, the tip to its own."""
     tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
@@ -158,6 +164,9 @@ def test_feet_of_walls_come_into_view(golden: Run) -> None:
         assert view.y0 == pytest.approx(y - 0.8)
         assert view.x0 == pytest.approx(min(plain.x0, x - 0.6))
         assert (view.x1, view.y1) == pytest.approx((plain.x1, plain.y1))
+    ahead = rpctl.HalfPlane(-0.6, -0.8, -(0.6 * 2.0 + 0.8 * 1.9) - 1.5)  # of P's end, (2, 1.9) m
+    view = panel(among(run, ahead), "paths").dataLim
+    assert (view.x1, view.y1) == pytest.approx((max(plain.x1, 2.9), 1.9 + 0.8 * 1.5))
     away = panel(among(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
     assert away.get_points() == pytest.approx(plain.get_points())
 

@@ -184,10 +184,10 @@ def test_clips_start_at_zero_and_long_ones_are_thinned(tricycle: Robot, golden: 
         arrays: dict[str, Any] = {
             n: a[places] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
         }
-        run = replace(golden, **{**arrays, "t": np.linspace(0.0, duration, count)})
+        run = replace(golden, **{**arrays, "t": np.linspace(7.0, 7.0 + duration, count)})
         times = build_scene(tricycle, run).times
         assert len(times) == frames_kept  # 30 a second, 1800 at most, the ends among them
-        assert (times[0], times[-1]) == (0.0, duration)
+        assert (times[0], times[-1]) == pytest.approx((0.0, duration))
 
 
 def test_reports_and_films_carry_the_same_scene(
@@ -218,6 +218,14 @@ def test_of_several_runs_each_keeps_its_motion_and_trails(
     for side, pick in ((merged.lower, np.minimum), (merged.upper, np.maximum)):
         own = [getattr(s, "lower" if side is merged.lower else "upper") for s in (scene, second)]
         assert side == pytest.approx(pick(*own))
+    drawn = drawn_by(merged.commands)["/rpctl/robots"]["object"]
+    ghosts = [g for g in drawn["object"]["children"] if g["name"].startswith("run2-")]
+    assert {mesh["material"] for group in ghosts for mesh in group["children"]} == {
+        "veil",
+        "tint-2",
+    }
+    (tint,) = (each for each in drawn["materials"] if each["uuid"] == "tint-2")
+    assert (tint["opacity"], tint["depthWrite"]) == (0.55, False)
     # Where both follow one reference, it is drawn once, and the first run's is.
     same = replace(other, base_ref=golden.base_ref, ee_ref=golden.ee_ref)
     merged = merge([golden, same], [scene, build_scene(tricycle, same)])
@@ -248,3 +256,5 @@ def test_columns_stand_on_the_ground_and_are_half_as_high_as_the_robot(
     foot, top = heights(scene.commands, PATH, 0)
     assert foot == pytest.approx(-0.05, abs=0.01)
     assert top == pytest.approx(-0.05 + 0.5 * 0.55, abs=0.01)
+    merged = merge([among(golden, DISC)] * 2, [scene, scene])
+    assert heights(merged.commands, PATH, 0) == pytest.approx((foot, top), abs=0.01)
