@@ -12,6 +12,7 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.description.records import Array
 from rpctl.equivalence import checks
+from rpctl.equivalence.measure import DIFFERENCE
 from rpctl.equivalence.state import State
 from rpctl.equivalence.trial import find_sizes
 from tests.robots import SET_A, platform, write
@@ -46,4 +47,4 @@ def test_skewness_is_relative_to_the_larger_of_c_and_a_small_robots_own_size(
     row = rows["Ṁ − 2C skew-symmetric"]
     assert row.residual == pytest.approx(4.0 * PLANTED / floor, rel=1e-6)
     assert row.entry == "v, v"
-    assert row.limit == checks.DIFFERENCE
+    assert row.limit == DIFFERENCE
