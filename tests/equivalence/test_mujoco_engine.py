@@ -223,3 +223,23 @@ def test_a_body_that_is_a_rod_as_a_whole_is_refused(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=limb)))
     with pytest.raises(EngineRefused, match="is no better: a principal moment is 0"):
         MujocoEngine(robot)
+
+
+def test_it_reads_the_file_anew_where_no_reading_is_given(paper: Robot) -> None:
+    assert mujoco_model.MujocoModel(paper).mjm.nv == paper.nv
+
+
+@pytest.mark.parametrize(
+    ("rows", "wanted"),
+    [
+        ([[1.0, 0.0], [2.0, 0.0]], [1.0, 2.0]),  # many motions
+        ([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], [1.0, 1.0, 2.1]),  # none
+    ],
+)
+def test_rows_that_do_not_determine_one_motion_are_refused(
+    rows: list[list[float]], wanted: list[float]
+) -> None:
+    with pytest.raises(RpctlError, match="do not determine one motion"):
+        mujoco_engine._solve(np.array(rows), np.array(wanted))
+    one = mujoco_engine._solve(np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 2.0]]), np.array([1, 4, 5]))
+    np.testing.assert_allclose(one, [1.0, 2.0], rtol=1e-12)
