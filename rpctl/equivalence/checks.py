@@ -134,7 +134,7 @@ def multipliers(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
     for who, theirs in ((against, lagrange.v_dot), ("Pinocchio, constrained", own)):
         yield relative("accelerations", who, v_dot, theirs, names, FORWARD, size)
     force = torques - push
-    scale = max(np.abs(torques).max(), np.abs(force).max(), np.abs(tau).max(initial=0.0))
+    scale = max(np.abs(torques).max(), np.abs(tau).max(initial=0.0))
     products = np.abs(M @ trial.answer) @ trial.forces + parts
     swing = _swing(inertia_spread(dynamics, q, np.array([*q[:2], 0.0])), nu)
     limit = allowed(FORWARD, max(float(products.max()), swing), scale)

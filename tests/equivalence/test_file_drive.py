@@ -19,7 +19,7 @@ from tests.robot.wild import Files, axles, body, xml
 from tests.robots import write
 from tests.vehicles import KINDS, Parts, vehicle
 
-ASKEW = math.radians(30.0)
+ASKEW = math.radians(60.0)  # so far that sin and cos cannot stand in for each other
 FORWARD = np.array([math.cos(ASKEW), math.sin(ASKEW)])
 LEFT = np.array([-FORWARD[1], FORWARD[0]])
 
@@ -195,3 +195,17 @@ def test_larger_declared_wheels_lower_the_ground_by_their_mean(files: Files) -> 
     near(drive.ground, -0.005)
     near(drive.point, (0.05, 0.0))
     near((measured(robot).ground, *measured(robot).point), (0.0, 0.0, 0.0))
+
+
+def test_the_certificate_of_a_declared_track_holds_askew(files: Files) -> None:
+    """The wheels grip a quarter wider than they stand: to the left of forward, not of x."""
+    told = 'type = "skid-steer"\ntrack = 0.75\n'
+    for k in (0, 1):
+        told += "".join(f'[[wheel]]\njoint = "axle{k}_{side}"\n' for side in ("left", "right"))
+    proof = rpctl.verify(files.load(askew(xml(axles(0.25, -0.25))), told), samples=1)
+    assert proof.passed, [check for check in proof.checks if not check.passed]
+
+
+def test_a_prefix_that_nothing_declares_is_read_over() -> None:
+    raw = read_file(b'<robot name="r"><g:plugin/><link name="a"/></robot>')
+    assert list(raw.link) == ["a"]

@@ -213,3 +213,33 @@ def test_mujoco_is_imported_only_when_an_engine_is_made() -> None:
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "mujoco" not in told.stdout.split()
+
+
+def test_a_body_that_is_a_rod_as_a_whole_is_refused(tmp_path: Path) -> None:
+    """The moments of stub and tip about x, −.001 and .001, cancel; the others are .02."""
+    parts = [INERTIAL.format(m=0.1, xx=xx) for xx in (-0.001, 0.001)]
+    limb = LIMB.format(inertial=parts[0], tip=parts[1])
+    limb = limb.replace('xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"', 'xyz="0 0 0"')
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=limb)))
+    with pytest.raises(EngineRefused, match="is no better: a principal moment is 0"):
+        MujocoEngine(robot)
+
+
+def test_it_reads_the_file_anew_where_no_reading_is_given(paper: Robot) -> None:
+    assert mujoco_model.MujocoModel(paper).mjm.nv == paper.nv
+
+
+@pytest.mark.parametrize(
+    ("rows", "wanted"),
+    [
+        ([[1.0, 0.0], [2.0, 0.0]], [1.0, 2.0]),  # many motions
+        ([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], [1.0, 1.0, 2.1]),  # none
+    ],
+)
+def test_rows_that_do_not_determine_one_motion_are_refused(
+    rows: list[list[float]], wanted: list[float]
+) -> None:
+    with pytest.raises(RpctlError, match="do not determine one motion"):
+        mujoco_engine._solve(np.array(rows), np.array(wanted))
+    one = mujoco_engine._solve(np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 2.0]]), np.array([1, 4, 5]))
+    np.testing.assert_allclose(one, [1.0, 2.0], rtol=1e-12)
