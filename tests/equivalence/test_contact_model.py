@@ -70,8 +70,10 @@ def test_a_torque_on_the_wheels_rolls_the_platform(tmp_path: Path) -> None:
     assert model.joint("left_joint")[0] == pytest.approx(way / 0.15, rel=0.01)
 
 
-def test_rollers_are_held_along_their_axles(tmp_path: Path) -> None:
-    robot = four_wheels(tmp_path, "mecanum")
+@pytest.mark.parametrize("kind", ["mecanum", "omni"])
+def test_rollers_are_held_along_their_axles(tmp_path: Path, kind: str) -> None:
+    """Of omni wheels that is the way they roll, each its own."""
+    robot = four_wheels(tmp_path, kind) if kind == "mecanum" else rpctl.load(kind)
     model, turn = ContactModel(robot), 0.7
     model.start(robot.configuration(theta=turn))
     cos, sin = math.cos(turn), math.sin(turn)
@@ -114,6 +116,30 @@ def test_a_mimic_joint_follows_in_mujoco(tmp_path: Path) -> None:
     first, second = model.joint("first_joint")[0], model.joint("second_joint")[0]
     assert first > 0.45
     assert second == pytest.approx(-0.5 * first + 0.2, abs=1e-3)
+
+
+def test_a_tie_rod_is_a_spring_between_two_knuckles() -> None:
+    """Of the car, 0.38 m apart and 0.62 m ahead of P: cot δ_R = cot δ_L + 0.38/0.62.
+
+    It is 300 rad/s stiff and critically damped, and works on φ = δ_R - f(δ_L) alone: the right
+    knuckle feels -(k φ + d φ̇), the left one f' = (sin δ_R / sin δ_L)² times the opposite.
+    """
+    robot = rpctl.load("car")
+    leader, follower = "steering_left_joint", "steering_right_joint"
+    left = 0.3
+    right = math.atan(1.0 / (1.0 / math.tan(left) + 0.38 / 0.62))
+    slope = (math.sin(right) / math.sin(left)) ** 2
+    model = ContactModel(robot)
+    model.start(robot.configuration(joints={leader: left}))
+    data, dofs = model._data, model._dofs
+    assert model.joint(follower)[0] == pytest.approx(right)
+    data.qpos[dofs[follower] + 1] += 0.01
+    data.qvel[dofs[leader]], data.qvel[dofs[follower]] = 0.2, 0.05
+    model._pull_ties()
+    pull = model._swinging[follower] * 300.0 * (300.0 * 0.01 + 2.0 * (0.05 - slope * 0.2))
+    expected = np.zeros(len(data.qfrc_applied))
+    expected[dofs[leader]], expected[dofs[follower]] = slope * pull, -pull
+    np.testing.assert_allclose(data.qfrc_applied, expected, atol=1e-5 * pull)
 
 
 # --- shapes -------------------------------------------------------------------------------------
