@@ -18,6 +18,7 @@ from rpctl.dynamics.contact import (
     GroundReaction,
     find_contacts,
     ground_reaction,
+    stance_at,
 )
 from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
 from tests.view.samples import write_cart
@@ -285,6 +286,24 @@ def test_an_inconstant_basis_gives_the_same_forces(paper: Robot, rng: np.random.
             np.testing.assert_allclose(
                 getattr(here, field.name), getattr(there, field.name), rtol=1e-9, atol=1e-9
             )
+
+
+def test_one_support_that_swivels_among_others_moves_the_polygon(tmp_path: Path) -> None:
+    """A ball on the base at x = .6 m, one .1 m behind an upright joint at x = -.3 m."""
+    fork = """
+  <link name="fork"><inertial><mass value="1"/>
+    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+  <joint name="fork_joint" type="continuous">
+    <parent link="base"/><child link="fork"/><origin xyz="-0.3 0 0.05"/><axis xyz="0 0 1"/>
+  </joint>"""
+    trailing = ball(-0.1, z=0.0, name="trailing", parent="fork")
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(L) + fork + trailing)))
+    dynamics = ReducedDynamics(robot)
+    contacts = contacts_of(dynamics)
+    for turn, place in ((0.0, [-0.4, 0.0]), (0.5 * math.pi, [-0.3, -0.1])):
+        stance = stance_at(dynamics, contacts, robot.configuration(joints={"fork_joint": turn}))
+        expected = [[0.0, B], [0.0, -B], [L, 0.0], place]
+        np.testing.assert_allclose(stance.statics[1:].T, expected, atol=1e-12)
 
 
 def test_joints_that_follow_do_not_disturb_the_wheels(

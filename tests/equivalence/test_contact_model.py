@@ -70,8 +70,25 @@ def test_a_torque_on_the_wheels_rolls_the_platform(tmp_path: Path) -> None:
     assert model.joint("left_joint")[0] == pytest.approx(way / 0.15, rel=0.01)
 
 
-def test_rollers_are_held_along_their_axles(tmp_path: Path) -> None:
-    robot = four_wheels(tmp_path, "mecanum")
+def test_the_turn_of_a_base_that_leans_is_where_its_forward_axis_points(paper: Robot) -> None:
+    """Turned by .5 rad about z, then by .3 about y, then by .2 about x."""
+    model = ContactModel(paper)
+    model.start(paper.configuration(1.0, 2.0))
+    half = [(math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (0.2, 0.3, 0.5)]
+    (cx, sx), (cy, sy), (cz, sz) = half
+    model._data.qpos[3:7] = (  # the product of the three quaternions
+        cz * cy * cx + sz * sy * sx,
+        cz * cy * sx - sz * sy * cx,
+        cz * sy * cx + sz * cy * sx,
+        sz * cy * cx - cz * sy * sx,
+    )
+    np.testing.assert_allclose(model.pose, [1.0, 2.0, 0.5], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["mecanum", "omni"])
+def test_rollers_are_held_along_their_axles(tmp_path: Path, kind: str) -> None:
+    """Of omni wheels that is the way they roll, each its own."""
+    robot = four_wheels(tmp_path, kind) if kind == "mecanum" else rpctl.load(kind)
     model, turn = ContactModel(robot), 0.7
     model.start(robot.configuration(theta=turn))
     cos, sin = math.cos(turn), math.sin(turn)
@@ -114,6 +131,30 @@ def test_a_mimic_joint_follows_in_mujoco(tmp_path: Path) -> None:
     first, second = model.joint("first_joint")[0], model.joint("second_joint")[0]
     assert first > 0.45
     assert second == pytest.approx(-0.5 * first + 0.2, abs=1e-3)
+
+
+def test_a_tie_rod_is_a_spring_between_two_knuckles() -> None:
+    """Of the car, 0.38 m apart and 0.62 m ahead of P: cot δ_R = cot δ_L + 0.38/0.62.
+
+    It is 300 rad/s stiff and critically damped, and works on φ = δ_R - f(δ_L) alone: the right
+    knuckle feels -(k φ + d φ̇), the left one f' = (sin δ_R / sin δ_L)² times the opposite.
+    """
+    robot = rpctl.load("car")
+    leader, follower = "steering_left_joint", "steering_right_joint"
+    left = 0.3
+    right = math.atan(1.0 / (1.0 / math.tan(left) + 0.38 / 0.62))
+    slope = (math.sin(right) / math.sin(left)) ** 2
+    model = ContactModel(robot)
+    model.start(robot.configuration(joints={leader: left}))
+    data, dofs = model._data, model._dofs
+    assert model.joint(follower)[0] == pytest.approx(right)
+    data.qpos[dofs[follower] + 1] += 0.01
+    data.qvel[dofs[leader]], data.qvel[dofs[follower]] = 0.2, 0.05
+    model._pull_ties()
+    pull = model._swinging[follower] * 300.0 * (300.0 * 0.01 + 2.0 * (0.05 - slope * 0.2))
+    expected = np.zeros(len(data.qfrc_applied))
+    expected[dofs[leader]], expected[dofs[follower]] = slope * pull, -pull
+    np.testing.assert_allclose(data.qfrc_applied, expected, atol=1e-5 * pull)
 
 
 # --- shapes -------------------------------------------------------------------------------------
@@ -160,20 +201,27 @@ def test_a_wheel_that_is_not_drawn_is_told(paper: Robot) -> None:
     assert tread.note.startswith("wheel_left_joint draws no wheel")
 
 
-def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
-    """A ring of eight corners, .15 m about y, from y = .01 to .05 m."""
+def meshed(folder: Path, origin: str = "", attributes: str = "", unit: float = 1.0) -> Robot:
+    """Return a platform whose wheels are rings of eight corners, .15 m about y, y = .01 to .05 m.
+
+    The file of the ring counts in a unit, m.
+    """
     angles = 0.25 * math.pi * np.arange(8)
     corners = [
-        f"v {0.15 * math.cos(a):.6f} {y} {0.15 * math.sin(a):.6f}"
+        f"v {0.15 * math.cos(a) / unit:.6f} {y / unit} {0.15 * math.sin(a) / unit:.6f}"
         for y in (0.01, 0.05)
         for a in angles
     ]
     faces = [f"f {k} {k % 8 + 1} {k + 8}" for k in range(1, 9)]
-    (tmp_path / "wheel.obj").write_text("\n".join(corners + faces), encoding="utf-8")
+    (folder / "wheel.obj").write_text("\n".join(corners + faces), encoding="utf-8")
     shape = platform(SET_A).partition("<collision>")[2].partition("</collision>")[0]
-    mesh = '<geometry><mesh filename="wheel.obj"/></geometry>'
+    mesh = f'{origin}<geometry><mesh filename="wheel.obj" {attributes}/></geometry>'
     text = platform(SET_A, extra=ball(0.6), right_sign=-1).replace(shape, mesh)
-    robot = rpctl.load(write(tmp_path, text))
+    return rpctl.load(write(folder, text))
+
+
+def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
+    robot = meshed(tmp_path)
     for wheel, sign in zip(robot.drive.wheels, (1.0, -1.0), strict=True):
         tread = tyre(robot, wheel)
         assert tread.radius == pytest.approx(0.15)
@@ -181,6 +229,15 @@ def test_a_mesh_is_as_wide_as_its_bounds(tmp_path: Path) -> None:
         np.testing.assert_allclose(tread.pose[:3, 3], [0.0, 0.03, 0.0], atol=1e-9)
         np.testing.assert_allclose(tread.pose[:3, 2], [0.0, sign, 0.0], atol=1e-12)
         np.testing.assert_allclose(tread.pose[:3, :3] @ tread.pose[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_a_mesh_in_millimetres_that_is_turned_and_moved(tmp_path: Path) -> None:
+    """Half a turn about z takes y = .03 m to -.03 m, and the origin lies .02 m along y."""
+    origin = f'<origin xyz="0 0.02 0" rpy="0 0 {math.pi}"/>'
+    robot = meshed(tmp_path, origin, 'scale="0.001 0.001 0.001"', unit=1e-3)
+    tread = tyre(robot, robot.drive.wheels[0])
+    assert (tread.radius, tread.half_width) == pytest.approx((0.15, 0.02))
+    np.testing.assert_allclose(tread.pose[:3, 3], [0.0, -0.01, 0.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("module", [contact_model, contact_shapes])

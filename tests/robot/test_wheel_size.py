@@ -146,6 +146,14 @@ def test_a_mesh_in_millimetres(files: Files) -> None:
     assert sizes(files, cart(shape, shape)) == pytest.approx((0.1, 0.03, 0.4), rel=1e-6)
 
 
+@pytest.mark.parametrize("scale", ["0.9 1 1", "1 1 0.9"])
+def test_a_tread_reaches_as_far_as_its_lugs(files: Files, scale: str) -> None:
+    """A mesh of 0.18 m by 0.2 m across its axle: half of the larger one, whichever it is."""
+    disc(files.folder, "disc.stl", 0.1)
+    shape = mesh("disc.stl").replace("<mesh", f'<mesh scale="{scale}"')
+    assert sizes(files, cart(shape, shape)) == pytest.approx((0.1, 0.0, 0.4), rel=1e-6)
+
+
 def test_a_tyre_keeps_its_turn_about_the_hub(files: Files) -> None:
     """A rim's frame that is turned: its cylinder's own z axis lies along the axle then."""
     parts = body()

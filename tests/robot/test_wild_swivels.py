@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from math import atan2
 
 import pytest
 
@@ -179,6 +180,26 @@ def test_a_lone_wheel_beside_a_pair_rolls_along(files: Files) -> None:
     assert ReducedDynamics(robot).rolling.across == ((3, (0, 1)),)  # it takes no lateral force
     assert third.why.endswith("off the axle, so it rolls along, and slides sideways in bends")
     assert rpctl.verify(robot, samples=2).passed
+
+
+def test_a_lone_wheel_rolls_its_own_way_and_leaves_the_heading_to_the_pair(files: Files) -> None:
+    """Rolling directions are across the axles, (a_y, -a_x), the axle turned to the left."""
+    for axle, direction in (
+        ("0.6 0.8 0", (0.8, -0.6)),
+        ("0.6 -0.8 0", (0.8, 0.6)),
+        ("0 1 0", (1.0, 0.0)),
+        ("1 0.001 0", (0.0, 1.0)),  # across the pair's: left of it is no side of the pair
+    ):
+        parts = body()
+        parts.wheel("lone", "base", "0.5 0.1 0.1", axle, turn=atan2(*direction[::-1]))
+        parts.wheel("left", "base", "0 0.3 0.1")
+        parts.wheel("right", "base", "0 -0.3 0.1")
+        drive = files.load(parts, 'type = "differential"\n').drive
+        assert drive.heading == 0.0
+        lone = next(wheel for wheel in drive.wheels if wheel.joint == "lone")
+        assert lone.slides
+        assert lone.direction == pytest.approx(direction, abs=2e-3)
+        assert "-0.0" not in map(str, lone.direction)
 
 
 def test_a_robot_that_balances(files: Files) -> None:
