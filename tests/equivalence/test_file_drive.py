@@ -209,3 +209,16 @@ def test_the_certificate_of_a_declared_track_holds_askew(files: Files) -> None:
 def test_a_prefix_that_nothing_declares_is_read_over() -> None:
     raw = read_file(b'<robot name="r"><g:plugin/><link name="a"/></robot>')
     assert list(raw.link) == ["a"]
+
+
+def test_shapes_are_read_where_there_are_some() -> None:
+    """A comment is no shape, nor is what URDF does not know, nor nothing."""
+    visuals = (
+        '<geometry><!-- a ball --><sphere radius="0.1"/></geometry>',
+        '<geometry><cone radius="0.2"/></geometry>',
+        "<geometry/>",
+        "",
+    )
+    text = "".join(f"<visual>{visual}</visual>" for visual in visuals)
+    (link,) = read_file(f'<robot name="r"><link name="a">{text}</link></robot>'.encode()).links
+    assert [(shape.kind, shape.size) for shape in link.shapes] == [("sphere", (0.1,))]
