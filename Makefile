@@ -11,7 +11,7 @@ demo: $(READY)
 	$(BIN)/rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1 --out runs/demo
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 slow: $(READY)
 	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
