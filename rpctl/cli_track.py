@@ -128,7 +128,7 @@ def track_command(
         require_browser()  # before the simulation, not after it
     say = console(stderr=as_json)
     say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
-    certificate = certify(loaded, samples, 0, []) if samples else None
+    certificate = certify(loaded, samples, 0, [], strict) if samples else None
     if certificate is not None:
         say.print(certificate_line(certificate))
     watcher = None

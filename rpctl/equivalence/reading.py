@@ -18,6 +18,8 @@ from rpctl.libraries import library
 from rpctl.robot.drive import Drive
 from rpctl.robot.model import Robot
 
+MESH = "bounds of"  # so begins the source of a radius that a mesh tells
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -77,6 +79,9 @@ def shared(robot: Robot, reading: Reading) -> tuple[str, ...]:
         told.append("the drive, given as a whole")
     elif drive.declared:
         told.append(f"declared {', '.join(drive.declared)}")
+    meshes = [w.joint for w in drive.wheels if w.source.startswith(MESH)]
+    if meshes:
+        told.append(f"the triangles of the meshes of {', '.join(meshes)}")
     if reading.shapeless:
         told.append(f"radius of {', '.join(reading.shapeless)}, which have no shape")
     return tuple(told)

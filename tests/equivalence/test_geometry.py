@@ -372,7 +372,9 @@ def test_a_wheel_drawn_as_a_mesh_is_measured(tmp_path: Path) -> None:
     for wheel in measured.wheels:
         assert wheel.radius == pytest.approx(0.15)
         assert wheel.offset == pytest.approx(-0.02)  # rolled by 90°, its z axis points to −y
-    assert rpctl.verify(robot, samples=2, engines=()).passed
+    proof = rpctl.verify(robot, samples=2, engines=())
+    assert proof.passed
+    assert proof.shared == ("the triangles of the meshes of left_joint, right_joint",)
     left, right = robot.drive.wheels
     smaller = dataclasses.replace(left, radius=0.14)
     drive = dataclasses.replace(robot.drive, wheels=(smaller, right))
