@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import json
 import math
@@ -14,7 +13,7 @@ import trimesh
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.equivalence import file_drive, geometry, raw_file, wheel_slip
+from rpctl.equivalence import file_drive, geometry
 from rpctl.equivalence.certificate import Certificate, Check
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
@@ -22,7 +21,6 @@ from rpctl.equivalence.reading import Reading, read
 from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.catalog import names
-from tests.description.test_mended import FINE
 from tests.robot.wild import Files, body, meshed
 from tests.robots import SET_A, platform, write
 from tests.vehicles import Parts, rear_axle, vehicle
@@ -45,65 +43,6 @@ def moved(
     return slip(
         FileMotion(raw, reading.drive, positions, np.array(twist), rates, raw.poses(positions))
     )
-
-
-@pytest.mark.parametrize("name", names())
-def test_the_minimal_reader_places_every_link_as_the_strict_one(name: str) -> None:
-    description = rpctl.load(name).description
-    raw = read_file(description.raw)
-    rng = np.random.default_rng(3)
-    positions = {joint.name: float(rng.uniform(-1.0, 1.0)) for joint in description.joints}
-    poses = raw.poses(positions)
-    assert list(raw.link) == list(description.link)
-    for link in description.links:
-        expected = description.pose(link.name, positions)
-        np.testing.assert_allclose(poses[link.name], expected, rtol=0, atol=1e-13)
-        shapes = [(s.kind, s.size) for s in (*link.collisions, *link.visuals)]
-        assert [(s.kind, s.size) for s in raw.link[link.name].shapes] == shapes
-
-
-@pytest.mark.parametrize("name", FINE)
-def test_the_minimal_reader_reads_odd_files(name: str) -> None:
-    """Byte-order marks, wide characters, other newlines, namespaces: the same tree."""
-    plain, odd = read_file(FINE["no declaration"]), read_file(FINE[name])
-    assert list(odd.joint) == list(plain.joint)
-    for link, pose in plain.poses({}).items():
-        np.testing.assert_array_equal(odd.poses({})[link], pose)
-
-
-def test_it_reads_by_itself_only_what_yourdfpy_cannot(tmp_path: Path) -> None:
-    text = platform(SET_A)
-    assert read(rpctl.load(write(tmp_path, text))).yourdfpy
-    spaced = text.replace("<robot ", '<robot xmlns="http://example.org/urdf" ')
-    robot = rpctl.load(write(tmp_path, spaced))
-    reading = read(robot)
-    assert not reading.yourdfpy
-    assert reading.links == reading.raw.links
-    assert rpctl.verify(robot, 2).passed
-
-
-@pytest.mark.parametrize("module", [raw_file, file_drive, wheel_slip])
-def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: object) -> None:
-    """Of ``description`` only meshes are opened through it; of ``robot`` records are named."""
-    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
-    imported = {
-        f"{node.module}.{alias.name}"
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    own = {each for each in imported if each.startswith(("rpctl.description", "rpctl.robot"))}
-    assert own <= {
-        "rpctl.description.mesh_files",
-        "rpctl.description.mesh_paths.MeshError",
-        "rpctl.description.mesh_paths.MeshPaths",
-        "rpctl.robot.drive.Drive",
-        "rpctl.robot.drive.Swivel",
-        "rpctl.robot.drive.Wheel",
-        "rpctl.robot.model.Robot",
-    }
-    read_of_robot = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
-    assert not read_of_robot & {"xml", "model", "link_", "child_joints", "parent_joint"}
 
 
 @pytest.mark.parametrize("name", names())
