@@ -4,14 +4,12 @@ Names and roles are the drive's: which joints are wheels, which swivels steer, f
 Every number is taken from the user's bytes (:mod:`rpctl.equivalence.raw_file`), with all joints at
 0 or where they are locked, by these conventions:
 
-- a wheel is a sphere, cylinder or capsule about its axle, the widest of the collision shapes, or
-  else of the visual ones; without any, a mesh, half as high as the wider of its extents across the
-  axle. Of several as wide, its centre is the mean of theirs. Links fixed to the wheel's own belong
-  to it where they are centred on the axle.
+- wheels are placed as :mod:`rpctl.equivalence.file_wheels` says.
 - forward is across the mean of the axles that the root link holds and that do not slide.
 - P is the middle between the outermost wheels of an axle; of several axles the mean.
-- a swivel heads across the axle of its first wheel; its trail is how far its wheels' contact lies
-  ahead, and 0 if that is less than 2 mm where several swivels share one centre of rotation.
+- a swivel heads across the axle of its first wheel, towards forward; where all wheels swivel, as
+  the first that does not trail. Its trail is how far its wheels' contact lies ahead, and 0 if that
+  is less than 2 mm where several swivels share one centre of rotation.
 - the roller on the ground of a mecanum wheel lies at 45° to forward, those on top form an X; an
   omni wheel's across its axle.
 """
@@ -20,47 +18,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description import mesh_files
-from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.equivalence.raw_file import TURNING, RawFile, RawJoint, RawShape
+from rpctl.description.mesh_paths import MeshPaths
+from rpctl.equivalence.file_wheels import Placed, leftward, place, wheel_size
+from rpctl.equivalence.raw_file import RawFile
 from rpctl.robot.drive import Drive, Swivel, Wheel
 from rpctl.robot.model import Robot
 
-ROUND = ("sphere", "cylinder", "capsule")
-TILT = 0.02  # sine of the largest angle between an axis and a wheel's shape, or the ground
 ONE_LINE = 0.02  # wheels are on one axle if their centres are apart by less, of their distance
 STEADY = 2e-3  # m; a smaller trail of wheels that share a centre of rotation is a file's rounding
-SAME = 1e-9  # m; shapes whose radii differ by no more are tyres of one wheel
-CENTRED = 0.1  # of the radius: how far a part of another link may be off the axle
 ROUNDING = 1e-9  # m; a smaller trail is that of numbers
 ROLLER = 0.25 * math.pi  # rad, between a mecanum wheel's roller and the forward direction
-UP = np.array([0.0, 0.0, 1.0])
 # What a drive's records hold of geometry.
 OF_WHEEL = ("radius", "offset", "direction", "lateral", "shift")
 OF_SWIVEL = ("pivot", "heading", "sign", "trail")
 OF_DRIVE = ("point", "heading", "ground")
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A wheel of the file: its centre (3,) and unit axle (3,) in the root link's frame."""
-
-    centre: Array
-    axle: Array
-    radius: float
-    offset: float
-
-    @property
-    def ahead(self) -> Array:
-        """Unit direction (2,) across the axle: towards +x, or +y for an axle along x."""
-        x, y = _leftward(self.axle)[:2]
-        return np.array([y, -x]) / math.hypot(x, y)
 
 
 def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
@@ -76,13 +53,14 @@ def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
     paths = MeshPaths(robot.description.path, robot.description.package_dirs)
     placed, shapeless = {}, []
     for wheel in drive.wheels:
-        size = _size(raw, raw.joint[wheel.joint], robot.locked, paths)
+        size = wheel_size(raw, raw.joint[wheel.joint], robot.locked, paths)
         if size is None:
             shapeless.append(wheel.joint)
             size = wheel.radius, wheel.offset
-        placed[wheel.joint] = _placed(raw.joint[wheel.joint], poses, size)
-    swivels = tuple(_swivel(drive, swivel, raw, poses, placed) for swivel in drive.swivels)
+        placed[wheel.joint] = place(raw.joint[wheel.joint], poses, size)
     heading = _heading(drive, placed)
+    forward = _forward(drive, raw, placed, heading)
+    swivels = tuple(_swivel(drive, each, raw, poses, placed, forward) for each in drive.swivels)
     found = replace(
         drive,
         point=_point(drive, placed, heading),
@@ -132,90 +110,6 @@ def _numbers(key: str, value: Any) -> Array:
     return np.atleast_1d((math.cos(value), math.sin(value)) if key == "heading" else value)
 
 
-def _size(
-    raw: RawFile, joint: RawJoint, locked: Mapping[str, float], paths: MeshPaths
-) -> tuple[float, float] | None:
-    """Return a wheel's radius and the distance of its centre along the axle, m; None without."""
-    parts = list(_parts(raw, joint.child, locked))
-    for measured in (_primitive, _mesh):
-        for role in ("collision", "visual"):
-            found = [
-                size
-                for shape, at, own in parts
-                if shape.role == role
-                and (size := measured(shape, at, joint.axis, paths)) is not None
-                and (own or size[2] <= CENTRED * size[0])
-            ]
-            if found:
-                radius = max(size[0] for size in found)
-                tyres = [middle for size, middle, _ in found if radius - size <= SAME]
-                return radius, float(np.mean(tyres))
-    return None
-
-
-def _parts(
-    raw: RawFile, link: str, locked: Mapping[str, float]
-) -> Iterator[tuple[RawShape, Array, bool]]:
-    """Yield the shapes of a link and of those that do not move on it: pose (4, 4), whose it is."""
-    still = {link}
-    for name, pose in raw.poses(locked, link).items():
-        joint = raw.above[name]
-        if name != link and joint.parent in still:
-            if joint.type in (*TURNING, "prismatic") and joint.name not in locked:
-                continue
-            still.add(name)
-        if name in still:
-            for shape in raw.link[name].shapes:
-                yield shape, pose @ shape.origin, name == link
-
-
-def _primitive(
-    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
-) -> tuple[float, float, float] | None:
-    """Return a round shape's radius, its middle along an axis and beside it, m; None if not."""
-    if shape.kind not in ROUND or not shape.size[0] > 0.0:
-        return None
-    if shape.kind != "sphere" and np.linalg.norm(np.cross(at[:3, 2], axis)) > TILT:
-        return None
-    middle = at[:3, 3]
-    return shape.size[0], float(middle @ axis), float(np.linalg.norm(np.cross(middle, axis)))
-
-
-def _mesh(
-    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
-) -> tuple[float, float, float] | None:
-    """Return half of a mesh's wider extent across an axis, its middle along it and beside it, m.
-
-    None where it cannot be read.
-    """
-    if shape.kind != "mesh":
-        return None
-    try:
-        surfaces = mesh_files.read(paths.resolve(shape.mesh))
-    except MeshError:
-        return None
-    points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
-    points = points @ at[:3, :3].T + at[:3, 3]
-    one = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    one /= np.linalg.norm(one)
-    placed = points @ np.column_stack([axis, one, np.cross(axis, one)])
-    low, high = placed.min(axis=0), placed.max(axis=0)
-    along, x, y = (0.5 * (low + high)).tolist()
-    return 0.5 * float(max(high[1:] - low[1:])), along, math.hypot(x, y)
-
-
-def _placed(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> Placed:
-    pose, (radius, offset) = poses[joint.parent] @ joint.origin, size
-    axle = pose[:3, :3] @ joint.axis
-    return Placed(pose[:3, 3] + offset * axle, axle, radius, offset)
-
-
-def _leftward(axle: Array) -> Array:
-    """Return an axle (3,), turned round where it points right of forward (+x, or else +y)."""
-    left = axle[1] if abs(axle[1]) > TILT else -axle[0]
-    return axle if left > 0.0 else -axle
-
-
 def _held(drive: Drive) -> list[str]:
     """Return the wheels that the root link holds and that do not slide."""
     return [w.joint for w in drive.wheels if w.swivel is None and not w.slides]
@@ -226,7 +120,7 @@ def _heading(drive: Drive, placed: Mapping[str, Placed]) -> float:
     held = _held(drive)
     if not held or drive.type == "omni":
         return 0.0
-    left, axles = _leftward(placed[held[0]].axle), [placed[name].axle for name in held]
+    left, axles = leftward(placed[held[0]].axle), [placed[name].axle for name in held]
     x, y = np.sum([math.copysign(1.0, axle @ left) * axle for axle in axles], axis=0)[:2].tolist()
     return math.atan2(-x, y) + 0.0
 
@@ -259,19 +153,35 @@ def _beside(one: Array, other: Array, left: Array) -> bool:
     return ahead <= ONE_LINE * float(np.linalg.norm(between))
 
 
+def _forward(drive: Drive, raw: RawFile, placed: Mapping[str, Placed], heading: float) -> Array:
+    """Return the forward direction (2,): the heading's, or the first steered wheel's own."""
+    trailing = [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    steered = [w.joint for w in drive.wheels if w.swivel is not None and w.swivel not in trailing]
+    if _held(drive) or not steered:
+        return np.array([math.cos(heading), math.sin(heading)])
+    return placed[_in_order(raw, steered)[0]].ahead
+
+
+def _in_order(raw: RawFile, joints: Sequence[str]) -> list[str]:
+    """Return joints in the order of the file."""
+    return [joint.name for joint in raw.joints if joint.name in joints]
+
+
 def _swivel(
     drive: Drive,
     swivel: Swivel,
     raw: RawFile,
     poses: Mapping[str, Array],
     placed: Mapping[str, Placed],
+    forward: Array,
 ) -> Swivel:
-    """Return a swivel as the file places it and its wheels."""
+    """Return a swivel as the file places it and its wheels; ``forward`` (2,) is the drive's."""
     joint = raw.joint[swivel.joint]
     pose = poses[joint.parent] @ joint.origin
-    order = [each.name for each in raw.joints]
-    carried = sorted((drive.wheels[i].joint for i in drive.carried(swivel)), key=order.index)
+    carried = _in_order(raw, [drive.wheels[i].joint for i in drive.carried(swivel)])
     ahead = placed[carried[0]].ahead
+    if swivel.role != "caster" and float(ahead @ forward) < 0.0:
+        ahead = -ahead
     contact = np.mean([placed[name].centre[:2] for name in carried], axis=0)
     trail = float(ahead @ (contact - pose[:2, 3]))
     if swivel.role == "caster" and trail > 0.0:

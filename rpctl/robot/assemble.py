@@ -30,6 +30,7 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     heading = _heading(kind, evidence)
     forward = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-forward[1], forward[0]])
+    evidence = replace(evidence, swivels=tuple(s.towards(forward) for s in evidence.swivels))
     strays = _strays(kind, evidence)
     wheels = sorted(
         evidence.standing.wheels,

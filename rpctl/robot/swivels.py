@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class Found:
         """Return the distance of a wheel's contact to the left of the axis, m."""
         left = np.array([-self.ahead[1], self.ahead[0]])
         return float(left @ (wheel.centre[:2] - self.pivot))
+
+    def towards(self, forward: Array) -> Found:
+        """Return the swivel with wheels that roll towards a direction (2,), unless they trail.
+
+        Swivels that share a lateral force take its mean over one left.
+        """
+        if self.role == "caster" or float(self.ahead @ forward) >= 0.0:
+            return self
+        return replace(self, ahead=-self.ahead, trail=-self.trail)
 
     def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
         """Return the drive's record of it."""

@@ -46,6 +46,18 @@ def test_vehicles_are_verified(tmp_path: Path, kind: str, seed: int) -> None:
     check(tmp_path, kind, seed)
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("tied", 14), ("free", 24)])
+def test_steered_wheels_of_a_base_that_heads_along_y_share_a_lateral_force(
+    tmp_path: Path, kind: str, seed: int
+) -> None:
+    """Their axles lie nearly along x, one a hair to this side and one to the other.
+
+    Their own forward directions are opposite then, and the mean of their sideways speeds must not
+    become the difference.
+    """
+    check(tmp_path, kind, seed)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_vehicles_are_verified(tmp_path: Path, kind: str) -> None:

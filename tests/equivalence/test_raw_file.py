@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.equivalence import file_drive, raw_file, wheel_slip
+from rpctl.equivalence import file_drive, file_wheels, raw_file, wheel_slip
 from rpctl.equivalence.raw_file import read_file
 from rpctl.equivalence.reading import read
 from rpctl.robot.catalog import names
@@ -52,7 +52,7 @@ def test_it_reads_by_itself_only_what_yourdfpy_cannot(tmp_path: Path) -> None:
     assert rpctl.verify(robot, 2).passed
 
 
-@pytest.mark.parametrize("module", [raw_file, file_drive, wheel_slip])
+@pytest.mark.parametrize("module", [raw_file, file_wheels, file_drive, wheel_slip])
 def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: object) -> None:
     """Of ``description`` only meshes are opened through it; of ``robot`` records are named."""
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]

@@ -1,0 +1,126 @@
+"""The wheels drawn in the user's file: how large they are, and where they stand.
+
+A wheel is a sphere, cylinder or capsule about its axle, the widest of the collision shapes, or else
+of the visual ones; without any, a mesh, half as high as the wider of its extents across the axle.
+Of several as wide, its centre is the mean of theirs. Links fixed to the wheel's own belong to it
+where they are centred on the axle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.description import mesh_files
+from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.equivalence.raw_file import TURNING, RawFile, RawJoint, RawShape
+
+ROUND = ("sphere", "cylinder", "capsule")
+TILT = 0.02  # sine of the largest angle between an axis and a wheel's shape, or the ground
+SAME = 1e-9  # m; shapes whose radii differ by no more are tyres of one wheel
+CENTRED = 0.1  # of the radius: how far a part of another link may be off the axle
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A wheel of the file: its centre (3,) and unit axle (3,) in the root link's frame."""
+
+    centre: Array
+    axle: Array
+    radius: float
+    offset: float
+
+    @property
+    def ahead(self) -> Array:
+        """Unit direction (2,) across the axle: towards +x, or +y for an axle along x."""
+        x, y = leftward(self.axle)[:2]
+        return np.array([y, -x]) / math.hypot(x, y)
+
+
+def wheel_size(
+    raw: RawFile, joint: RawJoint, locked: Mapping[str, float], paths: MeshPaths
+) -> tuple[float, float] | None:
+    """Return a wheel's radius and the distance of its centre along the axle, m; None without."""
+    parts = list(_parts(raw, joint.child, locked))
+    for measured in (_primitive, _mesh):
+        for role in ("collision", "visual"):
+            found = [
+                size
+                for shape, at, own in parts
+                if shape.role == role
+                and (size := measured(shape, at, joint.axis, paths)) is not None
+                and (own or size[2] <= CENTRED * size[0])
+            ]
+            if found:
+                radius = max(size[0] for size in found)
+                tyres = [middle for size, middle, _ in found if radius - size <= SAME]
+                return radius, float(np.mean(tyres))
+    return None
+
+
+def _parts(
+    raw: RawFile, link: str, locked: Mapping[str, float]
+) -> Iterator[tuple[RawShape, Array, bool]]:
+    """Yield the shapes of a link and of those that do not move on it: pose (4, 4), whose it is."""
+    still = {link}
+    for name, pose in raw.poses(locked, link).items():
+        joint = raw.above[name]
+        if name != link and joint.parent in still:
+            if joint.type in (*TURNING, "prismatic") and joint.name not in locked:
+                continue
+            still.add(name)
+        if name in still:
+            for shape in raw.link[name].shapes:
+                yield shape, pose @ shape.origin, name == link
+
+
+def _primitive(
+    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
+) -> tuple[float, float, float] | None:
+    """Return a round shape's radius, its middle along an axis and beside it, m; None if not."""
+    if shape.kind not in ROUND or not shape.size[0] > 0.0:
+        return None
+    if shape.kind != "sphere" and np.linalg.norm(np.cross(at[:3, 2], axis)) > TILT:
+        return None
+    middle = at[:3, 3]
+    return shape.size[0], float(middle @ axis), float(np.linalg.norm(np.cross(middle, axis)))
+
+
+def _mesh(
+    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
+) -> tuple[float, float, float] | None:
+    """Return half of a mesh's wider extent across an axis, its middle along it and beside it, m.
+
+    None where it cannot be read.
+    """
+    if shape.kind != "mesh":
+        return None
+    try:
+        surfaces = mesh_files.read(paths.resolve(shape.mesh))
+    except MeshError:
+        return None
+    points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
+    points = points @ at[:3, :3].T + at[:3, 3]
+    one = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    one /= np.linalg.norm(one)
+    placed = points @ np.column_stack([axis, one, np.cross(axis, one)])
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    along, x, y = (0.5 * (low + high)).tolist()
+    return 0.5 * float(max(high[1:] - low[1:])), along, math.hypot(x, y)
+
+
+def place(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> Placed:
+    """Return a wheel at its joint; ``poses`` (4, 4) are the links', ``size`` radius and offset, m."""
+    pose, (radius, offset) = poses[joint.parent] @ joint.origin, size
+    axle = pose[:3, :3] @ joint.axis
+    return Placed(pose[:3, 3] + offset * axle, axle, radius, offset)
+
+
+def leftward(axle: Array) -> Array:
+    """Return an axle (3,), turned round where it points right of forward (+x, or else +y)."""
+    left = axle[1] if abs(axle[1]) > TILT else -axle[0]
+    return axle if left > 0.0 else -axle
