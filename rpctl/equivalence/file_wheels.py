@@ -114,7 +114,7 @@ def _mesh(
 
 
 def place(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> Placed:
-    """Return a wheel at its joint; ``poses`` (4, 4) are the links', ``size`` radius and offset, m."""
+    """Return a wheel at its joint, given the links' poses (4, 4), its radius and offset (m)."""
     pose, (radius, offset) = poses[joint.parent] @ joint.origin, size
     axle = pose[:3, :3] @ joint.axis
     return Placed(pose[:3, 3] + offset * axle, axle, radius, offset)
