@@ -209,14 +209,18 @@ def _with_inertials(xml: str, filled: dict[str, Link]) -> str:
         link = filled.get(element.get("name"))
         if link is None:
             continue
-        inertial: Any = etree.SubElement(element, "inertial")
-        etree.SubElement(
-            inertial, "origin", xyz=" ".join(map(repr, link.com.tolist())), rpy="0 0 0"
-        )
-        etree.SubElement(inertial, "mass", value=repr(link.mass))
-        entries = {f"i{axes}": repr(float(link.inertia[_index(axes)])) for axes in AXES}
-        etree.SubElement(inertial, "inertia", **entries)
+        element.append(inertial_element(link))
     return str(etree.tostring(root, encoding="unicode"))
+
+
+def inertial_element(link: Link) -> Any:
+    """Return a link's mass, centre of mass and inertia as an <inertial>, to the last digit."""
+    inertial: Any = etree.Element("inertial")
+    etree.SubElement(inertial, "origin", xyz=" ".join(map(repr, link.com.tolist())), rpy="0 0 0")
+    etree.SubElement(inertial, "mass", value=repr(link.mass))
+    entries = {f"i{axes}": repr(float(link.inertia[_index(axes)])) for axes in AXES}
+    etree.SubElement(inertial, "inertia", **entries)
+    return inertial
 
 
 def _index(axes: str) -> tuple[int, int]:

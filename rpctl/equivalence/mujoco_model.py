@@ -18,7 +18,7 @@ import numpy as np
 from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.description.records import Link
+from rpctl.description.density import inertial_element
 from rpctl.equivalence.raw_file import RawFile, document
 from rpctl.equivalence.reading import Reading, read
 from rpctl.errors import RpctlError
@@ -27,7 +27,6 @@ from rpctl.robot.model import Robot
 OWN = "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
 GRAVITY = (0.0, 0.0, -9.81)  # m/s², as Pinocchio's default
 ROUNDING = 1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # entries of a symmetric matrix
 LEAST = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
 
 
@@ -208,7 +207,7 @@ def _bare_urdf(robot: Robot) -> str:
         copy = etree.SubElement(bare, "link", name=OWN + name)
         copy.extend(deepcopy(link.findall("inertial")[:1]))
         if name in estimated:
-            copy.append(_estimate(robot.description.link[name]))
+            copy.append(inertial_element(robot.description.link[name]))
     for joint in source.findall("joint"):
         name = joint.get("name")
         kind = "fixed" if name in robot.locked else joint.get("type")
@@ -220,16 +219,6 @@ def _bare_urdf(robot: Robot) -> str:
         if joint.find("axis") is None:
             etree.SubElement(copy, "axis", xyz="1 0 0")
     return str(etree.tostring(bare, encoding="unicode"))
-
-
-def _estimate(link: Link) -> Any:
-    """Return the <inertial> of a link whose inertia a density gave."""
-    inertial: Any = etree.Element("inertial")
-    etree.SubElement(inertial, "origin", xyz=" ".join(map(repr, link.com.tolist())))
-    etree.SubElement(inertial, "mass", value=repr(float(link.mass or 0.0)))
-    axes = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(link.inertia[i, j])) for i, j in UPPER}
-    etree.SubElement(inertial, "inertia", axes)
-    return inertial
 
 
 def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
