@@ -6,9 +6,9 @@ fixed base moves its arm alone: there the errors are those of the end effector.
 """
 
 import rpctl
+from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.equivalence.measure import DIFFERENCE
 from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.drive import BASE_SPEEDS
 
 OFF = (0.1, -0.1, 0.1)  # m, m, rad
 START = (0.0, 0.0, 0.0)

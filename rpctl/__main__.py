@@ -1,5 +1,5 @@
 """``python -m rpctl``."""
 
-from rpctl.cli import main
+from rpctl.cli.app import main
 
 main()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 
 # Platform, wheels, link 1 (revolute), link 2 (prismatic).
 m0, J0, d = 30.0, 15.625, 0.3

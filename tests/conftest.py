@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl import Robot, Run
+from tests.drive.wild import Files
 from tests.golden import golden_run, load_tricycle
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path)
 
 
 @pytest.fixture(scope="session")

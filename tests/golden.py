@@ -16,7 +16,7 @@ import pinocchio as pin
 
 import rpctl
 from rpctl import Robot, Run
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 
 LINK = """<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="0.02" iyy="0.03"
   izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial><visual><origin xyz="{at}" rpy="{rpy}"/>

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rpctl.description.urdf import read
-from rpctl.robot.detect import detect
-from rpctl.robot.drive_file import DriveSpec
+from rpctl.drive.detect import detect
+from rpctl.drive.drive_file import DriveSpec
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 

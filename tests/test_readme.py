@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl.cli import app
+from rpctl.cli.app import app
 from rpctl.control.config import read_config
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl.cli import app
+from rpctl.cli.app import app
+from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import BASE_PATHS
 from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.drive import BASE_SPEEDS
 
 ROBOTS = {  # quasi-velocities, drive
     "paper": (4, "differential"),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from rpctl.arrays import Array
 from rpctl.control.command import Command, command
 from rpctl.control.error import Tracking, observe
 from rpctl.control.holonomic import holonomic
 from rpctl.control.twist import Twist
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_positive
 from rpctl.reference.motion import Reference

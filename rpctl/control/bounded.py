@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.joint_limits import JointBounds, JointLimits
 from rpctl.control.law import Efforts, Limit, Rest
 from rpctl.control.least_distance import shortest
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 

@@ -9,7 +9,7 @@ import daqp
 import numpy as np
 from scipy.optimize import brentq
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import DivergedError
 
 FLOOR = 1e-6  # of κ: small enough for rows to be met, large enough for 1/κ to keep its digits

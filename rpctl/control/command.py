@@ -6,10 +6,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.error import BASE_ERRORS, Tracking
 from rpctl.control.steering import base_command
 from rpctl.control.twist import Twist
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference
 

@@ -27,7 +27,7 @@ from rpctl.control.settings import (
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.contact import FRICTION
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files import write_atomically
+from rpctl.files.writing import write_atomically
 
 if sys.version_info >= (3, 11):
     import tomllib

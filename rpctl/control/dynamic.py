@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.command import Command
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import DynamicLaw, Startable
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.box_least_squares import Box, Rated, nearest
 from rpctl.control.command import Command, KinematicLaw
 from rpctl.control.frame_motion import end_effector_frame, jacobian, pursuit, reference_motion
-from rpctl.control.horizon import Horizon
+from rpctl.control.horizon.law import Horizon
 from rpctl.control.law import Rest, Startable, started
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState

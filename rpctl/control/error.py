@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rpctl.arrays import Array
 from rpctl.control.box_least_squares import Rated
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import ReferenceState

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
 from rpctl.control.command import Command
 from rpctl.control.law import Efforts, Rest
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpctl.arrays import Array
 from rpctl.control.law import Limit
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 
 APPROACH = 0.06  # s: time constant with which a rate comes to its bound

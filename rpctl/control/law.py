@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol, TypeVar, cast
 
+from rpctl.arrays import Array
 from rpctl.control.command import Command
-from rpctl.description.records import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rpctl.control.command import KinematicLaw
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.feedback_linearization import FeedbackLinearization
-from rpctl.control.horizon import Horizon
+from rpctl.control.horizon.law import Horizon
 from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import Startable

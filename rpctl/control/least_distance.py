@@ -7,7 +7,7 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import SolverError
 
 SOFTNESS = 1e-4  # of x: the square that breaking a soft bound by one is worth; well conditioned

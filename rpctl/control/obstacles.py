@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 
 MARGIN = 0.01  # m: how far a detour keeps from a disc besides, so that it seldom touches it

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.twist import Twist
-from rpctl.description.records import Array
+from rpctl.drive.steering import steer
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.rates import direction, steering
-from rpctl.robot.steering import steer
 
 SLOW = 0.1  # m/s: well below it steering keeps to the reference, well above it to the twist
 SHARE = 0.25  # of the law's horizon: steering has to be faster than what it serves

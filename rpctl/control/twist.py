@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 
 
 class Twist(NamedTuple):

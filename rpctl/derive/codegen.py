@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 from rpctl.derive.program import Node, Program, program
-from rpctl.robot.drive import BASE_SPEEDS
+from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.robot.model import Robot
 
 INLINE = 60  # characters; a longer expression gets a line of its own

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.tree import FLOATS, Body, Hinge, Rolling, Scalars, SwivelPart, Tree
 from rpctl.robot.model import Robot
 

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from rpctl.arrays import Array
 from rpctl.description.findings import excerpt
 from rpctl.description.inertial import AXES
 from rpctl.description.mesh_files import read
 from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.records import Array, Description, Link, Shape
+from rpctl.description.records import Description, Link, Shape
 from rpctl.errors import Finding, RpctlError
 from rpctl.libraries import library
 

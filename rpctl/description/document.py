@@ -7,10 +7,10 @@ from typing import Any
 
 from lxml import etree
 
-from rpctl.description.caps import cap, raised
 from rpctl.description.encoding import Refusal, decode
 from rpctl.description.findings import Findings, excerpt
 from rpctl.description.foreign import foreign_bytes, foreign_root, foreign_text
+from rpctl.files.caps import cap, raised
 
 BLANKS = re.compile(r"\s*")
 ROOT = re.compile(r"<([^\s<>/!?\"'=]+)")

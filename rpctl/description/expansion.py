@@ -12,11 +12,11 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-from rpctl.description.caps import cap, raised
 from rpctl.description.findings import excerpt
 from rpctl.description.packages import find_packages
-from rpctl.description.source import read_source
 from rpctl.errors import MAX_SHOWN, DescriptionError, Finding, RpctlError, format_finding
+from rpctl.files.caps import cap, raised
+from rpctl.files.opening import read_source
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
 WARNING = "warning: "  # how xacro begins one; the lines after it tell the place

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.description.findings import Findings
 from rpctl.description.origin import read_origin
-from rpctl.description.records import Array
 
 SPD_MARGIN = 1e-12  # of the largest entry: below it an inertia's eigenvalue is rounding
 TRIANGLE_MARGIN = 1e-6  # of the larger side: CAD rounding

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from rpctl.arrays import Array
 from rpctl.description.findings import Findings, excerpt, parse_numbers
 from rpctl.description.origin import read_origin
-from rpctl.description.records import MOVING_KINDS, Array, Joint, Mimic
+from rpctl.description.records import MOVING_KINDS, Joint, Mimic
 
 KNOWN_KINDS = (*MOVING_KINDS, "fixed")
 LIMITED_KINDS = ("revolute", "prismatic")

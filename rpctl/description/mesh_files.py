@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.description.caps import cap, raised
 from rpctl.description.mesh_paths import MeshError
+from rpctl.files.caps import cap, raised
 from rpctl.libraries import library
 
 

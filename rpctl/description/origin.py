@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.description.findings import Findings
-from rpctl.description.records import Array, rotation_rpy
+from rpctl.description.records import rotation_rpy
 
 FAR = 100.0  # m; above it a length is probably in mm
 TURNS = 4.0 * math.pi  # rad; above it an angle is probably in degrees

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rpctl.arrays import Array as Array
+from rpctl.arrays import Array
 from rpctl.errors import Finding
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")

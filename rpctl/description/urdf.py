@@ -10,7 +10,6 @@ from typing import Any
 
 from lxml import etree
 
-from rpctl.description.caps import cap, raised
 from rpctl.description.document import parse_document, require_few_links
 from rpctl.description.elements import note_misspelt, read_link
 from rpctl.description.encoding import Refusal
@@ -19,9 +18,10 @@ from rpctl.description.findings import Findings
 from rpctl.description.joints import read_joint
 from rpctl.description.records import Description, Joint, Link
 from rpctl.description.shapes import read_colour
-from rpctl.description.source import read_source
 from rpctl.description.tree import check_names, check_tree, resolve_mimics
 from rpctl.errors import DescriptionError, Finding
+from rpctl.files.caps import cap, raised
+from rpctl.files.opening import read_source
 
 ENGINES_READ = {  # what dynamics need; engines refuse robots for faults in the rest
     "robot": {"link", "joint", "transmission"},

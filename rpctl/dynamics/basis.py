@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.rolling import Rolling
 from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT, contact_point
 from rpctl.dynamics.stance import NARROW, Stance, loads, make_stance, width

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 
 

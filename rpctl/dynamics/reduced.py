@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.basis import Basis, basis, selection
 from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift, find_rolling
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array
-from rpctl.robot.drive import Swivel, Wheel
+from rpctl.arrays import Array
+from rpctl.drive.drive import Swivel, Wheel
 from rpctl.robot.model import BASE_NV, Robot
 
 ROOT_JOINT = 1  # Pinocchio's index of the planar root

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.contact import Contacts, GroundReaction
 from rpctl.dynamics.stance import RESOLVED
 

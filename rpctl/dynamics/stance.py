@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 
 NARROW = 5e-3  # m: contacts this near to one line do not hold a balance
 BVLS = 1e-15  # relative change of the cost at which the active set is taken for final

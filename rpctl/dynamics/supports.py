@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpctl.description.records import Array, Joint, Link, Shape
+from rpctl.arrays import Array
+from rpctl.description.records import Joint, Link, Shape
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.robot.model import Robot
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check

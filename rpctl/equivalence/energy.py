@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.steering import regular
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check
@@ -16,7 +17,6 @@ from rpctl.equivalence.measure import DIFFERENCE, EPS, allowed, difference_step,
 from rpctl.equivalence.state import State
 from rpctl.equivalence.trial import Trial, efforts
 from rpctl.errors import RpctlError
-from rpctl.robot.steering import regular
 
 POWER = 1e-6  # energy balance of a motion by RK4, extrapolated
 POWER_ATTEMPTS = 25  # steps tried, each as one and as two halves: 75 steps of RK4

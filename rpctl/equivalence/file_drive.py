@@ -25,9 +25,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description.mesh_paths import MeshPaths
+from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.file_wheels import Placed, leftward, place, wheel_size
 from rpctl.equivalence.raw_file import RawFile
-from rpctl.robot.drive import Drive, Swivel, Wheel
 from rpctl.robot.model import Robot
 
 ONE_LINE = 0.02  # wheels are on one axle if their centres are apart by less, of their distance

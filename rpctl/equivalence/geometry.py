@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check, Skipped
 from rpctl.equivalence.file_drive import quantities
@@ -13,7 +14,6 @@ from rpctl.equivalence.measure import worst
 from rpctl.equivalence.reading import Reading
 from rpctl.equivalence.state import State
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
-from rpctl.robot.drive import Drive
 from rpctl.robot.model import BASE_NV
 
 SHAPES = "the file's shapes"

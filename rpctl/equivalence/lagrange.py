@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve, qr
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from rpctl.robot.model import Robot
 

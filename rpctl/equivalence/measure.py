@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.certificate import Check
 
 EPS = float(np.finfo(float).eps)

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.drive.drive import Wheel
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
 from rpctl.equivalence.planar import Rate, following
 from rpctl.equivalence.reading import Reading, read
 from rpctl.equivalence.tree import FLOATS, Tree
 from rpctl.errors import RpctlError
-from rpctl.robot.drive import Wheel
 from rpctl.robot.model import Robot
 
 __all__ = ["EngineRefused", "EngineTerms", "MujocoEngine", "installed"]

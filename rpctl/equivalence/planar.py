@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.drive import Drive, Swivel
 from rpctl.equivalence.tree import SwivelPart, Tree
-from rpctl.robot.drive import Drive, Swivel
 
 
 class Rate(NamedTuple):

@@ -12,10 +12,10 @@ import logging
 from dataclasses import dataclass
 from typing import Any
 
+from rpctl.drive.drive import Drive
 from rpctl.equivalence.file_drive import measure, with_declared
 from rpctl.equivalence.raw_file import RawFile, read_file
 from rpctl.libraries import library
-from rpctl.robot.drive import Drive
 from rpctl.robot.model import Robot
 
 MESH = "bounds of"  # so begins the source of a radius that a mesh tells

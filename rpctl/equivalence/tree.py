@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.raw_file import RawInertial
 from rpctl.equivalence.reading import Reading, read
-from rpctl.robot.drive import Drive, Swivel, Wheel
 from rpctl.robot.model import Robot
 
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.drive.drive import Drive, Wheel
 from rpctl.equivalence.file_drive import ONE_LINE, ROUNDING
 from rpctl.equivalence.raw_file import TURNING, RawFile
-from rpctl.robot.drive import Drive, Wheel
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 

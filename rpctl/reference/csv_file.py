@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rpctl.description.caps import cap, raised
+from rpctl.arrays import Array
 from rpctl.description.findings import Fault, excerpt, parse_numbers
-from rpctl.description.records import Array
 from rpctl.errors import DescriptionError, Finding
+from rpctl.files.caps import cap, raised
 
 BASE, HEADING = ("x", "y"), "theta"
 PLACE, TURN = ("ee_x", "ee_y", "ee_z"), ("ee_qx", "ee_qy", "ee_qz", "ee_qw")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Path, PathPoint, planar
 

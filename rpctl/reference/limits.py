@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.steering import turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, is_number
 from rpctl.reference.motion import EASE
 from rpctl.reference.time_law import Bound
 from rpctl.robot.model import BASE_NV, Robot
-from rpctl.robot.steering import turning_radius
 
 SHARE = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
 RISE = 0.5  # s; a joint takes at least this long to its velocity limit

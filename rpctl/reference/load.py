@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
 from rpctl.reference.arm import Arm
 from rpctl.reference.csv_file import read_table, refusal

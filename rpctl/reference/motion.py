@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.description.records import Array, Joint
+from rpctl.arrays import Array
+from rpctl.description.records import Joint
+from rpctl.drive.steering import turning_radius
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
 from rpctl.robot.model import Robot
-from rpctl.robot.steering import turning_radius
 
 SPEED_SHARE = 0.5  # of a joint's velocity limit: what an arm reference uses at most
 RANGE_SHARE = 0.8  # of the way to the nearer limit: how far an arm reference swings at most

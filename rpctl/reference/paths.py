@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 
 
 class PathPoint(NamedTuple):

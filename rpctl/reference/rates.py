@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.steering import angle_of, rolling_row, steer
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
-from rpctl.robot.steering import angle_of, rolling_row, steer
 
 
 class Rates(NamedTuple):

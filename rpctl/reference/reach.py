@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.arm import Arm, error
 from rpctl.reference.base_motion import DEGREE, BaseMotion, Driving, Given, Standing

@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.reference.arm import Arm, error
 from rpctl.reference.base_motion import DEGREE, BaseMotion, Driving
 from rpctl.reference.goal import Goal

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.reference.csv_file import BASE, HEADING, PLACE, POSES, TURN, Table
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits

@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Tick
 

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import BSpline
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path, PathPoint, Tick
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rpctl.description.caps import cap, raised
 from rpctl.errors import RpctlError, is_number
+from rpctl.files.caps import cap, raised
 from rpctl.reference.csv_file import read_text, refusal
 from rpctl.reference.curve import Waypoint, check_waypoints
 from rpctl.reference.limits import Limits, limits_from

@@ -12,9 +12,10 @@ from contextlib import contextmanager
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.caps import cap, raised
-from rpctl.description.records import Array, Description, Joint
+from rpctl.arrays import Array
+from rpctl.description.records import Description, Joint
 from rpctl.errors import DescriptionError, Finding
+from rpctl.files.caps import cap, raised
 
 SINGULAR = 1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
 POSTURES = 3  # configurations at which M is tried: the neutral one and random ones

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from rpctl.description.records import Joint
+from rpctl.drive.steering import regular
 from rpctl.robot.idealisation import Idealisation, listed
 from rpctl.robot.idealised_wheels import wheel_idealisations
 from rpctl.robot.model import Robot
-from rpctl.robot.steering import regular
 
 LOOKS = 360  # positions of a steered joint's range that are looked at; edges are bisected
 BISECTIONS = 40  # halvings of an edge between two looks: to rounding

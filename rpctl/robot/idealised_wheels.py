@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.description.mesh_paths import MeshPaths
-from rpctl.description.records import Array
-from rpctl.robot.drive import Swivel
-from rpctl.robot.evidence import lines_of
+from rpctl.drive.drive import Swivel
+from rpctl.drive.evidence import lines_of
+from rpctl.drive.wheel_size import ROLES, Size, is_round, told_sizes, wheel_parts
+from rpctl.drive.wheels import Candidate, root_axis
 from rpctl.robot.idealisation import Idealisation, listed
 from rpctl.robot.model import Robot
-from rpctl.robot.wheel_size import ROLES, Size, is_round, told_sizes, wheel_parts
-from rpctl.robot.wheels import Candidate, root_axis
 
 ANGLE = 1e-4  # rad; smaller ones are the rounding of a file's angles
 LENGTH = 1e-5  # m; shorter ones are the rounding of a file's places

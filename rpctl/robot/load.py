@@ -13,12 +13,12 @@ from rpctl.description.mesh_checks import check_meshes
 from rpctl.description.packages import require_folders
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
+from rpctl.drive.detect import detect
+from rpctl.drive.drive import Drive
+from rpctl.drive.drive_file import TYPES, DriveSpec, read_drive
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
-from rpctl.robot.detect import detect
-from rpctl.robot.drive import Drive
-from rpctl.robot.drive_file import TYPES, DriveSpec, read_drive
 from rpctl.robot.model import Robot
 
 

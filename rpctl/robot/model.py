@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array, Description, Joint
+from rpctl.arrays import Array
+from rpctl.description.records import Description, Joint
+from rpctl.drive.drive import Drive
+from rpctl.drive.steering import SteeringLimits, follow, regular, steering_limits
 from rpctl.errors import Finding, RpctlError, UnknownNameError
-from rpctl.robot.drive import Drive
-from rpctl.robot.steering import SteeringLimits, follow, regular, steering_limits
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
 BASE_NV = 3

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 
 FAR = 10.0  # times the grip: beyond, a wheel is all but in the air, and the figure says no more

@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.description.records import Array
 from rpctl.dynamics.contact import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.law import Limit
-from rpctl.description.records import Array
 from rpctl.dynamics.contact import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.splits import find_ranges

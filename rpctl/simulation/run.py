@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.lib.npyio import NpzFile
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.drive import Drive
 from rpctl.errors import RunFileError
-from rpctl.files import write_atomically
-from rpctl.robot.drive import Drive
+from rpctl.files.writing import write_atomically
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
@@ -166,12 +166,6 @@ class Run:
     def __repr__(self) -> str:
         reference = self.settings.get("reference", "motion")
         return f"Run({self.robot}, {reference}, {self.t[-1] - self.t[0]:.4g} s)"
-
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: one line, and the scene to be played."""
-        from rpctl.view.notebook import show  # the one import upwards: IPython asks the object
-
-        return show(self)
 
     def save(self, path: str | Path) -> Path:
         """Write the run to one file; it is there whole or not at all.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.simulation.ground import ground
 from rpctl.simulation.run import Run
 

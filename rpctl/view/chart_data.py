@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.charts import Chart, Line, charts
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 
 BASE_SPEEDS = {"v": ("v", "m/s"), "vx": ("vx", "m/s"), "vy": ("vy", "m/s"), "omega": ("ω", "rad/s")}

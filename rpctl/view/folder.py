@@ -9,14 +9,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rpctl.errors import RpctlError
-from rpctl.files import to_json, write_atomically
+from rpctl.files.writing import to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
-from rpctl.view.bodies import TRIANGLES
-from rpctl.view.plots import save_tracking_figure
-from rpctl.view.report import write_report
-from rpctl.view.scene import Scene, build_scene
+from rpctl.view.pages.report import write_report
+from rpctl.view.plots.figures import save_tracking_figure
+from rpctl.view.scene.bodies import TRIANGLES
+from rpctl.view.scene.scene import Scene, build_scene
 
 RUN, SUMMARY, FIGURE, REPORT = "run.npz", "summary.json", "tracking.png", "report.html"
 MEGABYTES = 6.0  # of a report, unless the user says otherwise

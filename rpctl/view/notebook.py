@@ -13,9 +13,9 @@ import numpy as np
 
 from rpctl.errors import RpctlError
 from rpctl.simulation.run import Run
-from rpctl.view.page import asset, policy
-from rpctl.view.player import player
-from rpctl.view.scene import build_scene
+from rpctl.view.pages.page import asset, policy
+from rpctl.view.pages.player import player
+from rpctl.view.scene.scene import build_scene
 
 ASPECT = 16.0 / 9.0
 WIDTH = 960  # pixels, at most

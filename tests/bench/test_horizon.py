@@ -15,11 +15,11 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.control.command import Command
-from rpctl.control.horizon import Horizon, HorizonLaw
-from rpctl.control.horizon_qp import QuadraticProgram, Solver
-from rpctl.control.horizon_sample import Reading, look_ahead
-from rpctl.description.records import Array
+from rpctl.control.horizon.law import Horizon, HorizonLaw
+from rpctl.control.horizon.qp import QuadraticProgram, Solver
+from rpctl.control.horizon.sample import Reading, look_ahead
 from rpctl.reference.motion import reference_by_name
 from rpctl.reference.rates import reference_rates
 

@@ -12,14 +12,14 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.law import started
 from rpctl.control.laws import kinematic_by_name
-from rpctl.description.records import Array
 from rpctl.dynamics.motion import rk4_step
 from rpctl.reference.motion import reference_by_name
-from rpctl.simulation.scenarios import Controller, controllers
+from rpctl.study.scenarios import Controller, controllers
 
 State = tuple[ReducedDynamics, Array, Array, Array]
 

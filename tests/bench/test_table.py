@@ -8,9 +8,9 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from rpctl import Robot
-from rpctl.simulation.scenarios import OURS, PAPER
-from rpctl.simulation.standings import verdicts
-from rpctl.simulation.study import Bench, grid, run_grid
+from rpctl.study.scenarios import OURS, PAPER
+from rpctl.study.standings import verdicts
+from rpctl.study.study import Bench, grid, run_grid
 
 NOTHING = 1e-3  # m: what is left of the lateral error on a line
 

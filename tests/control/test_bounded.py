@@ -24,9 +24,9 @@ from rpctl import (
     summarize,
     track,
 )
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.dynamic import dynamic_by_name
-from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.plant import advance

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from rpctl.arrays import Array
 from rpctl.control.box_least_squares import FLOOR, Box, Rated, nearest
-from rpctl.description.records import Array
 
 STEP = 1e-6
 

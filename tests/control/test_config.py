@@ -22,7 +22,7 @@ from rpctl import (
     RpctlError,
     Run,
 )
-from rpctl.cli import app
+from rpctl.cli.app import app
 from rpctl.control.command import KinematicLaw
 from rpctl.control.config import Circumstances, Config, Limits, read_config, write_config
 from rpctl.control.dynamic import DYNAMIC_LAWS

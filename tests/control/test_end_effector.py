@@ -22,6 +22,7 @@ from rpctl import (
     UnifiedKinematic,
     summarize,
 )
+from rpctl.arrays import Array
 from rpctl.control.box_least_squares import Box, Rated
 from rpctl.control.command import KinematicLaw
 from rpctl.control.end_effector import EndEffector, EndEffectorLaw
@@ -29,7 +30,6 @@ from rpctl.control.error import tracking_error
 from rpctl.control.frame_motion import end_effector_frame, jacobian, reference_motion
 from rpctl.control.law import Startable, started
 from rpctl.control.laws import kinematic_by_name
-from rpctl.description.records import Array
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
 from tests.robots import SET_B, platform, write

@@ -11,9 +11,9 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.end_effector import EndEffector
-from rpctl.description.records import Array
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
 from tests.robots import SET_B, platform, write
 from tests.vehicles import vehicle

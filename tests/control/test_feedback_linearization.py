@@ -11,9 +11,9 @@ from scipy.linalg import expm
 
 import rpctl
 from rpctl import FeedbackLinearization, Robot, RpctlError
+from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
 from rpctl.control.twist import Twist
-from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NOTHING, Motion, along, steady

@@ -8,8 +8,8 @@ import pytest
 
 import rpctl
 from rpctl import PaperKinematic, ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.control.error import observe
-from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.rates import reference_rates
 

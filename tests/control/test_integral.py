@@ -18,9 +18,9 @@ from rpctl import (
     summarize,
     track,
 )
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
-from rpctl.description.records import Array
 from rpctl.simulation.plant import advance
 
 

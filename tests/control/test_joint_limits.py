@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rpctl import ReducedDynamics, Robot, scale_limits
+from rpctl.arrays import Array
 from rpctl.control.joint_limits import APPROACH, BRAKE_SHARE, ROOM, JointBounds, JointLimits
 from rpctl.control.law import Limit
-from rpctl.description.records import Array
 
 PERIOD, H1 = 0.002, 0.15
 DOWN, UP = 4.0, 16.0  # what the efforts can brake a joint with that rises, and one that falls

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rpctl import Kanayama, RpctlError
+from rpctl.arrays import Array
 from rpctl.control.error import error_rate
-from rpctl.description.records import Array
 from tests.control.unicycle import NOTHING, asked, follow, slopes, steady
 
 LAW = Kanayama()

@@ -11,8 +11,8 @@ from scipy.optimize import minimize
 from scipy.special import sici
 
 from rpctl import PaperKinematic, ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
-from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from tests.control.unicycle import asked, follow, sampled_step, steady
 

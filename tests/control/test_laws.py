@@ -11,10 +11,10 @@ import pytest
 
 import rpctl
 from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl.arrays import Array
 from rpctl.control.base import BaseLaw
 from rpctl.control.law import started
 from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
-from rpctl.description.records import Array
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import reference_by_name
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rpctl import RpctlError
+from rpctl.arrays import Array
 from rpctl.control.obstacles import MARGIN, Disc, HalfPlane, Obstacle
-from rpctl.description.records import Array
 
 DISC = Disc(0.4, -0.2, 0.3)
 WALL = HalfPlane(3.0, 4.0, 0.5)

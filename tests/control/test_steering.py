@@ -10,14 +10,14 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, summarize, track
+from rpctl.arrays import Array
 from rpctl.control.error import observe
 from rpctl.control.holonomic import holonomic
 from rpctl.control.steering import base_command, towards
 from rpctl.control.twist import Twist
-from rpctl.description.records import Array
+from rpctl.drive.steering import turning_radius
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.rates import direction, reference_rates, steering
-from rpctl.robot.steering import turning_radius
 from tests.robots import write
 from tests.vehicles import vehicle
 

@@ -10,11 +10,11 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.control.steering import BRAKE, BRISK, ROOM, SHARE, _most, base_command
 from rpctl.control.twist import Twist
-from rpctl.description.records import Array
+from rpctl.drive.steering import steering_limits, turning_radius
 from rpctl.reference.motion import ReferenceState
-from rpctl.robot.steering import steering_limits, turning_radius
 from tests.robots import write
 from tests.vehicles import vehicle
 

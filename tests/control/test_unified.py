@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from rpctl import PaperKinematic, Robot, RpctlError, UnifiedKinematic
+from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
-from rpctl.description.records import Array
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NOTHING, along, asked, follow, sampled_step, slopes, steady

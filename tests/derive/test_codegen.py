@@ -17,10 +17,10 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.derive.codegen import c_source, comment, identifier, python_source
 from rpctl.derive.program import program
 from rpctl.derive.write import derive
-from rpctl.description.records import Array
 from rpctl.errors import RpctlError
 from tests.random_robots import random_robot
 from tests.robots import SET_A, platform, write

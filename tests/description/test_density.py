@@ -13,11 +13,11 @@ import trimesh
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl.cli import app
+from rpctl.cli.app import app
 from rpctl.description.records import Link
 from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, RpctlError
-from rpctl.view.certificate import write_certificate
+from rpctl.view.pages.certificate import write_certificate
 from tests.description.corpus import BASE
 
 ARM = """<inertial><mass value="2"/>

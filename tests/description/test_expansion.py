@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl.cli import app
+from rpctl.cli.app import app
 from rpctl.description.expansion import ExpansionError, expand
 from rpctl.description.expansion_worker import _confinement
 from rpctl.errors import DescriptionError, RpctlError

@@ -97,7 +97,7 @@ def test_damage_is_survived(name: str, tmp_path: Path, capfd: pytest.CaptureFixt
 SHELL = """
 import json, sys
 from typer.testing import CliRunner
-from rpctl.cli import app
+from rpctl.cli.app import app
 for line in sys.stdin:
     done = CliRunner().invoke(app, json.loads(line))
     fault = None if isinstance(done.exception, SystemExit | None) else repr(done.exception)

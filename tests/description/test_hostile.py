@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 import rpctl
-from rpctl.description import caps
 from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, RpctlError
+from rpctl.files import caps
 from tests.description.corpus import BASE
 from tests.description.test_fuzz import PATIENCE, patience
 

@@ -14,9 +14,9 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from rpctl.cli import app
+from rpctl.cli.app import app
 from rpctl.simulation.run import Run
-from rpctl.view.scene import build_scene
+from rpctl.view.scene.scene import build_scene
 from tests.description.corpus import BASE
 from tests.description.test_fuzz import patience
 
@@ -99,7 +99,7 @@ def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def exhaust(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("rpctl.cli.load_robot", exhaust)
+    monkeypatch.setattr("rpctl.cli.app.load_robot", exhaust)
     code, out, err = rpctl("inspect", tmp_path / "robot.urdf")
     assert (code, out) == (2, "")
     assert err.startswith("out of memory; is the file or a cap (RPCTL_MAX_...) too large?")

@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.errors import SingularBasisError
 from tests.robots import CASTER, SET_A, platform, write

@@ -12,7 +12,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.contact import (
     Contacts,
     GroundReaction,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import ReducedDynamics, Robot, summarize, track, verify
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from tests.robots import SET_A, four_wheels
 
 KINDS = ["skid-steer", "mecanum"]

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from rpctl import ReducedDynamics, Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics import motion
 from rpctl.dynamics.motion import rk4_step
 

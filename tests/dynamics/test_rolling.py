@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from rpctl import Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.rolling import constraint, constraint_drift, contact_point, find_rolling
 
 

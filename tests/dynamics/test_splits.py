@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 import rpctl
 from rpctl import ReducedDynamics
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics import splits
 from rpctl.dynamics.contact import Contacts, GroundReaction, find_contacts, ground_reaction
 from rpctl.dynamics.splits import Ranges, find_ranges

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.stance import loads, make_stance, width
 
 SQUARE = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [0.2, 0.1], [-1.0, 1.0], [0.0, 1.0]])

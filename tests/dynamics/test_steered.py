@@ -15,10 +15,10 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.steering import follow
 from rpctl.dynamics.motion import rk4_step
 from rpctl.errors import SingularBasisError
-from rpctl.robot.steering import follow
 from tests import random_vehicles
 from tests.robots import write
 from tests.vehicles import vehicle

@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from tests.robots import SET_A, ball, platform, write

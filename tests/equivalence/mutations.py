@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl import Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.drive import Wheel
 from rpctl.dynamics import rolling
 from rpctl.dynamics.basis import selection
-from rpctl.robot.drive import Wheel
 from tests.equivalence.planting import (
     Plant,
     in_body,

@@ -14,9 +14,9 @@ from typing import Any
 
 import rpctl
 from rpctl import Robot
+from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.certificate import Check
 from rpctl.robot.build import build
-from rpctl.robot.drive import Drive, Swivel, Wheel
 
 SAMPLES = 3
 

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl import ReducedDynamics, Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 
 STEP = 1e-5
 

@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, verify
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from rpctl.robot.catalog import names

@@ -10,7 +10,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence import checks
 from rpctl.equivalence.measure import DIFFERENCE
 from rpctl.equivalence.state import State

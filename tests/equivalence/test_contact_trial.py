@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl import Robot
-from rpctl.cli import app
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.cli.app import app
+from rpctl.drive.drive import Swivel, Wheel
 from rpctl.dynamics import motion
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
@@ -24,7 +25,6 @@ from rpctl.equivalence.certificate import Certificate, Skipped
 from rpctl.equivalence.contact import model as contact_model
 from rpctl.equivalence.contact import trial as contact_trial
 from rpctl.equivalence.contact.record import ContactTrial, Motion
-from rpctl.robot.drive import Swivel, Wheel
 from rpctl.robot.vary import set_limits
 
 if not mujoco_engine.installed():

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 import rpctl
 from rpctl import Robot
+from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.file_drive import measure, with_declared
 from rpctl.equivalence.raw_file import read_file
-from rpctl.robot.drive import Drive, Swivel, Wheel
-from tests.robot.wild import Files, axles, body, xml
+from tests.drive.wild import Files, axles, body, xml
 from tests.robots import write
 from tests.vehicles import KINDS, Parts, vehicle
 

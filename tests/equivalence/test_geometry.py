@@ -21,7 +21,7 @@ from rpctl.equivalence.reading import Reading, read
 from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.catalog import names
-from tests.robot.wild import Files, body, meshed
+from tests.drive.wild import Files, body, meshed
 from tests.robots import SET_A, platform, write
 from tests.vehicles import Parts, rear_axle, vehicle
 

@@ -15,7 +15,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence import mujoco_engine, mujoco_model
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine

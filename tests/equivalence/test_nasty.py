@@ -13,7 +13,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, draw_state
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics import motion
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Check

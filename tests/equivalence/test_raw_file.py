@@ -67,9 +67,9 @@ def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: obj
         "rpctl.description.mesh_files",
         "rpctl.description.mesh_paths.MeshError",
         "rpctl.description.mesh_paths.MeshPaths",
-        "rpctl.robot.drive.Drive",
-        "rpctl.robot.drive.Swivel",
-        "rpctl.robot.drive.Wheel",
+        "rpctl.drive.drive.Drive",
+        "rpctl.drive.drive.Swivel",
+        "rpctl.drive.drive.Wheel",
         "rpctl.robot.model.Robot",
     }
     read_of_robot = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}

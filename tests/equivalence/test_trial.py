@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import ReducedDynamics, Robot, draw_state, load
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.measure import EPS, allowed, rate
 from rpctl.equivalence.trial import efforts, find_sizes, inertia_spread, inverse, make_trial

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.reference.motion import Reference
 
 STEP = 1e-5

@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name

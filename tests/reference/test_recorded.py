@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.errors import DescriptionError
 from rpctl.reference.arm import Arm
 from rpctl.reference.csv_file import read_table

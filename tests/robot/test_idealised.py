@@ -14,7 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.robot.idealisation import Idealisation
 from rpctl.robot.idealised import idealisations
-from tests.robot.wild import Files, body, xml
+from tests.drive.wild import Files, body, xml
 from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import Parts, caster, rear_axle, vehicle
 

@@ -20,9 +20,9 @@ from rpctl import (
     summarize,
     track,
 )
+from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.law import DynamicLaw, Efforts, Rest
-from rpctl.description.records import Array
 from rpctl.dynamics.contact import find_contacts, ground_reaction
 from rpctl.dynamics.splits import find_ranges
 from rpctl.errors import DivergedError

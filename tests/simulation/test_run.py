@@ -23,8 +23,8 @@ from rpctl import (
     track,
     verify,
 )
+from rpctl.arrays import Array
 from rpctl.control.command import Command, KinematicLaw
-from rpctl.description.records import Array
 from rpctl.errors import RunFileError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.run import META

@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, track
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.motion import Step
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import ReferenceState

@@ -12,7 +12,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot, Run, summarize, track
-from rpctl.files import to_json
+from rpctl.files.writing import to_json
 from rpctl.simulation.summary import bound, violations
 from tests.robots import SET_A, platform, write
 from tests.vehicles import Parts, vehicle

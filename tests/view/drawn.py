@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from rpctl import Run
-from rpctl.view.plots import tracking_figure
+from rpctl.view.plots.figures import tracking_figure
 from tests.view.samples import numbers, unpack
 
 Array = np.ndarray[Any, Any]

@@ -11,7 +11,7 @@ import pytest
 from rpctl import Robot, Run
 from rpctl.view.chart_data import MAX_POINTS, chart_data
 from rpctl.view.charts import Chart, charts, grip_top
-from rpctl.view.overlay import contact_forces, effort_shares, overlay
+from rpctl.view.pages.overlay import contact_forces, effort_shares, overlay
 from tests.view.samples import short_run
 
 

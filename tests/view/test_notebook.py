@@ -3,6 +3,8 @@ from __future__ import annotations
 import base64
 import re
 import shutil
+import subprocess
+import sys
 import zlib
 from dataclasses import replace
 from html import unescape
@@ -13,7 +15,8 @@ import pytest
 
 import rpctl
 from rpctl import Run
-from rpctl.view import browser
+from rpctl.view import notebook
+from rpctl.view.film import browser
 from tests.view.samples import short_run, write_cart
 
 EVIL = '"></iframe><script>alert(1)</script>'
@@ -30,6 +33,7 @@ def page_inside(html: str) -> str:
 def shown(paper_run: Run) -> dict[str, Any]:
     """Run a cell in IPython and return what it displays, by type."""
     shell = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell()
+    shell.extension_manager.load_extension("rpctl")
     shell.user_ns["run"] = paper_run
     cell = shell.run_cell("run", store_history=False)
     assert cell.success
@@ -46,8 +50,17 @@ def test_a_cell_shows_the_scene(shown: dict[str, Any]) -> None:
     assert "const { viewer, duration, show } = player;" in page_inside(html)
 
 
+def test_importing_rpctl_in_a_notebook_is_enough() -> None:
+    pytest.importorskip("IPython")
+    code = "import rpctl; html = get_ipython().display_formatter.formatters['text/html'];"
+    code += "print(html.lookup_by_type('rpctl.simulation.run.Run'))"
+    command = [sys.executable, "-m", "IPython", "--quick", "-c", code]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "load_ipython_extension" in printed
+
+
 def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:
-    html = replace(paper_run, robot=EVIL)._repr_html_()
+    html = notebook.show(replace(paper_run, robot=EVIL))
     assert "<script>" not in html
     assert html.count("<iframe") == html.count("</iframe>") == 1
     assert "alert(1)</script>" not in page_inside(html)
@@ -57,7 +70,7 @@ def test_a_robot_that_is_gone_is_told(tmp_path: Path) -> None:
     path = write_cart(tmp_path)
     run = short_run(rpctl.load(path), 0.2)
     path.unlink()
-    html = run._repr_html_()
+    html = notebook.show(run)
     assert "cannot be drawn" in html
     assert "cart.urdf" in html
 

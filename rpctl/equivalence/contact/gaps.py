@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.contact import Contacts
 from rpctl.equivalence.certificate import CONTACT
 from rpctl.equivalence.contact.record import Gap, Motion, travelled

@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
+from rpctl.drive.drive import Wheel
+from rpctl.drive.steering import follow
 from rpctl.dynamics.supports import find_supports
 from rpctl.equivalence.contact.shapes import support_shapes, tyre
 from rpctl.equivalence.mujoco_model import OWN, MujocoModel
-from rpctl.robot.drive import Wheel
 from rpctl.robot.model import Robot
-from rpctl.robot.steering import follow
 
 STEP = 5e-4  # s: below the contacts' time constant
 SOLREF = (2e-3, 1.0)  # time constant (s), least that STEP allows with a margin, and damping ratio

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Array, Joint
+from rpctl.arrays import Array
+from rpctl.description.records import Joint
 from rpctl.dynamics.contact import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.equivalence.certificate import Check
 
 DRAWN = 2  # samples between two points of the paths that JSON keeps: a hundred over a trial

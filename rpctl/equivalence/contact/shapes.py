@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.records import Array, Joint, Shape
+from rpctl.description.records import Joint, Shape
+from rpctl.drive.drive import Wheel
 from rpctl.dynamics.supports import Supports
-from rpctl.robot.drive import Wheel
 from rpctl.robot.model import Robot
 
 ALONG = 0.02  # sine of the largest angle between a wheel's cylinder and its axle (CAD rounding)

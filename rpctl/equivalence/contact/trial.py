@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpctl.description.records import Array
+from rpctl.arrays import Array
 from rpctl.dynamics.contact import Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics

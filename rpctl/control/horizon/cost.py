@@ -1,0 +1,117 @@
+"""The cost of the horizon law, and its gradient at a predicted motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.model import Model
+from rpctl.control.horizon.program import Quadratic, Stages
+from rpctl.control.horizon.sample import Reach, Sample
+from rpctl.errors import require_positive
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of squared errors at each step, SI units.
+
+    Attributes:
+        position: Of the base's position.
+        heading: Of the base's heading.
+        joints: Of the arm's positions.
+        steering: Of the steered joints' positions; little, as they serve the base's.
+        end_effector: Of the end effector's position.
+        rates: Of ν.
+        accelerations: Of ν̇.
+    """
+
+    position: float = 300.0
+    heading: float = 20.0
+    joints: float = 50.0
+    steering: float = 1.0
+    end_effector: float = 200.0
+    rates: float = 2.0
+    accelerations: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Refuse weights that leave the cost without a minimum."""
+        for name, value in vars(self).items():
+            require_positive(name, value)
+
+
+class Cost:
+    """½ Σ over the steps of weighted squared errors, accelerations less the reference's.
+
+    The last step weighs as much as all that would follow: each coordinate's position and rate by
+    the Riccati solution of a double integrator with the same weights.
+
+    Args:
+        weights: Its weights.
+        model: The prediction's model.
+        reached: Number of stages at which the end effector counts; each counts for its share.
+    """
+
+    def __init__(self, weights: Weights, model: Model, reached: int) -> None:
+        self._model = model
+        self._end_effector = weights.end_effector * model.steps / reached
+        base = model.base
+        position = [weights.position, weights.position, weights.heading][: 3 if base else 0]
+        pose = np.tile(position, (model.steps, 1))
+        of_joints = np.full(len(model.joints), weights.joints)
+        of_joints[: model.steered] = weights.steering
+        joints = np.tile(of_joints, (model.steps, 1))
+        nu = np.full((model.steps, model.robot.dof), weights.rates)
+        rest = {w: _remaining(w, weights, model.dt) for w in {*position, *of_joints.tolist()}}
+        pose[-1] = [rest[w][0, 0] for w in position]
+        joints[-1] = [rest[w][0, 0] for w in of_joints]
+        nu[-1, base:] = [rest[w][1, 1] for w in of_joints]
+        nu[-1, :base] = max(P[1, 1] for P in rest.values())
+        self.hessian = Stages(np.full(nu.shape, weights.accelerations), pose, joints, nu)
+        self.cross = np.array([rest[w][0, 1] for w in of_joints])
+        continuous = (i for i, joint in enumerate(model.joints) if joint.kind == "continuous")
+        self._continuous = [i for i in continuous if i >= model.steered]  # the arm's
+
+    def gradient(self, sample: Sample) -> Stages:
+        """Return the gradient, the end effector's share left out."""
+        motion, target, model = sample.motion, sample.target, self._model
+        pose = motion.pose[1:] - target.pose[1:]
+        pose[:, 2] = wrapped(pose[:, 2])
+        joints = motion.joints[1:] - target.joints[1:]
+        joints[:, self._continuous] = wrapped(joints[:, self._continuous])
+        nu = motion.nu[1:] - target.nu[1:]
+        nu_dot = motion.nu_dot - np.diff(target.nu, axis=0) / model.dt
+        weigh = self.hessian
+        of_joints, of_nu = weigh.joints * joints, weigh.nu * nu
+        of_joints[-1] += self.cross * nu[-1, model.base :]
+        of_nu[-1, model.base :] += self.cross * joints[-1]
+        of_pose = weigh.pose * pose[:, : weigh.pose.shape[1]]
+        return Stages(weigh.nu_dot * nu_dot, of_pose, of_joints, of_nu)
+
+    def reached(self, reach: Reach | None) -> list[Quadratic]:
+        """Return the end effector's share at its stages."""
+        if reach is None:
+            return []
+        missed = self._end_effector * (reach.places - reach.goals)
+        return [
+            Quadratic(self._end_effector * by.T @ by, by.T @ error)
+            for by, error in zip(reach.slopes, missed, strict=True)
+        ]
+
+
+def _remaining(weight: float, weights: Weights, dt: float) -> Array:
+    """Return the cost-to-go (2, 2) of a double integrator's position and rate."""
+    A, B = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[0.5 * dt**2], [dt]])
+    return np.asarray(
+        solve_discrete_are(
+            A, B, np.diag([weight, weights.rates]), np.array([[weights.accelerations]])
+        )
+    )
+
+
+def wrapped(angles: Array) -> Array:
+    """Return angles (rad) wrapped into (−π, π]."""
+    return math.pi - (math.pi - angles) % (2.0 * math.pi)

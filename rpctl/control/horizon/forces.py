@@ -1,0 +1,251 @@
+"""Efforts and ground reactions along a predicted motion, linear in accelerations and speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.model import Indices, Model
+from rpctl.dynamics.contact import Contacts, stance_at
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import ROOT_JOINT
+from rpctl.dynamics.stance import Stance, loads
+
+ROOT = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
+FACES = 8  # of the polygon inside each wheel's circle of grip
+RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
+
+
+class Forces(NamedTuple):
+    """The whole tree's force and the ground's wrench at a state, with their derivatives.
+
+    Columns: the value, then by ν̇ (dof), then by the ν that moves the base; or the value alone.
+    """
+
+    q: Array  # (nq,)
+    now: bool  # whether the casters are where q says
+    force: Array  # (nv, columns)
+    wrench: Array  # (6, columns) at the root link's origin, in its axes
+
+
+class ForceModel:
+    """Forces of one robot at states, measured or foreseen; owns a workspace.
+
+    Where casters will stand is not foreseen. At foreseen states they glide: they neither turn nor
+    roll, and only their mass counts; the contacts are those of the posture that :meth:`stand` was
+    told of. Angles that no motion led to would make up rates and forces many times too large.
+
+    Args:
+        model: The prediction's model.
+        contacts: How the robot stands, or None where nothing is to be said of the ground.
+        tip_margin: Least distance of the zero-moment point to the polygon's edge, m.
+        grip: Largest share of the grip that a wheel may use.
+    """
+
+    def __init__(
+        self, model: Model, contacts: Contacts | None, tip_margin: float, grip: float
+    ) -> None:
+        robot = model.robot
+        self._model, self._data = model, robot.model.createData()
+        self._contacts, self._tip_margin, self._grip = contacts, tip_margin, grip
+        self._columns = np.zeros((robot.nv, len(robot.actuators)))
+        for column, name in enumerate(robot.actuators):
+            self._columns[robot.velocity_index(name), column] = 1.0
+        self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+        self._faces = 2.0 * math.pi * (np.arange(FACES) + 0.5) / FACES
+        self._stance: Stance | None = None
+        self._known: tuple[Array, bool, tuple[Array, Array]] | None = None  # the last maps, where
+        self._gliding, self._loose = _casters(model.dynamics)
+        if contacts is not None and contacts.balanced:
+            q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
+            self._stance = stance_at(model.dynamics, contacts, q)
+            if self.ground(self.value(q, still, still)).min() < 0.0:
+                self._stance = None  # it tips where it stands: there is no balance to keep
+
+    @property
+    def rows(self) -> int:
+        """Number of rows that :meth:`ground` returns."""
+        if self._stance is None or self._contacts is None:
+            return 0
+        return self._edges + self.grips
+
+    @property
+    def grips(self) -> int:
+        """Number of rows that :meth:`slipping` returns."""
+        if self._stance is None or self._contacts is None:
+            return 0
+        return FACES * len(self._contacts.along)
+
+    @property
+    def _edges(self) -> int:
+        """Number of rows about tipping: one a contact where the polygon changes with them."""
+        if self._contacts is None or self._contacts.stance is None:
+            return 0 if self._contacts is None else len(self._contacts.points)
+        return len(self._contacts.stance.inward)
+
+    def stand(self, q: Array) -> None:
+        """Take the contacts from q (nq,), where they move."""
+        if self._stance is not None and self._contacts is not None:
+            self._stance = stance_at(self._model.dynamics, self._contacts, q)
+
+    def value(self, q: Array, nu: Array, nu_dot: Array) -> Forces:
+        """Return the forces at a foreseen q (nq,), ν (dof,) and ν̇ (dof,), one column."""
+        S, drift = self._basis(q, now=False), self._drift(q, nu, now=False)
+        force = pin.rnea(self._model.robot.model, self._data, q, S @ nu, S @ nu_dot + drift)
+        wrench = self._data.f[ROOT_JOINT].vector
+        return Forces(q, False, force[:, None].copy(), wrench[:, None].copy())
+
+    def _basis(self, q: Array, now: bool) -> Array:
+        S = self._model.dynamics.basis(q)
+        if not now and len(self._gliding):
+            S = S.copy()
+            S[self._gliding] = 0.0
+        return S
+
+    def _drift(self, q: Array, nu: Array, now: bool) -> Array:
+        """Return Ṡν (nv,)."""
+        drift = self._model.dynamics.basis_drift(q, nu)
+        if not now and len(self._gliding):
+            drift = drift.copy()
+            drift[self._gliding] = 0.0
+        return drift
+
+    def at(self, q: Array, nu: Array, nu_dot: Array, now: bool = False) -> Forces:
+        """Return the forces at q (nq,), ν (dof,) and ν̇ (dof,), all columns.
+
+        Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
+        quadratic in ν, so that central differences of any step are exact where S is constant;
+        where wheels are steered the slopes by ν are those at the motion's Ṡν. ``now`` takes the
+        casters for where q has them.
+        """
+        model, data = self._model.robot.model, self._data
+        q = np.concatenate([ROOT, q[len(ROOT) :]])  # where the world's axes are the root link's
+        S, drift = self._basis(q, now), self._drift(q, nu, now)
+        base, dof = self._model.moving, S.shape[1]
+        force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
+        for column in range(base):
+            v, step = S @ nu, S[:, column]
+            ahead = pin.rnea(model, data, q, v + step, drift).copy()
+            wrench_ahead = data.f[ROOT_JOINT].vector.copy()
+            force[:, 1 + dof + column] = 0.5 * (ahead - pin.rnea(model, data, q, v - step, drift))
+            wrench[:, 1 + dof + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
+        force[:, 0] = pin.rnea(model, data, q, S @ nu, S @ nu_dot + drift)
+        wrench[:, 0] = data.f[ROOT_JOINT].vector
+        force[:, 1 : 1 + dof] = pin.crba(model, data, q) @ S
+        momentum = pin.computeCentroidalMap(model, data, q) @ S
+        wrench[:, 1 : 1 + dof] = momentum
+        x, y, z = data.com[0]
+        arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        wrench[3:, 1 : 1 + dof] += arm @ momentum[:3]
+        return Forces(q, now, force, wrench)
+
+    def efforts(self, forces: Forces) -> Array:
+        """Return τ (n_act, columns)."""
+        allocation, _ = self._maps(forces.q, forces.now)
+        return np.asarray(allocation @ forces.force)
+
+    def ground(self, forces: Forces) -> Array:
+        """Return rows (rows, columns) that are ≥ 0 where the robot neither tips nor slips.
+
+        One row an edge of the support polygon (some twice where their number changes): the moment
+        about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
+        polygon inside the circle of its grip: grip left, over the grip at its whole weight.
+        """
+        return np.vstack([self.tipping(forces), self.slipping(forces, [self.shares(forces)])])
+
+    def shares(self, forces: Forces) -> Array:
+        """Return the map (n_contacts, 3) from moments to loads that holds at these forces."""
+        return _shares(self._standing, self._moments(forces)[:, 0])
+
+    @property
+    def _standing(self) -> Stance:
+        if self._stance is None:
+            raise ValueError("no ground reactions are defined")
+        return self._stance
+
+    def _moments(self, forces: Forces) -> Array:
+        wrench, z = forces.wrench, self._model.robot.drive.ground
+        return np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
+
+    def tipping(self, forces: Forces) -> Array:
+        """Return the rows about tipping."""
+        stance, moments = self._standing, self._moments(forces)
+        edges = np.arange(self._edges) % len(stance.inward)
+        reach = stance.offset[edges, None] - self._tip_margin
+        return np.asarray((stance.inward[edges] @ moments[1:] + reach * moments[0]) / self._weight)
+
+    def slipping(self, forces: Forces, pieces: Iterable[Array]) -> Array:
+        """Return the rows about slipping for each way in which the contacts may share the load."""
+        contacts = self._contacts
+        if contacts is None:
+            raise ValueError("no ground reactions are defined")
+        horizontal = self._maps(forces.q, forces.now)[1] @ forces.force
+        moments = self._moments(forces)
+        wheels = len(contacts.along)
+        along, lateral = horizontal[:wheels], horizontal[wheels:]
+        cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
+        inside = math.cos(math.pi / FACES) * self._grip * contacts.friction
+        rows = []
+        for shares in pieces:
+            load = shares[:wheels] @ moments
+            borne = np.maximum(load[:, 0], contacts.floor)
+            share = borne[:, None] * contacts.share / (borne @ contacts.share)
+            slack = inside * load - cos * along - sin * (share @ lateral)
+            rows.append(slack.reshape(-1, slack.shape[2]) / (inside * self._weight))
+        return np.vstack(rows)
+
+    def _maps(self, q: Array, now: bool) -> tuple[Array, Array]:
+        """Return the maps from the tree's force to the efforts, and to the wheels' forces."""
+        dynamics, dof = self._model.dynamics, self._model.robot.dof
+        if self._known is not None:
+            at, then, maps = self._known
+            same = dynamics.constant or (then == now and not (self._model.steered or now))
+            if same or (then == now and np.array_equal(at, q)):
+                return maps
+        allocation = dynamics.efforts(q, np.eye(dof)) @ self._basis(q, now).T
+        horizontal = np.empty((0, len(self._columns)))
+        if self._contacts is not None:
+            A = dynamics.constraint(q)
+            if not now and len(self._loose):
+                A = A.copy()
+                A[self._loose] = 0.0
+            multipliers = np.linalg.pinv(A.T, rcond=RANK_MARGIN)
+            forces = np.vstack([self._contacts.along, self._contacts.across]) @ multipliers
+            horizontal = forces @ (np.eye(len(self._columns)) - self._columns @ allocation)
+        maps = allocation, horizontal
+        self._known = q.copy(), now, maps
+        return maps
+
+
+def _casters(dynamics: ReducedDynamics) -> tuple[Indices, Indices]:
+    """Return the velocities (indices) of casters and of their wheels, and the rows of A on them."""
+    robot, rolling = dynamics.robot, dynamics.rolling
+    casters = [swivel for swivel in robot.drive.swivels if swivel.role == "caster"]
+    wheels = {wheel for caster in casters for wheel in robot.drive.carried(caster)}
+    names = [s.joint for s in casters] + [robot.drive.wheels[wheel].joint for wheel in wheels]
+    rows = [rolling.along[wheel] for wheel in wheels]
+    rows += [row for row, shared in rolling.across if shared and wheels.issuperset(shared)]
+    found = [robot.velocity_index(name) for name in names]
+    return np.array(found, dtype=np.intp), np.array(rows, dtype=np.intp)
+
+
+def _shares(stance: Stance, moments: Array) -> Array:
+    """Return the map (n, 3) from moments to loads, of the contacts that bear some at ``moments``.
+
+    Where all do, or the robot tips, it is the stance's split; a contact that lets go has no share.
+    """
+    least = stance.split @ moments
+    if least.min() >= 0.0 or len(least) == 3:
+        return stance.split
+    margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
+    pressed = loads(stance, moments, margin) > 0.0
+    if margin <= 0.0 or pressed.all():
+        return stance.split
+    shares = np.zeros_like(stance.split)
+    shares[pressed] = np.linalg.pinv(stance.statics[:, pressed])
+    return shares

@@ -1,0 +1,281 @@
+"""The horizon law: predictive control of the whole robot over N steps, within its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.command import Command, KinematicLaw
+from rpctl.control.horizon.bounds import Bounds, Box, ForceBounds, SoftBound, WheelSpeeds
+from rpctl.control.horizon.clearance import (
+    ArmClearance,
+    BaseClearance,
+    arm_detour,
+    base_detour,
+)
+from rpctl.control.horizon.cost import Cost, Weights
+from rpctl.control.horizon.forces import ForceModel
+from rpctl.control.horizon.model import Model, Motion, make_model
+from rpctl.control.horizon.program import Program, lay_out
+from rpctl.control.horizon.qp import QuadraticProgram, Solver
+from rpctl.control.horizon.sample import Arm, Sample, Target, look_ahead
+from rpctl.control.horizon.time_scaling import Clock
+from rpctl.control.law import Rest
+from rpctl.control.obstacles import Obstacle
+from rpctl.control.unified import UnifiedKinematic
+from rpctl.dynamics.contact import Contacts, find_contacts
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError, SingularBasisError, require_positive
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
+
+REACH_EVERY = 5  # steps: how far apart the stages lie that look at the end effector
+CLOSE = 3  # steps from now on at which an end effector among obstacles is looked at, too
+GROUND_EVERY = 3  # steps: how far apart those lie that watch the ground's reactions
+COLD_PASSES = 3  # QPs of the first sample, each about the motion that the last one found
+ADOPT = 0.08  # s in which a plan takes on how the robot moves instead of as planned
+ON_TIME = 1e-9  # s: rounding of a sample's time
+SOFTENED = 1e-3  # of a limit, or m: slack from which a bound counts as given way
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """Predictive control over N steps of length dt, by one sparse QP a solve.
+
+    Each ``period`` the motion that the last solution foresaw is predicted anew from the measured
+    q, the robot is linearised about it, and a QP finds the accelerations ν̇ of the N steps that
+    bring pose, arm, end effector and ν nearest to the reference (one step of sequential quadratic
+    programming, [DBS05]'s real-time iteration). Until the next solve the command is
+    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. ν₀ is
+    where the last plan has come to, drawn towards the measured ν with 0.08 s. Steering angles are
+    states of the prediction as the arm's are.
+
+    Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
+    zero-moment point, the wheels' grip and clearances may give way at a price above what errors
+    pay. Where they do not let the robot follow, the reference is read late, slower ahead of what is
+    too fast for them, and made up for later (``time_scaling.py``). A solve that fails leaves its
+    period to the ``fallback``, and is counted.
+
+    Attributes:
+        steps: N.
+        dt: Length of a step, s.
+        period: Time from solve to solve, s; at most ``dt``.
+        weights: Weights of the cost.
+        bounds: Bounds beside those of the URDF.
+        base_obstacles: What the base must keep clear of.
+        end_effector_obstacles: What the end effector must keep clear of.
+        base_radius: Radius of the base about P, m; None takes the farthest contact's.
+        end_effector_radius: m.
+        leash: How far behind the reference the base may fall before the reference waits, m.
+        fallback: The law of samples without a solution.
+    """
+
+    steps: int = 20
+    dt: float = 0.1
+    period: float = 0.02
+    weights: Weights = field(default_factory=Weights)
+    bounds: Bounds = field(default_factory=Bounds)
+    base_obstacles: tuple[Obstacle, ...] = ()
+    end_effector_obstacles: tuple[Obstacle, ...] = ()
+    base_radius: float | None = None
+    end_effector_radius: float = 0.05
+    leash: float = 0.3
+    fallback: KinematicLaw = field(default_factory=UnifiedKinematic)
+
+    def __post_init__(self) -> None:
+        """Refuse settings that predict nothing."""
+        for name in ("dt", "period", "end_effector_radius", "leash"):
+            require_positive(name, getattr(self, name))
+        if self.base_radius is not None:
+            require_positive("base_radius", self.base_radius)
+        if self.steps < 2:
+            raise RpctlError(f"steps is {self.steps}; give at least 2")
+        if self.period > self.dt:
+            raise RpctlError(
+                f"period {self.period:g} s is longer than a step; give at most {self.dt:g} s"
+            )
+
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> HorizonLaw:
+        """Return the law of one run, with nothing foreseen and nothing counted.
+
+        Args:
+            dynamics: The robot's dynamics.
+            control_period: Time between two calls, s; the law looks at the clock, not at it.
+            rest: Not needed.
+        """
+        del control_period, rest
+        return HorizonLaw(self, dynamics)
+
+
+class Plan(NamedTuple):
+    """What a solve found: from ``t`` and ``nu`` on, accelerations held in each step."""
+
+    t: float
+    nu: Array  # (dof,)
+    nu_dot: Array  # (N, dof)
+
+
+class HorizonLaw:
+    """:class:`Horizon` on one robot, with what it foresees and what it has counted.
+
+    Args:
+        law: Its settings.
+        dynamics: The robot's dynamics.
+    """
+
+    def __init__(self, law: Horizon, dynamics: ReducedDynamics) -> None:
+        self._law = law
+        self._plan: Plan | None = None
+        self.solved_at = -np.inf
+        self.solves = self.fallbacks = self.softened = 0
+        self.model = make_model(dynamics, law.steps, law.dt)
+        robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
+        reached = _stages(law.steps, REACH_EVERY)
+        if law.end_effector_obstacles:  # its next steps, too
+            reached = sorted({*range(min(CLOSE, law.steps)), *reached})
+        self._arm = Arm(self.model, reached) if robot.end_effector else None
+        self._box = Box(self.model, law.bounds)
+        self._radius = law.base_radius or _base_radius(robot, contacts)
+        self._forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
+        self._clock = Clock(self.model, self._forces, law.bounds, law.leash)
+        self._soft = _soft_bounds(law, self.model, self._forces, reached, self._radius)
+        self.cost = Cost(law.weights, self.model, len(reached))
+        self.program = Program(
+            self.model,
+            self.cost.hessian,
+            self.cost.cross,
+            reached if self._arm else [],
+            [family for bound in self._soft for family in bound.families(lay_out(self.model))],
+        )
+        self._solver = Solver()
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
+        if t - self.solved_at >= self._law.period - ON_TIME:
+            self.solved_at = t
+            try:
+                self._plan = self._solve(reference, t, q, self._onward(t, nu))
+            except SingularBasisError:  # somewhere ahead the steering fixes no one motion
+                self.fallbacks += 1
+                self._plan = None
+        if self._plan is None:
+            return self._law.fallback(dynamics, reference, t, q, nu)
+        nu_dot = self._plan.nu_dot[0]
+        return Command(self._plan.nu + (t - self._plan.t) * nu_dot, nu_dot)
+
+    def report(self) -> dict[str, float]:
+        """Return how many solves there were, how many failed, and how many softened a bound.
+
+        ``largest_lag`` (s) is that of the clock by which the reference is read.
+        """
+        return {
+            "solves": self.solves,
+            "fallbacks": self.fallbacks,
+            "softened": self.softened,
+            "largest_lag": self._clock.largest,
+        }
+
+    def write(self, motion: Motion, target: Target) -> QuadraticProgram:
+        """Return the QP about a motion, towards a target."""
+        model, law = self.model, self._law
+        if model.base:
+            target = base_detour(
+                target,
+                motion.pose[0, :2],
+                law.base_obstacles,
+                self._radius,
+                turns=not model.robot.drive.holonomic,
+            )
+        reach = None
+        if self._arm:
+            reach = self._arm.reach(motion, target)
+            reach = arm_detour(reach, law.end_effector_obstacles, law.end_effector_radius)
+        sample = Sample(motion, target, reach)
+        lower, upper = self._box.about(sample)
+        return self.program.build(
+            model.slopes(motion),
+            self.cost.gradient(sample),
+            self.cost.reached(reach),
+            [soft for bound in self._soft for soft in bound.about(sample)],
+            lower,
+            upper,
+        )
+
+    def _solve(self, reference: Reference, t: float, q: Array, nu: Array) -> Plan | None:
+        """Return what to do from the state at ``t`` on; None where no QP's solution says it."""
+        model = self.model
+        self._forces.stand(q)
+        reading = self._clock(reference, t, model.robot.base_pose(q))
+        target = look_ahead(model, reference, reading, model.posture(q))
+        nu_dot = self._foreseen(t)
+        self.solves += 1
+        slack = 0.0
+        for _ in range(COLD_PASSES if self._plan is None else 1):
+            motion = model.predict(q, nu, nu_dot)
+            solution = self._solver.solve(self.write(motion, target))
+            if not solution.solved:
+                self.fallbacks += 1
+                return None
+            nu_dot = motion.nu_dot + solution.x[self.program.at.nu_dot]
+            slack = self.program.slack(solution.x)
+        self.softened += slack > SOFTENED
+        return Plan(t, nu, nu_dot)
+
+    def _onward(self, t: float, nu: Array) -> Array:
+        """Return the ν (dof,) to plan from: the last plan's, drawn to the robot's.
+
+        A plan from the robot's own ν would ask for what is there already, and nothing but the far
+        end of the horizon would bring ν back: light joints run away once efforts come 20 ms late.
+        """
+        if self._plan is None:
+            return nu
+        elapsed = t - self._plan.t
+        planned = self._plan.nu + elapsed * self._plan.nu_dot[0]
+        return np.asarray(planned + min(elapsed / ADOPT, 1.0) * (nu - planned))
+
+    def _foreseen(self, t: float) -> Array:
+        """Return the accelerations (N, dof) that the last plan foresaw for the steps from t on."""
+        rest = np.zeros((self.model.steps, self.model.robot.dof))
+        if self._plan is None:
+            return rest
+        whole, part = divmod((t - self._plan.t) / self.model.dt, 1.0)
+        ahead = self._plan.nu_dot[int(whole) :]
+        rest[: len(ahead)] += (1.0 - part) * ahead
+        rest[: len(ahead[1:])] += part * ahead[1:]
+        return rest
+
+
+def _soft_bounds(
+    law: Horizon, model: Model, forces: ForceModel, reached: list[int], radius: float
+) -> list[SoftBound]:
+    """Return the kinds of soft rows that a robot has use for."""
+    bounds, robot = law.bounds, model.robot
+    ground = [0, *_stages(law.steps, GROUND_EVERY)]
+    found: list[SoftBound] = [
+        WheelSpeeds(model, bounds),
+        ForceBounds(model, bounds, forces, ground),
+    ]
+    if law.base_obstacles and model.base:
+        found.append(BaseClearance(law.base_obstacles, radius))
+    if law.end_effector_obstacles and robot.end_effector:
+        found.append(ArmClearance(law.end_effector_obstacles, law.end_effector_radius, reached))
+    return found
+
+
+def _base_radius(robot: Robot, contacts: Contacts | None) -> float:
+    """Return the distance of P to the farthest contact, m; 0 for a fixed base."""
+    if contacts is None:
+        return 0.0
+    return float(np.linalg.norm(contacts.points - robot.drive.point, axis=1).max())
+
+
+def _stages(steps: int, every: int) -> list[int]:
+    """Return stages ``every`` so many steps apart, the last of all among them."""
+    return list(range(steps - 1, 0, -every))[::-1]

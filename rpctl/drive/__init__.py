@@ -1,0 +1,1 @@
+"""Wheels, swivels and their planar geometry: what a wheeled base is, detected or declared."""

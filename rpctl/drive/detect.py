@@ -1,0 +1,147 @@
+"""Detection: what drive the wheels of a description make, and how one can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rpctl.description.records import Description
+from rpctl.drive.advice import why_not
+from rpctl.drive.assemble import assemble
+from rpctl.drive.drive import FIXED, Drive
+from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.evidence import Evidence, gather
+from rpctl.drive.near_misses import crosswise, still_wheels
+from rpctl.drive.wheels import Candidate, find_candidates, parallel
+from rpctl.errors import DriveError, UnknownNameError
+
+MECANUM = "mecanum"  # nothing but this word tells four such wheels from four ordinary ones
+
+
+def detect(
+    description: Description, locked: Mapping[str, float], spec: DriveSpec | None = None
+) -> Drive:
+    """Find the drive of a robot.
+
+    A wheel turns without limits about a level axle, is held by the root link, rigidly or through
+    one upright joint, and reaches the ground. How many of its kind lie on how many lines, and
+    which upright joints steer, tells the drive. Nothing in a URDF tells skid-steer from mecanum
+    wheels but a name; without one the specification has to.
+
+    Args:
+        description: The robot.
+        locked: Frozen joints and their positions (rad or m).
+        spec: What the user says of the drive.
+
+    Returns:
+        The drive, with its evidence and its doubts.
+
+    Raises:
+        DriveError: No wheels fit, or nothing tells which drive they are; every candidate is named.
+        UnknownNameError: A joint that the specification names is not known.
+    """
+    spec = spec or DriveSpec()
+    if spec.type == "fixed":
+        return FIXED
+    candidates = find_candidates(description, locked, spec.wheels)
+    if spec.wheels:
+        candidates = _named(description, candidates, spec)
+    evidence = gather(description, locked, candidates, spec)
+    if spec.type is None and _arm(evidence, locked):
+        return _fixed(evidence)
+    crossed = [] if spec.wheels else crosswise(description, locked, evidence.standing.wheels)
+    if crossed:
+        raise DriveError(
+            f"{description.path}: the joints of wheels turn across their cylinders' axles; give "
+            f"{', '.join(crossed)}, or name the wheels in a drive file"
+        )
+    kind = spec.type or _kind(evidence)
+    if kind is None or not _fits(kind, evidence):
+        raise DriveError(why_not(evidence, locked, spec.type))
+    return assemble(kind, evidence)
+
+
+def _kind(evidence: Evidence) -> str | None:
+    """Return the type of drive that the wheels tell, or None."""
+    fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
+    aligned = all(parallel(fixed[0], wheel) for wheel in fixed)
+    if steered and not fixed:
+        return "steered" if len(steered) > 1 else None
+    if steered:
+        several = "tricycle" if pairs else "bicycle"
+        return (several if len(steered) == 1 else "car-like") if aligned else None
+    if len(fixed) > 2 and not aligned and not _passive(evidence):
+        return "omni"
+    if len(pairs) > 1:
+        return MECANUM if _mentions(evidence, MECANUM) else None
+    return "differential" if pairs else None
+
+
+def _passive(evidence: Evidence) -> bool:
+    """Return whether the wheels off the one pair's axle are left without a drive, as casters."""
+    driven = [w for w in evidence.fixed if w.joint.name in evidence.actuated]
+    return len(evidence.pairs) == 1 and 0 < len(driven) < 3
+
+
+def _fits(kind: str, evidence: Evidence) -> bool:
+    """Return whether there are the wheels that a drive of a type needs."""
+    fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
+    needs = {
+        "differential": len(pairs) == 1 and not steered,
+        "skid-steer": len(pairs) > 1 and not steered,
+        "mecanum": len(pairs) == 2 and len(fixed) == 4 and not steered,
+        "omni": len(fixed) > 2 and not steered,
+        "bicycle": len(fixed) > 0 and len(steered) == 1,
+        "tricycle": len(pairs) > 0 and len(steered) == 1,
+        "car-like": len(fixed) > 0 and len(steered) > 1,
+        "steered": not fixed and len(steered) > 1,
+    }
+    return needs[kind]
+
+
+def _mentions(evidence: Evidence, word: str) -> bool:
+    """Return whether a wheel's names or meshes mention a word."""
+    links = [evidence.description.link[wheel.joint.child] for wheel in evidence.fixed]
+    names = [wheel.joint.name for wheel in evidence.fixed] + [link.name for link in links]
+    names += [shape.mesh or "" for link in links for shape in link.visuals + link.collisions]
+    return any(word in name.lower() for name in (*names, evidence.description.name))
+
+
+def _arm(evidence: Evidence, locked: Mapping[str, float]) -> bool:
+    """Return whether joints move, and nothing is, or looks like, a wheel."""
+    if evidence.standing.wheels or evidence.near:
+        return False
+    moving = any(joint.moving for joint in evidence.description.joints)
+    return moving and not still_wheels(evidence.description, locked)
+
+
+def _fixed(evidence: Evidence) -> Drive:
+    aloft = "".join(f"{reason}; " for reason in evidence.standing.aloft)
+    doubt = (
+        "no joint could carry a wheel, so the base is taken for fixed: say --drive fixed if it is; "
+        f'{aloft}a wheel\'s joint is type="continuous", about a level axis, held by the root link '
+        f'"{evidence.description.root}" or by an upright joint of it'
+    )
+    return Drive("fixed", doubts=(doubt,))
+
+
+def _named(
+    description: Description, candidates: list[Candidate], spec: DriveSpec
+) -> list[Candidate]:
+    """Return the candidates that a specification names.
+
+    Raises:
+        UnknownNameError: A joint is not known.
+        DriveError: A joint cannot carry a wheel.
+    """
+    for name in spec.wheels:
+        if name not in description.joint:
+            raise UnknownNameError("wheel joint", name, description.joint)
+    fit = {candidate.joint.name: candidate for candidate in candidates}
+    for name in spec.wheels.keys() - fit.keys():
+        joint = description.joint[name]
+        raise DriveError(
+            f'{description.path}:{joint.line}: joint "{name}" cannot carry a wheel: it has to be '
+            "continuous, about a level axis, and held by the root link, rigidly or by one upright "
+            "joint"
+        )
+    return [candidate for candidate in candidates if candidate.joint.name in spec.wheels]

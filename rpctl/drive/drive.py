@@ -1,0 +1,171 @@
+"""Wheels, swivels and drives: what touches the ground, and which speeds of the base are free."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+# The base's own speeds by the drive's type; each independently steered joint's rate follows them.
+BASE_SPEEDS = {
+    "differential": ("v", "omega"),
+    "skid-steer": ("v", "omega"),
+    "car-like": ("v",),
+    "tricycle": ("v",),
+    "bicycle": ("v",),
+    "steered": ("v",),
+    "omni": ("vx", "vy", "omega"),
+    "mecanum": ("vx", "vy", "omega"),
+    "fixed": (),
+}
+WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "bicycle")
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A wheel on the ground.
+
+    Attributes:
+        joint: Name of its joint.
+        radius: m; of the shape that rolls, see :func:`rpctl.drive.wheel_size.wheel_size`.
+        source: Where the radius came from.
+        axis: Unit axle (3,) in the wheel joint's frame.
+        offset: Distance of the wheel's centre from the joint's origin along the axle, m; of the
+            same shape as the radius.
+        direction: Direction (x, y), in the root link's frame with all joints at 0, along which the
+            contact point stands still: forward for an ordinary wheel, along the roller for a
+            mecanum wheel, across the axle for an omni wheel.
+        driven: Whether its joint has an actuator.
+        swivel: Joint of the swivel that carries it; None where the root link does.
+        lateral: Distance of its contact to the left of its swivel's axis, m.
+        shift: How far to the left of itself the wheel grips, m: half of what the effective track
+            of a skid-steer drive is wider than the wheels'.
+        slides: Whether nothing holds it sideways: a ball, or a wheel off a differential's axle.
+        why: Why it is a wheel, in words.
+    """
+
+    joint: str
+    radius: float
+    source: str
+    axis: tuple[float, float, float]
+    offset: float = 0.0
+    direction: tuple[float, float] = (1.0, 0.0)
+    driven: bool = True
+    swivel: str | None = None
+    lateral: float = 0.0
+    shift: float = 0.0
+    slides: bool = False
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Swivel:
+    """An upright joint of the root link that carries wheels.
+
+    Attributes:
+        joint: Name of the joint.
+        role: ``"steered"``: its rate is a quasi-velocity; ``"follower"``: it keeps its wheels'
+            axle on the centre of rotation that the others fix; ``"mimic"``: the URDF ties it to
+            another one; ``"caster"``: its trail drags it behind.
+        pivot: Where its axis meets the ground (x, y), in the root link's frame, m.
+        heading: Rolling direction of its wheels at position 0, in the root link's frame, rad.
+        sign: 1 where its axis points up, −1 where it points down.
+        trail: Distance of its wheels' contact ahead of its axis along the rolling direction, m;
+            negative where it lies behind.
+        driven: Whether it has an actuator.
+        shares: Swivel with which it shares one lateral constraint: on average the two do not slip.
+        ratio: Of one that mimics: its position is ``ratio`` times the other's, plus ``offset``.
+        offset: rad.
+        why: The reason for the role, in words.
+    """
+
+    joint: str
+    role: str
+    pivot: tuple[float, float]
+    heading: float = 0.0
+    sign: float = 1.0
+    trail: float = 0.0
+    driven: bool = True
+    shares: str | None = None
+    ratio: float = 1.0
+    offset: float = 0.0
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a robot meets the ground.
+
+    Attributes:
+        type: ``"differential"``, ``"skid-steer"``, ``"car-like"``, ``"tricycle"``,
+            ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"`` or ``"fixed"``.
+        wheels: The wheels, front before rear and left before right, those of casters last.
+        point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
+            skid-steer drive its centre of rotation.
+        heading: Angle of the forward direction in the root link's frame, rad: across the mean of
+            the leftward unit axles of the fixed wheels that do not slide.
+        track: Distance between the left and the right wheels' contact points, m; of a skid-steer
+            drive the effective one.
+        ground: Height of the ground in the root link's frame, m.
+        swivels: The upright joints that carry wheels.
+        evidence: How the drive was found, in sentences.
+        doubts: What was assumed, and how to say otherwise, in sentences.
+        declared: Numbers that the user gave and no shape was asked for, as ``"radius of JOINT"``,
+            ``"direction of JOINT"`` (a roller's angle), ``"track"``, ``"point"``; or ``"drive"``
+            for all of them.
+    """
+
+    type: str
+    wheels: tuple[Wheel, ...] = ()
+    point: tuple[float, float] = (0.0, 0.0)
+    heading: float = 0.0
+    track: float = 0.0
+    ground: float = 0.0
+    swivels: tuple[Swivel, ...] = ()
+    evidence: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    declared: tuple[str, ...] = ()
+
+    @property
+    def base_speeds(self) -> tuple[str, ...]:
+        """Names of the quasi-velocities of the base."""
+        return BASE_SPEEDS[self.type] + tuple(swivel.joint for swivel in self.steered)
+
+    @property
+    def steered(self) -> tuple[Swivel, ...]:
+        """The swivels whose rates are quasi-velocities."""
+        return tuple(swivel for swivel in self.swivels if swivel.role == "steered")
+
+    @property
+    def followers(self) -> tuple[Swivel, ...]:
+        """The swivels that keep to the centre of rotation which the others fix."""
+        return tuple(swivel for swivel in self.swivels if swivel.role == "follower")
+
+    @property
+    def has_axle(self) -> bool:
+        """Whether P moves along the heading only."""
+        return self.type in WITH_AXLE
+
+    @property
+    def holonomic(self) -> bool:
+        """Whether the base can be asked to move to any side, at once or when its wheels turned."""
+        return bool(self.wheels) and not self.has_axle
+
+    def carried(self, swivel: Swivel) -> tuple[int, ...]:
+        """Return the wheels (indices) that a swivel carries."""
+        return tuple(i for i, wheel in enumerate(self.wheels) if wheel.swivel == swivel.joint)
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> Drive:
+        """Return the drive that ``dataclasses.asdict`` took apart, lists for tuples or not."""
+        wheels = (
+            Wheel(**{**w, "axis": tuple(w["axis"]), "direction": tuple(w["direction"])})
+            for w in values["wheels"]
+        )
+        swivels = (Swivel(**{**s, "pivot": tuple(s["pivot"])}) for s in values["swivels"])
+        listed = ("point", "evidence", "doubts", "declared")
+        rest = {key: tuple(values[key]) for key in listed if key in values}
+        return Drive(**{**values, "wheels": tuple(wheels), "swivels": tuple(swivels), **rest})
+
+
+FIXED = Drive("fixed")

@@ -1,0 +1,241 @@
+"""The planar geometry of steered wheels: one centre of rotation, on every wheel's axle.
+
+Vectors of the base are (x, y, turn): velocities of the root link in its own axes. A wheel that
+stands at p and heads along d(φ) = (cos φ, sin φ) has the lateral row l and the rolling row k,
+
+    l·T = 0,   l = (n, n·(ẑ × p)),   k = (d, d·(ẑ × p)),   n = ẑ × d,
+
+so l′ = −k and k′ = l by φ. Two lateral rows leave one twist, along N = l₁ × l₂, and every further
+wheel has to head along the velocity that N gives its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.description.records import Joint
+from rpctl.drive.drive import Drive, Swivel
+
+NEWTON = 4  # steps to the angle of wheels that mimic one another; quadratic from near
+TINY = 1e-12  # m/s: a place that stands still has no heading
+LOOKS = 251  # positions of a leader to each side at which its followers are looked at
+JUMP = 0.5  # rad; no follower turns so far between two of them
+STEEP = 1.3  # rad; nearer to a right angle steering is not asked to go
+REGULAR = 0.1  # of 1: steering nearer to a singular one is not drawn at random
+
+
+def rolling_row(pivot: tuple[float, float], angle: float) -> Array:
+    """Return k (3,) of a wheel at ``pivot`` (m) that heads along ``angle`` (rad)."""
+    x, y = pivot
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([cos, sin, sin * x - cos * y])
+
+
+def lateral_row(pivot: tuple[float, float], angle: float) -> Array:
+    """Return l (3,) of a wheel at ``pivot`` (m) that heads along ``angle`` (rad)."""
+    return rolling_row(pivot, angle + 0.5 * math.pi)
+
+
+def angle_of(swivel: Swivel, position: float) -> float:
+    """Return the rolling direction (rad) in the root link's frame at a joint position (rad)."""
+    return swivel.heading + swivel.sign * position
+
+
+def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
+    """Return N (3,): the twist that the steering leaves, of no particular length.
+
+    Args:
+        drive: A drive with steered wheels.
+        positions: Positions of the steered joints, rad; 0 for those left out.
+    """
+    rows = {"": lateral_row(drive.point, drive.heading)} if drive.has_axle else {}
+    for swivel in drive.swivels:
+        if swivel.role not in ("steered", "mimic"):
+            continue
+        leader = swivel.joint if swivel.shares is None else swivel.shares
+        followed = leader if swivel.role == "mimic" else swivel.joint
+        position = swivel.ratio * positions.get(followed, 0.0) + swivel.offset
+        row = lateral_row(swivel.pivot, angle_of(swivel, position))
+        rows[leader] = rows[leader] + row if leader in rows else row
+    first, second = rows.values()
+    return np.cross(first, second)
+
+
+def heading_along(swivel: Swivel, twist: Array) -> float:
+    """Return the joint position (rad), within ±π/2 of 0, at which a swivel heads along a twist."""
+    x, y = swivel.pivot
+    angle = math.atan2(twist[1] + twist[2] * x, twist[0] - twist[2] * y)
+    position = swivel.sign * (angle - swivel.heading)
+    return position - math.pi * round(position / math.pi)
+
+
+def follow(drive: Drive, positions: Mapping[str, float]) -> dict[str, float]:
+    """Return the positions (rad) of the followers, given those of the steered joints."""
+    if not drive.followers:
+        return {}
+    twist = free_twist(drive, positions)
+    return {swivel.joint: heading_along(swivel, twist) for swivel in drive.followers}
+
+
+def regular(drive: Drive, positions: Mapping[str, float]) -> bool:
+    """Return whether steering is far from where it leaves no one motion, or more than one.
+
+    The base's speed is that of P along the heading, or that of the first steered wheel along its
+    own; N must not vanish, nor lie across it.
+    """
+    if not drive.steered:
+        return True
+    size = max(math.dist(drive.point, swivel.pivot) for swivel in drive.steered)
+    scale = np.array([1.0, 1.0, 1.0 / size])
+    first = drive.steered[0]
+    speed = rolling_row(drive.point, drive.heading)
+    if not drive.has_axle:
+        speed = rolling_row(first.pivot, angle_of(first, positions.get(first.joint, 0.0)))
+    reach = free_twist(drive, positions) @ speed
+    return bool(abs(reach) > REGULAR * size * float(np.linalg.norm(scale * speed)))
+
+
+def steer(drive: Drive, direction: Array) -> Array:
+    """Return the steered joints' positions, rates and accelerations (3, n_steered) along a twist.
+
+    With V the velocity of a wheel's place, its lateral row asks n·V = 0, so that the angle φ is
+    V's; differentiated, φ̇ d·V = n·V̇ and φ̈ d·V = n·V̈ − 2 φ̇ d·V̇ − φ̇² n·V. Swivels that mimic
+    another one count along with it, each by its ratio. A contact off the steering axis (trail k)
+    turns a steady bend's angle by asin(k ω/|V|).
+
+    Args:
+        drive: A drive with steered wheels.
+        direction: A twist of the root link of any length but zero, and its first two derivatives
+            by time (3, 3).
+
+    Returns:
+        Positions within ±π/2 of 0, for heading back is heading along; rad, rad/s, rad/s².
+    """
+    found = np.zeros((3, len(drive.steered)))
+    for column, swivel in zip(found.T, drive.steered, strict=True):
+        group = [s for s in drive.swivels if s.role == "mimic" and s.shares == swivel.joint]
+        places = [(swivel, 1.0, 0.0), *((s, s.ratio, s.offset) for s in group)]
+        position = heading_along(swivel, direction[0])
+        for _ in range(NEWTON if group else 0):
+            position += _lateral_sums(places, direction, position)[0]
+        _, *rates = _lateral_sums(places, direction, position)
+        column[:] = position, *rates
+        if swivel.trail:
+            column += swivel.sign * _trail_angle(swivel, direction)
+    return found
+
+
+def _place_velocities(swivel: Swivel, direction: Array) -> Array:
+    """Return the velocity of a swivel's pivot under a twist, and its derivatives (3, 2)."""
+    (x, y), turn = swivel.pivot, direction[:, 2]
+    return np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+
+
+def _trail_angle(swivel: Swivel, direction: Array) -> Array:
+    """Return asin(k ω/|V|) of a swivel with trail k, and its first two derivatives (3,)."""
+    V, turn = _place_velocities(swivel, direction), direction[:, 2]
+    size = max(float(np.linalg.norm(V[0])), TINY)
+    pace, spread = V[0] @ V[1] / size**2, (V[1] @ V[1] + V[0] @ V[2]) / size**2
+    u = swivel.trail * turn[0] / size
+    u_dot = swivel.trail * turn[1] / size - u * pace
+    u_ddot = swivel.trail * (turn[2] - turn[1] * pace) / size - u_dot * pace
+    u_ddot -= u * (spread - 2.0 * pace**2)
+    if abs(u) >= 1.0:  # the bend is tighter than the trail: no steady angle
+        return np.array([math.copysign(0.5 * math.pi, u), 0.0, 0.0])
+    level = 1.0 / math.sqrt(1.0 - u**2)
+    return np.array([math.asin(u), level * u_dot, level * u_ddot + level**3 * u * u_dot**2])
+
+
+def _lateral_sums(
+    places: list[tuple[Swivel, float, float]], direction: Array, position: float
+) -> tuple[float, float, float]:
+    """Return Newton's step of a steered position, its rate and its acceleration.
+
+    ``places`` are the swivels that turn with it, each with its ratio and offset.
+    """
+    rows, second = np.zeros((3, 2)), 0.0  # Σ n·V⁽ⁱ⁾ and Σ g d·V⁽ⁱ⁾ with φ̇ = g δ̇; Σ g² n·V
+    for swivel, ratio, offset in places:
+        gain = swivel.sign * ratio
+        angle = angle_of(swivel, ratio * position + offset)
+        cos, sin = math.cos(angle), math.sin(angle)
+        V = _place_velocities(swivel, direction)
+        across, along = V @ [-sin, cos], V @ [cos, sin]
+        rows += np.column_stack([across, gain * along])
+        second += gain**2 * across[0]
+    slope = rows[0, 1] if abs(rows[0, 1]) > TINY else math.inf
+    rate = rows[1, 0] / slope
+    bend = (rows[2, 0] - 2.0 * rate * rows[1, 1] - rate**2 * second) / slope
+    return rows[0, 0] / slope, rate, bend
+
+
+def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
+    """Return the radius (m) of the tightest bend of P that the joints' limits let a base steer.
+
+    0 where it turns on the spot, or where nothing limits the steering.
+
+    Args:
+        drive: The drive.
+        joints: Joints by name.
+    """
+    if not (drive.has_axle and drive.steered):
+        return 0.0
+    ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    radii = []
+    for swivel in drive.steered:
+        joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
+        turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
+        limit = min(float(np.abs(turn).min()), STEEP)
+        radii.append(abs(float(reach @ ahead)) / math.tan(limit) + abs(float(reach @ left)))
+    return max(radii)
+
+
+class SteeringLimits(NamedTuple):
+    """What the steered joints may do so that they and their followers keep their limits."""
+
+    lower: Array  # (n_steered,) rad
+    upper: Array  # (n_steered,) rad
+    fastest: Array  # (n_steered,) rad/s
+
+
+def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits:
+    """Return the limits of the steered joints, tighter where a follower's would be broken.
+
+    With one leader and a fixed axle, each follower is a function of it: its range is looked
+    through in small steps. Followers of two leaders keep to their own limits only.
+
+    Args:
+        drive: The drive.
+        joints: Joints by name.
+    """
+    own = [joints[swivel.joint] for swivel in drive.steered]
+    lower, upper, fastest = (
+        np.array([getattr(joint, name) for joint in own]) for name in ("lower", "upper", "velocity")
+    )
+    if len(own) == 1 and drive.has_axle and drive.followers:
+        (name,) = (joint.name for joint in own)
+        for swivel in drive.followers:
+            follower = joints[swivel.joint]
+            places = [
+                _outwards(drive, name, follower, bound * np.linspace(0.0, 1.0, LOOKS))
+                for bound in (max(lower[0], -STEEP), min(upper[0], STEEP))
+            ]
+            lower[0], upper[0] = (leader[-1] for leader, _ in places)
+            gains = [np.diff(turned) / np.diff(leader) for leader, turned in places]
+            gain = max(float(np.abs(each).max(initial=1.0)) for each in gains)
+            fastest[0] = min(fastest[0], follower.velocity / gain)
+    return SteeringLimits(lower, upper, fastest)
+
+
+def _outwards(drive: Drive, leader: str, follower: Joint, grid: Array) -> tuple[Array, Array]:
+    """Return the leader's positions from 0 on along which a follower keeps its limits, and its."""
+    turned = np.array([follow(drive, {leader: x})[follower.name] for x in grid])
+    broken = (turned < follower.lower) | (turned > follower.upper)
+    broken[1:] |= np.abs(np.diff(turned)) > JUMP  # beyond a right angle it counts from behind
+    end = int(np.argmax(broken)) if broken.any() else len(grid)
+    return grid[: max(end, 1)], turned[: max(end, 1)]

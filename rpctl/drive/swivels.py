@@ -1,0 +1,155 @@
+"""Swivels: upright joints that carry wheels, and whether they steer or trail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.description.records import Description, Joint
+from rpctl.drive.drive import Swivel
+from rpctl.drive.drive_file import SwivelSpec
+from rpctl.drive.wheels import Candidate, leftward, root_axis
+
+TRAIL = 5e-3  # m, or
+TRAIL_SHARE = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
+CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
+STEADY = 2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
+ROUNDING = 1e-9  # m; a smaller one is that of numbers
+
+
+@dataclass(frozen=True)
+class Found:
+    """A swivel of a description, with what its wheels make of it at position 0.
+
+    Attributes:
+        joint: The joint.
+        wheels: The wheels that it carries.
+        pivot: Where its axis meets the ground (x, y) in the root link's frame, m.
+        sign: 1 where its axis points up, −1 where it points down.
+        ahead: Rolling direction of its wheels (2,), forward, or away from the contact of a caster.
+        trail: Distance of the contact ahead of the axis, m.
+        role: ``"steered"`` or ``"caster"``.
+        why: The reason for the role, in words.
+        doubt: What the other role would be told by, or nothing.
+    """
+
+    joint: Joint
+    wheels: tuple[Candidate, ...]
+    pivot: Array
+    sign: float
+    ahead: Array
+    trail: float
+    role: str
+    why: str
+    doubt: str
+
+    @property
+    def heading(self) -> float:
+        """Rolling direction at position 0 in the root link's frame, rad."""
+        return math.atan2(self.ahead[1], self.ahead[0])
+
+    def lateral(self, wheel: Candidate) -> float:
+        """Return the distance of a wheel's contact to the left of the axis, m."""
+        left = np.array([-self.ahead[1], self.ahead[0]])
+        return float(left @ (wheel.centre[:2] - self.pivot))
+
+    def towards(self, forward: Array) -> Found:
+        """Return the swivel with wheels that roll towards a direction (2,), unless they trail.
+
+        Swivels that share a lateral force take its mean over one left.
+        """
+        if self.role == "caster" or float(self.ahead @ forward) >= 0.0:
+            return self
+        return replace(self, ahead=-self.ahead, trail=-self.trail)
+
+    def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
+        """Return the drive's record of it."""
+        mimic = self.joint.mimic
+        return Swivel(
+            joint=self.joint.name,
+            role=role,
+            pivot=(float(self.pivot[0]), float(self.pivot[1])),
+            heading=self.heading,
+            sign=self.sign,
+            trail=0.0 if abs(self.trail) < ROUNDING else self.trail,
+            driven=driven,
+            shares=shares,
+            ratio=1.0 if mimic is None else mimic.multiplier,
+            offset=0.0 if mimic is None else mimic.offset,
+            why=self.why,
+        )
+
+
+def find_swivels(
+    description: Description,
+    locked: Mapping[str, float],
+    wheels: tuple[Candidate, ...],
+    told: Mapping[str, SwivelSpec],
+    actuated: frozenset[str],
+) -> list[Found]:
+    """Return the swivels that carry the given wheels, in file order."""
+    groups: dict[str, list[Candidate]] = {}
+    for wheel in wheels:
+        if wheel.swivel is not None:
+            groups.setdefault(wheel.swivel.name, []).append(wheel)
+    return [
+        _found(description, locked, tuple(group), told.get(name, SwivelSpec()), name in actuated)
+        for name, group in groups.items()
+    ]
+
+
+def _found(
+    description: Description,
+    locked: Mapping[str, float],
+    wheels: tuple[Candidate, ...],
+    told: SwivelSpec,
+    actuated: bool,
+) -> Found:
+    joint = wheels[0].swivel
+    assert joint is not None
+    pose = description.pose(joint.parent, dict(locked)) @ joint.origin
+    pivot = pose[:2, 3]
+    up = root_axis(description, locked, joint)[2]
+    left = leftward(wheels[0].axle)
+    ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
+    contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
+    trail = float(ahead @ (contact - pivot))
+    role, why, doubt = _role(joint, wheels, trail, told, actuated)
+    if role == "caster" and trail > 0.0:
+        ahead, trail = -ahead, -trail
+    return Found(joint, wheels, pivot, math.copysign(1.0, up), ahead, trail, role, why, doubt)
+
+
+def _role(
+    joint: Joint,
+    wheels: tuple[Candidate, ...],
+    trail: float,
+    told: SwivelSpec,
+    actuated: bool,
+) -> tuple[str, str, str]:
+    """Return whether a swivel steers or trails, why, and what speaks against it."""
+    radius = max(wheel.radius or 0.0 for wheel in wheels)
+    trails = abs(trail) > max(TRAIL, TRAIL_SHARE * radius)
+    limited = math.isfinite(joint.upper - joint.lower)
+    distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
+    if abs(trail) < STEADY:
+        distance = "contact below its axis"
+    if told.role is not None:
+        return told.role, "the drive file says so", ""
+    if joint.mimic is not None:
+        return "steered", f'it mimics "{joint.mimic.joint}"', ""
+    if actuated:
+        return "steered", "a transmission drives it", ""
+    named = any(word in joint.name.lower() for word in CASTER_WORDS)
+    doubt = f'"{joint.name}" is taken for a caster; say role = "steered" of its [[swivel]] in a '
+    doubt += 'drive file if it steers, "caster" if not'
+    if trails and not limited:
+        return "caster", f"{distance}, no limits", "" if named else doubt
+    if trails and named:
+        why = f"{distance}, its name; but it has limits"
+        return "caster", why, f"{doubt}; a caster would run into its limits"
+    return "steered", f"{distance}, {'limits' if limited else 'no limits'}", ""

@@ -1,0 +1,1 @@
+"""Files in and out: opened within caps, written whole or not at all."""

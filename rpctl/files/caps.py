@@ -1,0 +1,37 @@
+"""Caps that keep time and memory bounded, and how to raise them."""
+
+from __future__ import annotations
+
+import os
+
+from rpctl.errors import RpctlError
+
+MAX_BYTES = 32 * 2**20  # of a URDF; the largest public ones are near 1 MB
+MAX_ELEMENTS = 100_000  # of XML; the largest public URDFs have a tenth, and each takes 30 µs
+MAX_ATTRIBUTES = 1_000_000  # of XML; each takes 300 bytes
+MAX_LINKS = 2000  # Pinocchio's time grows with the square of the links
+MAX_MOVING_JOINTS = 150  # Pinocchio's Data grows with their cube: .3 GB at 150, 2 GB at 300
+MAX_MESH_BYTES = 256 * 2**20  # no robot's part is larger
+MAX_XACRO_SECONDS = 30  # that a .xacro may take to expand; the largest public ones take 2
+MAX_XACRO_MEMORY = 2**30  # bytes that its expansion may take
+MAX_ROWS = 100_000  # of a table of poses; 1 kHz for 100 s
+MAX_WAYPOINTS = 1000  # of a path; its curve solves a dense system of four times as many
+
+
+def cap(name: str) -> int:
+    """Return a cap: the environment's ``RPCTL_<name>``, else this module's constant.
+
+    Raises:
+        RpctlError: The environment's value is no positive integer.
+    """
+    text = os.environ.get(f"RPCTL_{name}")
+    if text is None:
+        return int(globals()[name])
+    if not (text.isascii() and text.isdigit() and 0 < len(text) <= 18 and int(text) > 0):
+        raise RpctlError(f"RPCTL_{name}={text[:40]!r} is no positive integer; correct or unset it")
+    return int(text)
+
+
+def raised(name: str) -> str:
+    """Return how to raise a cap, as the end of a message."""
+    return f"if it is meant, set RPCTL_{name} in the environment (rpctl.files.caps.{name})"

@@ -1,0 +1,1 @@
+"""Many runs: scenarios, grids, Monte Carlo and their standings."""

@@ -1,0 +1,171 @@
+"""What a benchmark does to a robot behind its controller's back, and the controllers it takes."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.dynamic import DYNAMIC_LAWS
+from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.reference.motion import Reference
+from rpctl.reference.rates import steering
+from rpctl.robot.model import Robot
+from rpctl.robot.vary import scale_masses, set_limits
+from rpctl.simulation.loop import lasting
+from rpctl.simulation.plant import Plant
+
+ARM_SHARE = 0.7  # of the arm's mass: what the controller takes it for
+BIAS_SHARE = 0.05  # of the first wheel's effort limit
+BIAS = 1.0  # N·m, where it has none
+DELAY = 0.02  # s
+EFFORT_SHARE = 0.5  # of what holding still leaves of each effort limit
+LOOK_EVERY = 0.1  # s: at a reference, for what holding still takes
+
+
+class Case(NamedTuple):
+    """The robot that is simulated and controlled, and what its controller does not know of."""
+
+    robot: Robot
+    plant: Plant
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A kind of trouble.
+
+    Attributes:
+        told: What it is, in a line.
+        make: The case of a robot on a reference.
+    """
+
+    told: str
+    make: Callable[[Robot, Reference], Case]
+
+
+def _light_arm(robot: Robot) -> Case:
+    if not robot.joints:
+        raise RpctlError(f"{robot.name} has no arm")
+    believed = robot
+    for joint in robot.joints:
+        believed = scale_masses(believed, glob.escape(joint.name), ARM_SHARE)
+    return Case(robot, Plant(believed=believed))
+
+
+def _wheel_bias(robot: Robot) -> Case:
+    wheels = {wheel.joint for wheel in robot.drive.wheels}
+    for name, limit in zip(robot.actuators, robot.effort_limits, strict=True):
+        if name in wheels:
+            bias = BIAS_SHARE * float(limit) if np.isfinite(limit) else BIAS
+            return Case(robot, Plant(tau_bias={name: bias}))
+    raise RpctlError(f"{robot.name} has no driven wheel")
+
+
+def _half_limits(robot: Robot, reference: Reference) -> Case:
+    """Halve what is left of the effort limits beyond the most that the reference takes at rest."""
+    limits, holding = robot.effort_limits, _holding(robot, reference)
+    left = limits - EFFORT_SHARE * np.maximum(limits - holding, 0.0)
+    efforts = {
+        glob.escape(name): float(limit)
+        for name, limit in zip(robot.actuators, left, strict=True)
+        if np.isfinite(limit)
+    }
+    return Case(set_limits(robot, effort=efforts), Plant())
+
+
+def _holding(robot: Robot, reference: Reference) -> Array:
+    """Return the largest efforts (n_act,) that hold the robot still anywhere on a reference."""
+    dynamics, still = ReducedDynamics(robot), np.zeros(robot.dof)
+    found = []
+    for t in np.arange(0.0, lasting(reference), LOOK_EVERY).tolist():
+        state = reference(t)
+        q = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+        found.append(np.abs(dynamics.efforts(q, dynamics.bias(q, still))))
+    return np.asarray(np.max(found, axis=0))
+
+
+SCENARIOS = {
+    "nominal": Scenario("the model is right", lambda robot, _: Case(robot, Plant())),
+    "arm-mass": Scenario(
+        "the controller takes every moving link of the arm to weigh 30 % less than it does",
+        lambda robot, _: _light_arm(robot),
+    ),
+    "wheel-bias": Scenario(
+        "the first driven wheel is pushed by 5 % of its effort limit (1 N·m without one)",
+        lambda robot, _: _wheel_bias(robot),
+    ),
+    "delay": Scenario(
+        "20 ms from a measurement to the efforts it leads to",
+        lambda robot, _: Case(robot, Plant(delay=DELAY)),
+    ),
+    "half-limits": Scenario(
+        "half of each effort limit, beyond what holding still takes; references stay",
+        _half_limits,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A kinematic and a dynamic law, by name."""
+
+    kinematic: str
+    dynamic: str
+
+    def __str__(self) -> str:
+        """Return ``KINEMATIC+DYNAMIC``."""
+        return f"{self.kinematic}+{self.dynamic}"
+
+
+PAPER = Controller("paper", "paper")
+OURS = Controller("end-effector", "integral")  # what rpctl proposes for a robot with an arm
+OURS_ARMLESS = Controller("horizon", "integral")  # the same without an end effector to keep
+# The dynamic laws tell apart where limits bind or the model is wrong: one kinematic law shows that.
+PAIRS = (
+    PAPER,
+    Controller("unified", "paper"),
+    Controller("unified", "bounded"),
+    Controller("unified", "integral"),
+    OURS,
+    OURS_ARMLESS,
+    Controller("kanayama", "paper"),
+    Controller("feedback-linearization", "paper"),
+)
+
+
+def proposed(robot: Robot) -> Controller:
+    """Return the controller that rpctl proposes for a robot."""
+    return OURS if robot.joints else OURS_ARMLESS
+
+
+def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[Controller]:
+    """Return the controllers that are asked for.
+
+    Args:
+        laws: ``KINEMATIC+DYNAMIC``, or ``KINEMATIC`` alone: with ``dynamic``, else every pair of
+            :data:`PAIRS` that has it. Nothing: all kinematic laws.
+        dynamic: The dynamic law of kinematic laws that stand alone.
+
+    Raises:
+        UnknownNameError: There is no such law.
+    """
+    chosen: list[Controller] = []
+    for name in laws or KINEMATIC_LAWS:
+        kinematic, _, own = name.partition("+")
+        if kinematic not in KINEMATIC_LAWS:
+            raise UnknownNameError("kinematic law", kinematic, KINEMATIC_LAWS)
+        wanted = own or dynamic
+        if wanted is not None and wanted not in DYNAMIC_LAWS:
+            raise UnknownNameError("dynamic law", wanted, DYNAMIC_LAWS)
+        pairs = [pair for pair in PAIRS if pair.kinematic == kinematic]
+        if wanted is not None:
+            pairs = [Controller(kinematic, wanted)]
+        chosen += pairs or [Controller(kinematic, "bounded")]
+    order = {pair: place for place, pair in enumerate(PAIRS)}
+    return sorted(dict.fromkeys(chosen), key=lambda pair: order.get(pair, len(PAIRS)))

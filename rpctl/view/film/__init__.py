@@ -1,0 +1,1 @@
+"""Films and pictures of a run, drawn by a headless browser."""

@@ -1,0 +1,144 @@
+"""A run as a film in real time, or as one picture, drawn by headless Chromium."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpctl.errors import RpctlError
+from rpctl.files.writing import write_atomically
+from rpctl.simulation.run import Run
+from rpctl.view.film.browser import open_page
+from rpctl.view.film.encode import CENTISECONDS, FASTEST_GIF, Encoder, gif, mp4
+from rpctl.view.pages.page import asset
+from rpctl.view.pages.player import player
+from rpctl.view.scene.scene import build_scene
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+Size = tuple[int, int]
+STILL, SCENE = ".png", "scene.png"  # suffix of pictures; the one in a run's folder
+ROUNDING = 1e-6  # of a picture: the last sample's time is a sum
+SMALLEST, LARGEST = 64, 4096  # pixels
+
+
+@dataclass(frozen=True)
+class Format:
+    """A film's format: its encoder, and the size (pixels) and rate (Hz) where none is asked for."""
+
+    encode: Encoder
+    size: Size
+    rate: int
+
+
+FORMATS = {".mp4": Format(mp4, (1280, 720), 30), ".gif": Format(gif, (800, 450), 20)}
+
+
+def write_film(
+    run: Run,
+    path: str | Path,
+    *,
+    size: Size | None = None,
+    rate: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Path:
+    """Write a film of a run, in real time; the file is there whole or not at all.
+
+    Args:
+        run: The run.
+        path: The file, .mp4 or .gif.
+        size: Width and height, even numbers of pixels; 1280 by 720, of a GIF 800 by 450.
+        rate: Pictures a second; 30, of a GIF 20. A GIF can have 50, 25, 20, 10, 5, ... of them.
+        progress: Called with the number of pictures done and their total.
+
+    Returns:
+        The path.
+
+    Raises:
+        RpctlError: The suffix, size or rate cannot be had, or the browser or encoder is missing.
+    """
+    from PIL.Image import open as decode
+
+    path = Path(path)
+    form = FORMATS.get(path.suffix.lower())
+    if form is None:
+        raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
+    size, rate = _checked(size or form.size), rate or form.rate
+    if form.encode is gif and (CENTISECONDS % rate or rate > FASTEST_GIF):
+        raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
+    _require_folder(path)
+    count = int(np.floor((run.t[-1] - run.t[0]) * rate + ROUNDING)) + 1
+    with _camera(run, size) as photograph:
+
+        def take(number: int) -> Image:
+            return decode(io.BytesIO(photograph(number / rate, True))).convert("RGB")
+
+        film = form.encode(take, count, rate, progress)
+    return write_atomically(path, film)
+
+
+def write_still(
+    run: Run, path: str | Path, *, size: Size | None = None, time: float | None = None
+) -> Path:
+    """Write one picture of a run as PNG; the file is there whole or not at all.
+
+    Args:
+        run: The run.
+        path: The file.
+        size: Width and height, pixels; 1280 by 720 if not given.
+        time: Since the start of the run, s; its end if not given.
+
+    Returns:
+        The path.
+
+    Raises:
+        RpctlError: The suffix, size or time cannot be had, or the browser is missing.
+    """
+    path, duration = Path(path), float(run.t[-1] - run.t[0])
+    if path.suffix.lower() != STILL:
+        raise RpctlError(f"{path}: pictures are {STILL}; give a name that ends so")
+    time = duration if time is None else time
+    if not 0.0 <= time <= duration:
+        raise RpctlError(f"{time:g} s is not within the run; give 0 to {duration:g}")
+    _require_folder(path)
+    with _camera(run, _checked(size or FORMATS[".mp4"].size)) as photograph:
+        picture = photograph(time, False)
+    return write_atomically(path, picture)
+
+
+def _require_folder(path: Path) -> None:
+    """Refuse a file that cannot be written before it is drawn, which takes long."""
+    if not path.parent.is_dir():
+        raise RpctlError(f"{path}: there is no folder {path.parent}; make it first")
+
+
+def _checked(size: Size) -> Size:
+    """Return a size that can be drawn and encoded; colours are stored for two pixels at a time."""
+    for edge in size:
+        if edge % 2 or not SMALLEST <= edge <= LARGEST:
+            wanted = f"even numbers from {SMALLEST} to {LARGEST}"
+            raise RpctlError(f"size {size[0]}x{size[1]}: give {wanted}, as 1280x720")
+    return size
+
+
+@contextmanager
+def _camera(run: Run, size: Size) -> Iterator[Callable[[float, bool], bytes]]:
+    """Open the scene of a run; yields what takes a PNG at a time (s), stamped with it or not."""
+    scene = build_scene(run.load_robot(), run)
+    html = player(scene, run.robot, size[0] / size[1], asset("film.js"))
+    with open_page(html, *size) as page:
+
+        def photograph(time: float, stamped: bool) -> bytes:
+            stamp = f"{time:.1f} s" if stamped else ""
+            url = page.evaluate("([time, stamp]) => film.photograph(time, stamp)", [time, stamp])
+            return base64.b64decode(url.partition(",")[2])
+
+        yield photograph

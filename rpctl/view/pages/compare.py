@@ -1,0 +1,147 @@
+"""Several runs in one scene: the first as it is, the others as ghosts in their own colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rpctl.simulation.run import Run
+from rpctl.view.scene import obstacle_shapes, stage, wire
+from rpctl.view.scene.obstacles import run_obstacles
+from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS, Scene
+
+OPACITY = 0.55
+TRAILS, GROUND, ANIMATION = "/rpctl/trails", "/rpctl/ground", "set_animation"
+
+
+def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
+    """Return one scene of several.
+
+    Nodes of run k, from 2, are named ``run2-robot-1``, ``run2-trail-base`` and so on; where runs
+    share a robot, they share its meshes. The obstacles of all are drawn, each once.
+
+    Args:
+        runs: At least one.
+        scenes: Their scenes.
+    """
+    first = scenes[0]
+    ground = float(runs[0].drive["ground"])
+    lower = np.min([scene.lower for scene in scenes], axis=0)
+    upper = np.max([scene.upper for scene in scenes], axis=0)
+    around = {
+        "/rpctl/lights": stage.lights_command(lower, upper),
+        GROUND: stage.ground_command(lower, upper, ground),
+    }
+    obstacles = tuple(dict.fromkeys(each for run in runs for each in run_obstacles(run)))
+    size = max(float(scene.start[1, 2]) for scene in scenes) - ground
+    others = [{_about(c): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
+    commands = []
+    for packed in first.commands:
+        command = _unpack(packed)
+        path = _about(command)
+        if path == obstacle_shapes.PATH:
+            continue
+        for k, other in enumerate(others, 2):
+            if path == ROBOTS:
+                _add_ghost(command["object"], other[path]["object"], k)
+            elif path == TRAILS:
+                known = repeated(runs[0], runs[k - 1])
+                _add_trails(command["object"], other[path]["object"], k, known)
+            elif path == ANIMATION:
+                _add_motion(command, other[path], k)
+        commands.append(around.get(path) or wire.pack(command))
+        if path == GROUND:
+            commands += obstacle_shapes.commands(obstacles, lower, upper, ground, size)
+    return replace(
+        first,
+        commands=tuple(commands),
+        times=max((scene.times for scene in scenes), key=lambda times: float(times[-1])),
+        lower=lower,
+        upper=upper,
+        hull=np.concatenate([scene.hull for scene in scenes]),
+        notes=tuple(dict.fromkeys(note for scene in scenes for note in scene.notes)),
+    )
+
+
+def _unpack(command: bytes) -> wire.Json:
+    import umsgpack
+
+    return dict(umsgpack.unpackb(command))
+
+
+def _about(command: wire.Json) -> str:
+    """Return the path that a command is about, or the type of the one that is about no path."""
+    return str(command["path"] or command["type"])
+
+
+def _add_ghost(scene: wire.Json, other: wire.Json, k: int) -> None:
+    """Add another run's robot, drawn as its reference is; the page gives it the run's colour."""
+    names = _share_geometries(scene, other, k)
+    tint = next(m for m in other["materials"] if m["uuid"] == "tint")
+    scene["materials"].append({**tint, "uuid": f"tint-{k}", "opacity": OPACITY})
+    for group in other["object"]["children"]:
+        if not group["name"].startswith(f"{REFERENCE}-"):
+            continue
+        name = f"run{k}-{ACTUAL}" + group["name"].removeprefix(REFERENCE)
+        children = [
+            {
+                **mesh,
+                "uuid": f"run{k}-{mesh['uuid']}",
+                "name": f"run{k}-{mesh['name']}",
+                "geometry": names[mesh["geometry"]],
+                "material": f"tint-{k}" if mesh["material"] == "tint" else mesh["material"],
+            }
+            for mesh in group["children"]
+        ]
+        scene["object"]["children"].append(
+            {**group, "uuid": name, "name": name, "children": children}
+        )
+
+
+def _share_geometries(scene: wire.Json, other: wire.Json, k: int) -> dict[str, str]:
+    """Add the geometries that the scene lacks; return under which name each is there."""
+    known = {wire.pack(g["data"]): g["uuid"] for g in scene["geometries"] if "data" in g}
+    names = {}
+    for geometry in other["geometries"]:
+        same = known.get(wire.pack(geometry["data"])) if "data" in geometry else None
+        if same is None:
+            same = f"run{k}-{geometry['uuid']}"
+            scene["geometries"].append({**geometry, "uuid": same})
+        names[geometry["uuid"]] = same
+    return names
+
+
+def repeated(first: Run, other: Run) -> set[str]:
+    """Return the desired trails of a run that the first run's cover, however they are dashed."""
+    count = len(other.t)
+    if count > len(first.t) or not np.allclose(first.t[:count], other.t):
+        return set()
+    pairs = {
+        "trail-base-desired": (first.base_ref[:count, :2], other.base_ref[:, :2]),
+        "trail-tip-desired": (first.ee_ref[:count], other.ee_ref),
+    }
+    return {name for name, (a, b) in pairs.items() if a.shape == b.shape and np.allclose(a, b)}
+
+
+def _add_trails(scene: wire.Json, other: wire.Json, k: int, known: set[str]) -> None:
+    """Add another run's trails but those that are known already."""
+    for kind in ("geometries", "materials"):
+        scene[kind] += [{**item, "uuid": f"run{k}-{item['uuid']}"} for item in other[kind]]
+    names = ("uuid", "name", "geometry", "material")
+    scene["object"]["children"] += [
+        {**node, **{name: f"run{k}-{node[name]}" for name in names}}
+        for node in other["object"]["children"]
+        if node["name"] not in known
+    ]
+
+
+def _add_motion(command: wire.Json, other: wire.Json, k: int) -> None:
+    """Add another run's motion to the one clip that is played."""
+    (animation,), (motion,) = command["animations"], other["animations"]
+    animation["clip"]["tracks"] += [
+        {**track, "name": f"run{k}-{track['name']}"}
+        for track in motion["clip"]["tracks"]
+        if track["name"].startswith(f"{ACTUAL}-")
+    ]

@@ -1,0 +1,92 @@
+"""The texts beside several runs, as HTML: a column a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from rpctl.simulation.run import Run
+from rpctl.view.charts import has_base
+from rpctl.view.pages.panel import (
+    MERITS,
+    entry,
+    flat,
+    keys,
+    merits,
+    number,
+    obstacle_entries,
+    remarks,
+    verified,
+    within,
+)
+
+PALETTE = 12  # colours --c0 to --c11 of the style sheet
+
+
+def compare_panel(
+    runs: Sequence[Run],
+    names: Sequence[str],
+    summaries: Sequence[Mapping[str, Any]],
+    notes: Sequence[str],
+) -> str:
+    """Return the panel of several runs: figures of merit, settings, notes, keys."""
+    texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
+    rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERITS.items()]
+    shares = [number(summary, "max_effort_ratio") for summary in summaries]
+    rows.append(("Largest effort / limit", ["–" if v is None else f"{v:.0%}" for v in shares]))
+    rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
+    marks = [
+        ("Limits", [within(summary["limits_violated"]) for summary in summaries]),
+        ("Dynamics", ["–" if r.certificate is None else verified(r.certificate) for r in runs]),
+    ]
+    return "\n".join(
+        (
+            _table("Tracking error", names, [*rows, *marks]),
+            _table("Settings", names, _settings(runs)),
+            remarks(notes),
+            keys(),
+        )
+    )
+
+
+def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
+    """Return what is drawn in the scene: every run, what they follow and keep clear of, ghost."""
+    entries = [
+        entry(f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE})")
+        for k, name in enumerate(names)
+    ]
+    if any(has_base(run) or run.ee.shape[1] for run in runs):
+        entries.append(entry("desired", "Desired"))
+    entries += obstacle_entries(runs)
+    return "".join([*entries, entry("ghost", "Reference robot", shown=False)])
+
+
+def _settings(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
+    """Return the settings by label; those in which the runs differ stand first, in bold."""
+    columns = [{"Robot": run.robot, **flat(run.settings)} for run in runs]
+    labels = dict.fromkeys(label for column in columns for label in column)
+    rows = [(label, [column.get(label, "–") for column in columns]) for label in labels]
+    rows.sort(key=lambda row: len(set(row[1])) == 1)
+    return [
+        (label, [f"<b>{escape(c)}</b>" if len(set(cells)) > 1 else escape(c) for c in cells])
+        for label, cells in rows
+    ]
+
+
+def _table(title: str, names: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Return a section with a column a run; the cells are HTML already."""
+    head = "".join(
+        f'<th scope="col"><i style="color: var(--c{k % PALETTE})"></i>{escape(name)}</th>'
+        for k, name in enumerate(names)
+    )
+    body = "".join(
+        f'<tr><th scope="row">{escape(label)}</th>'
+        + "".join(f"<td>{cell}</td>" for cell in cells)
+        + "</tr>"
+        for label, cells in rows
+    )
+    return (
+        f'<section><h2>{escape(title)}</h2><div class="wide"><table class="runs">'
+        f"<thead><tr><td></td>{head}</tr></thead><tbody>{body}</tbody></table></div></section>"
+    )

@@ -1,0 +1,147 @@
+"""Charts of a contact trial over time, as inline SVG: the gap, the ground's forces, the efforts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.equivalence.contact.record import ContactTrial
+
+WIDTH, HEIGHT = 360.0, 170.0
+LEFT, RIGHT, TOP, BOTTOM = 44.0, 12.0, 12.0, 24.0
+MOST = 5  # lines of a chart: more cannot be told apart
+HEADROOM = 0.08  # of the range of values
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A quantity on both sides (n,)."""
+
+    label: str
+    reduced: Array
+    engine: Array
+
+
+def charts(trial: ContactTrial) -> list[tuple[str, str, str]]:
+    """Return the title, the unit and the HTML of each chart."""
+    found = [("Distance between the two paths", "mm", _gap_chart(trial))]
+    reduced, engine = trial.reduced, trial.engine
+    if trial.determinate:
+        pairs = _pairs(trial.contacts, reduced.load, engine.load)
+        found.append(("Wheel loads", "N", _chart(trial.t, pairs)))
+    else:
+        pairs = _pairs(("along x", "along y"), reduced.force, engine.force)
+        found.append(("Horizontal force of the ground", "N", _chart(trial.t, pairs)))
+    torques = [k for k, slides in enumerate(trial.slides) if not slides]
+    shown = torques or list(range(len(trial.joints)))
+    if shown:
+        names = [trial.joints[k] for k in shown]
+        pairs = _busiest(_pairs(names, reduced.efforts[:, shown], engine.efforts[:, shown]))
+        title = "Torques of the joints" if torques else "Forces of the joints"
+        found.append((title, "N·m" if torques else "N", _chart(trial.t, pairs)))
+    return found
+
+
+def _pairs(labels: Sequence[str], reduced: Array, engine: Array) -> list[Pair]:
+    return [Pair(label, reduced[:, k], engine[:, k]) for k, label in enumerate(labels)]
+
+
+def _busiest(pairs: list[Pair]) -> list[Pair]:
+    """Return the pairs that vary most, in their order."""
+    spread = [float(np.ptp(pair.engine)) for pair in pairs]
+    kept = sorted(np.argsort(spread)[::-1][:MOST].tolist())
+    return [pairs[k] for k in kept]
+
+
+def _gap_chart(trial: ContactTrial) -> str:
+    """Return the distance between the paths over time, under its band."""
+    apart = 1e3 * np.hypot(*(trial.reduced.pose - trial.engine.pose)[:, :2].T)
+    band = 1e3 * trial.path.band
+    most = float(np.nanmax(apart))
+    axes = _Axes(trial.t, 0.0, 1.08 * max(band, most))
+    ground, ceiling = axes.y(0.0), axes.y(band)
+    area = f"{axes.line(apart)}V{ground:.2f}H{axes.x(0.0):.2f}Z"
+    told = f"{trial.path.told(trial.path.band)} allowed"
+    return axes.drawn(
+        f'<path class="allowed" d="M{LEFT:g} {ceiling:.2f}H{WIDTH - RIGHT:g}"/>'
+        f'<text class="small" x="{WIDTH - RIGHT:g}" y="{ceiling + 14:.2f}" '
+        f'text-anchor="end">{told}</text>'
+        f'<path class="area" d="{area}"/><path class="gap" d="{axes.line(apart)}"/>',
+        "Distance between the two paths over time",
+    )
+
+
+def _chart(t: Array, pairs: list[Pair]) -> str:
+    """Return quantities of both sides over time, and what their colours mean."""
+    values = np.concatenate([np.append(pair.reduced, pair.engine) for pair in pairs])
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    room = HEADROOM * (high - low) or 1.0
+    axes = _Axes(t, low - room, high + room)
+    lines, names = [], []
+    for k, pair in enumerate(pairs):
+        colour = f"--line: var(--c{k})"
+        lines.append(f'<path class="ribbon" style="{colour}" d="{axes.line(pair.engine)}"/>')
+        lines.append(f'<path class="thread" style="{colour}" d="{axes.line(pair.reduced)}"/>')
+        names.append(f'<li style="{colour}">{escape(pair.label)}</li>')
+    svg = axes.drawn("".join(lines), ", ".join(escape(pair.label) for pair in pairs))
+    return f'{svg}<ul class="names">{"".join(names)}</ul>'
+
+
+class _Axes:
+    """Where times and values lie in a chart."""
+
+    def __init__(self, t: Array, low: float, high: float) -> None:
+        self._t, self._low, self._high = t, low, high
+
+    def x(self, time: float) -> float:
+        return LEFT + (WIDTH - LEFT - RIGHT) * time / float(self._t[-1])
+
+    def y(self, value: float) -> float:
+        share = (value - self._low) / (self._high - self._low)
+        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * share
+
+    def line(self, values: Array) -> str:
+        """Return the path of values (n,), those that are no numbers left out."""
+        points = (
+            f"{self.x(t):.2f} {self.y(value):.2f}"
+            for t, value in zip(self._t.tolist(), values.tolist(), strict=True)
+            if math.isfinite(value)
+        )
+        return "M" + "L".join(points)
+
+    def drawn(self, inside: str, label: str) -> str:
+        """Return the chart with its axes."""
+        parts = []
+        for value in _ticks(self._low, self._high):
+            y = self.y(value)
+            parts.append(f'<path class="grid" d="M{LEFT:g} {y:.2f}H{WIDTH - RIGHT:g}"/>')
+            parts.append(
+                f'<text class="small" x="{LEFT - 6:g}" y="{y + 4:.2f}" text-anchor="end">'
+                f"{value:g}</text>"
+            )
+        end = float(self._t[-1])
+        for time in (0.0, 0.5 * end, end):
+            anchor = "end" if time == end else "middle" if time else "start"
+            text = f"{time:g} s" if time == end else f"{time:g}"
+            parts.append(
+                f'<text class="small" x="{self.x(time):.2f}" y="{HEIGHT - 6:g}" '
+                f'text-anchor="{anchor}">{text}</text>'
+            )
+        return (
+            f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{label}">'
+            f"{''.join(parts)}{inside}</svg>"
+        )
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Return round values between two: at most six, at least three."""
+    raw = (high - low) / 5.0
+    size = 10.0 ** math.floor(math.log10(raw))
+    step = size * next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0) if k * size >= raw)
+    first, last = math.ceil(low / step), math.floor(high / step)
+    return [round(k * step, 12) for k in range(first, last + 1)]

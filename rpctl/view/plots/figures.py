@@ -1,0 +1,147 @@
+"""The figure of a run: paths, tracking errors, speeds and efforts."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.files.writing import write_atomically
+from rpctl.simulation.run import Run
+from rpctl.view.plots.panels import Panel, find_panels
+from rpctl.view.plots.style import LIGHT, dress, explain, joint_legend, names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE, COLUMN = 180.0 / 25.4, 88.0 / 25.4  # widths of a page and of one of its two columns, inches
+ROW, WIDE_ROW = 58.0 / 25.4, 75.0 / 25.4  # heights of a row of panels, inches
+LEGEND_ROW = 0.14  # inches
+DPI = 200  # of the figure in a run's folder
+PRINT_DPI = 400  # of a figure for print
+COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
+TRUETYPE = 42  # fonts as publishers ask for them: whole letters that stay text
+
+
+def save_tracking_figure(run: Run, path: str | Path) -> Path:
+    """Write the figure of a run as PNG, 180 mm wide, there whole or not at all.
+
+    Args:
+        run: The run.
+        path: The file.
+
+    Returns:
+        The path.
+    """
+    return write_atomically(path, tracking_image(run))
+
+
+def tracking_image(run: Run) -> bytes:
+    """Return the figure of a run as the bytes of a PNG."""
+    return to_png(tracking_figure(run), DPI)
+
+
+def save_figure(
+    run: Run, path: str | Path, *, panels: Sequence[str] = (), column: bool = False
+) -> Path:
+    """Write the figure of a run for a paper; the file is there whole or not at all.
+
+    Args:
+        run: The run.
+        path: The file: .pdf, of lines and text, or .png.
+        panels: The panels wanted, by name and in order; all that the run has, if none is named.
+        column: As wide as a column of a two-column page (88 mm), not as the page (180 mm).
+
+    Returns:
+        The path.
+
+    Raises:
+        RpctlError: The suffix is another one, or the run has no such panel.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".pdf", ".png"):
+        raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
+    figure = tracking_figure(run, panels=panels, column=column)
+    return write_atomically(path, to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI))
+
+
+def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
+    """Return the figure of a run; panels that the robot has nothing for are left out."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    theme = LIGHT
+    shown = _choose(find_panels(run), panels)
+    width, columns = (COLUMN, 1) if column or len(shown) == 1 else (PAGE, 2)
+    places = _places(shown, columns)
+    heights = [ROW] * (places[-1][0] + 1)
+    for panel, (row, _) in zip(shown, places, strict=True):
+        if panel.wide:
+            heights[row] = WIDE_ROW
+    legend = names(run, theme) if any(panel.joints for panel in shown) else []
+    strip = LEGEND_ROW * -(-len(legend) // (3 * columns))
+    layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.02)
+    figure = Figure((width, sum(heights) + strip), dpi=DPI, layout=layout)
+    figure.set_facecolor(theme.paper)
+    grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+    for panel, letter, (row, cells) in zip(shown, LETTERS, places, strict=False):
+        axes = figure.add_subplot(grid[row, cells])
+        number = f"({letter})  " if len(shown) > 1 else ""
+        dress(axes, number + panel.title, theme)
+        panel.draw(axes, run, theme)
+        explain(axes, theme, below=panel.wide and columns == 1)
+    joint_legend(figure, legend, 3 * columns, theme)
+    return figure
+
+
+def _places(panels: Sequence[Panel], columns: int) -> list[tuple[int, slice]]:
+    """Return the row and the columns of each panel: left to right, a wide one in its own row."""
+    places, row, column = [], 0, 0
+    for panel in panels:
+        span = columns if panel.wide else 1
+        if column + span > columns:
+            row, column = row + 1, 0
+        places.append((row, slice(column, column + span)))
+        column += span
+    return places
+
+
+def _choose(found: Sequence[Panel], wanted: Sequence[str]) -> list[Panel]:
+    if not wanted:
+        return list(found)
+    known = list(dict.fromkeys(panel.name for panel in found))
+    for name in wanted:
+        if name not in known:
+            raise UnknownNameError("panel", name, known)
+    return [panel for name in wanted for panel in found if panel.name == name]
+
+
+def to_png(figure: Figure, dpi: int) -> bytes:
+    """Return a figure as the bytes of a PNG, its colours few."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    figure.set_dpi(dpi)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    buffer = io.BytesIO()
+    image.quantize(COLOURS).save(buffer, "PNG", optimize=True, dpi=(dpi, dpi))
+    return buffer.getvalue()
+
+
+def to_pdf(figure: Figure) -> bytes:
+    """Return a figure as the bytes of a PDF, its fonts in it."""
+    from matplotlib import rc_context
+
+    buffer = io.BytesIO()
+    with rc_context({"pdf.fonttype": TRUETYPE}):
+        # Without a date the same run gives the same file.
+        figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
+    return buffer.getvalue()

@@ -1,0 +1,160 @@
+"""The picture of a benchmark: a panel for each scenario and reference, a line for each law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rpctl.study.scenarios import PAPER, Controller
+from rpctl.study.standings import places
+from rpctl.study.study import Row
+from rpctl.view.plots.style import LIGHT, SMALL, TEXT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LABELS, PANEL = 1.55, 0.92  # widths, inches
+LINE, GAP, HEAD, FOOT = 0.115, 0.16, 0.52, 0.62  # heights, inches
+MILLI = 1e3  # mm of a m
+ROOM = 1.6  # times the extreme errors: where the axis ends
+NARROW = 50.0  # times the least value of an axis: up to there 3 is marked, too
+GREY = "#9aa2ad"
+Colours = dict[Controller, str]  # of the two that matter
+BROKEN: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
+
+
+def study_figure(rows: Sequence[Row], title: str, proposed: Controller) -> Figure:
+    """Return the figure: rms errors of base and end effector; one axis a reference.
+
+    Args:
+        rows: The rows of a grid.
+        title: What it is of.
+        proposed: The controller that rpctl proposes.
+    """
+    from matplotlib.figure import Figure
+
+    scenarios = list(dict.fromkeys(row.cell.scenario for row in rows))
+    references = list(dict.fromkeys(row.cell.reference for row in rows))
+    laws = list(dict.fromkeys(row.cell.controller for row in rows))
+    tall = LINE * (len(laws) + 1)
+    width = LABELS + PANEL * len(references) + 0.15
+    height = HEAD + (tall + GAP) * len(scenarios) + FOOT
+    figure = Figure((width, height))
+    figure.set_facecolor(LIGHT.paper)
+    colours = {PAPER: LIGHT.tip, proposed: LIGHT.base}
+    groups = dict(places(rows))
+    spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
+    for i, scenario in enumerate(scenarios):
+        for j, reference in enumerate(references):
+            bottom = height - HEAD - (i + 1) * tall - i * GAP
+            box = (LABELS + j * PANEL + 0.04, bottom, PANEL - 0.08, tall)
+            axes = figure.add_axes(
+                (box[0] / width, box[1] / height, box[2] / width, box[3] / height)
+            )
+            last = i == len(scenarios) - 1
+            _panel(
+                axes, groups.get((scenario, reference), []), laws, colours, spans[reference], last
+            )
+            if i == 0:
+                axes.set_title(reference, fontsize=TEXT, fontweight="bold", color=LIGHT.ink, pad=5)
+            if j == 0:
+                _names(axes, scenario, laws, colours)
+    figure.text(
+        (LABELS + 0.5 * PANEL * len(references)) / width,
+        0.36 / height,
+        "rms error, mm (logarithmic)",
+        ha="center",
+        fontsize=SMALL,
+        color=LIGHT.ink,
+    )
+    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", fontsize=TEXT + 1,
+                fontweight="bold", color=LIGHT.ink)  # fmt: skip
+    _legend(figure, height, proposed)
+    return figure
+
+
+def _span(rows: Sequence[Row]) -> tuple[float, float]:
+    """Return the ends of the axis of one reference, mm."""
+    errors = [
+        MILLI * error
+        for row in rows
+        if row.figures is not None
+        for error in (row.figures.rms_base, row.figures.rms_end_effector)
+        if error
+    ]
+    return (min(errors) / ROOM, max(errors) * ROOM) if errors else (1.0, 10.0)
+
+
+def _panel(
+    axes: Axes,
+    rows: Sequence[Row],
+    laws: Sequence[Controller],
+    colours: Colours,
+    span: tuple[float, float],
+    last: bool,
+) -> None:
+    """Draw a dot for the base and a ring for the end effector of each law, from the top down."""
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+
+    axes.set_xscale("log")
+    axes.set_xlim(*span)
+    axes.set_ylim(len(laws), -1)
+    axes.set_facecolor(LIGHT.paper)
+    axes.yaxis.set_major_locator(NullLocator())
+    steps = (1.0, 3.0) if span[1] < NARROW * span[0] else (1.0,)
+    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=4))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.grid(True, axis="x", color=LIGHT.faint, lw=0.5)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0, labelsize=SMALL - 1, colors=LIGHT.ink, pad=2)
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}") if last else NullFormatter())
+    for spine in axes.spines.values():
+        spine.set(color=LIGHT.faint, linewidth=0.6)
+    for row in rows:
+        colour = colours.get(row.cell.controller, GREY)
+        _mark(axes, row, laws.index(row.cell.controller), colour, span)
+
+
+def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float]) -> None:
+    figures = row.figures
+    if figures is None:
+        axes.plot([span[1] / ROOM**0.35], [line], "x", color=GREY, ms=3.6, mew=1.0)
+        return
+    base, tip = figures.rms_base, figures.rms_end_effector
+    if tip:
+        axes.plot([MILLI * base, MILLI * tip], [line, line], color=colour, lw=0.8, zorder=2)
+        axes.plot([MILLI * tip], [line], "o", mfc=LIGHT.paper, mec=colour, mew=0.9, ms=3.4)
+    axes.plot([MILLI * base], [line], "o", color=colour, ms=3.6, zorder=4)
+    if figures.violations:
+        axes.plot([span[0] * ROOM**0.35], [line], **BROKEN)
+
+
+def _names(axes: Axes, scenario: str, laws: Sequence[Controller], colours: Colours) -> None:
+    """Write the scenario and the names of its lines left of a panel."""
+    for line, law in enumerate(laws):
+        axes.annotate(str(law), (0, line), (-4, 0), ("axes fraction", "data"), "offset points",
+                      ha="right", va="center", fontsize=SMALL - 1.2,
+                      color=LIGHT.ink if law in colours else LIGHT.desired)  # fmt: skip
+    axes.annotate(scenario, (0, 1), (-LABELS * 72 + 4, 1), "axes fraction", "offset points",
+                  ha="left", va="bottom", fontsize=TEXT, fontweight="bold",
+                  color=LIGHT.ink)  # fmt: skip
+
+
+def _legend(figure: Figure, height: float, proposed: Controller) -> None:
+    from matplotlib.lines import Line2D
+
+    ring = {"marker": "o", "mfc": LIGHT.paper, "color": LIGHT.ink, "ms": 3.4, "ls": ""}
+    looks: dict[str, dict[str, Any]] = {
+        f"{proposed} (rpctl's)": {"marker": "o", "color": LIGHT.base, "ms": 3.6},
+        f"{PAPER} (the paper's)": {"marker": "o", "color": LIGHT.tip, "ms": 3.6},
+        "others": {"marker": "o", "color": GREY, "ms": 3.6},
+        "base": {"marker": "o", "color": LIGHT.ink, "ms": 3.6, "ls": ""},
+        "end effector": ring,
+        "did not run": {"marker": "x", "color": GREY, "ms": 3.6, "ls": ""},
+        "broke a limit": BROKEN,
+    }
+    handles = [Line2D([], [], label=label, lw=0.8, **look) for label, look in looks.items()]
+    figure.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.04 / height),
+                  ncols=len(handles), fontsize=SMALL, labelcolor=LIGHT.ink, frameon=False,
+                  handlelength=1.6, columnspacing=1.4)  # fmt: skip

@@ -1,0 +1,1 @@
+"""The three-dimensional scene: bodies, markers, trails and obstacles as meshcat commands."""

@@ -1,0 +1,78 @@
+"""Which frames of a motion a viewer needs, if it fills in the others by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+
+POSITION = 5e-4  # m; a third of a pixel where a robot of 1.5 m fills the picture
+TURN = 2e-3  # rad; moves what is 0.3 m away from the axis by as much
+FARTHEST = 2.0  # rad from one frame to the next
+
+Deviation = Callable[[int, int], Array]
+
+
+def of_positions(times: Array, values: Array) -> NDArray[np.int64]:
+    """Return the frames from which straight lines give all positions (n, 3) to ``POSITION``.
+
+    Args:
+        times: Times of the frames (n,), s.
+        values: m.
+    """
+
+    def deviation(first: int, last: int) -> Array:
+        share = _shares(times, first, last)[:, None]
+        line = (1.0 - share) * values[first] + share * values[last]
+        return np.asarray(np.linalg.norm(values[first : last + 1] - line, axis=1))
+
+    return _keep(len(times), deviation, POSITION)
+
+
+def of_turns(times: Array, values: Array) -> NDArray[np.int64]:
+    """Return the frames from which great arcs give all unit quaternions (n, 4) to ``TURN``.
+
+    Args:
+        times: Times of the frames (n,), s.
+        values: Quaternions, of either sign.
+    """
+
+    def deviation(first: int, last: int) -> Array:
+        share = _shares(times, first, last)[:, None]
+        start, end = values[first], values[last]
+        cosine = start @ end
+        if cosine < 0.0:  # the same turn, by the nearer of its two quaternions
+            cosine, end = -cosine, -end
+        half = np.arccos(min(cosine, 1.0))
+        if half > FARTHEST / 2.0:  # towards half a turn, rounding would choose the way
+            return np.pi * np.minimum(share, 1.0 - share)[:, 0]
+        if half < 1e-9:
+            arc = np.broadcast_to(start, (len(share), 4))
+        else:
+            arc = (np.sin((1.0 - share) * half) * start + np.sin(share * half) * end) / np.sin(half)
+        nearness = np.abs(np.einsum("ij,ij->i", values[first : last + 1], arc))
+        return np.asarray(2.0 * np.arccos(np.minimum(nearness, 1.0)))
+
+    return _keep(len(times), deviation, TURN)
+
+
+def _shares(times: Array, first: int, last: int) -> Array:
+    return np.asarray((times[first : last + 1] - times[first]) / (times[last] - times[first]))
+
+
+def _keep(count: int, deviation: Deviation, tolerance: float) -> NDArray[np.int64]:
+    """Return the first frame, the last, and the worst of every stretch that deviates too much."""
+    kept, stretches = {0, count - 1}, [(0, count - 1)]
+    while stretches:
+        first, last = stretches.pop()
+        if last - first < 2:
+            continue
+        away = deviation(first, last)
+        worst = first + int(away.argmax())
+        if away[worst - first] > tolerance:
+            kept.add(worst)
+            stretches += [(first, worst), (worst, last)]
+    return np.array(sorted(kept))

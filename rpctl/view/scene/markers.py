@@ -1,0 +1,180 @@
+"""What a viewer shows of a robot beside its shapes: frames, masses, and how it meets the ground."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.drive.drive import Wheel
+from rpctl.dynamics.rolling import contact_point
+from rpctl.robot.model import Robot
+from rpctl.view.scene import marker_shapes, wire
+from rpctl.view.scene.skeleton import ROOT
+
+STEEL = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
+LEAST_BALL = 0.004  # m; radius below which nobody would see it
+FRAME_SHARE = 0.05  # length of a frame's axes, of the size of the robot
+FIRST = 1e9  # rank of the names of contacts; masses rank by their kg, frames last
+ACROSS = math.radians(1.0)  # a direction nearer to rolling than this is the rolling direction
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """Markers, and the joints that they hang on.
+
+    Attributes:
+        hung: Nodes by the index of the joint; the names of all begin with their layer.
+        labels: ``node``, ``layer``, ``text`` and ``rank`` of each.
+        masses: ``node`` and ``mass`` (kg) of each link that has one.
+        wheels: ``node`` of the contact, ``joint`` (name), ``radius``, ``axle`` (3,) and ``along``
+            (2,) of each wheel, in the axes of the contact's node.
+        geometries: What the nodes are made of.
+        materials: Their paint.
+    """
+
+    hung: dict[int, list[wire.Json]]
+    labels: list[dict[str, Any]]
+    masses: list[dict[str, Any]]
+    wheels: list[dict[str, Any]]
+    geometries: list[wire.Json]
+    materials: list[wire.Json]
+
+
+def build_markers(robot: Robot, size: float) -> Markers:
+    """Return the markers of a robot.
+
+    Args:
+        robot: The robot.
+        size: Its size, m; frames and arrows are in proportion.
+    """
+    hung: dict[int, list[wire.Json]] = {j: [] for j in range(ROOT, robot.model.njoints)}
+    markers = Markers(hung, [], [], [], marker_shapes.geometries(), marker_shapes.materials())
+    for index, link in enumerate(robot.description.links):
+        frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
+        pose = frame.placement.homogeneous
+        axes = _mesh("axes", "axes", _scaled(FRAME_SHARE * size))
+        _hang(markers, frame.parentJoint, f"frame-{index}", pose, [axes])
+        markers.labels.append(_label(f"frame-{index}", link.name, 0.0))
+        if link.mass:
+            centre = pose @ _at(link.com)
+            ball = _mesh("ball", "mass", _scaled(max(_ball(link.mass), LEAST_BALL)))
+            _hang(markers, frame.parentJoint, f"mass-{index}", centre, [ball])
+            markers.labels.append(_label(f"mass-{index}", f"{link.mass:.3g} kg", link.mass))
+            markers.masses.append({"node": f"mass-{index}", "mass": link.mass})
+    for index, wheel in enumerate(robot.drive.wheels):
+        _hang_wheel(robot, markers, index, wheel)
+    if robot.drive.wheels:
+        _hang_point(robot, markers, size)
+    markers.labels.append(_label("mass-all", f"{robot.mass:.4g} kg in all", robot.mass))
+    return markers
+
+
+def whole_mass(mass: float) -> wire.Json:
+    """Return the marker of a whole robot's mass (kg): a ball, and a disc on the ground below it."""
+    radius = _ball(mass)
+    shapes = [_mesh("ball", "whole", _scaled(radius)), _mesh("disc", "whole", _scaled(radius))]
+    shapes[1] = wire.node("Group", "mass-foot", children=[shapes[1]])
+    return wire.node("Group", "mass-all", children=shapes)
+
+
+def _hang_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> None:
+    """Hang a wheel's contact on what carries the wheel: it does not turn with it."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.configuration())
+    contact, axle = _contact(robot, data, wheel)
+    carrier = robot.model.parents[robot.model.getJointId(wheel.joint)]
+    shapes = [
+        _mesh("disc", "contact", _scaled(0.16 * wheel.radius)),
+        _mesh("arrow", "contact", _scaled(1.5 * wheel.radius)),
+    ]
+    along = np.array([1.0, 0.0])
+    if carrier == ROOT:  # the direction is told in the root link's frame
+        along = contact[:2, :2].T @ wheel.direction
+        turn = math.atan2(along[1], along[0])
+        if abs(math.sin(turn)) > math.sin(ACROSS):
+            bar = _turned(turn) @ _scaled(1.1 * wheel.radius)
+            shapes.append(_mesh("bar", "roller", bar))
+    name = f"contact-{index}"
+    _hang(markers, carrier, name, data.oMi[carrier].inverse().homogeneous @ contact, shapes)
+    markers.labels.append(_label(name, wheel.joint, FIRST))
+    told = {"node": name, "joint": wheel.joint, "radius": wheel.radius}
+    told |= {"axle": (contact[:3, :3].T @ axle).tolist(), "along": along.tolist()}
+    markers.wheels.append(told)
+
+
+def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
+    """Return the frame (4, 4) where a wheel touches the ground, and the wheel's axle (3,), world.
+
+    Its x axis is the way that the wheel rolls, its z axis points up.
+    """
+    point = contact_point(robot, data, wheel)
+    axle = data.oMi[robot.model.getJointId(wheel.joint)].rotation @ np.array(wheel.axis)
+    rolling = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
+    heading = robot.drive.heading
+    if rolling @ [math.cos(heading), math.sin(heading)] < 0.0:
+        rolling = -rolling
+    contact = np.eye(4)
+    contact[:2, 0], contact[:2, 1] = rolling, (-rolling[1], rolling[0])
+    contact[:3, 3] = point
+    return contact, axle
+
+
+def _hang_point(robot: Robot, markers: Markers, size: float) -> None:
+    """Hang P with the robot's forward direction on the root link."""
+    drive = robot.drive
+    pose = _turned(drive.heading)
+    pose[:3, 3] = *drive.point, drive.ground
+    shapes = [
+        _mesh("disc", "point", _scaled(0.012 * size)),
+        _mesh("arrow", "point", _scaled(0.16 * size)),
+    ]
+    _hang(markers, ROOT, "contact-P", pose, shapes)
+    markers.labels.append(_label("contact-P", "P", FIRST))
+
+
+def _hang(
+    markers: Markers, joint: int, name: str, pose: Array, shapes: Sequence[wire.Json]
+) -> None:
+    group = wire.node("Group", name, children=list(shapes), **wire.fixed(pose))
+    markers.hung[joint].append(group)
+
+
+def _label(name: str, text: str, rank: float) -> dict[str, Any]:
+    """Return a label; of two that do not fit beside each other, the one of higher rank is shown."""
+    return {"node": name, "layer": name.partition("-")[0], "text": text, "rank": rank}
+
+
+def _mesh(shape: str, paint: str, pose: Array) -> wire.Json:
+    """Return a marker that is seen through the robot; P and contacts lie below the others."""
+    order = 10 + ("contact", "roller", "point", "whole", "mass", "axes").index(paint)
+    entries = {"geometry": f"marker-{shape}", "material": f"marker-{paint}", "renderOrder": order}
+    return wire.node("Mesh", f"{paint}-{shape}", **entries, **wire.fixed(pose))
+
+
+def _ball(mass: float) -> float:
+    """Return the radius (m) of a ball of steel of a mass (kg)."""
+    return float((3.0 * mass / (4.0 * math.pi * STEEL)) ** (1.0 / 3.0))
+
+
+def _at(place: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    return pose
+
+
+def _scaled(factor: float) -> Array:
+    return np.diag([factor, factor, factor, 1.0])
+
+
+def _turned(angle: float) -> Array:
+    """Return a turn (4, 4) about z."""
+    pose = np.eye(4)
+    cos, sin = math.cos(angle), math.sin(angle)
+    pose[:2, :2] = [[cos, -sin], [sin, cos]]
+    return pose

@@ -1,0 +1,203 @@
+"""A run as an ordered list of meshcat commands; no server is needed to make or to play them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.robot.model import Robot
+from rpctl.simulation.run import Run
+from rpctl.view.scene import keyframes, obstacle_shapes, paint, stage, wire
+from rpctl.view.scene.bodies import TRIANGLES, Bodies, build_bodies, extent
+from rpctl.view.scene.obstacles import run_obstacles
+
+FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
+MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
+ROBOTS = "/rpctl/robots"
+ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a viewer needs to play a run.
+
+    Attributes:
+        commands: meshcat commands, packed, in order: the robots and their animation are the last.
+        times: Times of the frames (n,), s, from 0.
+        lower: Least coordinates of the motion (3,), m.
+        upper: Largest coordinates of the motion (3,), m.
+        hull: Points (n, 3) of which the convex hull holds the motion, m: what a camera frames.
+        start: Least and largest coordinates of the robot at the start (2, 3), m.
+        follow: Name of the node that a camera follows.
+        origin: Position of that node at the start (3,), m.
+        notes: Where the run is not what was asked for; links whose inertias are estimates; shapes
+            that are not drawn, and why.
+    """
+
+    commands: tuple[bytes, ...]
+    times: Array
+    lower: Array
+    upper: Array
+    hull: Array
+    start: Array
+    follow: str
+    origin: Array
+    notes: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """Length of the animation, s."""
+        return float(self.times[-1])
+
+    @property
+    def robot_bytes(self) -> int:
+        """Size of the command that draws the robots: what fewer triangles make smaller."""
+        return len(self.commands[-2])
+
+
+def build_scene(robot: Robot, run: Run, triangles: int = TRIANGLES) -> Scene:
+    """Return the scene of a run: robot, reference ghost, trails, ground, lights, animation.
+
+    Args:
+        robot: The robot of the run.
+        run: The run.
+        triangles: About how many the robot may have; large meshes are simplified first.
+    """
+    bodies = build_bodies(robot, triangles)
+    frames = _frames(run.t)
+    poses = joint_poses(robot, run.q[frames])
+    ghost = joint_poses(robot, run.q_ref[frames])
+    joints = sorted({part.joint for part in bodies.parts})
+    paths = _paths(robot, run, frames)
+    first = _cloud(bodies, joints, poses[:1])
+    cloud = np.concatenate(
+        [_cloud(bodies, joints, poses), _cloud(bodies, joints, ghost), *paths.values()]
+    )
+    obstacles, ground = run_obstacles(run), robot.drive.ground
+    size = float(first[:, 2].max()) - ground
+    cloud = np.concatenate([cloud, obstacle_shapes.corners(obstacles, cloud, ground, size)])
+    lower, upper = cloud.min(axis=0), cloud.max(axis=0)
+    lower[2] = min(lower[2], ground)
+    times = run.t[frames] - run.t[0]
+    commands = (
+        *(wire.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
+        wire.set_property("/Background", "visible", False),
+        stage.lights_command(lower, upper),
+        stage.ground_command(lower, upper, ground),
+        *obstacle_shapes.commands(obstacles, lower, upper, ground, size),
+        stage.trails_command(paths, lower, upper),
+        _robots(bodies, joints),
+        _animation(joints, times, poses, ghost),
+    )
+    return Scene(
+        commands=commands,
+        times=times,
+        lower=lower,
+        upper=upper,
+        hull=_hull(cloud),
+        start=np.stack([first.min(axis=0), first.max(axis=0)]),
+        follow=f"{ACTUAL}-{joints[0]}",
+        origin=poses[0, joints[0], :3],
+        notes=(*run.notes, *_estimates(robot), *bodies.notes),
+    )
+
+
+def _estimates(robot: Robot) -> tuple[str, ...]:
+    """Return the note on links whose inertias are estimates, or nothing."""
+    names = robot.description.estimated_links
+    if not names:
+        return ()
+    return (f"mass and inertia of {', '.join(names)} are estimates at {robot.density:g} kg/m³",)
+
+
+def _frames(t: Array) -> NDArray[np.int64]:
+    """Return the samples that become frames, first and last among them."""
+    wanted = int(np.ceil((t[-1] - t[0]) * FRAME_RATE)) + 1
+    count = min(max(wanted, 1), MAX_FRAMES, len(t))
+    return np.unique(np.rint(np.linspace(0, len(t) - 1, count)).astype(np.int64))
+
+
+def joint_poses(robot: Robot, q: Array) -> Array:
+    """Return the poses (n, njoints, 7) of all joints at configurations (n, nq).
+
+    A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
+    """
+    data = robot.model.createData()
+    poses = np.empty((len(q), robot.model.njoints, 7))
+    for k, configuration in enumerate(q):
+        pin.forwardKinematics(robot.model, data, configuration)
+        for j, placement in enumerate(data.oMi):
+            poses[k, j] = pin.SE3ToXYZQUAT(placement)
+    return poses
+
+
+def _paths(robot: Robot, run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
+    """Return the paths (n, 3) in the world, m: desired and actual, of P and the end effector."""
+    ground = np.full((len(frames), 1), robot.drive.ground)
+    paths = {
+        "base-desired": np.hstack([run.base_ref[frames, :2], ground]),
+        "base": np.hstack([run.base[frames, :2], ground]),
+    }
+    if run.ee.shape[1] == 3:
+        paths |= {"tip-desired": run.ee_ref[frames], "tip": run.ee[frames]}
+    return paths
+
+
+def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
+    """Return the corners (n, 3) of the boxes around all parts as they move, m."""
+    clouds = [np.empty((0, 3))]
+    for joint in joints:
+        corners = extent(bodies, joint)
+        if corners is not None:
+            turns = _rotations(poses[:, joint, 3:])
+            moved = np.einsum("kij,cj->kci", turns, corners) + poses[:, joint, None, :3]
+            clouds.append(moved.reshape(-1, 3))
+    return np.concatenate(clouds)
+
+
+def _hull(cloud: Array) -> Array:
+    """Return the farthest points (n, 3) of a cloud in directions all around."""
+    count = 128
+    heights = np.linspace(-1.0, 1.0, count)
+    turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere
+    rings = np.sqrt(1.0 - heights**2)
+    around = np.column_stack([rings * np.cos(turns), rings * np.sin(turns), heights])
+    return np.asarray(cloud[np.unique((around @ cloud.T).argmax(axis=1))])
+
+
+def _rotations(quaternions: Array) -> Array:
+    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4), (x, y, z, w)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternions).as_matrix())
+
+
+def _robots(bodies: Bodies, joints: list[int]) -> bytes:
+    """Return the command that draws the robot and its ghost, which share their meshes.
+
+    A node stands for a joint and is animated; below it each part keeps a fixed matrix, mirrored
+    or scaled as it may be.
+    """
+    groups = []
+    for joint in joints:
+        solid, ghost = paint.solid(bodies, joint), paint.ghost(bodies, joint)
+        groups.append(wire.node("Group", f"{ACTUAL}-{joint}", children=solid))
+        groups.append(wire.node("Group", f"{REFERENCE}-{joint}", children=ghost))
+    root = wire.node("Group", "robots", children=groups)
+    return wire.set_object(ROBOTS, root, paint.geometries(bodies), paint.materials(bodies))
+
+
+def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> bytes:
+    tracks = []
+    for joint in joints:
+        for name, motion in ((f"{ACTUAL}-{joint}", poses), (f"{REFERENCE}-{joint}", ghost)):
+            places, turns = motion[:, joint, :3], motion[:, joint, 3:]
+            kept = keyframes.of_positions(times, places)
+            tracks.append(wire.track(f"{name}.position", "vector3", times[kept], places[kept]))
+            kept = keyframes.of_turns(times, turns)
+            tracks.append(wire.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept]))
+    return wire.set_animation(f"{ROBOTS}/<object>", tracks)

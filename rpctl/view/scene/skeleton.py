@@ -1,0 +1,79 @@
+"""A robot's kinematic tree as nested three.js groups: one that turns or slides for each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.robot.model import Robot
+from rpctl.view.scene import wire
+
+ROOT = 1  # Pinocchio's index of the planar root
+
+
+def skeleton(robot: Robot, prefix: str, hung: Callable[[int], list[wire.Json]]) -> wire.Json:
+    """Return the group of the root link, all others nested below it.
+
+    The group ``PREFIX-j`` of joint j is fixed to nothing but its joint: turned or slid by the
+    joint's position, it carries all that the joint moves. Where the joint sits on its parent is
+    the matrix of a group of its own above it.
+
+    Args:
+        robot: The robot.
+        prefix: Of the groups' names.
+        hung: Returns what else hangs on a joint, by its index in the model.
+    """
+    model = robot.model
+    groups = {
+        j: wire.node("Group", f"{prefix}-{j}", children=hung(j)) for j in range(ROOT, model.njoints)
+    }
+    for j in range(ROOT + 1, model.njoints):
+        place = wire.fixed(model.jointPlacements[j].homogeneous)
+        seat = wire.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
+        groups[model.parents[j]]["children"].append(seat)
+    return groups[ROOT]
+
+
+def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
+    """Return what a page has to know of each joint above the root, in the order of the model.
+
+    Args:
+        robot: The robot.
+        q: Configuration (nq,) at which it stands.
+
+    Returns:
+        ``name``, ``node`` (its index), ``slides``, ``axis``, ``role`` (``"wheel"``, ``"arm"``,
+        ``"mimic"`` or ``"other"``), ``position``, ``lower`` and ``upper`` (rad or m, None where
+        there is none) and, of a mimic joint, ``mimic`` (``follows``: index in this list or None
+        where the joint that it follows is locked; ``multiplier``; ``offset``).
+    """
+    names = list(robot.model.names)[ROOT + 1 :]
+    wheels, arm = {w.joint for w in robot.drive.wheels}, {j.name for j in robot.joints}
+    mimics = {joint.name for joint in robot.mimics}
+    told = []
+    for number, name in enumerate(names):
+        joint = robot.description.joint[name]
+        role = "wheel" if name in wheels else "arm" if name in arm else "other"
+        entry: dict[str, Any] = {
+            "name": name,
+            "node": ROOT + 1 + number,
+            "slides": joint.kind == "prismatic",
+            "axis": joint.axis.tolist(),
+            "role": "mimic" if name in mimics else role,
+            "position": robot.joint_position(q, name),
+            "lower": joint.lower if np.isfinite(joint.lower) else None,
+            "upper": joint.upper if np.isfinite(joint.upper) else None,
+        }
+        if joint.mimic is not None and name in mimics:
+            follows = joint.mimic.joint
+            entry["mimic"] = {
+                "name": follows,
+                "follows": names.index(follows) if follows in names else None,
+                "multiplier": joint.mimic.multiplier,
+                "offset": joint.mimic.offset,
+            }
+        told.append(entry)
+    return told

@@ -1,0 +1,1 @@
+"""A live scene on a loopback server."""

@@ -1,0 +1,169 @@
+"""What a browser watches while a command runs: a robot, a run's report, or a simulation."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.rates import steering
+from rpctl.robot.model import Robot
+from rpctl.view.pages.robot_page import Show, robot_page
+from rpctl.view.scene.obstacles import Obstacle
+from rpctl.view.serve.server import EVENTS, Page, PageServer
+from rpctl.view.serve.stream import Stream
+
+FRAME_RATE = 30.0  # Hz of simulated time: what the eye needs
+SLACK = 1e-9  # s; sample times are rounded
+WAIT = 10.0  # s that a simulation waits for a page to be opened
+OPENING = 30.0  # s that a page has until it listens, once it was fetched
+HANDOVER = 10.0  # s that pages have to fetch the report
+DESIRED = 600  # points of the path that is to be followed
+ROUNDED = 5  # decimals of what is sent: m and rad
+
+
+def serve(page: Page, ready: Callable[[str], object] = print) -> None:
+    """Serve a page until Ctrl-C or SIGTERM; called from the main thread.
+
+    Args:
+        page: Returns the page.
+        ready: Called with the URL once it is served.
+    """
+    done = threading.Event()
+    with _signals(lambda number, frame: done.set()), PageServer(page) as server:
+        ready(server.url)
+        done.wait()
+
+
+class Broadcast:
+    """Shows a simulation to whoever opens its page; nobody has to.
+
+    At its first moment the simulation waits for a page to be opened, but not for long. While one is
+    open it is held back to real time: never by a page that is slow, and not at all where none is.
+
+    Args:
+        robot: The robot.
+        server: Where the page is served.
+        stream: What the page listens to.
+        duration: Of the simulation, s.
+    """
+
+    def __init__(self, robot: Robot, server: PageServer, stream: Stream, duration: float) -> None:
+        self._robot, self._server, self._stream = robot, server, stream
+        self._duration = duration
+        self._begun, self._next = False, 0.0
+        self._origin: float | None = None
+
+    def __call__(self, t: float, q: Array, state: ReferenceState) -> None:
+        """Show a moment of the simulation: time (s), configuration (nq,) and reference."""
+        if not self._begun:
+            self._begun = True
+            if self._server.wait_delivered(1, WAIT):
+                self._stream.wait_reader(OPENING)
+        last = t >= self._duration - SLACK
+        if t < self._next and not last:
+            return
+        self._next = t + 1.0 / FRAME_RATE - SLACK
+        actual = _coordinates(self._robot, q)
+        desired = _coordinates(self._robot, _desired(self._robot, q, state))
+        frame = [round(float(value), ROUNDED) for value in (t, *actual, *desired)]
+        self._stream.send("frame", [frame[0], len(actual), *frame[1:]])
+        self._pace(t)
+        if last:
+            self._stream.send("state", "Simulated; the report is being written…")
+
+    def finish(self, report: Path) -> None:
+        """Let open pages go over to the report; pages that do not come for it are not waited for.
+
+        Args:
+            report: What is served from now on.
+        """
+        self._server.serve(report.read_bytes)
+        readers = self._stream.readers
+        before = self._server.delivered
+        self._stream.send("done", None)
+        self._server.wait_delivered(before + readers, HANDOVER)
+
+    def _pace(self, t: float) -> None:
+        if not self._stream.watched:
+            self._origin = None
+            return
+        now = time.monotonic()
+        if self._origin is None or self._origin + t < now:
+            self._origin = now - t
+        time.sleep(self._origin + t - now)
+
+
+@contextmanager
+def broadcast(
+    robot: Robot,
+    reference: Reference,
+    duration: float,
+    say: Callable[[str], object],
+    obstacles: tuple[Obstacle, ...] = (),
+) -> Iterator[Broadcast]:
+    """Serve the page of a simulation; yields what shows it.
+
+    Ctrl-C and SIGTERM raise KeyboardInterrupt meanwhile, in the main thread.
+
+    Args:
+        robot: The robot.
+        reference: What it is to follow.
+        duration: s.
+        say: Called with what the user should know: the page's URL first.
+        obstacles: What it keeps clear of.
+    """
+    states = [reference(t) for t in np.linspace(0.0, duration, DESIRED)]
+    first = states[0]
+    start = robot.configuration_at(first.pose, first.joints, steering(robot, first)[0])
+    desired = np.array([state.pose for state in states])
+    page = robot_page(robot, Show(EVENTS, start, desired, duration, obstacles)).encode()
+    stream = Stream()
+    with _signals(_interrupt), PageServer(lambda: page, stream) as server:
+        stream.send("state", "Waiting for the simulation…")
+        say(f"{server.url}  watch it there; it starts once the page is open, or in {WAIT:.0f} s")
+        yield Broadcast(robot, server, stream, duration)
+
+
+def _coordinates(robot: Robot, q: Array) -> list[float]:
+    """Return the pose (x, y, heading) of the root link and all joints, in the model's order."""
+    names = list(robot.model.names)[2:]
+    heading = float(np.arctan2(q[3], q[2]))
+    return [q[0], q[1], heading, *(robot.joint_position(q, name) for name in names)]
+
+
+def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
+    """Return q with base and arm where the reference is; wheels are left as they are."""
+    there = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+    wanted = q.copy()
+    wanted[:4] = there[:4]
+    turned = [swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster"]
+    for name in (*turned, *(joint.name for joint in (*robot.joints, *robot.mimics))):
+        robot.set_joint(wanted, name, robot.joint_position(there, name))
+    return wanted
+
+
+Handler = Callable[[int, "FrameType | None"], object]
+
+
+@contextmanager
+def _signals(handler: Handler) -> Iterator[None]:
+    """Let SIGINT and SIGTERM call a handler while it is entered."""
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, each in before.items():
+            signal.signal(number, each)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

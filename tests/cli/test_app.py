@@ -1,0 +1,364 @@
+"""The command line as a user meets it: outputs, exit codes, messages."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from rpctl.cli.app import app
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.view.film.browser import NAMES
+from tests.robots import SET_A, platform, write
+
+runner = CliRunner()
+
+
+def run(*words: str) -> tuple[int, str, str]:
+    result = runner.invoke(app, words)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+def run_json(*words: str, code: int = 0) -> Any:
+    exit_code, out, _ = run(*words, "--json")
+    assert exit_code == code
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def test_inspect_tells_what_tiago_is() -> None:
+    told = run_json("inspect", "tiago")
+    assert told["name"] == "tiago"
+    assert told["dof"] == 12
+    assert told["mass"] == pytest.approx(65.894, abs=1e-3)
+    assert told["drive"]["type"] == "differential"
+    assert [w["joint"] for w in told["drive"]["wheels"]] == told["actuators"][:2]
+    assert [w["radius"] for w in told["drive"]["wheels"]] == [0.0985, 0.0985]
+    assert told["drive"]["track"] == pytest.approx(0.4044)
+    assert told["quasi_velocities"][:2] == ["v", "omega"]
+    assert {"severity", "line", "message"} == told["findings"][0].keys()
+    code, out, _ = run("inspect", "tiago")
+    assert code == 0
+    for word in ("differential", "0.0985", "0.4044", "65.89", "torso_lift_joint", "prismatic"):
+        assert word in out
+
+
+def test_inspect_locks() -> None:
+    told = run_json("inspect", "tiago", "--lock", "head_*", "--lock", "torso_lift_joint=0.2")
+    assert told["dof"] == 9
+    assert told["locked"]["torso_lift_joint"] == 0.2
+
+
+def test_limits_that_are_not_there_are_null(tmp_path: Path) -> None:
+    told = run_json("inspect", str(write(tmp_path, platform(SET_A))))
+    assert told["drive"]["wheels"][0]["effort"] is None
+
+
+def test_strict_takes_warnings_as_errors(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(SET_A).replace('xyz="0 1 0"', 'xyz="0 2 0"', 1))
+    assert run_json("inspect", str(path))["findings"][0]["severity"] == "warning"
+    for command in ("inspect", "verify", "track"):
+        code, out, err = run(command, str(path), "--strict")
+        assert (code, out) == (2, "")
+        assert err.startswith(f"{path}:") and ": error: axis of joint" in err
+
+
+def test_density_estimates_what_the_file_lacks(tmp_path: Path) -> None:
+    text = platform(SET_A)
+    wheel = text[text.index('<link name="left_wheel">') : text.index("<collision>")]
+    path = write(tmp_path, text.replace(wheel, '<link name="left_wheel">', 1))
+    code, _, err = run("inspect", str(path))
+    assert code == 2
+    assert 'link "left_wheel" has no <inertial>' in err
+    assert "--density KG_PER_M3" in err
+    told = run_json("inspect", str(path), "--density", "1000")
+    assert told["estimated_links"] == ["left_wheel"]
+    assert told["mass"] == pytest.approx(30 + 1 + 1000 * 0.04 * math.pi * 0.15**2)
+    assert "estimated" in run("inspect", str(path), "--density", "1000")[1]
+    assert run_json("verify", str(path), "--density", "1000", "--samples", "2")["passed"]
+    code, _, err = run("verify", str(path), "--density", "-1")
+    assert (code, err.strip()) == (2, "density is -1; give kg/m3, as 1000 for water")
+
+
+def test_verify_tells_each_check() -> None:
+    told = run_json("verify", "paper", "--samples", "3", "--seed", "5")
+    assert (told["passed"], told["samples"], told["seed"]) == (True, 3, 5)
+    assert all(check["passed"] for check in told["checks"])
+    code, out, _ = run("verify", "paper", "--samples", "2")
+    assert code == 0
+    assert "verified" in out
+
+
+def test_verify_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    inertia = ReducedDynamics.inertia
+    monkeypatch.setattr(ReducedDynamics, "inertia", lambda self, q: 1.001 * inertia(self, q))
+    told = run_json("verify", "paper", "--samples", "1", code=1)
+    assert not told["passed"]
+    code, out, _ = run("verify", "paper", "--samples", "1")
+    assert code == 1
+    assert "not verified" in out
+
+
+def test_track_writes_everything(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "run"
+    words = ("track", "paper", "--duration", "0.5", "--initial-error", "0.1,-0.1,0.1")
+    told = run_json(*words, "--out", str(out))
+    assert sorted(p.name for p in out.iterdir()) == [
+        "report.html", "run.npz", "summary.json", "tracking.png",
+    ]  # fmt: skip
+    assert json.loads((out / "summary.json").read_text()) == told
+    assert told["report"] == str(out / "report.html")
+    assert told["limits_violated"] == []
+    for key in (
+        "rms_base_error", "final_base_error", "final_lateral_error", "rms_end_effector_error",
+        "final_end_effector_error", "max_effort_ratio", "wall_time", "realtime_factor",
+    ):  # fmt: skip
+        assert isinstance(told[key], float), key
+
+
+def test_track_takes_a_table_and_names_the_folder_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "\n".join(f"{0.1 * k},{0.02 * k},0" for k in range(9))
+    (tmp_path / "way.csv").write_text(f"t,x,y\n{rows}\n")
+    words = ("track", "paper", "--reference", str(tmp_path / "way.csv"), "--samples", "0")
+    told = run_json(*words, "--duration", "0.5")
+    assert told["report"] == "runs/paper-way/report.html"
+    (tmp_path / "way.csv").write_text(f"t,x,y\n{rows}\n0.9,oops,0\n")
+    code, _, err = run(*words)
+    assert code == 2
+    assert err.startswith(f'{tmp_path / "way.csv"}:11: error: x "oops" is not a number')
+
+
+def test_track_tells_people(tmp_path: Path) -> None:
+    code, out, _ = run("track", "paper", "--duration", "0.5", "--out", str(tmp_path))
+    assert code == 0
+    for word in ("differential", "verified", "base", "end effector", "effort", "report.html"):
+        assert word in out
+
+
+def test_track_says_where_a_run_ends_that_was_asked_for_longer(tmp_path: Path) -> None:
+    words = ("track", "paper", "--duration", "0.0215", "--samples", "0", "--out", str(tmp_path))
+    told = run_json(*words)
+    note = "a duration of 0.0215 s is no whole number of control periods of 0.002 s: the run ends"
+    assert told["notes"][0] == f"{note} at 0.02 s"
+    assert told["duration"] == pytest.approx(0.02)
+    assert f"{note} at 0.02 s" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert note in " ".join(run(*words)[1].split())
+
+
+def test_plot_writes_a_figure_beside_the_run(tmp_path: Path) -> None:
+    run("track", "paper", "--duration", "0.2", "--samples", "0", "--out", str(tmp_path))
+    assert run_json("plot", str(tmp_path)) == {"figure": str(tmp_path / "figure.pdf")}
+    assert (tmp_path / "figure.pdf").read_bytes().startswith(b"%PDF")
+    code, _, err = run("view", str(tmp_path), "--png", str(tmp_path / "a.png"), "--size", "3x")
+    assert (code, "--size 3x" in err) == (2, True)
+
+
+def test_track_asks_for_a_browser_before_it_simulates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    code, _, err = run("track", "paper", "--png", "--out", str(tmp_path / "run"))
+    assert code == 2
+    assert "rpctl[film]" in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no chromium on PATH")
+def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
+    run("track", "paper", "--duration", "0.2", "--samples", "0", "--png", "--out", str(tmp_path))
+    assert (tmp_path / "scene.png").stat().st_size > 10_000
+
+
+def test_a_robots_name_cannot_lead_out_of_the_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    path = write(tmp_path, platform(SET_A).replace('name="platform"', 'name="../../&lt;b>x"'))
+    code, _, _ = run("track", str(path), "--duration", "0.05", "--samples", "0")
+    assert code == 0
+    assert [p.name for p in (tmp_path / "here" / "runs").iterdir()] == [".._..__b_x-eight"]
+
+
+def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
+    words = ("track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0")
+    told = run_json(*words, "--out", str(tmp_path), code=1)
+    assert told["max_effort_ratio"] > 1
+    assert {broken["limit"] for broken in told["limits_violated"]} >= {"effort"}
+
+
+@pytest.mark.parametrize("dynamic", ["bounded", "integral"])
+def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
+    words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
+    words += ["--dynamic", dynamic, "--out", str(tmp_path)]
+    told = run_json(*words)
+    assert told["limits_violated"] == []
+    assert told["limits_bound"][0]["told"] in run(*words)[1]
+    assert "effort limit bound from 0 s" in told["limits_bound"][0]["told"]
+    assert told["limits_bound"][0]["told"] in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("inspect", "tiag0"), "did you mean"),
+        (("inspect", "none.urdf"), "none.urdf: error: No such file or directory"),
+        (("inspect", "tiago", "--lock", "hand"), "joint to lock 'hand' is not known"),
+        (("inspect", "tiago", "--lock", "head_1_joint=x"), "'x' is not a number"),
+        (("inspect",), "Missing argument"),
+        (("inspect", "panda", "--drive", "differential"), "no differential drive"),
+        (("inspect", "tiago", "--drive", "tank"), "drive 'tank' is not known"),
+        (("inspect", "tiago", "--drive", "none.toml"), "none.toml: error: No such file"),
+        (("verify", "paper", "--samples", "0"), "--samples"),
+        (("track", "paper", "--reference", "eigth"), "did you mean eight"),
+        (("track", "paper", "--reference", "none.csv"), "none.csv: error: No such file"),
+        (("track", "paper", "--reference", "none.toml"), "none.toml: error: No such file"),
+        (("track", "panda", "--reference", "waypoints"), "panda has a fixed base"),
+        (("track", "paper", "--kinematic", "papers"), "did you mean paper"),
+        (("track", "paper", "--dynamic", "x"), "dynamic law 'x' is not known"),
+        (("track", "paper", "--initial-error", "1,2"), "give three numbers"),
+        (("track", "paper", "--duration", "-1"), "duration is -1; give a positive number"),
+        (("track", "paper", "--duration", "x"), "--duration"),
+        (("track", "paper", "--max-megabytes", "0"), "--max-megabytes"),
+        (("view", "nothing"), "robot 'nothing' is not known"),
+        (("view", "nothing.npz"), "No such file"),
+        (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
+        (("view", "nothing.npz", "--png", "a.png"), "No such file"),
+        (("view", "paper", "--png", "a.png"), "is no run"),
+        (("view", "nothing.npz", "--fps", "20"), "--fps is for a picture or a film"),
+        (("view", "nothing.npz", "--video", "a.mp4", "--at", "2"), "--at is for a picture"),
+        (("plot", "nothing"), "No such file"),
+        (("fly",), "No such command"),
+    ],
+)
+def test_wrong_input_exits_2_with_one_message(words: tuple[str, ...], told: str) -> None:
+    code, out, err = run(*words)
+    assert code == 2
+    assert told in " ".join(err.replace("│", " ").split())
+    assert "Traceback" not in out + err
+
+
+def test_a_reference_that_cannot_be_followed_is_refused_first(tmp_path: Path) -> None:
+    """Before the dynamics are verified, and before anything is written."""
+    saved = tmp_path / "saved.toml"
+    code, out, err = run("track", "car", "--reference", "spin", "--save-config", str(saved))
+    assert (code, out) == (2, "")
+    assert "take line, reverse, circle or eight" in " ".join(err.split())
+    assert not saved.exists()
+
+
+def test_an_input_error_names_file_line_and_fix(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(SET_A).replace('value="30.0"', 'value="-1"'))
+    code, _, err = run("verify", str(path))
+    assert code == 2
+    assert err.strip() == f'{path}:4: error: mass -1 of link "base" is negative; give its kg'
+
+
+def test_nothing_is_written_where_the_input_is_wrong(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code, _, _ = run("track", "paper", "--initial-error", "nan,0,0", "--out", str(out))
+    assert code == 2
+    assert not out.exists()
+
+
+def test_an_unwritable_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    out = str(tmp_path / "file" / "run")
+    code, _, err = run("track", "paper", "--duration", "0.1", "--samples", "0", "--out", out)
+    assert code == 2
+    assert "cannot be made" in err
+
+
+def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
+    for name, duration in (("one", "0.1"), ("two", "0.2")):
+        words = ("track", "paper", "--duration", duration, "--samples", "0")
+        assert run(*words, "--out", str(tmp_path / name))[0] == 0
+    page = tmp_path / "compare.html"
+    runs = str(tmp_path / "one"), str(tmp_path / "two" / "run.npz")
+    code, out, _ = run("view", *runs, "--html", str(page))
+    assert code == 0
+    assert out.strip() == f"wrote {page}"
+    text = page.read_text(encoding="utf-8")
+    assert "2 runs: one · two" in text
+    assert str(tmp_path) not in text
+
+
+def test_robots_lists_the_catalogue() -> None:
+    names = [row["name"] for row in run_json("robots")]
+    assert {"paper", "mixed_chain", "tiago", "panda"} <= set(names)
+    assert "mixed_chain" in run("robots")[1]
+
+
+@pytest.mark.parametrize(
+    "command", ["inspect", "verify", "derive", "track", "compare", "view", "plot", "robots"]
+)
+def test_help_has_an_example(command: str) -> None:
+    code, out, _ = run(command, "--help")
+    assert code == 0
+    assert f"Example: rpctl {command}" in " ".join(out.split())
+
+
+def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["-m", "rpctl", "track", "tiago", "--duration", "600", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        # Jobs in the background inherit a Ctrl-C that is ignored.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert "tiago" in line
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert not out.exists()
+
+
+def test_derive_writes_each_format() -> None:
+    _, text, _ = run("derive", "paper")
+    assert "M13 = -S1*p1" in text
+    assert "\\begin{document}" in run("derive", "paper", "--format", "latex")[1]
+    assert "#include <math.h>" in run("derive", "paper", "--format", "c")[1]
+    assert "def paper_dynamics" in run("derive", "paper", "--format", "python")[1]
+    assert "kg" in run("derive", "paper", "--parameters")[1]
+    assert run_json("derive", "paper")["text"].strip() == text.strip()
+
+
+def test_derive_says_what_is_too_large() -> None:
+    code, _, err = run("derive", "tiago")
+    assert code == 2
+    assert "use --format c or python" in err
+    assert run("derive", "paper", "--format", "pdf")[0] == 2
+
+
+def test_a_certificate_can_be_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "certificate.html"
+    assert (
+        run("verify", "paper", "--samples", "2", "--engines", "none", "--html", str(page))[0] == 0
+    )
+    text = page.read_text(encoding="utf-8")
+    assert "Gibbs-Appell" in text
+    assert "verified" in text
+    assert "https:" not in text

@@ -1,0 +1,322 @@
+"""What is printed for people: every figure in the unit that stands beside it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import rpctl
+from rpctl import Robot, Run, summarize
+from rpctl.cli import compare as cli_compare
+from rpctl.cli import show
+from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.errors import Finding
+from rpctl.robot.facts import facts
+from rpctl.study.scenarios import OURS, PAPER, Controller
+from rpctl.study.study import Cell, Figures, Row, figures
+from tests.golden import COUNT, TRICYCLE
+from tests.robots import write
+from tests.vehicles import vehicle
+
+KANAYAMA = Controller("kanayama", "paper")
+Told = Callable[[], list[str]]
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    """Return what gives the lines that were printed, without the spaces of columns."""
+    console = Console(width=160, record=True, file=io.StringIO(), highlight=False)
+    for module in (show, cli_compare):
+        monkeypatch.setattr(module, "console", lambda: console)
+
+    def lines() -> list[str]:
+        return [" ".join(line.split()) for line in console.export_text().splitlines()]
+
+    return lines
+
+
+def test_summary_of_a_run(golden: Run, told: Told) -> None:
+    tau, rates = np.array(golden.tau), np.array(golden.rates)
+    tau[2:4, 3], rates[4, 4] = -25.0, 0.75
+    summary = summarize(replace(golden, tau=tau, rates=rates))
+    notes = {"notes": ["a note"], "report": "out/report.html", "report_bytes": 1_250_000}
+    show.show_summary({**summary, **notes}, Path("out"))
+    rms = {
+        "base": (5.0, 0.5, 0.5, 0.13, 0.1, 0.05),
+        "tip": (0.7, 0.3, 0.07, 0.03, 0.07, 0.03),
+        "swing": (1.0, 0.5, 0.2, 0.1, 0.3, 0.2),
+        "slide": (0.04, 0.03, 0.01, 0.005, 0.02, 0.01),
+    }
+    milli = {key: 1e3 * math.sqrt(sum(x * x for x in row) / 6) for key, row in rms.items()}
+    assert told() == [
+        "tracking error rms final largest in 2nd half",
+        f"base {milli['base']:.3f} mm 50.000 mm 130.000 mm",
+        f"end effector {milli['tip']:.3f} mm 30.000 mm 70.000 mm",
+        f"swing_joint {milli['swing']:.3f} mrad 200.000 mrad 300.000 mrad",
+        f"slide_joint {milli['slide']:.3f} mm 10.000 mm 20.000 mm",
+        "",
+        "effort peak limit share",
+        "left_wheel_joint 30 40 75 %",
+        "right_wheel_joint 50 - -",
+        "steer_joint 3 15 20 %",
+        "swing_joint 25 20 125 %",
+        "slide_joint 60 80 75 %",
+        "",
+        "limit swing_joint effort: 25 where 20 is allowed, from 0.2 s for 0.17 s",
+        "limit slide_joint velocity: 0.75 where 0.5 is allowed, from 0.4 s for 0.083 s",
+        "limit left_wheel_joint effort limit bound from 0.2 s, at (0.32, 0.06) m, 0.25 s in all",
+        "limit slide_joint upper position limit bound from 0.1 s, at (0.10, 0.00) m, 0.17 s in all",
+        "ground keeps 0.12 m from tipping and uses 40 % of the grip at friction 0.7",
+        "simulated 2.0 times faster than real time",
+        "note a note",
+        "report out/report.html, 1.2 MB (rpctl view out)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("margin", "slip", "marked"), [(0.1, 0.5, 0), (-0.1, 0.5, 1), (0.1, 2.0, 1)]
+)
+def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked: int) -> None:
+    run = replace(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
+    run = replace(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
+    console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(show, "console", lambda: console)
+        more = {"notes": [], "report": "r", "report_bytes": 0}
+        show.show_summary({**summarize(run), **more}, Path("out"))
+    text = console.export_text(styles=True)
+    assert text.count("\x1b[1;31mground\x1b[0m") == marked
+    assert "\x1b[1;31mslide_joint" in text  # 60 N of 50
+    assert "\x1b[1;31mswing_joint" not in text  # 16 N·m of 16
+
+
+def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, told: Told) -> None:
+    none = np.empty((COUNT, 0))
+    bare = replace(
+        golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none
+    )
+    more = {"notes": [], "report": "r", "report_bytes": 0}
+    show.show_summary({**summarize(bare), **more}, Path("out"))
+    assert not [line for line in told() if line.startswith(("end effector", "ground"))]
+
+
+def test_a_robot_and_its_limits(tricycle: Robot, told: Told) -> None:
+    show.show_robot(tricycle)
+    text = told()
+    for line in (
+        "drive tricycle",
+        "track 0.6 m; P, the middle of the axle, at (-0.1, 0) m",
+        "root link forward at 0°, 0.05 m above the ground",
+        "mass 27 kg",
+        "dof 4 quasi-velocities",
+        "v: forward speed of P, m/s",
+        "steer_joint: steering rate, rad/s",
+        "and the rates of swing_joint, slide_joint",
+        "end effector slide",
+        "wheel radius known from held by driven velocity effort",
+        "swivel role driven at x, y trail because",
+        "steer_joint steered yes 0.7, 0 m - contact below its axis, limits",
+        "joint type lower upper velocity effort",
+        "swing_joint revolute -1 rad 1.5 rad 2 rad/s 20 N·m",
+        "slide_joint prismatic -0.1 m 0.4 m 0.5 m/s 80 N",
+    ):
+        assert line in text
+    (left,) = (line for line in text if line.startswith("left_wheel_joint 0.1 m"))
+    assert left.endswith("root yes 5 rad/s 40 N·m")
+    (front,) = (line for line in text if line.startswith("front_wheel_joint 0.1 m"))
+    assert front.endswith("steer_joint no - -")
+
+
+def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
+    drive = replace(tricycle.drive, heading=-0.5 * math.pi, ground=-0.25)
+    known = facts(replace(tricycle, drive=drive))["drive"]
+    measures = {
+        kind: dict(show._drive_rows({**known, "type": kind}))
+        for kind in ("tricycle", "skid-steer", "steered")
+    }
+    assert {kind: rows["track"] for kind, rows in measures.items()} == {
+        "tricycle": "0.6 m; P, the middle of the axle, at (-0.1, 0) m",
+        "skid-steer": "0.6 m; P, the centre of rotation, at (-0.1, 0) m",
+        "steered": "0.6 m; P, the origin of the root link, at (-0.1, 0) m",
+    }
+    level = facts(replace(tricycle, drive=replace(drive, ground=0.0)))["drive"]
+    assert dict(show._drive_rows(level))["root link"] == "forward at -90°, 0 m above the ground"
+    for rows in measures.values():
+        assert rows["root link"] == "forward at -90°, 0.25 m above the ground"
+
+
+def test_reasons_and_findings_name_what_they_are_about(tricycle: Robot, told: Told) -> None:
+    both = [{"joint": "a", "why": "is round"}, {"joint": "b", "why": "is round"}]
+    assert [*show._reasons(both)] == ["[dim]each is round[/]"]
+    more = [*both, {"joint": "c", "why": "is said to be"}]
+    assert [*show._reasons(more)] == ["[dim]a, b is round[/]", "[dim]c is said to be[/]"]
+    findings = (Finding("warning", 7, "it is odd"), Finding("info", None, "it is fine"))
+    show.show_robot(replace(tricycle, findings=findings))
+    assert told()[-2:] == ["warning golden.urdf:7: it is odd", "info golden.urdf: it is fine"]
+
+
+def test_a_certificate_tells_its_worst(told: Told) -> None:
+    near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
+    exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
+    good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near))
+    show.show_certificate(good)
+    text = told()
+    assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
+    assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
+    assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
+    assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
+    show.show_certificate(replace(good, checks=(exact, bad)))
+    assert told()[-1].startswith("✗ not verified: rolling against A; 2 checks over 5 random states")
+
+
+def test_a_caster_trails_behind(tmp_path: Path, told: Told) -> None:
+    """The log of a swivel has its contact ahead; people are told how far it lies behind."""
+    robot = rpctl.load(write(tmp_path, vehicle("casters")))
+    trails = {s.joint: s.trail for s in robot.drive.swivels}
+    assert trails["caster_2"] == pytest.approx(-0.07, abs=5e-3)
+    show.show_robot(robot)
+    (row,) = (line for line in told() if line.startswith("caster_2 caster"))
+    assert "-0.3, 0 m 70" in row
+
+
+def test_facts_are_in_si_units(tricycle: Robot) -> None:
+    drive = replace(tricycle.drive, heading=0.25 * math.pi)
+    known = facts(replace(tricycle, drive=drive))
+    assert known["mass"] == pytest.approx(27.0)
+    told = known["drive"]
+    assert told["heading_deg"] == pytest.approx(45.0)
+    assert told["track"] == pytest.approx(0.6)
+    assert told["point"] == pytest.approx((-0.1, 0.0))
+    assert told["ground"] == pytest.approx(-0.05)
+    wheels = {wheel["joint"]: wheel for wheel in told["wheels"]}
+    assert wheels["left_wheel_joint"]["radius"] == pytest.approx(0.1)
+    limits = [(wheels[f"{w}_wheel_joint"]["effort"], wheels[f"{w}_wheel_joint"]["velocity"])
+              for w in ("left", "right")]  # fmt: skip
+    assert limits == [(40.0, 5.0), (math.inf, math.inf)]
+    (swivel,) = told["swivels"]
+    assert swivel["pivot"] == pytest.approx((0.7, 0.0))
+    swing, slide = known["joints"]
+    keys = ("name", "type", "lower", "upper", "velocity", "effort")
+    assert [swing[key] for key in keys] == ["swing_joint", "revolute", -1.0, 1.5, 2.0, 20.0]
+    assert [slide[key] for key in keys] == ["slide_joint", "prismatic", -0.1, 0.4, 0.5, 80.0]
+    lines = TRICYCLE.splitlines()
+    for told_of in (swing, slide, swivel, wheels["left_wheel_joint"]):
+        name = told_of.get("name") or told_of["joint"]
+        assert f'<joint name="{name}"' in lines[told_of["line"] - 1]
+    assert known["meanings"] == {
+        "v": "forward speed of P, m/s",
+        "steer_joint": "steering rate, rad/s",
+        "swing_joint": "rate, rad/s",
+        "slide_joint": "rate, m/s",
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "meanings"),
+    [
+        ("omni", {
+            "vx": "speed of the root link's origin along its x axis, m/s",
+            "vy": "speed of the root link's origin along its y axis, m/s",
+            "omega": "turning rate of the base, rad/s",
+            "arm_joint": "rate, rad/s",
+        }),
+        ("casters", {
+            "v": "forward speed of P, m/s",
+            "omega": "turning rate of the base, rad/s",
+            "arm_joint": "rate, rad/s",
+        }),
+    ],
+)  # fmt: skip
+def test_meanings_have_their_units(tmp_path: Path, kind: str, meanings: dict[str, str]) -> None:
+    assert facts(rpctl.load(write(tmp_path, vehicle(kind))))["meanings"] == meanings
+
+
+def test_progress_is_quiet_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
+    with show.progress_bar("verify") as advance:
+        advance(1, 2)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_figures_of_a_benchmark(golden: Run) -> None:
+    """Shares of limits: the actuator without a limit does not count."""
+    found = figures(golden, [1e-5, 3e-5] * 50)
+    tau, limits = np.array(golden.tau)[:, [0, 2, 3, 4]], np.array([40.0, 15.0, 20.0, 80.0])
+    expected: dict[str, Any] = {
+        "rms_base": pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
+        "final_base": pytest.approx(0.05),
+        "final_lateral": pytest.approx(0.04),
+        "rms_end_effector": pytest.approx(math.sqrt((0.49 + 0.09 + 2 * 0.0049 + 2 * 0.0009) / 6)),
+        "final_end_effector": pytest.approx(0.03),
+        "peak_effort": pytest.approx(0.8),
+        "rms_effort": pytest.approx(math.sqrt(float(np.mean((tau / limits) ** 2)))),
+        "violations": (),
+        "sample_time": pytest.approx(4e-5),
+        "sample_time_99": pytest.approx(4e-5),
+    }
+    assert asdict(found) == expected
+    lifted = np.array(golden.joints)
+    lifted[2, 1] = 0.5
+    assert figures(replace(golden, joints=lifted), [1e-5, 1e-5]).violations == (
+        "slide_joint upper",
+    )
+
+
+def row(law: Controller, base: float, tip: float | None, *broken: str) -> Row:
+    """Return a row, errors in m: the final ones are half of the others."""
+    half = None if tip is None else 0.5 * tip
+    figures = Figures(base, 0.5 * base, 0.25 * base, tip, half, 0.75, 0.125, broken, 4e-5, 9e-5)
+    return Row(Cell("nominal", "line", law), figures, None)
+
+
+def test_table_of_a_benchmark(told: Told, tmp_path: Path) -> None:
+    failed = Row(Cell("nominal", "line", Controller("mpc", "paper")), None, "it turns on the spot")
+    rows = [
+        row(PAPER, 0.004, 0.006),
+        row(OURS, 0.003, 0.008),
+        row(KANAYAMA, 0.001, None, "a upper"),
+    ]
+    cli_compare.show([*rows, failed], OURS, tmp_path)
+    text = told()
+    for line in (
+        "line paper+paper 4.00 2.00 6.00 3.00 75 % 12 % 0 40 90",
+        f"{OURS} 3.00 1.50 8.00 4.00 75 % 12 % 0 40 90",
+        "kanayama+paper 1.00 0.50 - - 75 % 12 % 1 40 90",
+        "mpc+paper - - - - - - - - -",
+        "kanayama+paper, line: broke a upper",
+        "mpc+paper, line: did not run: it turns on the spot",
+        "nominal line end effector 8.00 6.00 6.00 paper+paper",
+    ):
+        assert line in text
+    assert any("base rms final e.e. rms final peak rms limits sample 99 %" in line for line in text)
+    assert any("mm mm mm mm effort effort broken µs µs" in line for line in text)
+    said = " ".join(text)
+    assert (
+        "in 1 of 2 comparisons; where paper+paper works, it is at least as good in 1 of 2" in said
+    )
+
+
+def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:
+    told: list[dict[str, Any]] = [row(OURS, 0.003, 0.008, "a upper", "b effort").to_dict()]
+    (read,) = csv.DictReader(cli_compare._csv(told).splitlines())
+    for found in (read, told[0]):
+        assert float(found["rms_base"]) == 0.003
+        assert float(found["final_base"]) == 0.0015
+        assert float(found["final_lateral"]) == 0.00075
+        assert float(found["rms_end_effector"]) == 0.008
+        assert float(found["final_end_effector"]) == 0.004
+        assert float(found["peak_effort"]) == 0.75
+        assert float(found["rms_effort"]) == 0.125
+        assert float(found["sample_time"]) == 4e-5
+        assert float(found["sample_time_99"]) == 9e-5
+    assert read["violations"] == "a upper; b effort"
+    assert (read["scenario"], read["reference"]) == ("nominal", "line")
+    assert (read["kinematic"], read["dynamic"]) == (OURS.kinematic, OURS.dynamic)

@@ -1,0 +1,140 @@
+"""``rpctl inspect``: what it says of a drive, to people and as JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl.cli import show
+from rpctl.cli.app import app
+from rpctl.view.pages.certificate import write_certificate
+from tests.robots import SET_A, platform, write
+from tests.vehicles import KINDS, vehicle
+
+WIDTH = 100  # columns
+
+runner = CliRunner()
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch) -> Console:
+    """Return the console that is printed on: a terminal of common width."""
+    console = Console(width=WIDTH, record=True, force_terminal=True, highlight=False)
+    monkeypatch.setattr(show, "console", lambda: console)
+    return console
+
+
+def inspect_json(path: Path, *words: str) -> dict[str, Any]:
+    result = runner.invoke(app, ["inspect", str(path), "--json", *words])
+    assert result.exit_code == 0, result.stderr
+    told: dict[str, Any] = json.loads(result.stdout)
+    return told
+
+
+def test_a_car(tmp_path: Path, page: Console) -> None:
+    show.show_robot(rpctl.load(write(tmp_path, vehicle("car-like"))))
+    text = page.export_text()
+    for said in (
+        "2 wheels on one axle, held by the root link: rear_left, rear_right",
+        "wheels on upright joints, steered: steer_left, steer_right",
+        "v: forward speed of P, m/s",
+        "steer_left: steering rate, rad/s",
+        "each turns without limits about a level axle and ends on the ground",
+        "steer_right  follower  yes     0.7, -0.25 m  -      contact below its axis, limits",
+        "doubt no transmission tells which wheels are driven",
+    ):
+        assert said in text
+    assert "front_left    0.1 m  collision cylinder, line 1  steer_left   no" in text
+
+
+def test_casters_have_their_trail(tmp_path: Path, page: Console) -> None:
+    show.show_robot(rpctl.load(write(tmp_path, vehicle("casters"))))
+    assert "60 mm  contact 60 mm off its axis, no limits" in page.export_text()
+
+
+def test_two_wheels_balance(tmp_path: Path, page: Console) -> None:
+    show.show_robot(rpctl.load(write(tmp_path, platform(SET_A))))
+    assert "assumes balance and leaves pitch out" in " ".join(page.export_text().split())
+
+
+def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
+    """A right wheel 4 mm above the left one: 2 mm off the ground between them, and 40 mm wide."""
+    text = platform(SET_A).replace('xyz="0 -0.75 0.15"', 'xyz="0 -0.75 0.154"')
+    path = write(tmp_path, text)
+    robot = rpctl.load(path)
+    show.show_robot(robot)
+    told = inspect_json(path)["idealised"]
+    assert [(each["what"], round(each["value"], 9), each["unit"]) for each in told] == [
+        ("contact height", 2.0, "mm"),
+        ("thin wheels", 40.0, "mm"),
+    ]
+    certificate = rpctl.verify(robot, samples=1, engines=())
+    show.show_certificate(certificate)
+    assert list(certificate.idealised) == [each["sentence"] for each in told]
+    assert certificate.to_dict()["idealised"] == list(certificate.idealised)
+    shown = " ".join(page.export_text().split())
+    for sentence in certificate.idealised:
+        assert shown.count(f"idealised {sentence}") == 2
+    html = write_certificate(certificate, tmp_path / "page.html").read_text(encoding="utf-8")
+    for sentence in certificate.idealised:
+        assert f"<li>{escape(sentence)}.</li>" in html
+    bare = dataclasses.replace(certificate, idealised=())
+    assert (
+        "dealised"
+        not in write_certificate(bare, tmp_path / "page.html")
+        .read_text(encoding="utf-8")
+        .partition("<body>")[2]
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_keeps_to_the_page(tmp_path: Path, page: Console, kind: str) -> None:
+    show.show_robot(rpctl.load(write(tmp_path, vehicle(kind))))
+    table = [line for line in page.export_text().splitlines()[1:] if "collision cylinder" in line]
+    assert table
+    assert all(len(line.rstrip()) <= WIDTH and ", line 1 " in line for line in table)
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed"),
+    [("steered", "rolling speed of fl_wheel, m/s"),
+     ("twin", "rolling speed of fl_l_wheel and fl_r_wheel on average, m/s"),
+     ("tricycle", "forward speed of P, m/s")],
+)  # fmt: skip
+def test_json_says_what_v_is(tmp_path: Path, kind: str, speed: str) -> None:
+    told = inspect_json(write(tmp_path, vehicle(kind)))
+    assert told["meanings"]["v"] == speed
+    assert list(told["meanings"]) == told["quasi_velocities"]
+    assert told["drive"]["evidence"]
+    swivels = {swivel["joint"]: swivel for swivel in told["drive"]["swivels"]}
+    for wheel in told["drive"]["wheels"]:
+        assert wheel["why"].startswith("turns without limits about a level axle")
+        assert wheel["swivel"] is None or wheel["swivel"] in swivels
+    assert all(swivel["role"] and swivel["why"] for swivel in swivels.values())
+
+
+def test_strict_refuses_what_was_assumed(tmp_path: Path) -> None:
+    path = write(tmp_path, vehicle("car-like"))
+    assert len(inspect_json(path)["drive"]["doubts"]) == 1
+    refused = runner.invoke(app, ["inspect", str(path), "--strict"])
+    assert refused.exit_code == 2
+    assert refused.stderr.startswith(
+        f"{path}: error: no transmission tells which wheels are driven"
+    )
+    flags = "".join(
+        f'[[wheel]]\njoint = "{name}"\ndriven = {yes}\n'
+        for name, yes in (
+            ("rear_left", "true"), ("rear_right", "true"),
+            ("front_left", "false"), ("front_right", "false"),
+        )
+    )  # fmt: skip
+    drive = write(tmp_path, f'type = "car-like"\n{flags}', "drive.toml")
+    assert inspect_json(path, "--strict", "--drive", str(drive))["drive"]["doubts"] == []

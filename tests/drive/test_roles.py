@@ -1,0 +1,157 @@
+"""Which wheels lead, follow, trail or are left without a drive."""
+
+from __future__ import annotations
+
+import pytest
+
+from rpctl.description.urdf import read
+from rpctl.drive.near_misses import still_wheels
+from tests.drive.wild import TRANSMISSION, Files, axles, body, xml
+from tests.robots import write
+from tests.vehicles import Parts, rear_axle, vehicle
+
+
+@pytest.mark.parametrize("ahead", [0.003, -0.003, 0.001, -0.001])
+def test_wheels_that_share_a_centre_stand_below_their_axes(files: Files, ahead: float) -> None:
+    """Up to 2 mm are a file's rounding and left out; more is refused, ahead as behind."""
+    text = vehicle("car-like").replace('xyz="0 -0.05 0"', f'xyz="{ahead} -0.05 0"')
+    if abs(ahead) > 0.002:
+        assert 'wheels of "steer_right" stand 3 mm off its axis' in files.refusal(text)
+    else:
+        assert [swivel.trail for swivel in files.load(text).drive.swivels] == [0.0, 0.0]
+
+
+def test_names_alone_make_no_wheel_of_what_is_drawn_otherwise(files: Files) -> None:
+    """A fixed part that is called a wheel is one where meshes draw it, and nothing else does."""
+    box = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
+    mesh = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual>'
+    drawn = {"bare": "", "boxed": box, "mixed": box + mesh, "meshed": mesh}
+    parts = body()
+    for name, shapes in drawn.items():
+        parts.link(f"{name}_wheel", 1.0, shapes)
+        parts.joint(f"{name}_joint", "fixed", ("base", f"{name}_wheel"), "0 0.3 0.1", "0 0 1")
+    told = still_wheels(read(write(files.folder, xml(parts))), {})
+    assert [text.split('"')[1] for text in told] == ["meshed_joint"]
+
+
+def test_a_size_that_nothing_tells_is_the_height_over_the_ground(files: Files) -> None:
+    """Of a root 1.3 m above it: the other wheel ends at −1.3 m, this one turns at −1.2 m."""
+    parts = body(-0.9)
+    parts.wheel("left", "base", "0 0.3 -1.2")
+    parts.link("bare", 1.0)
+    parts.joint("right", "continuous", ("base", "bare"), "0 -0.3 -1.2", "0 1 0")
+    drive = files.load(parts).drive
+    assert [wheel.radius for wheel in drive.wheels] == pytest.approx([0.1, 0.1])
+    assert drive.wheels[1].source == "axle height over the other wheels' ground"
+    assert drive.ground == pytest.approx(-1.3)
+
+
+@pytest.mark.parametrize(("height", "wheels"), [(0.19, 3), (0.21, 2)])
+def test_a_wheel_of_unknown_size_is_at_most_twice_as_large(
+    files: Files, height: float, wheels: int
+) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.link("bare", 1.0)
+    parts.joint("third", "continuous", ("base", "bare"), f"0.5 0 {height}", "0 1 0")
+    assert len(files.load(parts).drive.wheels) == wheels
+
+
+@pytest.mark.parametrize(("off", "pair"), [(0.011, True), (0.013, False)])
+def test_two_wheels_are_a_pair_within_a_fiftieth_of_their_distance(
+    files: Files, off: float, pair: bool
+) -> None:
+    """12 mm of 0.6 m."""
+    parts = body()
+    parts.wheel("left", "base", f"{off} 0.3 0.1")
+    parts.wheel("right", "base", "0 -0.3 0.1")
+    if pair:
+        assert files.load(parts).drive.type == "differential"
+    else:
+        assert "no two wheels share one axle" in files.refusal(parts)
+
+
+def test_the_track_is_that_of_the_axle_with_the_most_wheels(files: Files) -> None:
+    parts = axles(0.3, -0.3)
+    parts.wheel("outer_left", "base", "0.3 0.45 0.1")
+    parts.wheel("outer_right", "base", "0.3 -0.45 0.1")
+    assert files.load(parts, "skid-steer").drive.track == pytest.approx(0.9)
+    assert files.load(axles(0.3, -0.3), "skid-steer").drive.track == pytest.approx(0.6)
+
+
+def test_it_is_said_who_told_the_type(files: Files) -> None:
+    told = "differential, for the drive file or option says so"
+    parts = body()
+    rear_axle(parts)
+    assert told not in files.load(parts).drive.evidence
+    assert files.load(parts, "differential").drive.evidence[0] == told
+
+
+@pytest.mark.parametrize(
+    ("trail", "where"),
+    [(0.0, "contact below its axis"), (0.0015, "contact below its axis"),
+     (-0.03, "contact 30 mm off its axis"), (0.0035, "contact 3.5 mm off its axis")],
+)  # fmt: skip
+def test_it_is_said_where_a_swivels_wheel_stands(files: Files, trail: float, where: str) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.swivel("pivot", "0.6 0 0.3", "revolute")
+    parts.wheel("front", "pivot_fork", f"{trail} 0 -0.2")
+    assert files.load(parts).drive.swivels[0].why == f"{where}, limits"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "hangs"),
+    [
+        ("prismatic", "roll", True),
+        ("revolute", "roll", False),  # as an arm's last joint does
+        ("revolute", "wheel", True),
+    ],
+)
+def test_what_slides_is_a_suspension_what_turns_is_one_by_name(
+    files: Files, kind: str, name: str, hangs: bool
+) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.link("carrier", 1.0)
+    axis = "0 0 1" if kind == "prismatic" else "0 1 0"
+    limit = '<limit lower="-0.1" upper="0.1" effort="9" velocity="9"/>' * (kind == "prismatic")
+    parts.joint("mount", kind, ("base", "carrier"), "0.5 0 0.2", axis, limit)
+    parts.wheel(name, "carrier", "0 0 -0.1")
+    text = " ".join(files.load(parts).drive.doubts)
+    assert (f"{name} hang on joints that move, a suspension" in text) == hangs
+    assert ("--lock mount" in text) == hangs
+
+
+def askew() -> Parts:
+    """Return a pair of wheels, and three on axles that point elsewhere."""
+    parts = body()
+    rear_axle(parts)
+    for k, (place, axis) in enumerate(
+        [("0.4 0.2 0.1", "0.8 0.6 0"), ("0.4 -0.2 0.1", "-0.8 0.6 0"), ("-0.4 0 0.1", "1 0 0")]
+    ):
+        turn = {"0.8 0.6 0": -0.9272952180016122, "-0.8 0.6 0": 0.9272952180016122}.get(axis)
+        parts.wheel(f"side_{k}", "base", place, axis, turn=turn or 1.5707963267948966)
+    return parts
+
+
+@pytest.mark.parametrize(
+    ("driven", "kind"),
+    [
+        ((), "omni"),
+        (("rear_left", "rear_right"), "differential"),
+        (("rear_left", "rear_right", "side_0"), "omni"),
+        (("rear_left", "rear_right", "side_0", "side_1"), "omni"),
+    ],
+)
+def test_wheels_on_askew_axles_drive_unless_only_a_pair_does(
+    files: Files, driven: tuple[str, ...], kind: str
+) -> None:
+    parts = askew()
+    parts.xml += [TRANSMISSION.format(name) for name in driven]
+    drive = files.load(parts).drive
+    assert drive.type == kind
+    slides = {wheel.joint for wheel in drive.wheels if wheel.slides}
+    assert slides == ({"side_0", "side_1", "side_2"} if kind == "differential" else set())
+    every = {wheel.joint for wheel in drive.wheels}
+    assert {wheel.joint for wheel in drive.wheels if wheel.driven} == (set(driven) or every)

@@ -1,0 +1,270 @@
+"""Wheels as they are found in the wild: what is one, how large it is, what the user is told."""
+
+from __future__ import annotations
+
+import re
+from math import pi
+
+import numpy as np
+import pytest
+import trimesh
+
+from rpctl import ReducedDynamics
+from tests.drive.wild import (
+    Files,
+    axles,
+    body,
+    meshed,
+    xml,
+)
+from tests.vehicles import Parts, caster, rear_axle
+
+
+def test_drive_wheels_on_fixed_joints(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    told = files.refusal(xml(parts).replace('"continuous"', '"fixed"'))
+    assert "wheels are held by fixed joints; make" in told
+    for name in ("rear_left", "rear_right"):
+        line = rf'"{name}" \(line \d+\) type="continuous" with <axis xyz="0 1 0"/>'
+        assert re.search(line, told)
+
+
+def test_drive_wheels_on_fixed_joints_among_casters_that_turn(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    fixed = xml(parts).replace('"continuous"', '"fixed"').replace("</robot>", "")
+    casters = Parts([])
+    for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]):
+        caster(casters, f"caster_{k}", x, y, 0.05, twin=False)
+    told = files.refusal(fixed + "".join(casters.xml) + "</robot>")
+    assert "wheels on swivels: caster_0 (caster), caster_1 (caster)" in told
+    assert 'make "rear_left" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in told
+
+
+def test_fixed_wheels_of_meshes_are_known_by_their_names(files: Files) -> None:
+    parts = body()
+    meshed(parts, "left_wheel_joint", "0 0.3 0.1")
+    meshed(parts, "right_wheel_joint", "0 -0.3 0.1")
+    parts.link("mast", 1.0)
+    parts.joint("mast_joint", "revolute", ("base", "mast"), "0 0 0.5", "0 0 1")
+    told = files.refusal(xml(parts).replace('"continuous"', '"fixed"'))
+    assert 'make "left_wheel_joint" (line 1) type="continuous" with its axle as <axis>' in told
+
+
+def test_round_parts_that_are_fixed_are_no_wheels(files: Files) -> None:
+    """Motors in the legs of a walking robot: others of its shapes reach lower."""
+    parts = body()
+    shape = f'<collision><origin rpy="{pi / 2} 0 0"/><geometry>'
+    parts.link(
+        "motor", 1.0, shape + '<cylinder radius="0.05" length="0.04"/></geometry></collision>'
+    )
+    parts.joint("motor_joint", "fixed", ("base", "motor"), "0.3 0.2 0.3", "0 1 0")
+    parts.link("leg", 1.0)
+    parts.joint("hip", "revolute", ("base", "leg"), "0.3 0.25 0.3", "0 1 0")
+    assert files.load(parts).drive.type == "fixed"
+
+
+@pytest.mark.parametrize("cylinders", [True, False])
+def test_the_default_axis(files: Files, cylinders: bool) -> None:
+    """(1 0 0) is across the line that joins the wheels; what is told to write is found."""
+    parts = body()
+    rear_axle(parts)
+    good = xml(parts)
+    bad = re.sub(r'<axis xyz="0 -?1 0"/>', "", good)
+    if not cylinders:
+        bad = re.sub(r"<collision><origin rpy.*?</collision>", "", bad)
+    told = files.refusal(bad)
+    reason = (
+        "turn across their cylinders' axles" if cylinders else "across the line that joins them"
+    )
+    assert reason in told
+    axes = dict(re.findall(r'"(rear_\w+)"[^<]*<axis xyz="([^"]*)"/>', told))
+    assert axes == {"rear_left": "0 1 0", "rear_right": "0 1 0"}
+    assert files.load(good).drive.heading == pytest.approx(0.0)
+
+
+def test_the_default_axis_on_four_wheels_is_no_drive_sideways(files: Files) -> None:
+    """With it the wheels of a side share a line, but their cylinders do not lie along it."""
+    parts = body()
+    rear_axle(parts, x=-0.25)
+    front = Parts([])
+    rear_axle(front, x=0.25)
+    parts.xml += [part.replace("rear", "front") for part in front.xml]
+    told = files.refusal(re.sub(r'<axis xyz="0 -?1 0"/>', "", xml(parts)), "skid-steer")
+    assert told.count('<axis xyz="0 1 0"/>') == 4
+
+
+def test_a_suspension_is_to_be_locked(files: Files) -> None:
+    parts = body()
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        parts.link(f"{side}_arm", 0.5)
+        limits = '<limit lower="-0.02" upper="0.02" effort="100" velocity="1"/>'
+        ends = ("base", f"{side}_arm")
+        parts.joint(f"{side}_spring", "prismatic", ends, f"0 {y} 0.1", "0 0 1", limits)
+        parts.wheel(f"{side}_wheel", f"{side}_arm", "0 0 0")
+    told = files.refusal(parts)
+    assert "left_wheel, right_wheel hang on joints that move, a suspension" in told
+    assert "--lock left_spring --lock right_spring" in told
+    robot = files.load(parts, lock=["*_spring"])
+    assert robot.drive.type == "differential"
+    assert robot.drive.doubts == ()
+
+
+def test_a_roller_on_a_lift_hangs_on_no_suspension(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.link("lift", 1.0)
+    limits = '<limit lower="0" upper="0.3" effort="100" velocity="1"/>'
+    parts.joint("lift_joint", "prismatic", ("base", "lift"), "0 0 0.5", "0 0 1", limits)
+    parts.wheel("roller", "lift", "0 0 0.1", r=0.05)
+    robot = files.load(parts, strict=True)
+    assert robot.quasi_velocities == ("v", "omega", "lift_joint", "roller")
+
+
+def test_a_rocker_is_to_be_locked(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.link("rocker", 0.5)
+    parts.joint("rocker_joint", "revolute", ("base", "rocker"), "0.4 0 0.2", "0 1 0")
+    parts.wheel("front_wheel", "rocker", "0 0 -0.1")
+    (doubt,) = files.load(parts).drive.doubts
+    assert doubt.endswith("hold it: --lock rocker_joint")
+
+
+def test_wheels_that_mimic_others(files: Files) -> None:
+    """A rear wheel tied to the front one by a <mimic>: the ground would turn it, too."""
+    text = xml(axles(0.25, -0.25))
+    for side in ("left", "right"):
+        start = text.index(f'<joint name="axle1_{side}"')
+        end = text.index("</joint>", start)
+        text = f'{text[:end]}<mimic joint="axle0_{side}"/>{text[end:]}'
+    drive = files.load(text).drive
+    assert (drive.type, len(drive.wheels)) == ("differential", 2)
+    assert drive.doubts[0] == (
+        '"axle1_left" mimics "axle0_left", so it is taken for no wheel; if it stands on the '
+        "ground, take its <mimic> out (line 1)"
+    )
+
+
+def test_one_wheel_is_none(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    told = files.refusal(xml(parts).replace('"continuous"', '"fixed"', 1))
+    assert '"rear_right": no other joint turns about a level axle: one alone is no wheel' in told
+    assert 'make "rear_left" (line 1) type="continuous"' in told
+
+
+def test_an_axle_a_millimetre_lower_than_the_radius(files: Files) -> None:
+    parts = body()
+    parts.wheel("left", "base", "0 0.3 0.099")
+    parts.wheel("right", "base", "0 -0.3 0.0995")
+    drive = files.load(parts).drive
+    assert drive.type == "differential"
+    assert [wheel.radius for wheel in drive.wheels] == [0.1, 0.1]
+    assert drive.ground == pytest.approx(-0.00075)
+    assert drive.wheels[0].why.endswith("ends 0.25 mm below the ground")
+
+
+def test_meshes_that_are_not_there(files: Files) -> None:
+    parts = body()
+    meshed(parts, "left", "0 0.3 0.1")
+    meshed(parts, "right", "0 -0.3 0.1")
+    robot = files.load(parts)
+    wheel, doubt = robot.drive.wheels[0], robot.drive.doubts[0]
+    assert (wheel.radius, wheel.source) == (0.1, 'axle height over the root link "base"')
+    assert doubt.startswith('no shape tells the size of wheel "left" (mesh "gone.stl"')
+    assert "its radius, 0.1 m, is the axle height" in doubt
+    bare = re.sub("<visual>.*?</visual>", "", xml(parts))
+    assert "error: no shape tells the size of wheel" in files.refusal(bare, strict=True)
+    sized = 'type = "differential"\n' + "".join(
+        f'[[wheel]]\njoint = "{side}"\nradius = 0.09\n' for side in ("left", "right")
+    )
+    assert files.load(bare, sized, strict=True).drive.wheels[0].source == "drive file"
+
+
+def test_meshes_that_are_not_there_on_a_root_in_the_middle_of_the_body(files: Files) -> None:
+    parts = body(0.0)
+    meshed(parts, "left", "0 0.3 -0.1")
+    meshed(parts, "right", "0 -0.3 -0.1")
+    told = files.refusal(parts)
+    assert 'the radius of wheel "left_link" is not known' in told
+    start = told.partition("(--drive FILE):\n")[2]
+    assert files.load(parts, start.replace("# radius", "radius")).drive.wheels[0].radius == 0.1
+
+
+def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
+    """Of four wheels with the default axis those of a side share a line: only the mesh tells."""
+    lying = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # turns z to −y
+    disc = trimesh.creation.cylinder(radius=0.1, height=0.04, transform=lying)
+    disc.export(files.folder / "disc.stl")
+    parts = body()
+    for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)):
+        meshed(parts, f"wheel_{x}_{y}", f"{x} {y} 0.1")
+    text = xml(parts).replace("gone.stl", "disc.stl")
+    assert files.load(text, "skid-steer").drive.doubts == ()
+    doubts = files.load(text.replace('<axis xyz="0 1 0"/>', ""), "skid-steer").drive.doubts
+    assert len(doubts) == 4
+    assert "is 0.04 m by 0.2 m across its axis, which no wheel is: correct the <axis>" in doubts[0]
+
+
+def test_a_root_called_world(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    parts.xml.insert(0, '<link name="world"/>')
+    parts.joint("anchor", "fixed", ("world", "base"), "0.5 0.2 0.3", "0 0 1")
+    robot = files.load(parts)
+    assert robot.drive.type == "differential"
+    assert robot.drive.point == pytest.approx((0.5, 0.2))
+    assert robot.drive.ground == pytest.approx(0.3)
+
+
+def test_a_root_with_the_ground_in_it(files: Files) -> None:
+    """A simulator's file: the world has a slab on which the wheels stand."""
+    parts = body()
+    rear_axle(parts)
+    slab = (
+        '<collision><origin xyz="0 0 -0.5"/><geometry><box size="90 90 1"/></geometry></collision>'
+    )
+    parts.xml.insert(0, f'<link name="world">{slab}</link>')
+    parts.joint("anchor", "fixed", ("world", "base"), "0 0 0", "0 0 1")
+    assert files.load(parts).drive.type == "differential"
+
+
+def test_a_root_high_above_the_ground(files: Files) -> None:
+    parts = body(-0.7)
+    rear_axle(parts)
+    high = xml(parts).replace('base"', 'pelvis"').replace('0.3 0.1"', '0.3 -0.9"')
+    drive = files.load(high).drive
+    assert drive.ground == pytest.approx(-1.0)
+    assert [wheel.radius for wheel in drive.wheels] == [0.1, 0.1]
+
+
+def test_opposite_axes(files: Files) -> None:
+    """The right wheel's axis points right: it turns backward when the robot drives forward."""
+    parts = body()
+    rear_axle(parts)
+    robot = files.load(parts)
+    rates = ReducedDynamics(robot).actuation(robot.configuration()).T @ [1.0, 0.0]
+    assert rates == pytest.approx([10.0, -10.0])
+
+
+def test_negative_efforts(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    text = xml(parts).replace(
+        '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><limit effort="-7" velocity="5"/>'
+    )
+    robot = files.load(text)
+    assert robot.effort_limits.tolist() == [7.0, np.inf]
+    assert any("effort limit -7" in finding.message for finding in robot.findings)
+
+
+def test_a_revolute_joint_without_limits_is_a_wheels(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    endless = '<limit lower="-1e16" upper="1e16" effort="5" velocity="9"/>'
+    text = xml(parts).replace('"continuous"', '"revolute"', 1)
+    assert files.load(text).drive.type == "differential"  # no <limit> at all
+    text = xml(parts).replace('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/>{endless}')
+    assert files.load(text.replace('"continuous"', '"revolute"', 1)).drive.type == "differential"

@@ -1,0 +1,495 @@
+from __future__ import annotations
+
+import base64
+import io
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rpctl
+from rpctl import Robot, Run
+from rpctl.view.pages.report import write_report
+from tests.view.samples import DISC, PILLAR, WALL, among
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = next((path for path in map(shutil.which, BROWSERS) if path), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on PATH")
+FLAGS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+]
+LOCAL = ("file:", "data:", "blob:")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def report(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("browser") / "report.html"
+    return write_report(paper_run, path, robot=paper)
+
+
+@pytest.fixture(scope="module")
+def comparison(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("browser") / "compare.html"
+    error = (-0.3, 0.4, 0.2)
+    other = rpctl.track(paper, "eight", duration=2.0, initial_error=error)
+    return write_report([paper_run, other], path, names=["near", "far"])
+
+
+@contextmanager
+def opened(browser: Any, path: Path, **options: Any) -> Iterator[Any]:
+    """Open a page; in the end it has complained of nothing and fetched nothing."""
+    options = {"viewport": {"width": 1000, "height": 700}, **options}
+    context = browser.new_context(**options)
+    page = context.new_page()
+    problems: list[str] = []
+    page.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("request", lambda r: None if r.url.startswith(LOCAL) else problems.append(r.url))
+    page.goto(path.as_uri())
+    wait(page, "window.rpctl && window.rpctl.ready")
+    yield page
+    context.close()
+    assert problems == []
+
+
+@pytest.fixture
+def page(browser: Any, report: Path) -> Iterator[Any]:
+    with opened(browser, report) as page:
+        yield page
+
+
+def wait(page: Any, condition: str) -> None:
+    """Wait until a condition holds; Playwright's own wait runs text, which the page forbids."""
+    for _ in range(600):
+        if page.evaluate(f"Boolean({condition})"):
+            return
+        page.wait_for_timeout(50)
+    pytest.fail(f"after 30 s still not: {condition}")
+
+
+def draw(page: Any, time: float) -> np.ndarray[Any, Any]:
+    """Return the picture (h, w, 4) of the scene at a time, s."""
+    script = """(time) => { rpctl.pause(); rpctl.seek(time); rpctl.viewer.render();
+        return rpctl.viewer.renderer.domElement.toDataURL(); }"""
+    data = base64.b64decode(page.evaluate(script, time).partition(",")[2])
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA")).astype(int)
+
+
+def hide(page: Any, name: str) -> None:
+    page.evaluate(f"rpctl.viewer.scene.getObjectByName('{name}').visible = false")
+
+
+def changed(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> int:
+    return int((np.abs(a - b).max(axis=2) > 24).sum())
+
+
+def test_robot_is_drawn_and_moves(page: Any, paper_run: Run) -> None:
+    middle = 0.5 * float(paper_run.t[-1])
+    hide(page, "trails")
+    start, later = draw(page, 0.0), draw(page, middle)
+    hide(page, "robots")
+    empty = draw(page, 0.0)
+    assert changed(start, empty) > 2000
+    assert changed(later, empty) > 2000
+    assert changed(start, later) > 1000
+
+
+def test_animation_puts_the_robot_where_the_run_says(page: Any, paper_run: Run) -> None:
+    for sample in (0, len(paper_run.t) // 2, len(paper_run.t) - 1):
+        position = page.evaluate(
+            """(time) => { rpctl.pause(); rpctl.seek(time);
+            return rpctl.viewer.scene.getObjectByName('robot-1').position.toArray(); }""",
+            float(paper_run.t[sample]),
+        )
+        assert position[:2] == pytest.approx(paper_run.q[sample, :2], abs=2e-3)
+
+
+def test_trail_of_the_base_grows(page: Any, paper_run: Run) -> None:
+    def drawn(time: float) -> float:
+        page.evaluate("(time) => rpctl.seek(time)", time)
+        return float(
+            page.evaluate(
+                "rpctl.viewer.scene.getObjectByName('trail-base').geometry.drawRange.count"
+            )
+        )
+
+    page.evaluate("rpctl.pause()")
+    end = float(paper_run.t[-1])
+    assert drawn(0.0) == 0
+    assert 0.4 < drawn(0.5 * end) / drawn(end) < 0.6
+
+
+def test_scrubber_keys_and_play(page: Any, paper_run: Run) -> None:
+    end = float(paper_run.t[-1])
+    page.evaluate("rpctl.pause()")
+    page.locator("#scrubber").evaluate(
+        "(slider) => { slider.value = 1.25; slider.dispatchEvent(new Event('input')); }"
+    )
+    assert page.evaluate("rpctl.time()") == pytest.approx(1.25)
+    page.keyboard.press("End")
+    assert page.evaluate("rpctl.time()") == pytest.approx(end)
+    page.keyboard.press("Home")
+    assert page.evaluate("rpctl.time()") == 0.0
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("rpctl.time()") == pytest.approx(1.0)
+    assert not page.evaluate("rpctl.playing()")
+    page.get_by_role("button", name="Play").click()
+    wait(page, "rpctl.time() > 1.2")
+    page.keyboard.press("Space")
+    assert not page.evaluate("rpctl.playing()")
+
+
+def test_it_plays_by_itself(page: Any) -> None:
+    wait(page, "rpctl.time() > 0.1")
+    assert page.get_by_role("button", name="Pause").is_visible()
+
+
+def test_still_for_those_who_ask_for_it(browser: Any, report: Path) -> None:
+    with opened(browser, report, reduced_motion="reduce") as page:
+        assert not page.evaluate("rpctl.playing()")
+
+
+def test_speed(page: Any) -> None:
+    page.evaluate("rpctl.pause()")
+    speed = page.get_by_label("Speed", exact=True)
+    speed.select_option("0.1")
+    assert speed.evaluate("choice => choice.value") == "0.1"
+    page.locator("h1").click()
+    page.keyboard.press("+")
+    assert speed.evaluate("choice => choice.value") == "0.25"
+    page.evaluate("rpctl.seek(0)")
+    page.evaluate("window.began = performance.now()")
+    page.keyboard.press("Space")
+    wait(page, "rpctl.time() > 0.05")
+    page.keyboard.press("Space")
+    real = page.evaluate("(performance.now() - began) / 1000")
+    assert page.evaluate("rpctl.time()") < 0.26 * real + 0.05
+
+
+def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
+    """Return where (x, y) a plot's share of the width is, px, after scrolling there; its time."""
+    plot = page.locator(".chart", has=page.get_by_role("heading", name=title)).locator(".u-over")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    assert box is not None
+    time = page.evaluate(
+        """([title, share]) => { const { plot } = rpctl.charts.find((c) => c.title === title);
+        return plot.posToVal(share * plot.over.clientWidth, "x"); }""",
+        [title, share],
+    )
+    return box["x"] + share * box["width"], box["y"] + 0.5 * box["height"], float(time)
+
+
+def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(0)")
+    before = draw(page, 0.0)
+    x, y, time = over(page, "End-effector error", 0.6)
+    page.mouse.click(x, y)
+    assert page.evaluate("rpctl.time()") == pytest.approx(time, abs=0.02)
+    assert 1.5 < time < 2.1
+    assert changed(before, draw(page, page.evaluate("rpctl.time()"))) > 500
+    marks = page.evaluate(
+        "[...document.querySelectorAll('.now')].map((m) => m.getBoundingClientRect().x)"
+    )
+    assert len(marks) > 5
+    assert all(abs(mark - x) < 3.0 for mark in marks)
+
+
+def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(0)")
+    lateral = page.locator(".key", has_text="lateral").locator("b")
+    x, y, time = over(page, "Base error", 0.5)
+    page.mouse.move(x, y)
+    sample = int(np.argmin(np.abs(paper_run.t - time)))
+    told = lateral.inner_text().replace("−", "-").split()
+    scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[told[1]]
+    assert float(told[0]) * scale == pytest.approx(paper_run.e[sample, 1], rel=0.05)
+    assert page.locator(".chart .at").nth(3).inner_text() == f"at {paper_run.t[sample]:.2f} s"
+    page.mouse.move(5, 5)
+    wait(page, "document.querySelector('.chart .at').textContent === ''")
+    assert float(lateral.inner_text().split()[0].replace("−", "-")) == pytest.approx(200, abs=1)
+
+
+def test_drag_zooms_all_plots_and_does_not_seek(page: Any, paper_run: Run) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(0.25)")
+    shown = "rpctl.charts.map((c) => [c.plot.scales.x.min, c.plot.scales.x.max])"
+    left, y, start = over(page, "Base error", 0.4)
+    right, _, end = over(page, "Base error", 0.8)
+    page.mouse.move(left, y)
+    page.mouse.down()
+    page.mouse.move(0.5 * (left + right), y)
+    page.mouse.move(right, y)
+    page.mouse.up()
+    for low, high in page.evaluate(shown):
+        assert (low, high) == (pytest.approx(start, abs=0.02), pytest.approx(end, abs=0.02))
+    assert page.evaluate("rpctl.time()") == pytest.approx(0.25)
+    page.get_by_role("button", name="Whole time").click()
+    assert all(pair == [0, paper_run.t[-1]] for pair in page.evaluate(shown))
+
+
+def test_legend_entries_toggle_lines(page: Any) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(1)")
+    ink = """() => { const { ctx } = rpctl.charts[0].plot;
+        const { data } = ctx.getImageData(0, 0, ctx.canvas.width, ctx.canvas.height);
+        let count = 0;
+        for (let k = 0; k < data.length; k += 4)
+          count += data[k + 3] > 128 && data[k] > data[k + 2] + 60;
+        return count; }"""  # of vermilion, the colour of the lateral error
+    lateral = page.get_by_role("button", name="lateral")
+    assert page.evaluate(ink) > 50
+    lateral.click()
+    assert lateral.get_attribute("aria-pressed") == "false"
+    page.mouse.move(5, 5)
+    wait(page, f"({ink})() === 0")
+    lateral.click()
+    wait(page, f"({ink})() > 50")
+
+
+def test_scene_legend_hides_what_it_names(page: Any) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(1)")
+    for name, node in (
+        ("Reference robot", "reference-1"),
+        ("End effector", "trail-tip"),
+        ("Ground reactions", "stance-loads"),
+        ("Support, zero-moment point", "stance-polygon"),
+    ):
+        entry = page.locator(".legend").get_by_role("button", name=name)
+        visible = f"rpctl.viewer.scene.getObjectByName('{node}').visible"
+        assert page.evaluate(visible)
+        entry.click()
+        assert not page.evaluate(visible)
+        assert entry.get_attribute("aria-pressed") == "false"
+
+
+def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> None:
+    shares = np.abs(paper_run.tau) / np.array(paper_run.effort_limits)
+    shares[paper_run.t < 0.5] = 0.0  # the efforts of the first moments last less than a frame
+    sample, actuator = np.unravel_index(shares.argmax(), shares.shape)
+    joint = paper.model.getJointId(paper_run.actuators[actuator])
+    colour = f"""() => {{ let found;
+        rpctl.viewer.scene.getObjectByName('robot-{joint}').traverse((node) => {{
+          if (node.material) found = found || node.material.color.toArray(); }});
+        return found; }}"""
+    page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", float(paper_run.t[sample]))
+    coloured = np.array(page.evaluate(colour))
+    page.get_by_role("button", name="Effort: 0 to limit").click()
+    own = np.array(page.evaluate(colour))
+    part = 0.92 * min(2.0 * float(shares[sample, actuator]), 1.0)
+    amber = np.array([0xF2, 0xB7, 0x05]) / 255
+    assert part > 0.1
+    np.testing.assert_allclose(coloured, own + part * (amber - own), atol=0.02)
+
+
+def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> None:
+    sample = len(paper_run.t) // 2
+    bases, lengths = page.evaluate(
+        """(time) => { rpctl.pause(); rpctl.seek(time); rpctl.viewer.render();
+        const loads = rpctl.viewer.scene.getObjectByName('stance-loads');
+        const robots = loads.parent.parent;
+        const place = (arrow) => robots.worldToLocal(
+          arrow.getWorldPosition(new MeshCat.THREE.Vector3())).toArray();
+        return [loads.children.map(place),
+          loads.children.map((arrow) => arrow.children[1].position.y)]; }""",
+        float(paper_run.t[sample]),
+    )
+    x, y, cos, sin = paper_run.q[sample, :4]
+    points = np.array(paper_run.contact_points) @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
+    np.testing.assert_allclose(np.array(bases)[:, :2], points, atol=3e-3)
+    order = np.argsort(paper_run.contact_load[sample])
+    np.testing.assert_array_equal(np.argsort(lengths), order)
+
+
+def test_what_is_an_interval_is_shaded_and_told(
+    browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
+) -> None:
+    """The first half of the grip ends at twice the line, the second nowhere."""
+    slip, loads = paper_run.slip_ratio, paper_run.contact_load
+    endless = np.where(paper_run.t < 1.5, 2.0 * slip, np.inf)
+    run = replace(
+        paper_run,
+        slip_range=np.column_stack([0.5 * slip, endless]),
+        load_range=np.stack([loads - 20.0, loads + 30.0], axis=2),
+    )
+    told = """([title, time]) => { rpctl.pause(); rpctl.seek(time);
+        const chart = rpctl.charts.find((each) => each.title === title);
+        const keys = chart.plot.root.parentElement.parentElement.querySelector('.keys');
+        return [...keys.querySelectorAll('b')].map((each) => each.textContent); }"""
+    shaded = """([time, value]) => {
+        const plot = rpctl.charts.find((each) => each.title === 'Grip used').plot;
+        const [x, y] = [plot.valToPos(time, 'x', true), plot.valToPos(value, 'y', true)];
+        return [...plot.ctx.getImageData(Math.round(x), Math.round(y), 1, 1).data]; }"""
+    with opened(browser, write_report(run, tmp_path / "report.html", robot=paper)) as page:
+        k = int(np.searchsorted(run.t, 1.13))
+        time, late = float(run.t[k]), 2.63
+        (grip,) = page.evaluate(told, ["Grip used", time])
+        low, high = (float(text.removesuffix(" %")) for text in grip.split(" – "))
+        assert low == pytest.approx(50.0 * slip[k], rel=0.02)
+        assert high == pytest.approx(200.0 * slip[k], rel=0.02)
+        (grip,) = page.evaluate(told, ["Grip used", late])
+        assert grip.startswith("≥ ")
+        told_loads = page.evaluate(told, ["Ground loads", time])
+        for text, load in zip(told_loads, loads[k], strict=True):
+            low, high = (float(part.removesuffix(" N")) for part in text.split(" – "))
+            assert (low, high) == pytest.approx((load - 20.0, load + 30.0), abs=0.6)
+        above = 100.0 * 2.5 * float(slip[k])  # beyond the band where it ends, within where not
+        assert page.evaluate(shaded, [time, above])[3] == 0
+        within = page.evaluate(shaded, [late, 70.0])
+        assert within[3] > 0
+        assert within[0] > within[2]  # the line's orange, not the grid's grey
+
+
+def test_logarithmic_axis_can_be_left(page: Any) -> None:
+    button = page.get_by_role("button", name="Logarithmic axis of Base error")
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 3
+    button.click()
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 1
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.min < 0")
+
+
+def test_light_and_dark(browser: Any, report: Path) -> None:
+    paper = "getComputedStyle(document.body).backgroundColor"
+    trail = "rpctl.viewer.scene.getObjectByName('trail-base').material.color.getHexString()"
+    stroke = "rpctl.charts[0].plot.series.at(-1).stroke()"
+    looks = f"[{paper}, {trail}, {stroke}]"
+    with opened(browser, report, color_scheme="light") as page:
+        light = page.evaluate(looks)
+        page.get_by_role("button", name="Dark page").click()
+        switched = page.evaluate(looks)
+    with opened(browser, report, color_scheme="dark") as page:
+        dark = page.evaluate(looks)
+        page.keyboard.press("d")
+        assert page.evaluate(looks) == light
+    assert switched == dark
+    assert all(a != b for a, b in zip(light, dark, strict=True))
+
+
+def test_details_are_a_tab_away(page: Any) -> None:
+    page.get_by_role("tab", name="Plots").focus()
+    page.keyboard.press("ArrowRight")
+    assert page.get_by_role("tab", name="Details").get_attribute("aria-selected") == "true"
+    assert page.get_by_text("Base, final lateral").is_visible()
+    assert not page.locator(".chart").first.is_visible()
+
+
+def test_controls_have_names(page: Any) -> None:
+    unnamed = page.evaluate(
+        """[...document.querySelectorAll("button, select, input, [role=img]")]
+        .filter((c) => !(c.getAttribute("aria-label") || c.textContent.trim()))
+        .map((c) => c.outerHTML)"""
+    )
+    assert unnamed == []
+
+
+def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
+    with opened(browser, comparison) as page:
+        hide(page, "trails")
+        both = draw(page, 0.0)
+        page.locator(".legend").get_by_role("button", name="far").click()
+        one = draw(page, 0.0)
+        page.locator(".legend").get_by_role("button", name="near").click()
+        none = draw(page, 0.0)
+        assert changed(both, one) > 500
+        assert changed(one, none) > 500
+        names = page.locator(".chart").first.locator(".key .label").all_inner_texts()
+        assert names == ["near", "far"]
+        choice = page.get_by_label("What Joint errors shows")
+        before = page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)")
+        choice.select_option(index=1)
+        assert page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)") != before
+
+
+def test_obstacles_are_in_the_scene(
+    browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
+) -> None:
+    run = among(paper_run, DISC, WALL, tip=(PILLAR,))
+    path = write_report(run, tmp_path / "report.html", robot=paper)
+    material = "rpctl.viewer.scene.getObjectByName('obstacles-{}').material.color.getHexString()"
+    colours = f"[{material.format('base')}, {material.format('tip')}]"
+    with opened(browser, path, color_scheme="light") as page:
+        whole, light = draw(page, 1.0), page.evaluate(colours)
+        for name in ("Base obstacles", "End-effector obstacles"):
+            page.locator(".legend").get_by_role("button", name=name).click()
+            less = draw(page, 1.0)
+            assert changed(whole, less) > 300
+            whole = less
+        page.get_by_role("button", name="Dark page").click()
+        assert len({*light, *page.evaluate(colours)}) == 4
+
+
+def test_no_obstacles_where_there_are_none(page: Any) -> None:
+    assert page.evaluate("rpctl.viewer.scene.getObjectByName('trails') !== undefined")
+    assert page.evaluate("rpctl.viewer.scene.getObjectByName('obstacles') === undefined")
+    assert page.get_by_role("button", name="obstacles").count() == 0
+
+
+@pytest.mark.parametrize("view", ["home", "top", "follow"])
+def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
+    page.evaluate("rpctl.pause(); rpctl.seek(1.0)")
+    page.evaluate(f"rpctl.camera('{view}')")
+    outside = page.evaluate(
+        """() => { const { viewer } = rpctl; viewer.render();
+        const point = new MeshCat.THREE.Vector3();
+        let worst = 0;
+        viewer.scene.traverse((node) => {
+          if (!node.name.startsWith('part-')) return;
+          const position = node.geometry.attributes.position;
+          for (let k = 0; k < position.count; k++) {
+            point.fromBufferAttribute(position, k).applyMatrix4(node.matrixWorld);
+            point.project(viewer.camera);
+            worst = Math.max(worst, Math.abs(point.x), Math.abs(point.y)); } });
+        return worst; }"""
+    )
+    assert 0.2 < outside < 1.0
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
+    with opened(browser, report, viewport={"width": width, "height": 844}) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        scene = page.locator("#scene canvas").bounding_box()
+        plot = page.locator(".chart .u-over").first.bounding_box()
+        assert scene is not None
+        assert plot is not None
+        assert scene["width"] > 0.5 * width
+        assert plot["width"] > min(0.6 * width, 300)
+        assert plot["x"] + plot["width"] <= width
+        if width < 860:  # the plots lie under the scene, which stays in view beside them
+            page.locator(".chart").nth(4).scroll_into_view_if_needed()
+            assert page.get_by_role("slider").is_visible()
+            assert page.evaluate("document.querySelector('.stage').getBoundingClientRect().y") == 0
+
+
+def test_without_webgl_the_page_says_so(browser: Any, report: Path) -> None:
+    plain = browser.browser_type.launch(
+        executable_path=CHROMIUM, args=["--disable-3d-apis", *FLAGS]
+    )
+    page = plain.new_page()
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.goto(report.as_uri())
+    assert page.locator("#failure").is_visible()
+    assert page.get_by_text("Base, rms").first.is_visible()
+    assert page.locator(".chart").first.is_visible()
+    assert not page.locator(".legend").is_visible()
+    page.keyboard.press("End")  # the timeline still drives the plots
+    assert page.locator("#clock").inner_text().startswith("3.00")
+    plain.close()
+    assert problems == []

@@ -1,0 +1,220 @@
+"""The texts beside a scene: each figure with its unit."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html import unescape
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl import Run, summarize
+from rpctl.view.pages.compare_panel import compare_legend, compare_panel
+from rpctl.view.pages.panel import headline, legend, length, panel, residual, subtitle
+from tests.golden import COUNT
+from tests.view.samples import DISC, PILLAR, among
+
+CHECK = {"name": "M", "against": "G", "residual": 3e-14, "limit": 1e-12, "passed": True}
+CERTIFICATE: dict[str, Any] = {
+    "passed": True, "samples": 7, "seed": 3, "checks": [CHECK],
+    "skipped": [{"name": "h", "against": "MuJoCo", "note": "not installed"}],
+}  # fmt: skip
+
+
+def rows(page: str) -> dict[str, str]:
+    """Return what a page says of each of its labels."""
+    pairs = re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", page)
+    return {unescape(label): unescape(value) for label, value in pairs}
+
+
+def badges(page: str) -> list[tuple[str, str]]:
+    return re.findall(r'<span class="badge (good|bad)">(.*?)</span>', page)
+
+
+def entries(page: str) -> list[tuple[str, bool, str]]:
+    """Return layer, whether it is shown, and name of the entries of a legend."""
+    found = re.findall(r'data-layer="(.*?)" aria-pressed="(.*?)"><i .*?</i>(.*?)</button>', page)
+    return [(layer, shown == "true", unescape(text)) for layer, shown, text in found]
+
+
+def test_panel_of_a_run(golden: Run) -> None:
+    settings = {
+        "reference": "/home/somebody/eight.csv",
+        "kinematic": {
+            "law": "Horizon",
+            "horizon": 0.3,
+            "steps": 20,
+            "strict": True,
+            "gain": None,
+            "weights": {"law": 2.0},
+        },
+        "dynamic": {"law": "IntegralDynamic", "inner": {"law": "BoundedDynamic"}, "horizon": 0.5},
+        "control_period": 0.002,
+        "initial_error": [0.1, -0.2, 0.3],
+    }
+    run = replace(golden, certificate=CERTIFICATE, settings=settings, locked={"a": 1.0})
+    page = panel(run, summarize(run), ["a note"])
+    told = rows(page)
+    expected = {
+        "Base, rms": "2.06 m",
+        "Base, final": "50 mm",
+        "Base, final lateral": "40 mm",
+        "End effector, rms": "314 mm",
+        "End effector, final": "30 mm",
+        "Largest effort / limit": "80 %",
+        "Simulated at": "2 × real time",
+        "M · G": "3.0e-14 ≤ 1e-12",
+        "h": "MuJoCo: not installed",
+        "Reference": "eight.csv",
+        "Kinematic law": "Horizon",
+        "Horizon h, s": "0.3",
+        "Steps N": "20",
+        "Strict": "yes",
+        "Dynamic law": "IntegralDynamic",
+        "Law within": "BoundedDynamic",
+        "Horizon h, s (dynamic)": "0.5",
+        "Control period, s": "0.002",
+        "Initial error (m, m, rad)": "0.1, -0.2, 0.3",
+        "Drive": "tricycle",
+        "Wheels": "3, radius 0.1 m",
+        "Quasi-velocities": "4",
+        "Actuators": "5",
+        "Frozen joints": "1",
+        "End effector": "slide",
+    }
+    assert {label: told.get(label) for label in expected} == expected
+    assert not {"Gain k, 1/s", "Weights"} & set(told)
+    assert badges(page) == [("good", "within limits"), ("good", "verified")]
+    assert "Worst of 7 random states, seed 3." in page
+    assert "On the ground: keeps 0.12 m from tipping" in page
+    bound = "slide_joint upper position limit bound from 0.1 s, at (0.10, 0.00) m, 0.17 s in all."
+    assert bound in page
+    assert "Notes (1)" in page
+
+
+def test_rms_lengths_come_from_paper(golden: Run) -> None:
+    """2.06 m is √(25.5294/6), 314 mm √(0.5916/6): the sums of the squares of six distances."""
+    told = summarize(golden)
+    assert told["rms_base_error"] == pytest.approx((25.5294 / 6) ** 0.5)
+    assert told["rms_end_effector_error"] == pytest.approx((0.5916 / 6) ** 0.5)
+
+
+def test_headline_of_a_run(golden: Run) -> None:
+    run = replace(golden, certificate=CERTIFICATE)
+    page = headline(run, summarize(run))
+    assert rows(page) == {
+        "Base, rms": "2.06 m", "End effector, rms": "314 mm", "Effort / limit": "80 %",
+    }  # fmt: skip
+    assert badges(page) == [("good", "dynamics verified"), ("good", "within limits")]
+    tau = np.array(golden.tau)
+    tau[2, 0] = -50.0
+    broken = replace(golden, tau=tau, certificate={**CERTIFICATE, "passed": False})
+    page = headline(broken, summarize(broken))
+    assert rows(page)["Effort / limit"] == "125 %"
+    assert badges(page) == [("bad", "not equivalent"), ("bad", "limits broken")]
+    page = panel(broken, summarize(broken), ())
+    assert "left_wheel_joint: effort 50, allowed 40, from 0.20 s" in page
+    assert badges(page) == [("bad", "limits broken"), ("bad", "not equivalent")]
+    assert badges(headline(golden, {})) == []
+    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
+    assert not any(label.startswith("Base") for label in rows(headline(arm, summarize(arm))))
+    late = replace(golden, t=golden.t + 3.0)
+    told = "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
+    assert subtitle(late) == told
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "passed", "text"),
+    [(3e-14, 1e-12, True, "3.0e-14 ≤ 1e-12"), (0.5, 1e-6, False, "5.0e-01 > 1e-06 ✗"),
+     (np.inf, 1e-6, False, "∞ > 1e-06 ✗"), (None, 1e-6, False, "∞ > 1e-06 ✗")],
+)  # fmt: skip
+def test_residuals(value: float | None, limit: float, passed: bool, text: str) -> None:
+    assert residual({"residual": value, "limit": limit, "passed": passed}) == text
+
+
+@pytest.mark.parametrize(
+    ("metres", "text"),
+    [(1.0, "1 m"), (0.9994, "999 mm"), (-0.25, "-250 mm"), (1e-3, "1 mm"), (2.5e-4, "250 µm")],
+)
+def test_lengths_in_their_units(metres: float, text: str) -> None:
+    assert length(metres) == text
+
+
+def test_legend_names_what_is_drawn(golden: Run) -> None:
+    assert entries(legend(golden)) == [
+        ("base", True, "Base"),
+        ("tip", True, "End effector"),
+        ("desired", True, "Desired"),
+        ("ghost", True, "Reference robot"),
+        ("effort", True, "Effort: 0 to limit"),
+        ("loads", True, "Ground reactions"),
+        ("zmp", True, "Support, zero-moment point"),
+    ]
+    none = np.empty((COUNT, 0))
+    bare = replace(golden, tip_margin=none, ee=none, effort_limits=(np.inf,) * 5)
+    assert [layer for layer, *_ in entries(legend(bare))] == ["base", "desired", "ghost", "effort"]
+    assert entries(legend(bare))[-1][2] == "Effort: 0 to peak"
+    unloaded = entries(legend(replace(golden, contact_load=none)))
+    assert [layer for layer, *_ in unloaded][-2:] == ["effort", "zmp"]
+    assert entries(legend(among(golden, DISC, tip=(PILLAR,))))[-2:] == [
+        ("obstacles-base", True, "Base obstacles"),
+        ("obstacles-tip", True, "End-effector obstacles"),
+    ]
+
+
+def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
+    tau, none = 2.0 * np.array(golden.tau), np.empty((COUNT, 0))
+    half = replace(golden, e=0.1 * golden.e, tau=tau, certificate=CERTIFICATE)
+    bare = replace(half, end_effector=None, ee=none, ee_ref=none, effort_limits=(np.inf,) * 5)
+    runs = [golden, half, bare]
+    page = compare_panel(runs, ["one", "two", "three"], [summarize(run) for run in runs], ())
+    table = {
+        unescape(label): [unescape(cell) for cell in re.findall(r"<td>(.*?)</td>", cells)]
+        for label, cells in re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
+    }
+    assert table["Base, rms"] == ["2.06 m", "206 mm", "206 mm"]
+    assert table["Base, final lateral"] == ["40 mm", "4 mm", "4 mm"]
+    assert table["End effector, final"] == ["30 mm", "30 mm", "–"]
+    assert table["Largest effort / limit"] == ["80%", "160%", "–"]
+    limits = [badges(cell)[0] for cell in table["Limits"]]
+    assert limits == [
+        ("good", "within limits"),
+        ("bad", "limits broken"),
+        ("good", "within limits"),
+    ]
+    assert table["Dynamics"][0] == "–"
+    assert badges(table["Dynamics"][1]) == [("good", "verified")]
+    arms = [replace(run, end_effector=None, ee=none, ee_ref=none) for run in runs]
+    page = compare_panel(arms, ["a", "b", "c"], [summarize(run) for run in arms], ())
+    assert "End effector" not in page
+    assert entries(compare_legend(runs, ["one", "two", "three"])) == [
+        ("run-1", True, "one (solid)"),
+        ("run-2", True, "two"),
+        ("run-3", True, "three"),
+        ("desired", True, "Desired"),
+        ("ghost", False, "Reference robot"),
+    ]
+    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
+    nothing = replace(arm, ee=none)
+    for shown, expected in (
+        ([bare], True),
+        ([arm], True),
+        ([nothing], False),
+        ([nothing, arm], True),
+    ):
+        layers = [layer for layer, *_ in entries(compare_legend(shown, ["x"] * len(shown)))]
+        assert ("desired" in layers) == expected
+    colours = re.findall(r"color: var\(--c(\d+)\)", compare_legend([golden] * 13, ["x"] * 13))
+    assert colours == [*map(str, range(12)), "0"]
+
+
+def test_settings_that_differ_come_first(golden: Run) -> None:
+    other = replace(golden, settings={**golden.settings, "period": 0.5})
+    page = compare_panel([golden, other], ["a", "b"], [summarize(golden), summarize(other)], ())
+    settings = page.partition("<h2>Settings</h2>")[2]
+    labels = re.findall(r'<th scope="row">(.*?)</th>', settings)
+    assert labels[0] == "Time from solve to solve, s"
+    assert "<td><b>–</b></td><td><b>0.5</b></td>" in settings
+    assert "<td>eight</td><td>eight</td>" in settings

@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import (
+    EndEffector,
+    IntegralDynamic,
+    PaperKinematic,
+    Robot,
+    Run,
+    UnifiedKinematic,
+)
+from rpctl.simulation.record import describe
+from rpctl.view.pages.page import embed
+from rpctl.view.pages.panel import flat, legend, length, panel, public
+from rpctl.view.pages.report import write_report
+from tests.view.samples import BOX, DISC, PILLAR, WALL, among, mesh_visual, short_run, write_cart
+
+EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
+
+
+class Tags(HTMLParser):
+    """All elements of a page, with the texts of its scripts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.inside = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        self.inside = tag == "script"
+        if self.inside:
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self.inside = False
+
+    def handle_data(self, data: str) -> None:
+        if self.inside:
+            self.scripts[-1] += data
+
+
+@pytest.fixture(scope="module")
+def page(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    return write_report(paper_run, path, robot=paper).read_text(encoding="utf-8")
+
+
+def test_nothing_is_fetched(page: str) -> None:
+    for tag, attributes in Tags(page).found:
+        assert tag not in ("iframe", "object", "embed", "base")
+        for name in ("src", "href", "srcset", "action", "poster"):
+            assert (attributes.get(name) or "data:").startswith("data:"), (tag, attributes)
+    _, meshcat, uplot, _ = Tags(page).scripts
+    own = page.replace(meshcat, "").replace(uplot, "")
+    assert not re.findall(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", own)
+
+
+def test_only_the_scripts_of_the_report_may_run(page: str) -> None:
+    tags = Tags(page)
+    (policy,) = (a["content"] for _, a in tags.found if "Content-Security-Policy" in a.values())
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    for script in tags.scripts[1:]:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+    assert "unsafe-inline" not in policy.partition("script-src")[2].partition(";")[0]
+
+
+def test_no_path_of_the_machine_is_passed_on(tmp_path: Path) -> None:
+    visual = mesh_visual(str(tmp_path / "gone.stl")) + BOX
+    robot = rpctl.load(write_cart(tmp_path, visual))
+    run = short_run(robot, 0.3)
+    run = replace(run, settings={**run.settings, "reference": str(tmp_path / "path.csv")})
+    text = write_report(run, tmp_path / "report.html", robot=robot).read_text(encoding="utf-8")
+    assert "gone.stl" in text
+    assert "path.csv" in text
+    for private in (str(tmp_path), str(Path.home()), str(Path(rpctl.__file__).parent)):
+        assert len(private) < 2 or private not in text
+
+
+def test_names_from_files_cannot_become_markup(
+    paper: Robot, paper_run: Run, tmp_path: Path
+) -> None:
+    evil = replace(
+        paper_run,
+        robot=EVIL,
+        end_effector=EVIL,
+        quasi_velocities=(*paper_run.quasi_velocities[:-1], EVIL),
+        settings={EVIL: EVIL, "kinematic": {"law": EVIL, EVIL: 1.0}},
+        certificate={
+            "passed": False,
+            "samples": EVIL,
+            "seed": 0,
+            "checks": [
+                {"name": EVIL, "against": EVIL, "residual": 1.0, "limit": 0.1, "passed": False}
+            ],
+            "skipped": [{"name": EVIL, "against": EVIL, "note": EVIL}],
+        },
+    )
+    path = write_report(evil, tmp_path / "report.html", robot=paper)
+    tags = Tags(path.read_text(encoding="utf-8"))
+    assert len(tags.scripts) == 4
+    assert "img" not in [tag for tag, _ in tags.found]
+    assert not any(name.startswith("on") for _, attributes in tags.found for name in attributes)
+
+
+def test_embedded_json_cannot_end_its_script() -> None:
+    text = embed({"a": "</script><!--"})
+    assert "<" not in text
+    assert json.loads(text) == {"a": "</script><!--"}
+
+
+def test_report_of_a_real_robot_is_small(tiago: Robot, tiago_run: Run, tmp_path: Path) -> None:
+    size = write_report(tiago_run, tmp_path / "report.html", robot=tiago).stat().st_size
+    assert 1e6 < size < 5e6
+
+
+def test_licence_of_the_plots_goes_with_them(page: str) -> None:
+    uplot = Tags(page).scripts[2]
+    assert "MIT License" in uplot
+    assert "Copyright (c) 2022 Leon Sorokin" in uplot
+
+
+def test_fixed_base_has_no_base_error(ur5: Robot, ur5_run: Run, tmp_path: Path) -> None:
+    path = write_report(ur5_run, tmp_path / "report.html", robot=ur5)
+    text = path.read_text(encoding="utf-8")
+    assert "End effector, rms" in text
+    assert "Base, rms" not in text
+    assert 'data-layer="base"' not in text
+
+
+def test_robot_without_arm_or_ground_loads(cart: Robot, tmp_path: Path) -> None:
+    path = write_report(short_run(cart, 0.3), tmp_path / "report.html", robot=cart)
+    text = path.read_text(encoding="utf-8")
+    for layer in ("tip", "loads", "zmp"):
+        assert f'data-layer="{layer}"' not in text
+    assert "End effector, rms" not in text
+    assert "Effort: 0 to peak" in text
+
+
+def test_comparison_names_its_runs_and_what_differs(
+    paper_run: Run, paper: Robot, tmp_path: Path
+) -> None:
+    other = short_run(paper, 1.0)
+    path = rpctl.write_report([paper_run, other], tmp_path / "compare.html")
+    text = path.read_text(encoding="utf-8")
+    assert 'data-layer="run-2"' in text
+    assert "2: paper, eight" in text
+    assert "<td><b>1</b></td>" in text  # their durations differ
+    with pytest.raises(rpctl.RpctlError, match="2 runs, 1 names"):
+        write_report([paper_run, other], path, names=["one"])
+    with pytest.raises(rpctl.RpctlError, match="no run"):
+        write_report([], path)
+
+
+def test_runs_are_called_by_what_differs(paper: Robot, tmp_path: Path) -> None:
+    laws = [UnifiedKinematic(), PaperKinematic(), PaperKinematic()]
+    runs = [rpctl.track(paper, "line", 0.1, kinematic=law) for law in laws]
+    text = rpctl.write_report(runs[:2], tmp_path / "two.html").read_text(encoding="utf-8")
+    assert "2 runs: UnifiedKinematic · PaperKinematic" in text
+    text = rpctl.write_report(runs, tmp_path / "three.html").read_text(encoding="utf-8")
+    assert "1: UnifiedKinematic · 2: PaperKinematic · 3: PaperKinematic" in text
+
+
+def test_report_is_there_whole_or_not_at_all(
+    paper: Robot, paper_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("before")
+
+    def fail(self: Path, target: Path) -> Path:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(paper_run, path, robot=paper)
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folder_that_is_not_there_is_named(paper: Robot, paper_run: Run, tmp_path: Path) -> None:
+    with pytest.raises(rpctl.RpctlError, match="none"):
+        write_report(paper_run, tmp_path / "none" / "report.html", robot=paper)
+
+
+def test_panel_tells_what_failed(paper_run: Run) -> None:
+    checks = [
+        {"name": "inertia", "against": "G", "residual": 1e-15, "limit": 1e-12, "passed": True},
+        {"name": "bias", "against": "G", "residual": 2e-3, "limit": 1e-12, "passed": False},
+    ]
+    skipped = [{"name": "bias", "against": "MuJoCo", "note": "not installed"}]
+    certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks, "skipped": skipped}
+    broken = {"joint": "elbow", "limit": "effort", "value": 12.0, "allowed": 10.0}
+    summary = {
+        "rms_base_error": 0.0123,
+        "max_effort_ratio": 1.2,
+        "rms_end_effector_error": None,
+        "limits_violated": [{**broken, "first_time": 1.5, "duration": 0.1}],
+    }
+    text = panel(replace(paper_run, certificate=certificate), summary, ["a note"])
+    for expected in ("not equivalent", "2.0e-03 &gt; 1e-12", "12.3 mm", "120 %", "limits broken"):
+        assert expected in text
+    assert "elbow: effort 12, allowed 10, from 1.50 s" in text
+    assert "a note" in text
+
+
+def test_panel_without_certificate_or_notes(paper_run: Run) -> None:
+    text = panel(replace(paper_run, certificate=None), {"rms_base_error": np.nan}, ())
+    assert "Dynamics" not in text
+    assert "Notes" not in text
+    assert "nan" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.5, "1.5 m"), (0.0123, "12.3 mm"), (4.56e-5, "45.6 µm"), (1e-9, "0.001 µm"), (0, "0 m")],
+)
+def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
+    assert length(value) == text
+
+
+def test_settings_as_text() -> None:
+    assert public([0.1, 2, True]) == "0.1, 2, yes"
+    assert public("/home/someone/path.csv") == "path.csv"
+
+
+def test_laws_within_laws_are_named() -> None:
+    rows = flat({"kinematic": describe(EndEffector()), "dynamic": describe(IntegralDynamic())})
+    assert (rows["Kinematic law"], rows["Law of the base"]) == ("EndEffector", "Horizon")
+    assert (rows["Dynamic law"], rows["Law within"]) == ("IntegralDynamic", "BoundedDynamic")
+
+
+def test_obstacles_are_told_in_words(paper_run: Run) -> None:
+    rows = flat(among(paper_run, DISC, WALL).settings)
+    told = "disc at (1, 0.5) m, radius 0.25 m; half-plane, free where y ≥ −1 m"
+    assert rows["Base obstacles"] == told
+    assert not any("obstacles" in label.lower() for label in rows.keys() - {"Base obstacles"})
+    assert "[]" not in rows.values()
+    assert "" not in rows.values()
+
+
+def test_legend_names_the_obstacles_that_there_are(paper_run: Run) -> None:
+    assert "obstacles" not in legend(paper_run)
+    assert "Base obstacles" in legend(among(paper_run, DISC))
+    assert "Base obstacles" not in legend(among(paper_run, tip=(PILLAR,)))
+    assert "End-effector obstacles" in legend(among(paper_run, tip=(PILLAR,)))

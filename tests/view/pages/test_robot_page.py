@@ -1,0 +1,275 @@
+"""The page of a robot in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.dynamics.rolling import constraint, find_rolling
+from rpctl.view.pages.robot_page import robot_page
+from tests.robots import four_wheels
+from tests.view.chromium import CHROMIUM, FLAGS, changed, chromium, opened, picture, wait
+from tests.view.samples import BOX, mesh_visual, write_cart, write_gripper
+
+VIEWER = "rpctl.scene.viewer"
+EVIL = "&lt;/script>&lt;script>alert(1)&lt;/script>&lt;img src=x onerror=alert(2)>"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+def write(robot: Robot, folder: Path) -> str:
+    path = folder / "page.html"
+    path.write_text(robot_page(robot), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def gripper(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return rpctl.load(write_gripper(tmp_path_factory.mktemp("gripper")))
+
+
+@pytest.fixture
+def page(browser: Any, gripper: Robot, tmp_path: Path) -> Iterator[Any]:
+    with opened(browser, write(gripper, tmp_path)) as page:
+        yield page
+
+
+def drag(page: Any, name: str, value: float) -> None:
+    """Move a slider as a hand does: its value changes, and it says so."""
+    page.get_by_label(name, exact=True).evaluate(
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }",
+        value,
+    )
+
+
+def world(page: Any, node: str) -> np.ndarray[Any, Any]:
+    """Return the pose (4, 4) of a node in our world, z up."""
+    elements = page.evaluate(
+        "(name) => { const node = rpctl.scene.node(name); node.updateWorldMatrix(true, false);"
+        " return node.matrixWorld.elements; }",
+        node,
+    )
+    y_up = np.array(elements).reshape(4, 4).T
+    return np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ y_up
+
+
+def positions(page: Any, robot: Robot) -> dict[str, float]:
+    return dict(zip(robot.model.names[2:], page.evaluate("rpctl.values"), strict=True))
+
+
+SLIDERS = ["x", "heading", "lift_joint", "left_finger_joint", "left_wheel_joint"]
+
+
+@pytest.mark.parametrize("name", SLIDERS)
+def test_every_slider_moves_the_robot(page: Any, name: str) -> None:
+    page.get_by_label("Names").uncheck()
+    page.get_by_role("button", name="Top").click()  # which stays where it is
+    before = picture(page, VIEWER)
+    drag(page, name, 0.45)
+    # A round wheel of one colour looks the same however it is turned: its frame does not.
+    if name == "left_wheel_joint":
+        turned = world(page, "robot-2")
+        drag(page, name, -0.45)
+        assert np.abs(world(page, "robot-2") - turned).max() > 0.5
+    else:
+        assert changed(picture(page, VIEWER), before) > 200
+
+
+def test_all_joints_stand_where_pinocchio_places_them(page: Any, gripper: Robot) -> None:
+    values = {"lift_joint": 0.3, "left_finger_joint": -0.7, "left_wheel_joint": 2.0}
+    for name, value in {"x": 0.4, "y": -0.3, "heading": 1.2, **values}.items():
+        drag(page, name, value)
+    shown = positions(page, gripper)
+    assert {name: shown[name] for name in values} == pytest.approx(values)
+    q = gripper.configuration(0.4, -0.3, 1.2, shown)
+    data = gripper.model.createData()
+    pin.forwardKinematics(gripper.model, data, q)
+    for j in range(1, gripper.model.njoints):
+        assert world(page, f"robot-{j}") == pytest.approx(data.oMi[j].homogeneous, abs=1e-6)
+
+
+def test_joint_that_follows_does_and_cannot_be_moved(page: Any, gripper: Robot) -> None:
+    drag(page, "left_finger_joint", 0.8)
+    assert positions(page, gripper)["right_finger_joint"] == pytest.approx(-0.3)
+    assert page.get_by_label("right_finger_joint", exact=True).is_disabled()
+    assert page.get_by_text("= -0.5 × left_finger_joint + 0.1").is_visible()
+
+
+def rolled(robot: Robot, poses: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return by how much the wheels turn as the base goes through poses (n, 3), after A v = 0."""
+    rolling = find_rolling(robot)
+    rows = list(rolling.along)
+    columns = [robot.velocity_index(wheel.joint) for wheel in robot.drive.wheels]
+    angles = np.zeros(len(columns))
+    for (x, y, theta), step in zip(poses[:-1], np.diff(poses, axis=0), strict=True):
+        middle = theta + 0.5 * step[2]
+        cos, sin = np.cos(middle), np.sin(middle)
+        A = constraint(robot, rolling, robot.configuration(x, y, middle))[rows]
+        base = [cos * step[0] + sin * step[1], -sin * step[0] + cos * step[1], step[2]]
+        angles += np.linalg.solve(A[:, columns], -A[:, :3] @ base)
+    return angles
+
+
+def turned_cart(folder: Path) -> Robot:
+    """Return a cart that drives askew to the axes of its root link."""
+    path = write_cart(folder)
+    text = path.read_text()
+    for old, new in (("0 0.2 0.1", "0.12 0.16 0.1"), ("0 -0.2 0.1", "-0.12 -0.16 0.1")):
+        text = text.replace(f'xyz="{old}"', f'xyz="{new}"')
+    path.write_text(text.replace('axis xyz="0 1 0"', 'axis xyz="0.6 0.8 0"'))
+    return rpctl.load(path)
+
+
+@pytest.mark.parametrize("kind", ["turned", "paper", "mecanum"])
+def test_wheels_follow_the_base(browser: Any, kind: str, tmp_path: Path) -> None:
+    if kind == "mecanum":
+        robot = four_wheels(tmp_path, kind)
+    else:
+        robot = turned_cart(tmp_path) if kind == "turned" else rpctl.load("paper")
+    turn = -robot.drive.heading  # the page starts with the robot facing along x
+    corners = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5], [0.6, -0.4, 0.5]])
+    corners += [0.0, 0.0, turn]
+    poses = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(corners)])
+    with opened(browser, write(robot, tmp_path)) as page:
+        x, y, heading = page.evaluate("rpctl.base")
+        for name, value in (("heading", heading + 0.5), ("x", x + 0.6), ("y", y - 0.4)):
+            drag(page, name, value)
+        shown = positions(page, robot)
+    turns = np.array([shown[wheel.joint] for wheel in robot.drive.wheels]) - rolled(robot, poses)
+    assert np.abs(turns - 2 * np.pi * np.round(turns / (2 * np.pi))).max() < 1e-3
+
+
+@pytest.mark.parametrize(("label", "shown"), [("Frames", 1), ("Masses", 1), ("Wheel contacts", 0)])
+def test_layers_show_and_hide(page: Any, label: str, shown: int) -> None:
+    page.get_by_label("Names").uncheck()
+    before = picture(page, VIEWER)
+    box = page.get_by_label(label)
+    box.click()
+    assert box.is_checked() == bool(shown)
+    other = picture(page, VIEWER)
+    assert changed(other, before) > 100
+    box.click()
+    assert changed(picture(page, VIEWER), before) == 0
+
+
+def test_names_are_readable_and_none_lies_over_another(page: Any) -> None:
+    for label in ("Frames", "Masses"):
+        page.get_by_label(label).check()
+    page.evaluate(f"{VIEWER}.render()")
+    tags = [tag for tag in page.locator("#labels span").all() if tag.is_visible()]
+    texts = [tag.inner_text() for tag in tags]
+    assert {"left_wheel_joint", "right_wheel_joint"} <= set(texts)
+    assert any(text.endswith("kg in all") for text in texts)
+    boxes = [tag.bounding_box() for tag in tags]
+    for i, a in enumerate(boxes):
+        for b in boxes[:i]:
+            apart = a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
+            assert apart or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
+    page.get_by_label("Names").uncheck()
+    page.evaluate(f"{VIEWER}.render()")
+    assert not any(tag.is_visible() for tag in page.locator("#labels span").all())
+
+
+def test_mass_of_the_whole_robot_is_where_pinocchio_has_it(page: Any, gripper: Robot) -> None:
+    page.get_by_label("Masses").check()
+    drag(page, "lift_joint", 0.5)
+    drag(page, "x", 1.0)
+    q = gripper.configuration(1.0, joints=positions(page, gripper))
+    centre = pin.centerOfMass(gripper.model, gripper.model.createData(), q)
+    assert world(page, "mass-all")[:3, 3] == pytest.approx(centre, abs=1e-6)
+    assert world(page, "mass-foot")[:3, 3] == pytest.approx([*centre[:2], 0.0], abs=1e-6)
+
+
+def test_buttons_and_reload(page: Any, gripper: Robot) -> None:
+    home = page.evaluate("rpctl.values")
+    drag(page, "lift_joint", 0.4)
+    drag(page, "heading", 1.0)
+    page.reload()
+    wait(page, "window.rpctl && window.rpctl.ready")
+    assert page.evaluate("rpctl.base[2]") == pytest.approx(1.0)
+    assert positions(page, gripper)["lift_joint"] == pytest.approx(0.4)
+    page.get_by_role("button", name="All at 0").click()
+    assert positions(page, gripper) == pytest.approx(
+        {name: 0.1 if name == "right_finger_joint" else 0.0 for name in gripper.model.names[2:]}
+    )
+    page.get_by_role("button", name="Home").click()
+    assert page.evaluate("rpctl.values") == pytest.approx(home)
+
+
+def test_locked_joints_are_told_and_a_fixed_base_has_no_sliders(
+    browser: Any, tmp_path: Path
+) -> None:
+    robot = rpctl.load("panda", lock={"panda_joint2": 0.25})
+    with opened(browser, write(robot, tmp_path)) as page:
+        assert page.get_by_text("panda_joint2", exact=True).is_visible()
+        assert "0.250 rad" in page.locator("#sliders").inner_text()
+        assert page.get_by_label("panda_joint2", exact=True).count() == 0
+        assert page.get_by_label("heading", exact=True).count() == 0
+        assert not page.get_by_label("Wheel contacts").is_visible()
+        before = picture(page, VIEWER)
+        drag(page, "panda_joint4", -0.5)
+        assert changed(picture(page, VIEWER), before) > 200
+
+
+def test_names_from_files_cannot_become_markup(browser: Any, tmp_path: Path) -> None:
+    path = write_cart(tmp_path, BOX + mesh_visual(f"{EVIL.replace('/', '')}.stl"), name=EVIL)
+    path.write_text(path.read_text().replace("left_wheel", EVIL))
+    with opened(browser, write(rpctl.load(path), tmp_path)) as page:
+        assert "<img" in page.locator("#sliders").inner_text()
+        assert page.locator("img").count() == 0
+        assert "onerror" in page.locator("h1").inner_text()
+
+
+def test_mirrored_mesh_looks_as_if_it_were_built_so(browser: Any, tmp_path: Path) -> None:
+    import trimesh
+
+    wedge = trimesh.creation.extrude_triangulation(
+        np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.25]]), np.array([[0, 1, 2]]), 0.3
+    )
+    pictures = []
+    for name, scale in (("mirrored", "1 -1 1"), ("built", "1 1 1")):
+        folder = tmp_path / name
+        folder.mkdir()
+        mesh = wedge.copy()
+        if name == "built":
+            mesh.apply_transform(np.diag([1.0, -1.0, 1.0, 1.0]))
+        mesh.export(folder / "wedge.stl")
+        robot = rpctl.load(write_cart(folder, mesh_visual("wedge.stl", scale)))
+        with opened(browser, write(robot, folder)) as page:
+            drag(page, "heading", 0.7)
+            pictures.append(picture(page, VIEWER))
+    assert changed(*pictures) < 20
+
+
+def test_without_webgl_the_page_says_so(browser: Any, gripper: Robot, tmp_path: Path) -> None:
+    plain = browser.browser_type.launch(
+        executable_path=CHROMIUM, args=["--disable-3d-apis", *FLAGS]
+    )
+    page = plain.new_page()
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.goto(write(gripper, tmp_path))
+    assert page.locator("#failure").is_visible()
+    drag(page, "left_finger_joint", 0.8)
+    assert "0.800 rad" in page.locator("#sliders").inner_text()
+    plain.close()
+    assert problems == []
+
+
+def test_page_holds_no_path_of_the_machine(tmp_path: Path) -> None:
+    path = write_cart(tmp_path, BOX + mesh_visual(str(tmp_path / "gone.stl")))
+    html = robot_page(rpctl.load(path))
+    assert "gone.stl" in html
+    assert str(tmp_path) not in html

@@ -1,0 +1,189 @@
+"""What each curve of a figure is, on a run that is known on paper: name, place, sign, unit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl import Run
+from rpctl.view.plots.figures import tracking_figure
+from rpctl.view.plots.panels import find_panels
+from rpctl.view.plots.style import LIGHT
+from tests import golden as made
+from tests.golden import COUNT, TIMES, speeds
+from tests.view.drawn import Array, curves, labelled, panel
+
+EFFORTS = np.array(made.EFFORTS)
+
+
+def over_time(curve: Array) -> Array:
+    """Return the values of a curve that is drawn over the run's time."""
+    assert curve[:, 0] == pytest.approx(TIMES)
+    return curve[:, 1]
+
+
+def test_panels_and_where_they_stand(golden: Run) -> None:
+    """Paths take a row of their own, the others half of one; what a run has not is left out."""
+    figure = tracking_figure(golden)
+    spans = [list(axes.get_subplotspec().colspan) for axes in figure.axes]  # type: ignore[union-attr]
+    rows = [axes.get_subplotspec().rowspan.start for axes in figure.axes]  # type: ignore[union-attr]
+    assert spans == [[0, 1], *([[0], [1]] * 5)][: len(spans)]
+    assert rows == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5]
+    none = np.empty((COUNT, 0))
+    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
+    names = [panel.name for panel in find_panels(replace(arm, slip_ratio=none))]
+    assert names == ["paths", "joints", "tip", "joint-speeds", "efforts", "efforts"]
+    base = replace(golden, ee=none, joint_names=(), quasi_velocities=("v", "omega"))
+    names = [panel.name for panel in find_panels(base)]
+    assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
+
+
+def test_joints_are_named_wherever_they_are_drawn(golden: Run) -> None:
+    named = {
+        name: len(tracking_figure(golden, panels=[name]).legends)
+        for name in dict.fromkeys(panel.name for panel in find_panels(golden))
+    }
+    assert {name for name, count in named.items() if count} == {"joints", "joint-speeds", "efforts"}
+
+
+def test_errors_are_told_with_their_units(golden: Run) -> None:
+    base = panel(golden, "base")
+    drawn = labelled(base)
+    assert over_time(drawn["longitudinal |x₁|, m"]) == pytest.approx(
+        [3, 0.3, 0.3, 0.05, 0.06, 0.03]
+    )
+    assert over_time(drawn["lateral |x₂|, m"]) == pytest.approx([4, 0.4, 0.4, 0.12, 0.08, 0.04])
+    assert over_time(drawn["heading |x₃|, rad"]) == pytest.approx([0.9, 0.7, 0.5, 0.3, 0.2, 0.1])
+    assert base.get_ylim() == pytest.approx((0.2 * 0.03, 8.0))
+    assert (base.get_xlabel(), base.get_ylabel()) == ("t, s", "m or rad")
+    joints = panel(golden, "joints")
+    swing, slide = curves(joints)
+    assert over_time(swing) == pytest.approx(np.abs(made.SWING_ERRORS))
+    assert over_time(slide) == pytest.approx(np.abs(made.SLIDE_ERRORS))
+    assert joints.get_ylim() == pytest.approx((0.2 * 0.01, 2.0))
+    assert joints.get_ylabel() == "rad or m"
+    tip = panel(golden, "tip")
+    drawn = labelled(tip)
+    assert over_time(drawn["position, mm"]) == pytest.approx([700, 300, 70, 30, 70, 30])
+    assert over_time(drawn["orientation, mrad"]) == pytest.approx([60, 50, 40, 30, 20, 10])
+    assert tip.get_ylim() == pytest.approx((0.2 * 10, 1400))
+    assert tip.get_ylabel() == "mm or mrad"
+
+
+def test_axis_of_errors_that_vanish_or_stay(golden: Run) -> None:
+    perfect = panel(replace(golden, e=np.zeros((COUNT, 5))), "base")
+    assert perfect.get_ylim() == pytest.approx((2e-13, 2e-11))
+    assert all((over_time(c) == 1e-12).all() for c in curves(perfect))
+    settled = panel(replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
+    assert settled.get_ylim() == pytest.approx((8e-6, 8.0))
+    tiled = np.tile(np.arange(COUNT), 4)
+    arrays: dict[str, Any] = {
+        n: a[tiled] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+    }
+    longer = replace(golden, **{**arrays, "t": 0.1 * np.arange(4.0 * COUNT)})
+    assert panel(longer, "base").get_ylim() == pytest.approx((0.2 * 0.055, 8.0))  # of a last fifth
+    coarse = panel(replace(golden, e=np.full((COUNT, 5), -0.5)), "base")
+    assert coarse.get_ylim() == pytest.approx((0.01, 1.0))
+
+
+def test_speeds_and_their_references(golden: Run) -> None:
+    """Solid what the robot did, dashed what the reference did; neither is what the law asked."""
+    axes = panel(golden, "speeds")
+    drawn = labelled(axes)
+    assert over_time(drawn["v, m/s"]) == pytest.approx(speeds(0.5, 0.1))
+    assert over_time(drawn["steer, rad/s"]) == pytest.approx(speeds(0.5, -0.2))
+    references = curves(axes, LIGHT.desired)
+    assert [over_time(c) for c in references] == [
+        pytest.approx(speeds(-7.0, 0.1)), pytest.approx(speeds(-7.0, -0.2)),
+    ]  # fmt: skip
+    handles, named = axes.get_legend_handles_labels()
+    assert named == ["v, m/s", "steer, rad/s", "reference"]
+    assert handles[-1].get_color() == LIGHT.desired  # type: ignore[attr-defined]
+    assert axes.get_ylabel() == "m/s or rad/s"
+    joints = panel(golden, "joint-speeds")
+    swing, swing_ref, slide, slide_ref = curves(joints)
+    assert over_time(swing) == pytest.approx(speeds(0.5, 0.37))
+    assert over_time(slide) == pytest.approx(speeds(0.5, -0.55))
+    assert over_time(swing_ref) == pytest.approx(speeds(-7.0, 0.37))
+    assert over_time(slide_ref) == pytest.approx(speeds(-7.0, -0.55))
+    assert len(curves(joints, LIGHT.desired)) == 2
+    assert joints.get_ylabel() == "rad/s or m/s"
+
+
+def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
+    run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
+    axes = panel(run, "speeds")
+    drawn = labelled(axes)
+    assert [*drawn] == ["$v_x$, m/s", "$v_y$, m/s", "ω, rad/s"]
+    assert over_time(drawn["ω, rad/s"]) == pytest.approx(speeds(0.5, 0.37))
+    assert len({line.get_color() for line in axes.lines[:3]}) == 3
+
+
+def test_references_of_many_joints_are_not_drawn(golden: Run) -> None:
+    four = ("v", "a", "b", "c", "d")
+    wide: dict[str, Any] = {name: np.ones((COUNT, 5)) for name in ("nu", "nu_ref")}
+    run = replace(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
+    run = replace(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
+    run = replace(run, effort_limits=(1.0,) * 4)
+    assert len(curves(panel(run, "joint-speeds"))) == 4
+    three = replace(run, joint_names=four[2:], units=("rad",) * 3)
+    assert len(curves(panel(three, "joint-speeds"))) == 6
+
+
+def test_efforts_of_the_right_actuators(golden: Run) -> None:
+    figure = tracking_figure(golden, panels=["efforts"])
+    shares, free = figure.axes
+    low, high, *drawn = curves(shares)
+    assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-1.0, -1.0], [1.0, 1.0])
+    told = np.array([over_time(c) for c in drawn]).T * [40.0, 15.0, 20.0, 80.0]
+    assert told == pytest.approx(EFFORTS[:, [0, 2, 3, 4]])
+    assert shares.get_ylabel() == "effort / limit"
+    assert shares.get_ylim() == pytest.approx((-1.12, 1.12))
+    (wheel,) = curves(free)
+    assert over_time(wheel) == pytest.approx(EFFORTS[:, 1])
+    assert free.get_ylabel() == "effort, N·m"
+    (legend,) = figure.legends
+    looks = [
+        (text.get_text(), line.get_color())
+        for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    ]
+    assert [name for name, _ in looks] == ["left_wheel", "right_wheel", "steer", "swing", "slide"]
+    assert [colour for _, colour in looks] == [*LIGHT.cycle[:5]]
+    assert [line.get_color() for line in shares.lines[2:]] == [LIGHT.cycle[i] for i in (0, 2, 3, 4)]
+    assert free.lines[0].get_color() == LIGHT.cycle[1]
+    loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
+    turning, sliding = loose.axes
+    assert len(loose.legends) == 1
+    limited = tracking_figure(replace(golden, effort_limits=(80.0,) * 5), panels=["efforts"])
+    assert (len(limited.axes), len(limited.legends)) == (1, 1)
+    assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
+    assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
+    assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
+
+
+def test_efforts_beyond_their_limits_stay_in_view(golden: Run) -> None:
+    axes = panel(replace(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
+    assert axes.get_ylim() == pytest.approx((1.12 * -8.0, 1.12 * 4.0))
+
+
+def test_margins_with_their_limits(golden: Run) -> None:
+    tip, grip = panel(golden, "tip-over"), panel(golden, "grip")
+    limit, margin = curves(tip)
+    assert limit[:, 1].tolist() == [0.0, 0.0]
+    assert over_time(margin) == pytest.approx(made.TIP_MARGINS)
+    assert tip.get_ylim() == pytest.approx((-0.08 * 0.3, 1.08 * 0.3))
+    assert tip.get_ylabel() == "zero-moment point to edge, m"
+    limit, ratio = curves(grip)
+    assert limit[:, 1].tolist() == [1.0, 1.0]
+    assert over_time(ratio) == pytest.approx(made.SLIP_RATIOS)
+    assert grip.get_ylim() == pytest.approx((0.0, 1.12))
+    beyond = replace(
+        golden, tip_margin=golden.tip_margin - 0.225, slip_ratio=5.0 * golden.slip_ratio
+    )
+    assert panel(beyond, "tip-over").get_ylim() == pytest.approx((-0.1 - 0.014, 0.075 + 0.014))
+    assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
+    far = replace(golden, slip_ratio=50.0 * golden.slip_ratio)
+    assert panel(far, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 3.0))

@@ -1,0 +1,188 @@
+"""The plane from above, of a run that is known on paper: paths, poses, and obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+import rpctl
+from rpctl import Run
+from rpctl.view.plots.style import LIGHT
+from tests.golden import COUNT
+from tests.view.drawn import curves, labelled, panel
+from tests.view.samples import among
+
+
+def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
+    axes = panel(golden, "paths")
+    drawn = labelled(axes)
+    assert drawn["base"] == pytest.approx(golden.base[:, :2])
+    assert drawn["end effector"] == pytest.approx(golden.ee[:, :2])
+    assert drawn["desired"] == pytest.approx(golden.base_ref[:, :2])
+    base, tip = curves(axes, LIGHT.desired)
+    assert base == pytest.approx(golden.base_ref[:, :2])
+    assert tip == pytest.approx(golden.ee_ref[:, :2])
+    (base,) = curves(axes, LIGHT.base)
+    assert base == pytest.approx(golden.base[:, :2])
+    (tip,) = curves(axes, LIGHT.tip)
+    assert tip == pytest.approx(golden.ee[:, :2])
+    starts = {
+        line.get_markeredgecolor(): np.column_stack(line.get_data())
+        for line in axes.lines
+        if line.get_marker() == "o" and np.size(line.get_xdata())
+    }
+    assert starts[LIGHT.base] == pytest.approx(golden.base[:1, :2])
+    assert starts[LIGHT.tip] == pytest.approx(golden.ee[:1, :2])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
+    assert axes.get_aspect() == 1.0
+
+
+def straight(golden: Run, length: float) -> Run:
+    """Return the run of a robot that goes straight up y, its forward direction to the right."""
+    k = np.arange(COUNT) / (COUNT - 1)
+    root = np.column_stack([np.full(COUNT, 2.0), length * k, np.zeros(COUNT), np.ones(COUNT)])
+    q = np.hstack([root, golden.q[:, 4:]])
+    base = np.column_stack([root[:, 0], root[:, 1] - 0.1, np.full(COUNT, np.arctan2(0.8, 0.6))])
+    return replace(golden, q=q, base=base)
+
+
+def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
+    """Its contacts are 0.8 m apart; it goes 2 m in 0.5 s, and may be drawn every 0.96 m."""
+    askew = ((0.7, 0.1), (-0.1, 0.3), (-0.1, -0.3))  # no mirror image of itself
+    axes = panel(replace(straight(golden, 2.0), contact_points=askew), "paths")
+    ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+    starts = [2.0 * t / 0.5 - 0.1 for t in (0.0, 0.3, 0.5)]  # every 0.25 s, at the next sample
+    assert [tick[0].tolist() for tick in ticks] == [pytest.approx([2.0, y]) for y in starts]
+    for tick in ticks:
+        assert tick[1] - tick[0] == pytest.approx([0.4 * 0.8 * 0.6, 0.4 * 0.8 * 0.8])
+    outlines = [patch.get_xy()[:-1] for patch in axes.patches if len(patch.get_xy())]  # type: ignore[attr-defined]
+    assert len(outlines) == 2 * 3  # filled and edged
+    for filled, edged, y in zip(outlines[0:6:2], outlines[1:6:2], (0.0, 1.2, 2.0), strict=True):
+        corners = {(1.9, y + 0.7), (1.7, y - 0.1), (2.3, y - 0.1)}
+        assert {tuple(np.round(c, 9)) for c in filled} == {tuple(np.round(c, 9)) for c in corners}
+        assert filled == pytest.approx(edged)
+    named = axes.get_legend_handles_labels()[1]
+    assert named == [
+        "base",
+        "end effector",
+        "desired",
+        "start",
+        "contacts and heading, every 0.25 s",
+    ]
+
+
+def test_time_of_a_run_may_start_anywhere(golden: Run) -> None:
+    run = straight(golden, 2.0)
+    axes = panel(replace(run, t=run.t + 7.0), "paths")
+    assert "contacts and heading, every 0.25 s" in axes.get_legend_handles_labels()[1]
+    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 3
+
+
+def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
+    axes = panel(straight(golden, 0.95), "paths")  # less than 1.2 of its length
+    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 1
+    assert "contacts and heading" not in str(axes.get_legend_handles_labels()[1])
+
+
+def test_at_most_ten_poses_of_a_long_way(golden: Run) -> None:
+    axes = panel(straight(golden, 100.0), "paths")
+    assert "contacts and heading, every 0.05 s" in axes.get_legend_handles_labels()[1]
+
+
+def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
+    """What is drawn of the robot is as long as the track, where that is more."""
+    run = straight(golden, 2.0)
+    for points in (((0.0, 0.1), (0.0, -0.1)), ((0.0, 0.1), (0.0, 0.0), (0.0, -0.1)), ()):
+        axes = panel(replace(run, contact_points=points), "paths")
+        assert not axes.patches
+        ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+        assert np.linalg.norm(ticks[0][1] - ticks[0][0]) == pytest.approx(0.4 * 0.6)
+        nothing = {**run.drive, "track": 0.0}
+        axes = panel(replace(run, contact_points=(), drive=nothing), "paths")
+        tick = next(c for c in curves(axes, LIGHT.ink) if len(c) == 2)
+        assert np.linalg.norm(tick[1] - tick[0]) == pytest.approx(0.4)
+
+
+def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
+    """The base reaches as far as its contacts lie from P: to the front wheel, 0.8 m."""
+    column, wall = rpctl.Disc(1.0, -0.75, 0.25), rpctl.HalfPlane(0.0, 2.0, -1.0)  # y ≥ −1
+    post = rpctl.Disc(0.5, 1.5, 0.125)
+    axes = panel(among(golden, column, wall, tip=(post,)), "paths")
+    drawn: list[Any] = [*axes.patches, *axes.artists]
+    circles = [
+        (*patch.center, patch.radius, to_hex(patch.get_edgecolor()), patch.get_fill())
+        for patch in drawn
+        if hasattr(patch, "radius")
+    ]
+    base, tip = LIGHT.base_obstacle, LIGHT.tip_obstacle
+    assert circles == [
+        (1.0, -0.75, 0.25, base, True),
+        (1.0, -0.75, pytest.approx(0.25 + 0.8), base, False),
+        (0.5, 1.5, 0.125, tip, True),
+        (0.5, 1.5, pytest.approx(0.125 + 0.05), tip, False),
+    ]
+    (kept,) = curves(axes, base)
+    assert kept[:, 1] == pytest.approx([-1.0 + 0.8] * 2)
+    figure = axes.figure
+    figure.draw_without_rendering()  # type: ignore[union-attr]
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert left < 0.375
+    assert right > 1.25
+    assert bottom < -1.0
+    assert top > 1.625
+
+
+def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
+    """Without contacts the base has no radius; the end effector's is 0.05 m all the same."""
+    disc, post = rpctl.Disc(1.0, -0.75, 0.25), rpctl.Disc(0.5, 1.5, 0.125)
+    bare = replace(golden, contact_points=())
+    for run, expected in ((among(bare, disc), False), (among(bare, disc, tip=(post,)), True)):
+        named = panel(run, "paths").get_legend_handles_labels()[1]
+        assert ("as near as its centre may come" in named) == expected
+
+
+def test_other_tables_of_a_law_are_no_obstacles(golden: Run) -> None:
+    law = {"law": "Mine", "targets": [{"law": "Disc", "x": 1.0, "y": 0.0, "radius": 0.2}]}
+    named = panel(replace(golden, settings={"kinematic": law}), "paths")
+    assert "obstacle of the base" not in named.get_legend_handles_labels()[1]
+
+
+def test_feet_of_walls_come_into_view(golden: Run) -> None:
+    """A wall is framed where its body comes nearest: P to the base's, the tip to its own."""
+    tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
+    run = replace(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
+    plain = panel(run, "paths").dataLim
+    assert plain.y0 > -0.75
+    for x, y in ((2.0, -0.1), (0.5, 0.0)):  # 1 m away from each start: 0.6 x + 0.8 y ≥ offset
+        wall = rpctl.HalfPlane(0.6, 0.8, 0.6 * x + 0.8 * y - 1.0)
+        shown = among(run, wall) if x == 2.0 else among(run, tip=(wall,))
+        view = panel(shown, "paths").dataLim
+        assert view.y0 == pytest.approx(y - 0.8)
+        assert view.x0 == pytest.approx(min(plain.x0, x - 0.6))
+        assert (view.x1, view.y1) == pytest.approx((plain.x1, plain.y1))
+    ahead = rpctl.HalfPlane(-0.6, -0.8, -(0.6 * 2.0 + 0.8 * 1.9) - 1.5)  # of P's end, (2, 1.9) m
+    view = panel(among(run, ahead), "paths").dataLim
+    assert (view.x1, view.y1) == pytest.approx((max(plain.x1, 2.9), 1.9 + 0.8 * 1.5))
+    away = panel(among(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
+    assert away.get_points() == pytest.approx(plain.get_points())
+
+
+def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
+    """Twenty times the diagonal of what is drawn, on both sides of its middle."""
+    wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
+    plain = panel(golden, "paths").dataLim
+    axes = panel(among(golden, wall), "paths")
+    drawn: list[Any] = [*axes.artists, *axes.patches]
+    (corners,) = (p.get_xy()[:-1] for p in drawn if len(getattr(p, "xy", ())) == 5)
+    middle = 0.5 * plain.get_points().sum(axis=0)
+    far = 20.0 * float(np.hypot(plain.width, plain.height))
+    along = np.array([-0.8, 0.6])
+    assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
+    assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])
+    (kept,) = curves(axes, LIGHT.base_obstacle)
+    assert wall.distance(kept) == pytest.approx([0.8, 0.8])
+    assert sorted((kept - middle) @ along) == pytest.approx([-far, far])

@@ -1,0 +1,207 @@
+"""Trails and the ground's grid as numbers: where each corner is, and which dash covers what."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl.view.scene import stage, trails
+from tests.view.samples import numbers, unpack
+
+Array = np.ndarray[Any, Any]
+
+
+def test_a_band_is_level_and_as_wide_as_asked() -> None:
+    path = np.array([[0.0, 0.0, 0.1], [1.0, 0.0, 0.2], [1.0, 0.0, 0.3], [1.0, 2.0, 0.4]])
+    mesh = trails.ribbon(path, 0.2)
+    assert mesh is not None
+    vertices, faces = mesh
+    left, right = vertices[0::2], vertices[1::2]
+    assert 0.5 * (left + right) == pytest.approx(path)
+    assert np.linalg.norm(left - right, axis=1) == pytest.approx([0.2] * 4)
+    assert (left - right)[:, 2] == pytest.approx([0.0] * 4)
+    assert (left - right)[0] == pytest.approx([0.0, 0.2, 0.0])  # left of +x is +y
+    assert (left - right)[3] == pytest.approx([-0.2, 0.0, 0.0])
+    assert faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 6], [5, 7, 6]]
+
+
+def test_a_path_that_rises_in_place_has_no_band_but_a_tube() -> None:
+    up = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert trails.ribbon(up, 0.1) is None
+    assert trails.tube(up, 0.1) is not None
+    for still in (up[:1], np.zeros((3, 3))):
+        assert trails.ribbon(still, 0.1) is trails.tube(still, 0.1) is None
+
+
+def test_a_pause_keeps_the_direction_before_it() -> None:
+    """And one at the start that after it."""
+    path = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0]], float)
+    mesh = trails.ribbon(path, 2.0)
+    assert mesh is not None
+    assert mesh[0][0::2] - path == pytest.approx(np.tile([0.0, 1.0, 0.0], (6, 1)))
+
+
+@pytest.mark.parametrize("lead", [(1.0, 0.2, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.3)])
+def test_a_tube_is_round_about_its_path(lead: tuple[float, float, float]) -> None:
+    along = np.linspace(0.0, 3.0, 9)[:, None]
+    bend = 0.3 * np.column_stack([np.sin(along), np.cos(2.0 * along), np.sin(3.0 * along)])
+    path = along * lead + bend
+    mesh = trails.tube(path, 0.1)
+    assert mesh is not None
+    vertices, faces = mesh
+    rings = vertices.reshape(9, trails.TUBE_SIDES, 3)
+    assert rings.mean(axis=1) == pytest.approx(path)
+    spokes = rings - path[:, None]
+    assert np.linalg.norm(spokes, axis=2) == pytest.approx(np.full((9, trails.TUBE_SIDES), 0.05))
+    tangents = np.gradient(path, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    assert np.einsum("kij,kj->ki", spokes, tangents) == pytest.approx(0.0, abs=1e-12)
+    following = np.roll(spokes, -1, axis=1)
+    assert np.einsum("kij,kij->ki", spokes, following) == pytest.approx(0.5 * 0.05**2)  # 60° apart
+    for ring, after in pairwise(spokes):
+        turn = np.einsum("ij,ij->i", ring, after) / 0.05**2
+        assert turn.min() > 0.5  # it is never twisted by a sixth of a turn
+    assert len(faces) == 8 * trails.TUBE_SIDES * 2
+    assert sorted(set(faces.ravel().tolist())) == list(range(len(vertices)))
+    steps = faces.reshape(8, -1)
+    for k, used in enumerate(steps):  # a part of the triangles is a part of the way
+        assert used.min() == k * trails.TUBE_SIDES
+        assert used.max() == (k + 2) * trails.TUBE_SIDES - 1
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_straight_tube_along_any_axis(axis: int, sign: float) -> None:
+    path = np.zeros((3, 3))
+    path[:, axis] = sign * np.arange(3)
+    mesh = trails.tube(path, 0.1)
+    assert mesh is not None
+    spokes = mesh[0].reshape(3, -1, 3) - path[:, None]
+    assert np.linalg.norm(spokes, axis=2) == pytest.approx(0.05)
+    assert spokes[1:] == pytest.approx(spokes[:-1])
+
+
+def test_a_tube_turns_back_where_its_path_does() -> None:
+    bend = [[0, 0, 0], [1, 0, 0], [1, 1, 1], [1, 2, 2]]
+    for path in (
+        np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [1, 0, 0]], float),
+        np.array(bend, float),
+    ):
+        mesh = trails.tube(path, 0.1)
+        assert mesh is not None
+        assert np.isfinite(mesh[0]).all()
+        spokes = np.linalg.norm(mesh[0].reshape(4, -1, 3) - path[:, None], axis=2)
+        assert spokes == pytest.approx(0.05)
+
+
+def test_dashes_cover_seven_of_twelve_widths() -> None:
+    """A way of 2.5 m, dashes of 0.7 m and gaps of 0.5 m: from 0, 1.2 and 2.4 m on."""
+    path = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1.5, 0]], float)
+    pieces = trails.dashes(path, 0.1)
+    assert [piece.tolist() for piece in pieces] == [
+        [pytest.approx([0.0, 0.0, 0.0]), pytest.approx([0.7, 0.0, 0.0])],
+        [pytest.approx([1.0, 0.2, 0.0]), pytest.approx([1.0, 0.9, 0.0])],
+        [pytest.approx([1.0, 1.4, 0.0]), pytest.approx([1.0, 1.5, 0.0])],
+    ]
+    (first, *_) = trails.dashes(path, 0.2)
+    assert first.tolist() == [
+        pytest.approx([0.0, 0.0, 0.0]),
+        pytest.approx([1.0, 0.0, 0.0]),  # a dash goes round the corner
+        pytest.approx([1.0, 0.4, 0.0]),
+    ]
+
+
+def test_meshes_joined_keep_their_triangles() -> None:
+    one = trails.ribbon(np.array([[0, 0, 0], [1, 0, 0]], float), 0.1)
+    two = trails.ribbon(np.array([[5, 0, 0], [5, 1, 0], [5, 2, 0]], float), 0.1)
+    assert one is not None
+    assert two is not None
+    joined = trails.join([one, None, two])
+    assert joined is not None
+    vertices, faces = joined
+    corners = np.concatenate([mesh[0][mesh[1]] for mesh in (one, two)])
+    assert vertices[faces] == pytest.approx(corners)
+    assert trails.join([None]) is None
+
+
+def test_grid_lies_on_whole_steps_and_fades_out() -> None:
+    points, opacity = trails.grid(np.array([3.1, -2.1]), 2.2, 0.5, -0.25)
+    assert set(points[:, 2]) == {-0.25}
+    starts, ends = points[0::2], points[1::2]
+    level = np.isclose(starts[:, 0], ends[:, 0])
+    assert (level | np.isclose(starts[:, 1], ends[:, 1])).all()
+    lines = np.where(level, starts[:, 0], starts[:, 1]) / 0.5
+    assert lines == pytest.approx(np.round(lines))
+    assert np.linalg.norm(ends - starts, axis=1) == pytest.approx(
+        2 * 2.5 / (2 * trails.GRID_PIECES)
+    )
+    away = np.linalg.norm(points[:, :2] - [3.0, -2.0], axis=1) / 2.5
+    assert opacity == pytest.approx(np.clip(1.0 - away, 0.0, 1.0) ** 1.2)
+    assert opacity.max() == 1.0
+    assert (opacity.reshape(-1, 2).max(axis=1) > 0.0).all()
+    assert set(np.round(lines[level]).astype(int)) == set(range(2, 11))  # four on each side of 6
+    assert set(np.round(lines[~level]).astype(int)) == set(range(-8, 1))  # and of -4
+
+
+@pytest.mark.parametrize(
+    ("size", "width", "radius"), [(0.3, 0.006, 1.225), (5.0, 0.03, 4.75), (40.0, 0.05, 31.0)]
+)
+def test_trails_and_ground_suit_the_size_of_the_motion(
+    size: float, width: float, radius: float
+) -> None:
+    lower = np.array([1.0, 2.0, -5.0])
+    upper = lower + np.array([0.6 * size, 0.8 * size, 100.0])
+    assert stage.trail_width(lower, upper) == pytest.approx(width)
+    centre, reach = stage.ground_disc(lower, upper)
+    assert centre == pytest.approx([1.0 + 0.3 * size, 2.0 + 0.4 * size])
+    assert reach == pytest.approx(radius)
+    drawn = unpack(stage.ground_command(lower, upper, 0.5))["object"]
+    grid, plane = drawn["geometries"]
+    assert plane["width"] == plane["height"] == pytest.approx(2.0 * radius)
+    points = numbers(grid["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
+    assert set(points[:, 2]) == {0.5}
+    shadow = np.array(drawn["object"]["children"][1]["matrix"]).reshape(4, 4).T
+    assert shadow[:3, 3] == pytest.approx([*centre, 0.5])
+    step = np.diff(
+        np.unique(np.round(points[0::2][np.isclose(*points[:, 0].reshape(-1, 2).T)][:, 0], 4))
+    )
+    least = {1.225: 0.25, 4.75: 0.5, 31.0: 2.0}[radius]  # 16 steps at most, of half or whole metres
+    assert step.min() == pytest.approx(least)
+    colours = np.frombuffer(grid["data"]["attributes"]["color"]["array"].data, "u1").reshape(-1, 4)
+    assert {tuple(c) for c in colours[:, :3]} == {(0x80, 0x88, 0x90)}
+    assert 100 < colours[:, 3].max() <= 150
+
+
+def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
+    path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    paths = {
+        "base": path,
+        "base-desired": path,
+        "tip": path + np.array([0.0, 0.0, 1.0]),
+        "tip-desired": path,
+    }
+    lower, upper = np.zeros(3), np.array([3.0, 4.0, 1.0])  # a trail of 30 mm
+    drawn = unpack(stage.trails_command(paths, lower, upper))["object"]
+    heights, widths = {}, {}
+    for item in drawn["geometries"]:
+        points = numbers(item["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
+        heights[item["uuid"]] = 0.5 * (points[:, 2].min() + points[:, 2].max())
+        widths[item["uuid"]] = np.ptp(points[:, 1])
+    assert heights == pytest.approx(
+        {"base-desired": 0.009, "base": 0.018, "tip-desired": 0.0, "tip": 1.0}, abs=1e-7
+    )
+    assert widths["base"] == pytest.approx(0.03)
+    assert widths["base-desired"] == pytest.approx(0.8 * 0.03)
+    for name, width in (("tip", 0.55 * 0.03), ("tip-desired", 0.8 * 0.55 * 0.03)):
+        assert np.sqrt(0.75) * width * 0.999 < widths[name] <= width * 1.001
+    only = unpack(stage.trails_command({"tip": path, "tip-desired": path}, lower, upper))["object"]
+    assert [node["name"] for node in only["object"]["children"]] == [
+        "trail-tip-desired",
+        "trail-tip",
+    ]
+    still = {"base": path[:1], "base-desired": path}
+    only = unpack(stage.trails_command(still, lower, upper))["object"]
+    assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]

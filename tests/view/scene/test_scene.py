@@ -1,0 +1,236 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation, Slerp
+
+import rpctl
+from rpctl import Robot, Run
+from rpctl.view.scene import keyframes, stage
+from rpctl.view.scene import scene as scenes
+from rpctl.view.scene.bodies import build_bodies
+from rpctl.view.scene.scene import Scene, build_scene
+from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
+
+FRAME = keyframes.POSITION + keyframes.TURN  # m and entries of a pose: what thinning may cost
+COMMANDS = ["delete"] * 3 + ["set_property"] + ["set_object"] * 4 + ["set_animation"]
+
+
+def placed(scene: Scene, prefix: str, frame: int) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the pose (4, 4) of each animated node at a frame, as the viewer fills it in."""
+    (animation,) = unpack(scene.commands[-1])["animations"]
+    poses: dict[str, np.ndarray[Any, Any]] = {}
+    for track in animation["clip"]["tracks"]:
+        node, _, kind = track["name"].partition(".")
+        if not node.startswith(prefix):
+            continue
+        pose = poses.setdefault(node, np.eye(4))
+        times = numbers(track["times"])
+        time = float(np.clip(scene.times[frame], times[0], times[-1]))
+        values = numbers(track["values"]).reshape(len(times), -1)
+        if kind == "position":
+            pose[:3, 3] = [np.interp(time, times, column) for column in values.T]
+        elif len(times) == 1:
+            pose[:3, :3] = Rotation.from_quat(values[0]).as_matrix()
+        else:
+            pose[:3, :3] = Slerp(times, Rotation.from_quat(values))(time).as_matrix()
+    return poses
+
+
+def robots(scene: Scene) -> dict[str, Any]:
+    return next(
+        command["object"]
+        for command in map(unpack, scene.commands)
+        if command["type"] == "set_object" and command["path"] == scenes.ROBOTS
+    )
+
+
+def matrix(node: dict[str, Any]) -> np.ndarray[Any, Any]:
+    return np.array(node["matrix"]).reshape(4, 4).T
+
+
+@pytest.mark.parametrize("name", ["paper", "tiago"])
+@pytest.mark.parametrize(("prefix", "kind"), [("robot-", "q"), ("reference-", "q_ref")])
+def test_shapes_stand_where_pinocchio_places_their_links(
+    name: str, prefix: str, kind: str, request: pytest.FixtureRequest
+) -> None:
+    robot: Robot = request.getfixturevalue(name)
+    run: Run = request.getfixturevalue(f"{name}_run")
+    scene = build_scene(robot, run)
+    groups = {group["name"]: group for group in robots(scene)["object"]["children"]}
+    data = robot.model.createData()
+    for frame in (0, len(scene.times) // 2, len(scene.times) - 1):
+        sample = int(np.argmin(np.abs(run.t - scene.times[frame])))
+        pin.framesForwardKinematics(robot.model, data, getattr(run, kind)[sample])
+        poses = placed(scene, prefix, frame)
+        drawn = [
+            poses[group] @ matrix(node)
+            for group in poses
+            for node in groups[group]["children"]
+            if not node["name"].startswith("veil-")
+        ]
+        expected = [
+            data.oMf[robot.model.getFrameId(link.name, pin.FrameType.BODY)].homogeneous
+            @ shape.origin
+            @ np.diag([*(shape.size if shape.mesh else (1.0, 1.0, 1.0)), 1.0])
+            for link in robot.description.links
+            for shape in link.visuals
+        ]
+        assert len(drawn) == len(expected)
+        remaining = np.array(drawn)
+        for pose in expected:
+            gaps = np.abs(remaining - pose).max(axis=(1, 2))
+            assert gaps.min() < FRAME
+            remaining = np.delete(remaining, gaps.argmin(), axis=0)
+
+
+def test_commands_come_in_order_with_the_animation_last(paper: Robot, paper_run: Run) -> None:
+    commands = [unpack(command)["type"] for command in build_scene(paper, paper_run).commands]
+    assert commands == COMMANDS
+
+
+def test_same_run_gives_the_same_bytes(paper: Robot, paper_run: Run) -> None:
+    assert build_scene(paper, paper_run).commands == build_scene(paper, paper_run).commands
+
+
+def test_frames_are_thinned_and_keep_the_ends(paper: Robot, paper_run: Run) -> None:
+    scene = build_scene(paper, paper_run)
+    assert scene.times[0] == 0.0
+    assert scene.duration == pytest.approx(paper_run.t[-1])
+    assert np.diff(scene.times).min() > 0.8 / scenes.FRAME_RATE
+    assert np.diff(scene.times).max() < 1.2 / scenes.FRAME_RATE
+
+
+def test_meshes_are_sent_once_and_shared_with_the_ghost(tiago: Robot, tiago_run: Run) -> None:
+    scene = robots(build_scene(tiago, tiago_run))
+    shown: dict[str, set[str]] = {"part": set(), "tint": set(), "veil": set()}
+    count = 0
+    for group in scene["object"]["children"]:
+        for node in group["children"]:
+            shown[node["name"].partition("-")[0]].add(node["geometry"])
+            count += node["name"].startswith("part-")
+    assert shown["part"] == shown["tint"] == shown["veil"]
+    assert len(scene["geometries"]) == len(shown["part"]) < count / 2
+
+
+def test_animation_holds_no_frame_that_the_viewer_can_fill_in(tiago: Robot, tiago_run: Run) -> None:
+    scene = build_scene(tiago, tiago_run)
+    (animation,) = unpack(scene.commands[-1])["animations"]
+    counts = [len(numbers(track["times"])) for track in animation["clip"]["tracks"]]
+    assert max(counts) < len(scene.times)
+    assert np.mean(counts) < 0.4 * len(scene.times)
+
+
+def test_two_files_of_one_mesh_are_sent_once(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.5, 0.3, 0.1))
+    for name in ("a.stl", "b.stl"):
+        box.export(tmp_path / name)
+    path = write_cart(tmp_path, mesh_visual("a.stl") + mesh_visual("b.stl", "1 -1 1"))
+    bodies = build_bodies(rpctl.load(path))
+    assert len(bodies.parts) == 4
+    assert len(bodies.surfaces) == 2
+
+
+def test_mirror_is_on_the_child_and_the_animated_node_only_moves(tmp_path: Path) -> None:
+    trimesh.creation.box((0.5, 0.3, 0.1)).export(tmp_path / "body.stl")
+    robot = rpctl.load(write_cart(tmp_path, mesh_visual("body.stl", "1 -1 2")))
+    scene = build_scene(robot, short_run(robot, 0.5))
+    groups = {group["name"]: group for group in robots(scene)["object"]["children"]}
+    (child,) = groups["robot-1"]["children"]
+    assert not {"matrix", "scale"} & groups["robot-1"].keys()
+    assert np.linalg.det(matrix(child)[:3, :3]) == pytest.approx(-2.0)
+    assert child["matrixAutoUpdate"] is False
+    (animation,) = unpack(scene.commands[-1])["animations"]
+    kinds = {track["name"].partition(".")[2] for track in animation["clip"]["tracks"]}
+    assert kinds == {"position", "quaternion"}
+
+
+@pytest.mark.parametrize("name", ["paper", "tiago"])
+def test_wheels_touch_the_drawn_ground(name: str, request: pytest.FixtureRequest) -> None:
+    robot: Robot = request.getfixturevalue(name)
+    run: Run = request.getfixturevalue(f"{name}_run")
+    scene = build_scene(robot, run)
+    ground = next(
+        unpack(c)["object"] for c in scene.commands if unpack(c).get("path") == "/rpctl/ground"
+    )
+    points = numbers(ground["geometries"][0]["data"]["attributes"]["position"]["array"])
+    heights = np.unique(points.reshape(-1, 3)[:, 2])
+    bodies, poses = build_bodies(robot), placed(scene, "robot-", 0)
+    for wheel in robot.drive.wheels:
+        joint = robot.model.getJointId(wheel.joint)
+        lowest = min(
+            (part.pose[:3, :3] @ bodies.surfaces[part.surface].vertices.T + part.pose[:3, 3:])
+            .T.dot(poses[f"robot-{joint}"][2, :3])
+            .min()
+            + poses[f"robot-{joint}"][2, 3]
+            for part in bodies.parts
+            if part.joint == joint
+        )
+        assert heights == pytest.approx([lowest], abs=0.02 * wheel.radius)
+
+
+def test_missing_mesh_leaves_a_note_and_the_rest_is_drawn(tmp_path: Path) -> None:
+    robot = rpctl.load(write_cart(tmp_path, mesh_visual("gone.stl")))
+    bodies = build_bodies(robot)
+    (note,) = bodies.notes
+    assert "gone.stl" in note
+    assert "no such file" in note
+    assert {part.joint for part in bodies.parts} == {2, 3}
+
+
+def test_one_note_tells_of_a_mesh_that_many_links_miss(tmp_path: Path) -> None:
+    path = write_cart(tmp_path, mesh_visual("gone.stl") + mesh_visual("gone.stl"))
+    (note,) = build_bodies(rpctl.load(path)).notes
+    assert 'link "base" and 1 more' in note
+
+
+@pytest.mark.parametrize("away", [-100.0, 0.0, 100.0])
+def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
+    lower = np.array([away - 2.0, away - 1.0, 0.0])
+    upper = lower + np.array([4.0, 2.0, 1.2])
+    root = unpack(stage.lights_command(lower, upper))["object"]["object"]
+    sun = next(node for node in root["children"] if node["name"] == "sun")
+    position, view = matrix(sun)[:3, 3], sun["shadow"]["camera"]
+    assert position[2] > 0.0
+    back = position / np.linalg.norm(position)
+    for point in (lower, upper):
+        assert view["near"] < (position - point) @ back < view["far"]
+
+
+def test_run_of_one_sample_is_a_still(paper: Robot, paper_run: Run) -> None:
+    arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
+    first: dict[str, Any] = {name: array[:1] for name, array in arrays.items()}
+    scene = build_scene(paper, replace(paper_run, **first))
+    assert scene.duration == 0.0
+    assert (scene.lower < scene.upper).all()
+
+
+def test_note_names_no_folder_of_the_machine(tmp_path: Path) -> None:
+    robot = rpctl.load(write_cart(tmp_path, mesh_visual(str(tmp_path.parent / "secret.stl"))))
+    (note,) = build_bodies(robot).notes
+    assert "secret.stl" in note
+    assert str(tmp_path.parent) not in note
+
+
+def without_shapes(robot: Robot, *kinds: str) -> Robot:
+    bare: dict[str, Any] = dict.fromkeys(kinds, ())
+    links = tuple(replace(link, **bare) for link in robot.description.links)
+    return replace(robot, description=replace(robot.description, links=links))
+
+
+def test_sticks_stand_for_a_robot_without_shapes(cart: Robot) -> None:
+    bodies = build_bodies(without_shapes(cart, "visuals", "collisions"))
+    assert {part.joint for part in bodies.parts} == {1, 2, 3}
+    assert "sticks" in bodies.notes[-1]
+
+
+def test_collisions_are_drawn_where_there_is_no_visual(cart: Robot) -> None:
+    bodies = build_bodies(without_shapes(cart, "visuals"))
+    assert {part.joint for part in bodies.parts} == {2, 3}
+    assert not bodies.notes

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.description.records import rotation
+from rpctl.view.scene.skeleton import joints, skeleton
+from tests.view.samples import write_gripper
+
+Pose = np.ndarray[Any, Any]
+
+
+def walk(
+    robot: Robot, q: Pose, root: dict[str, Any], told: list[dict[str, Any]]
+) -> dict[str, Pose]:
+    """Return the pose (4, 4) of every group as a scene graph has it, moved as the page moves it."""
+    motion: dict[str, Pose] = {"bone-1": np.eye(4)}
+    x, y, cos, sin = q[:4]
+    motion["bone-1"][:2] = [[cos, -sin, 0.0, x], [sin, cos, 0.0, y]]
+    for joint in told:
+        position = robot.joint_position(q, joint["name"])
+        step = np.eye(4)
+        if joint["slides"]:
+            step[:3, 3] = position * np.array(joint["axis"])
+        else:
+            step[:3, :3] = rotation(np.array(joint["axis"]), position)
+        motion[f"bone-{joint['node']}"] = step
+    poses: dict[str, Pose] = {}
+
+    def enter(node: dict[str, Any], above: Pose) -> None:
+        own = np.array(node["matrix"]).reshape(4, 4).T if "matrix" in node else motion[node["name"]]
+        poses[node["name"]] = above @ own
+        for child in node["children"]:
+            enter(child, poses[node["name"]])
+
+    enter(root, np.eye(4))
+    return poses
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed_chain", "tiago", "mecanum", "panda"])
+def test_groups_stand_where_pinocchio_places_the_joints(
+    name: str, rng: np.random.Generator
+) -> None:
+    robot = rpctl.load(name)
+    root, told = skeleton(robot, "bone", lambda j: []), joints(robot, robot.configuration())
+    data = robot.model.createData()
+    for _ in range(5):
+        q = robot.random_configuration(rng)
+        pin.forwardKinematics(robot.model, data, q)
+        poses = walk(robot, q, root, told)
+        for j in range(1, robot.model.njoints):
+            assert poses[f"bone-{j}"] == pytest.approx(data.oMi[j].homogeneous, abs=1e-12)
+
+
+def test_what_hangs_on_a_joint_is_below_its_group(paper: Robot) -> None:
+    root = skeleton(paper, "bone", lambda j: [{"name": f"part-{j}", "children": []}])
+
+    def find(node: dict[str, Any], above: str) -> dict[str, str]:
+        found = {node["name"]: above}
+        for child in node["children"]:
+            found |= find(child, node["name"])
+        return found
+
+    above = find(root, "")
+    for j in range(1, paper.model.njoints):
+        assert above[f"part-{j}"] == f"bone-{j}"
+
+
+def test_joints_tell_their_role_and_limits(tmp_path: Path) -> None:
+    robot = rpctl.load(write_gripper(tmp_path))
+    told = {j["name"]: j for j in joints(robot, robot.configuration(joints={"lift_joint": 0.2}))}
+    assert {name: joint["role"] for name, joint in told.items()} == {
+        "left_wheel_joint": "wheel",
+        "right_wheel_joint": "wheel",
+        "lift_joint": "arm",
+        "left_finger_joint": "arm",
+        "right_finger_joint": "mimic",
+    }
+    assert told["left_wheel_joint"]["lower"] is None
+    assert (told["lift_joint"]["lower"], told["lift_joint"]["upper"]) == (-0.1, 0.5)
+    assert told["lift_joint"]["slides"]
+    assert told["lift_joint"]["position"] == 0.2
+    assert not told["left_finger_joint"]["slides"]
+
+
+def test_joint_that_follows_tells_whom(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    free, locked = rpctl.load(path), rpctl.load(path, lock={"left_finger_joint": 0.4})
+    for robot in (free, locked):
+        told = joints(robot, robot.configuration())
+        names = [joint["name"] for joint in told]
+        mimic = told[names.index("right_finger_joint")]["mimic"]
+        assert (mimic["name"], mimic["multiplier"], mimic["offset"]) == (
+            "left_finger_joint", -0.5, 0.1,
+        )  # fmt: skip
+        if robot is free:
+            assert names[mimic["follows"]] == "left_finger_joint"
+        else:
+            assert mimic["follows"] is None
+            assert told[names.index("right_finger_joint")]["position"] == pytest.approx(-0.1)

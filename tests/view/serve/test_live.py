@@ -1,0 +1,285 @@
+"""Commands that serve a page: what a browser sees of them, and how they end."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import Robot, Run
+from rpctl.control.config import Config, write_config
+from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.simulation import loop
+from rpctl.view.pages.robot_page import Show, robot_page
+from rpctl.view.scene import obstacle_shapes
+from rpctl.view.serve import live
+from rpctl.view.serve import stream as streams
+from rpctl.view.serve.live import Broadcast
+from rpctl.view.serve.server import EVENTS, PageServer
+from rpctl.view.serve.stream import Stream
+from tests.view.chromium import changed, chromium, opened, picture, wait
+from tests.view.samples import unpack, write_cart, write_gripper
+from tests.view.serve.test_server import ask
+
+PATIENCE = 120  # s; the machine may have much else to do
+VIEWER = "rpctl.scene.viewer"
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as browser:
+        yield browser
+
+
+@contextmanager
+def command(*words: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a command until it is left; yields it and the URL that it printed."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rpctl", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(rpctl.__file__).parents[1])},
+    )
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
+                yield process, found.group()
+                break
+        else:
+            pytest.fail(f"no URL: {process.communicate()}")
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def children(process: subprocess.Popen[str]) -> str:
+    tasks = Path(f"/proc/{process.pid}/task")
+    return "".join(file.read_text() for file in tasks.glob("*/children"))
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("what", ["robot", "run"])
+def test_signals_end_a_view(
+    number: signal.Signals, what: str, paper_run: Run, tmp_path: Path
+) -> None:
+    paper_run.save(tmp_path / "run.npz")
+    words = ("view", "paper" if what == "robot" else ".")
+    with command(*words, folder=tmp_path) as (process, url):
+        assert ask(url)[0] == 200
+        assert children(process) == ""
+        process.send_signal(number)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, error) == (0, "")
+    with pytest.raises(ConnectionRefusedError):
+        ask(url)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_signals_end_a_simulation_that_is_watched(number: signal.Signals, tmp_path: Path) -> None:
+    words = ("track", "paper", "--live", "--samples", "0", "--duration", "600", "--out", "out")
+    with command(*words, folder=tmp_path) as (process, url):
+        assert ask(url)[0] == 200
+        assert children(process) == ""
+        process.send_signal(number)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, error) == (130, "interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ConnectionRefusedError):
+        ask(url)
+
+
+def test_robot_that_is_edited_is_shown_anew(browser: Any, tmp_path: Path) -> None:
+    path = write_cart(tmp_path)
+    with command("view", str(path), folder=tmp_path) as (_, url), opened(browser, url) as page:
+        assert page.get_by_label("left_wheel_joint", exact=True).count() == 1
+        path.write_text(path.read_text().replace("left_wheel_joint", "port_joint"))
+        page.reload()
+        wait(page, "window.rpctl && window.rpctl.ready")
+        assert page.get_by_label("port_joint", exact=True).count() == 1
+        path.write_text("<robot>")
+        assert ask(url)[0] == 409
+        assert str(path).encode() in ask(url)[1]
+
+
+def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> None:
+    words = ["track", "paper", "--live", "--samples", "0", "--duration", "12", "--out", "out"]
+    error = ["--initial-error", "0.3,0.3,0.4"]
+    with (
+        command(*words, *error, folder=tmp_path) as (process, url),
+        opened(browser, url, url) as page,
+    ):
+        wait(page, "rpctl.time > 0.2")
+        page.get_by_label("Names").uncheck()
+        first, then = picture(page, VIEWER), page.evaluate("rpctl.time")
+        wait(page, f"rpctl.time > {then + 1.0}")
+        assert changed(picture(page, VIEWER), first) > 200
+        assert not (tmp_path / "out").exists()  # it still simulates
+        assert "of 12 s · base error" in page.locator("#status").inner_text()
+        assert page.get_by_label("arm_revolute_joint").is_disabled()
+        page.reload()
+        wait(page, f"window.rpctl && window.rpctl.time > {then}")
+        page.wait_for_selector("#scrubber")  # the report has taken the page's place
+        out, err = process.communicate(timeout=PATIENCE)
+        wait(page, "window.rpctl && window.rpctl.ready")
+    assert (process.returncode, err) == (0, "")
+    assert "report.html" in out
+    assert Run.load(tmp_path / "out/run.npz").t[-1] == pytest.approx(12.0)
+
+
+def test_simulation_is_seen_among_its_obstacles(tmp_path: Path) -> None:
+    """They are known before it starts: of the law that is the base's within another one, here."""
+    law = rpctl.EndEffector(base=rpctl.Horizon(base_obstacles=(rpctl.Disc(4.0, 0.5, 0.2),)))
+    write_config(Config(kinematic=law), tmp_path / "run.toml")
+    words = ("track", "paper", "--live", "--samples", "0", "--config", "run.toml")
+    with command(*words, "--reference", "line", "--out", "out", folder=tmp_path) as (_, url):
+        page = ask(url)[1].decode()
+    found = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    data = json.loads(found.group(1))
+    drawn = [unpack(base64.b64decode(each)) for each in data["commands"]]
+    assert [c["path"] for c in drawn].count(obstacle_shapes.PATH) == 1
+    assert data["area"][1][0] > 4.2
+
+
+class Unopened(PageServer):
+    """A server whose page nobody opens, and for which nobody has to wait."""
+
+    def __init__(self) -> None:
+        pass
+
+    def wait_delivered(self, count: int, seconds: float) -> bool:
+        return False
+
+
+def frames(stream: Stream) -> list[list[float]]:
+    stream.close()
+    log = b"".join(stream.events()).decode().split("\n\n")
+    return [json.loads(e.partition("data: ")[2]) for e in log if "event: frame" in e]
+
+
+def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
+    robot = rpctl.load(write_gripper(tmp_path))
+    stream = Stream()
+    watcher = Broadcast(robot, Unopened(), stream, 1.0)
+    run = rpctl.track(robot, "eight", 1.0, (0.1, -0.2, 0.3), watch=watcher)
+    told = frames(stream)
+    assert told[0][0] == 0.0
+    assert told[-1][0] == pytest.approx(1.0)
+    assert 0.9 * live.FRAME_RATE < len(told) <= live.FRAME_RATE + 2
+    for t, count, *rest in (told[0], told[11], told[-1]):
+        sample = int(np.argmin(np.abs(run.t - t)))
+        halves = rest[: int(count)], rest[int(count) :]
+        for (x, y, theta, *positions), q in zip(halves, (run.q, run.q_ref), strict=True):
+            joints = dict(zip(robot.model.names[2:], positions, strict=True))
+            shown = robot.configuration(x, y, theta, joints)
+            wheels = [
+                robot.model.joints[robot.model.getJointId(w.joint)] for w in robot.drive.wheels
+            ]
+            if q is run.q_ref:  # the wheels of the ghost are those of the robot
+                for joint in wheels:
+                    at = slice(joint.idx_q, joint.idx_q + joint.nq)
+                    shown[at] = q[sample][at]
+            assert shown == pytest.approx(q[sample], abs=2e-5)
+            assert joints["right_finger_joint"] == pytest.approx(
+                0.1 - 0.5 * joints["left_finger_joint"], abs=2e-5
+            )
+
+
+def test_page_draws_robot_ghost_and_trail_where_they_are(
+    browser: Any, tricycle: Robot, golden: Run
+) -> None:
+    """The trail is the robot's, the ghost its reference's: they are far apart here."""
+    stream, still = Stream(), np.zeros(2)
+    watcher = Broadcast(tricycle, Unopened(), stream, 1.0)
+    for k, t in enumerate(golden.t):
+        twist = np.array([0.5, 0.0, -0.1])  # P is 0.8 m behind the wheel that steers
+        pose, joints = golden.base_ref[k], golden.joints_ref[k]
+        watcher(t, golden.q[k], ReferenceState(pose, twist, np.zeros(3), joints, still, still))
+    text = robot_page(tricycle, Show(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
+    joints = [tricycle.model.getJointId(f"{name}_joint") for name in ("steer", "swing", "slide")]
+    with PageServer(lambda: text, stream) as server, opened(browser, server.url) as page:
+        wait(page, "rpctl.time >= 0.5")
+        drawn = page.evaluate(
+            """(joints) => { const place = (name) => { const node = rpctl.scene.node(name);
+              node.updateWorldMatrix(true, false); return node.matrixWorld.elements; };
+            const trail = rpctl.scene.node("trail-live").geometry;
+            return { robot: joints.map((j) => place(`robot-${j}`)),
+              ghost: joints.map((j) => place(`reference-${j}`)), count: trail.drawRange.count,
+              trail: Array.from(trail.attributes.position.array.slice(0, 36)) }; }""",
+            joints,
+        )
+        said = page.locator("#status").inner_text()
+    assert drawn["count"] == 6 * (len(golden.t) - 1)
+    trail = np.array(drawn["trail"]).reshape(-1, 2, 3).mean(axis=1)
+    assert trail[:, :2] == pytest.approx(golden.base[:, :2], abs=1e-5)
+    data, wanted = tricycle.model.createData(), golden.q_ref[-1].copy()
+    tricycle.set_joint(wanted, "steer_joint", float(np.arctan(0.8 * -0.1 / 0.5)))
+    upright = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    for shown, q in ((drawn["robot"], golden.q[-1]), (drawn["ghost"], wanted)):
+        pin.forwardKinematics(tricycle.model, data, q)
+        for elements, joint in zip(shown, joints, strict=True):
+            pose = upright @ np.array(elements).reshape(4, 4).T
+            assert pose == pytest.approx(data.oMi[joint].homogeneous, abs=1e-4)
+    gap = 1e3 * np.linalg.norm(golden.base[-1, :2] - golden.base_ref[-1, :2])
+    assert said == f"0.5 of 0.5 s · base error {gap:.1f} mm"
+
+
+def test_simulation_that_is_watched_keeps_to_real_time(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+
+    def sleep(seconds: float) -> None:
+        clock[0] += seconds
+
+    for module in (live, streams):
+        monkeypatch.setattr(
+            module, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep)
+        )
+    stream = Stream()
+    state = reference_by_name(paper, "line")(0.0)
+    watcher = Broadcast(paper, Unopened(), stream, 10.0)
+    q = paper.configuration()
+    for t in (0.0, 0.1):
+        watcher(t, q, state)
+    assert clock[0] == 100.0  # nobody watches
+    with stream.reading():
+        for t in (0.2, 0.3, 0.5):
+            watcher(t, q, state)
+        assert clock[0] == pytest.approx(100.3)
+        clock[0] += 5.0  # the simulation was slow: it does not hurry afterwards
+        for t in (0.6, 0.7):
+            watcher(t, q, state)
+        assert clock[0] == pytest.approx(105.4)
+
+
+def test_what_a_watcher_takes_is_not_counted_as_simulation(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(loop, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+
+    def watch(t: float, q: object, state: object) -> None:
+        clock[0] += 0.25
+
+    assert rpctl.track(paper, "line", 0.01, watch=watch).wall_time == 0.0
+    assert clock[0] == 100.0 + 6 * 0.25

@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from rpctl.errors import RpctlError
+from rpctl.view.serve import stream as streams
+from rpctl.view.serve.server import PageServer
+from rpctl.view.serve.stream import Stream
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    (tmp_path / "secret.txt").write_text("secret")
+    path = tmp_path / "report.html"
+    path.write_text("<p>report</p>")
+    return path
+
+
+@pytest.fixture
+def server(report: Path) -> Iterator[PageServer]:
+    with PageServer(report.read_bytes) as server:
+        yield server
+
+
+def ask(
+    url: str, target: str = "/", method: str = "GET", host: str | None = None
+) -> tuple[int, bytes]:
+    parts = urlsplit(url)
+    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
+    try:
+        connection.request(method, target, headers={"Host": host or parts.netloc})
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    finally:
+        connection.close()
+
+
+def listen(url: str, last: str | None = None) -> http.client.HTTPResponse:
+    parts = urlsplit(url)
+    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
+    headers = {"Host": parts.netloc} | ({"Last-Event-ID": last} if last is not None else {})
+    connection.request("GET", "/events", headers=headers)
+    return connection.getresponse()
+
+
+def event(answer: http.client.HTTPResponse) -> list[str]:
+    """Return the next event, line by line."""
+    lines = []
+    while line := answer.readline().decode().rstrip("\n"):
+        lines.append(line)
+    return lines
+
+
+def test_page_is_served_and_nothing_beside_it(server: PageServer, report: Path) -> None:
+    assert ask(server.url) == (200, b"<p>report</p>")
+    assert ask(server.url, method="HEAD") == (200, b"")
+    for target in (
+        "/secret.txt", "/../secret.txt", "/report.html", "//etc/passwd", "/%2e%2e", "/events",
+    ):  # fmt: skip
+        assert ask(server.url, target)[0] == 404, target
+    assert ask(server.url, method="POST")[0] == 501
+    report.write_text("<p>again</p>")
+    assert ask(server.url) == (200, b"<p>again</p>")
+    report.unlink()
+    assert ask(server.url)[0] == 404
+
+
+def test_what_is_wrong_with_a_robot_is_what_the_page_says() -> None:
+    def page() -> bytes:
+        raise RpctlError("robot.urdf:3: error: <b> is no mass")
+
+    with PageServer(page) as server:
+        assert ask(server.url) == (409, b"robot.urdf:3: error: <b> is no mass")
+
+
+def test_pages_of_other_hosts_are_turned_away(server: PageServer) -> None:
+    assert ask(server.url, host="evil.example")[0] == 403
+
+
+def test_only_the_loopback_address_answers(server: PageServer) -> None:
+    port = urlsplit(server.url).port
+    assert port is not None
+    assert urlsplit(server.url).hostname == "127.0.0.1"
+    with (
+        pytest.raises(OSError, match="refused"),
+        socket.create_connection(("127.0.0.2", port), timeout=2),
+    ):
+        pass  # an address that only a server on all interfaces answers
+
+
+def test_client_that_leaves_in_the_middle_is_no_fault(capfd: pytest.CaptureFixture[str]) -> None:
+    with PageServer(lambda: bytes(50_000_000)) as server:
+        parts = urlsplit(server.url)
+        with socket.create_connection((str(parts.hostname), int(parts.port or 0))) as client:
+            client.sendall(f"GET / HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n".encode())
+            client.recv(10)
+        assert server.delivered == 0
+        assert ask(server.url)[0] == 200
+        assert server.wait_delivered(1, 5.0)
+    assert capfd.readouterr().err == ""
+
+
+def test_events_come_in_order_to_all_and_again_to_one_who_comes_back() -> None:
+    stream = Stream()
+    with PageServer(lambda: b"", stream) as server:
+        stream.send("frame", [1.5])
+        early = listen(server.url)
+        assert early.getheader("Content-Type") == "text/event-stream"
+        assert event(early) == ["id: 0", "event: frame", "data: [1.5]"]
+        stream.send("state", "two\nlines")
+        assert event(early) == ["id: 1", "event: state", 'data: "two\\nlines"']
+        late, again = listen(server.url), listen(server.url, last="0")
+        assert event(late)[0] == "id: 0"
+        assert event(late)[0] == event(again)[0] == "id: 1"
+        assert stream.readers == 3
+        for answer in (early, late, again):
+            answer.close()
+
+
+def test_stream_that_is_closed_ends_for_its_readers() -> None:
+    stream = Stream()
+    with PageServer(lambda: b"", stream) as server:
+        answer = listen(server.url, last="not a number")
+        stream.send("done", None)
+    assert answer.read() == b"id: 0\nevent: done\ndata: null\n\n"
+
+
+def test_silent_stream_notices_a_page_that_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(streams, "ALIVE", 0.05)
+    monkeypatch.setattr(streams, "GRACE", 0.2)
+    stream = Stream()
+    assert not stream.wait_reader(0.01)
+    with PageServer(lambda: b"", stream) as server:
+        answer = listen(server.url)
+        assert stream.wait_reader(5.0)
+        assert answer.readline() == b":\n"
+        answer.close()
+        until = time.monotonic() + 10.0
+        while stream.readers > 0 and time.monotonic() < until:
+            time.sleep(0.01)
+        while stream.watched and time.monotonic() < until:  # for a moment: it may come back
+            time.sleep(0.01)
+        assert time.monotonic() < until
+
+
+def test_page_that_does_not_read_holds_up_nobody() -> None:
+    stream = Stream()
+    with PageServer(lambda: b"", stream) as server:
+        stuck = listen(server.url)
+        for _ in range(200):
+            stream.send("frame", "x" * 100_000)  # more than any buffer between holds
+        assert event(listen(server.url))[0] == "id: 0"
+        stuck.close()
+
+
+def test_nothing_is_left_running(report: Path) -> None:
+    before = threading.active_count()
+    with PageServer(report.read_bytes) as server:
+        url = server.url
+        ask(url)
+    with pytest.raises(ConnectionRefusedError):
+        ask(url)
+    assert threading.active_count() <= before
