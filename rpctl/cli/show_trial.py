@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.markup import escape
 from rich.table import Table
 
-from rpctl.equivalence.certificate import CONTACT
 from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.row import CONTACT
 
 
 def trial_table(trial: ContactTrial, marks: dict[bool, str]) -> Table:

@@ -12,7 +12,6 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.energy import energy_rate, power_balance
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
@@ -25,6 +24,7 @@ from rpctl.equivalence.measure import (
     relative,
     worst,
 )
+from rpctl.equivalence.row import Check
 from rpctl.equivalence.state import State
 from rpctl.equivalence.trial import Sizes, Trial, inertia_spread, inverse, unit_diagonal
 from rpctl.robot.model import BASE_NV, Robot

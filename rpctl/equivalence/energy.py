@@ -12,8 +12,8 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import regular
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.measure import DIFFERENCE, EPS, allowed, difference_step, rate, worst
+from rpctl.equivalence.row import Check
 from rpctl.equivalence.state import State
 from rpctl.equivalence.trial import Trial, efforts
 from rpctl.errors import RpctlError

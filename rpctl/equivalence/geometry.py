@@ -8,10 +8,10 @@ import numpy as np
 
 from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Check, Skipped
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.measure import worst
 from rpctl.equivalence.reading import Reading
+from rpctl.equivalence.row import Check, Skipped
 from rpctl.equivalence.state import State
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.model import BASE_NV

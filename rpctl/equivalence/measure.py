@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.equivalence.certificate import Check
+from rpctl.equivalence.row import Check
 
 EPS = float(np.finfo(float).eps)
 EXACT = 1e-12  # float64 rounding over a tree of tens of links, with two decades to spare

@@ -10,11 +10,12 @@ import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence import checks
-from rpctl.equivalence.certificate import CONTACT, Certificate, Check, Skipped
+from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.geometry import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.measure import EXACT
 from rpctl.equivalence.reading import Reading, read, shared
+from rpctl.equivalence.row import CONTACT, Check, Skipped
 from rpctl.equivalence.state import State, draw_state
 from rpctl.equivalence.trial import find_sizes, make_trial
 from rpctl.errors import RpctlError, UnknownNameError

@@ -18,7 +18,8 @@ import rpctl
 from rpctl import Robot, Run, summarize
 from rpctl.cli import compare as cli_compare
 from rpctl.cli import show
-from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.row import Check
 from rpctl.errors import Finding
 from rpctl.robot.facts import facts
 from rpctl.study.scenarios import OURS, PAPER, Controller

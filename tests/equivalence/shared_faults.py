@@ -15,7 +15,7 @@ from typing import Any
 import rpctl
 from rpctl import Robot
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.certificate import Check
+from rpctl.equivalence.row import Check
 from rpctl.robot.build import build
 
 SAMPLES = 3

@@ -21,10 +21,11 @@ from rpctl.drive.drive import Swivel, Wheel
 from rpctl.dynamics import motion
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
-from rpctl.equivalence.certificate import Certificate, Skipped
+from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact import model as contact_model
 from rpctl.equivalence.contact import trial as contact_trial
 from rpctl.equivalence.contact.record import ContactTrial, Motion
+from rpctl.equivalence.row import Skipped
 from rpctl.robot.vary import set_limits
 
 if not mujoco_engine.installed():

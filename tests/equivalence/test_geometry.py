@@ -14,10 +14,11 @@ import trimesh
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.equivalence import file_drive, geometry
-from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.raw_file import read_file
 from rpctl.equivalence.reading import Reading, read
+from rpctl.equivalence.row import Check
 from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.catalog import names

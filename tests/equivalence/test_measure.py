@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from rpctl.equivalence.certificate import CONTACT, Certificate, Check, Skipped
+from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
 from rpctl.equivalence.measure import (
     DIFFERENCE_STEP,
@@ -21,6 +21,7 @@ from rpctl.equivalence.measure import (
     relative,
     worst,
 )
+from rpctl.equivalence.row import CONTACT, Check, Skipped
 
 
 def test_a_limit_grows_with_the_products_and_no_other_way() -> None:

@@ -16,9 +16,9 @@ from rpctl import ReducedDynamics, Robot, draw_state
 from rpctl.arrays import Array
 from rpctl.dynamics import motion
 from rpctl.equivalence import checks
-from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.geometry import SHAPES
 from rpctl.equivalence.mujoco_engine import installed
+from rpctl.equivalence.row import Check
 from rpctl.errors import RpctlError
 from tests.equivalence.nasty import NASTY
 from tests.equivalence.planting import Plant, in_function, in_method, rolling_of

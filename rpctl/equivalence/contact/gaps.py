@@ -9,8 +9,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.contact import Contacts
-from rpctl.equivalence.certificate import CONTACT
 from rpctl.equivalence.contact.record import Gap, Motion, travelled
+from rpctl.equivalence.row import CONTACT
 from rpctl.robot.model import Robot
 
 # What soft contacts and steps of .5 ms leave of the catalogue, at worst: 0.8 mm over 1.1 m,

@@ -17,12 +17,12 @@ from rpctl.arrays import Array
 from rpctl.dynamics.contact import Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import CONTACT, Skipped
 from rpctl.equivalence.contact.gaps import caster_names, gaps, rolling_casters
 from rpctl.equivalence.contact.model import STEP, ContactModel
 from rpctl.equivalence.contact.plan import TICK, NotGentle, Plan, plan_motion
 from rpctl.equivalence.contact.record import ContactTrial, Motion
 from rpctl.equivalence.mujoco_model import EngineRefused
+from rpctl.equivalence.row import CONTACT, Skipped
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.model import Robot
 

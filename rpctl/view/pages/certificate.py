@@ -7,8 +7,9 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.record import Gap
+from rpctl.equivalence.row import Check, Skipped
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.contact_section import contact_section
 from rpctl.view.pages.panel import badge, residual

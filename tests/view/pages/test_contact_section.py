@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.equivalence.certificate import CONTACT, Certificate
+from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
+from rpctl.equivalence.row import CONTACT
 from rpctl.view.pages.certificate import write_certificate
 from rpctl.view.pages.contact_charts import charts
 from rpctl.view.pages.contact_plan_view import plan_view
