@@ -14,7 +14,7 @@ from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift, fin
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
-ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
+RANK_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
 
 
 class ReducedDynamics:
@@ -188,7 +188,7 @@ class ReducedDynamics:
         limits = self.robot.effort_limits
         scale = np.where(np.isfinite(limits), limits, 1.0)
         U, singular, Vt = np.linalg.svd(B * scale, full_matrices=False)
-        driven = singular > ROW_MARGIN * singular[0]
+        driven = singular > RANK_MARGIN * singular[0]
         if np.count_nonzero(driven) < len(B):
             free = np.abs(np.eye(len(B)) - U[:, driven] @ U[:, driven].T).max(axis=1)
             names = [n for n, f in zip(self.robot.quasi_velocities, free, strict=True) if f > 1e-6]

@@ -14,11 +14,11 @@ from rpctl.robot.model import BASE_NV, Robot
 
 ROOT_JOINT = 1  # Pinocchio's index of the planar root
 UP = np.array([0.0, 0.0, 1.0])
-QUARTER = 0.5 * math.pi
+RIGHT_ANGLE = 0.5 * math.pi
 
 
 @dataclass(frozen=True)
-class Turning:
+class TurningRow:
     """A row whose direction turns with a swivel.
 
     With p the swivel's pivot, φ its angle, d the direction and ρ the contact seen from p, the
@@ -33,7 +33,7 @@ class Turning:
 
 
 @dataclass(frozen=True)
-class Follower:
+class FollowerRow:
     """The row that keeps three lateral rows l (3,) dependent: d/dt det(l₁, l₂, l₃) = 0."""
 
     row: int
@@ -42,7 +42,7 @@ class Follower:
 
 
 @dataclass(frozen=True)
-class Rolling:
+class RollingConstraints:
     """The rows of A, and which are whose.
 
     A wheel has one row, along :attr:`Wheel.direction`. That P does not move sideways is one row
@@ -60,13 +60,13 @@ class Rolling:
     """
 
     constant: Array
-    turning: tuple[Turning, ...]
-    followers: tuple[Follower, ...]
+    turning: tuple[TurningRow, ...]
+    followers: tuple[FollowerRow, ...]
     along: tuple[int, ...]
     across: tuple[tuple[int, tuple[int, ...]], ...]
 
 
-def find_rolling(robot: Robot) -> Rolling:
+def find_rolling(robot: Robot) -> RollingConstraints:
     """Return the rolling constraints of a robot."""
     drive = robot.drive
     rows = [_mimic_rows(robot)]
@@ -82,7 +82,7 @@ def find_rolling(robot: Robot) -> Rolling:
         if wheel.swivel is not None:
             swivel = swivels[wheel.swivel]
             index = robot.velocity_index(swivel.joint)
-            turning.append(Turning(row, swivel, index, swivel.heading, -wheel.lateral))
+            turning.append(TurningRow(row, swivel, index, swivel.heading, -wheel.lateral))
     along = tuple(range(first, first + len(drive.wheels)))
     row = first + len(drive.wheels)
     across: dict[int, list[int]] = {}
@@ -103,23 +103,23 @@ def find_rolling(robot: Robot) -> Rolling:
             rows.append(np.zeros((1, robot.nv)))
             row += 1
         if swivel.role == "follower":
-            followers.append(_follower(robot, swivel, lateral[swivel.joint]))
+            followers.append(_follower_row(robot, swivel, lateral[swivel.joint]))
             nearest = min(drive.steered, key=lambda s: math.dist(s.pivot, swivel.pivot))
             across[lateral[nearest.joint]] += carried
             continue
         across.setdefault(lateral[swivel.joint], []).extend(carried)
-        angle = swivel.heading + QUARTER
-        turning.append(Turning(lateral[swivel.joint], swivel, index, angle, swivel.trail))
+        angle = swivel.heading + RIGHT_ANGLE
+        turning.append(TurningRow(lateral[swivel.joint], swivel, index, angle, swivel.trail))
     constant = np.vstack(rows)
     for part in turning:
         constant[part.row, 2] += part.lever
         constant[part.row, part.index] += part.swivel.sign * part.lever
     constant.setflags(write=False)
     shared = tuple((row, tuple(wheels)) for row, wheels in across.items())
-    return Rolling(constant, tuple(turning), tuple(followers), along, shared)
+    return RollingConstraints(constant, tuple(turning), tuple(followers), along, shared)
 
 
-def constraint(robot: Robot, rolling: Rolling, q: Array) -> Array:
+def constraint(robot: Robot, rolling: RollingConstraints, q: Array) -> Array:
     """Return the constraint matrix A(q) (rows, nv); m/s per unit of v for wheels.
 
     These are [MS21, Eq. 1-5]'s rolling conditions for any wheel: its material contact point stands
@@ -133,14 +133,14 @@ def constraint(robot: Robot, rolling: Rolling, q: Array) -> Array:
         A[part.row, 1] += sin
         A[part.row, 2] += sin * x - cos * y
     for follower in rolling.followers:
-        rows, slopes = _lateral(robot, follower, q)
-        for i, (index, slope) in enumerate(zip(follower.indices, slopes, strict=True)):
+        rows, derivatives = _lateral_rows(robot, follower, q)
+        for i, (index, derivative) in enumerate(zip(follower.indices, derivatives, strict=True)):
             if index >= 0:
-                A[follower.row, index] += _det(rows, {i: slope})
+                A[follower.row, index] += _determinant(rows, {i: derivative})
     return A
 
 
-def constraint_drift(robot: Robot, rolling: Rolling, q: Array, v: Array) -> Array:
+def constraint_drift(robot: Robot, rolling: RollingConstraints, q: Array, v: Array) -> Array:
     """Return Ȧ v (rows,): what A v̇ must cancel; same order as :func:`constraint`.
 
     Args:
@@ -157,12 +157,12 @@ def constraint_drift(robot: Robot, rolling: Rolling, q: Array, v: Array) -> Arra
         rate = part.swivel.sign * v[part.index]
         drift[part.row] += rate * (cos * (vy + omega * x) - sin * (vx - omega * y))
     for follower in rolling.followers:
-        rows, slopes = _lateral(robot, follower, q)
+        rows, derivatives = _lateral_rows(robot, follower, q)
         rates = [v[index] if index >= 0 else 0.0 for index in follower.indices]
         for i, rate in enumerate(rates):
-            drift[follower.row] -= _det(rows, {}) * rate**2  # l″ = −l
+            drift[follower.row] -= _determinant(rows, {}) * rate**2  # l″ = −l
             for j in range(i):
-                mixed = _det(rows, {i: slopes[i], j: slopes[j]})
+                mixed = _determinant(rows, {i: derivatives[i], j: derivatives[j]})
                 drift[follower.row] += 2.0 * mixed * rate * rates[j]
     return drift
 
@@ -173,14 +173,14 @@ def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:
     return placement.act(wheel.offset * np.array(wheel.axis)) - wheel.radius * UP
 
 
-def _direction(robot: Robot, part: Turning, q: Array) -> tuple[float, float]:
+def _direction(robot: Robot, part: TurningRow, q: Array) -> tuple[float, float]:
     angle = part.angle + part.swivel.sign * robot.joint_position(q, part.swivel.joint)
     return math.cos(angle), math.sin(angle)
 
 
-def _lateral(robot: Robot, follower: Follower, q: Array) -> tuple[list[Array], list[Array]]:
+def _lateral_rows(robot: Robot, follower: FollowerRow, q: Array) -> tuple[list[Array], list[Array]]:
     """Return three lateral rows l (3,), and their derivatives by the swivels' positions."""
-    rows, slopes = [], []
+    rows, derivatives = [], []
     for swivel in follower.swivels:
         angle, sign, (x, y) = robot.drive.heading, 0.0, robot.drive.point
         if swivel is not None:
@@ -188,11 +188,11 @@ def _lateral(robot: Robot, follower: Follower, q: Array) -> tuple[list[Array], l
             angle, sign, (x, y) = swivel.heading + swivel.sign * position, swivel.sign, swivel.pivot
         cos, sin = math.cos(angle), math.sin(angle)
         rows.append(np.array([-sin, cos, cos * x + sin * y]))
-        slopes.append(-sign * np.array([cos, sin, sin * x - cos * y]))
-    return rows, slopes
+        derivatives.append(-sign * np.array([cos, sin, sin * x - cos * y]))
+    return rows, derivatives
 
 
-def _det(rows: list[Array], replaced: dict[int, Array]) -> float:
+def _determinant(rows: list[Array], replaced: dict[int, Array]) -> float:
     a, b, c = (replaced.get(i, row) for i, row in enumerate(rows))
     return float(
         a[0] * (b[1] * c[2] - b[2] * c[1])
@@ -201,12 +201,12 @@ def _det(rows: list[Array], replaced: dict[int, Array]) -> float:
     )
 
 
-def _follower(robot: Robot, swivel: Swivel, row: int) -> Follower:
+def _follower_row(robot: Robot, swivel: Swivel, row: int) -> FollowerRow:
     """Return the constraint of a follower to the two lateral rows that fix the centre."""
     fixed = (None,) if robot.drive.has_axle else ()
     swivels = (*fixed, *robot.drive.steered, swivel)
     indices = (-1 if one is None else robot.velocity_index(one.joint) for one in swivels)
-    return Follower(row, swivels, tuple(indices))
+    return FollowerRow(row, swivels, tuple(indices))
 
 
 def _wheel_row(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:

@@ -10,14 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.model import Indices, Model
-from rpctl.dynamics.contact import Contacts, stance_at
+from rpctl.control.horizon.prediction import Indices, Model
+from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
 
-ROOT = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
-FACES = 8  # of the polygon inside each wheel's circle of grip
+ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
+GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
 RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
 
 
@@ -37,8 +37,9 @@ class ForceModel:
     """Forces of one robot at states, measured or foreseen; owns a workspace.
 
     Where casters will stand is not foreseen. At foreseen states they glide: they neither turn nor
-    roll, and only their mass counts; the contacts are those of the posture that :meth:`stand` was
-    told of. Angles that no motion led to would make up rates and forces many times too large.
+    roll, and only their mass counts; the contacts are those of the posture that
+    :meth:`update_contacts` was given. Angles that no motion led to would make up rates and forces
+    many times too large.
 
     Args:
         model: The prediction's model.
@@ -57,10 +58,12 @@ class ForceModel:
         for column, name in enumerate(robot.actuators):
             self._columns[robot.velocity_index(name), column] = 1.0
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-        self._faces = 2.0 * math.pi * (np.arange(FACES) + 0.5) / FACES
+        self._faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
         self._stance: Stance | None = None
-        self._known: tuple[Array, bool, tuple[Array, Array]] | None = None  # the last maps, where
-        self._gliding, self._loose = _casters(model.dynamics)
+        self._cached_maps: tuple[Array, bool, tuple[Array, Array]] | None = (
+            None  # the last maps, where
+        )
+        self._caster_velocities, self._caster_rows = _casters(model.dynamics)
         if contacts is not None and contacts.balanced:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
             self._stance = stance_at(model.dynamics, contacts, q)
@@ -72,14 +75,14 @@ class ForceModel:
         """Number of rows that :meth:`ground` returns."""
         if self._stance is None or self._contacts is None:
             return 0
-        return self._edges + self.grips
+        return self._edges + self.grip_rows
 
     @property
-    def grips(self) -> int:
-        """Number of rows that :meth:`slipping` returns."""
+    def grip_rows(self) -> int:
+        """Number of rows that :meth:`grip_margins` returns."""
         if self._stance is None or self._contacts is None:
             return 0
-        return FACES * len(self._contacts.along)
+        return GRIP_POLYGON_FACES * len(self._contacts.along)
 
     @property
     def _edges(self) -> int:
@@ -88,7 +91,7 @@ class ForceModel:
             return 0 if self._contacts is None else len(self._contacts.points)
         return len(self._contacts.stance.inward)
 
-    def stand(self, q: Array) -> None:
+    def update_contacts(self, q: Array) -> None:
         """Take the contacts from q (nq,), where they move."""
         if self._stance is not None and self._contacts is not None:
             self._stance = stance_at(self._model.dynamics, self._contacts, q)
@@ -102,20 +105,20 @@ class ForceModel:
 
     def _basis(self, q: Array, now: bool) -> Array:
         S = self._model.dynamics.basis(q)
-        if not now and len(self._gliding):
+        if not now and len(self._caster_velocities):
             S = S.copy()
-            S[self._gliding] = 0.0
+            S[self._caster_velocities] = 0.0
         return S
 
     def _drift(self, q: Array, nu: Array, now: bool) -> Array:
         """Return Ṡν (nv,)."""
         drift = self._model.dynamics.basis_drift(q, nu)
-        if not now and len(self._gliding):
+        if not now and len(self._caster_velocities):
             drift = drift.copy()
-            drift[self._gliding] = 0.0
+            drift[self._caster_velocities] = 0.0
         return drift
 
-    def at(self, q: Array, nu: Array, nu_dot: Array, now: bool = False) -> Forces:
+    def with_derivatives(self, q: Array, nu: Array, nu_dot: Array, now: bool = False) -> Forces:
         """Return the forces at q (nq,), ν (dof,) and ν̇ (dof,), all columns.
 
         Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
@@ -124,9 +127,11 @@ class ForceModel:
         casters for where q has them.
         """
         model, data = self._model.robot.model, self._data
-        q = np.concatenate([ROOT, q[len(ROOT) :]])  # where the world's axes are the root link's
+        q = np.concatenate(
+            [ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]]
+        )  # where the world's axes are the root link's
         S, drift = self._basis(q, now), self._drift(q, nu, now)
-        base, dof = self._model.moving, S.shape[1]
+        base, dof = self._model.base_columns, S.shape[1]
         force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
         for column in range(base):
             v, step = S @ nu, S[:, column]
@@ -156,14 +161,16 @@ class ForceModel:
         about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
         polygon inside the circle of its grip: grip left, over the grip at its whole weight.
         """
-        return np.vstack([self.tipping(forces), self.slipping(forces, [self.shares(forces)])])
+        return np.vstack(
+            [self.tip_margins(forces), self.grip_margins(forces, [self.load_split(forces)])]
+        )
 
-    def shares(self, forces: Forces) -> Array:
+    def load_split(self, forces: Forces) -> Array:
         """Return the map (n_contacts, 3) from moments to loads that holds at these forces."""
-        return _shares(self._standing, self._moments(forces)[:, 0])
+        return _load_split(self._required_stance, self._moments(forces)[:, 0])
 
     @property
-    def _standing(self) -> Stance:
+    def _required_stance(self) -> Stance:
         if self._stance is None:
             raise ValueError("no ground reactions are defined")
         return self._stance
@@ -172,14 +179,16 @@ class ForceModel:
         wrench, z = forces.wrench, self._model.robot.drive.ground
         return np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
 
-    def tipping(self, forces: Forces) -> Array:
+    def tip_margins(self, forces: Forces) -> Array:
         """Return the rows about tipping."""
-        stance, moments = self._standing, self._moments(forces)
+        stance, moments = self._required_stance, self._moments(forces)
         edges = np.arange(self._edges) % len(stance.inward)
-        reach = stance.offset[edges, None] - self._tip_margin
-        return np.asarray((stance.inward[edges] @ moments[1:] + reach * moments[0]) / self._weight)
+        reduced_offset = stance.offset[edges, None] - self._tip_margin
+        return np.asarray(
+            (stance.inward[edges] @ moments[1:] + reduced_offset * moments[0]) / self._weight
+        )
 
-    def slipping(self, forces: Forces, pieces: Iterable[Array]) -> Array:
+    def grip_margins(self, forces: Forces, load_splits: Iterable[Array]) -> Array:
         """Return the rows about slipping for each way in which the contacts may share the load."""
         contacts = self._contacts
         if contacts is None:
@@ -189,21 +198,23 @@ class ForceModel:
         wheels = len(contacts.along)
         along, lateral = horizontal[:wheels], horizontal[wheels:]
         cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
-        inside = math.cos(math.pi / FACES) * self._grip * contacts.friction
+        usable_friction = math.cos(math.pi / GRIP_POLYGON_FACES) * self._grip * contacts.friction
         rows = []
-        for shares in pieces:
-            load = shares[:wheels] @ moments
-            borne = np.maximum(load[:, 0], contacts.floor)
-            share = borne[:, None] * contacts.share / (borne @ contacts.share)
-            slack = inside * load - cos * along - sin * (share @ lateral)
-            rows.append(slack.reshape(-1, slack.shape[2]) / (inside * self._weight))
+        for load_split in load_splits:
+            load = load_split[:wheels] @ moments
+            positive_load = np.maximum(load[:, 0], contacts.floor)
+            lateral_share = (
+                positive_load[:, None] * contacts.incidence / (positive_load @ contacts.incidence)
+            )
+            slack = usable_friction * load - cos * along - sin * (lateral_share @ lateral)
+            rows.append(slack.reshape(-1, slack.shape[2]) / (usable_friction * self._weight))
         return np.vstack(rows)
 
     def _maps(self, q: Array, now: bool) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""
         dynamics, dof = self._model.dynamics, self._model.robot.dof
-        if self._known is not None:
-            at, then, maps = self._known
+        if self._cached_maps is not None:
+            at, then, maps = self._cached_maps
             same = dynamics.constant or (then == now and not (self._model.steered or now))
             if same or (then == now and np.array_equal(at, q)):
                 return maps
@@ -211,14 +222,14 @@ class ForceModel:
         horizontal = np.empty((0, len(self._columns)))
         if self._contacts is not None:
             A = dynamics.constraint(q)
-            if not now and len(self._loose):
+            if not now and len(self._caster_rows):
                 A = A.copy()
-                A[self._loose] = 0.0
+                A[self._caster_rows] = 0.0
             multipliers = np.linalg.pinv(A.T, rcond=RANK_MARGIN)
             forces = np.vstack([self._contacts.along, self._contacts.across]) @ multipliers
             horizontal = forces @ (np.eye(len(self._columns)) - self._columns @ allocation)
         maps = allocation, horizontal
-        self._known = q.copy(), now, maps
+        self._cached_maps = q.copy(), now, maps
         return maps
 
 
@@ -234,7 +245,7 @@ def _casters(dynamics: ReducedDynamics) -> tuple[Indices, Indices]:
     return np.array(found, dtype=np.intp), np.array(rows, dtype=np.intp)
 
 
-def _shares(stance: Stance, moments: Array) -> Array:
+def _load_split(stance: Stance, moments: Array) -> Array:
     """Return the map (n, 3) from moments to loads, of the contacts that bear some at ``moments``.
 
     Where all do, or the robot tips, it is the stance's split; a contact that lets go has no share.
@@ -243,9 +254,9 @@ def _shares(stance: Stance, moments: Array) -> Array:
     if least.min() >= 0.0 or len(least) == 3:
         return stance.split
     margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
-    pressed = loads(stance, moments, margin) > 0.0
-    if margin <= 0.0 or pressed.all():
+    bearing = loads(stance, moments, margin) > 0.0
+    if margin <= 0.0 or bearing.all():
         return stance.split
-    shares = np.zeros_like(stance.split)
-    shares[pressed] = np.linalg.pinv(stance.statics[:, pressed])
-    return shares
+    load_split = np.zeros_like(stance.split)
+    load_split[bearing] = np.linalg.pinv(stance.statics[:, bearing])
+    return load_split
