@@ -29,7 +29,8 @@ from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.model import Robot
-from rpctl.simulation.log import Recorder, describe, run_facts
+from rpctl.simulation.facts import ground_facts, robot_facts
+from rpctl.simulation.log import Recorder, describe
 from rpctl.simulation.periods import (
     CONTROL_PERIOD,
     delay_note,
@@ -149,9 +150,9 @@ def track(
     if report := kinematic_law.report():
         settings["kinematic_report"] = report
     return Run(
-        **recorder.arrays(),
-        **run_facts(robot, contacts),
-        friction=friction,
+        log=recorder.log(),
+        robot=robot_facts(robot),
+        ground=ground_facts(contacts, friction),
         settings=settings,
         notes=notes,
         certificate=None if certificate is None else certificate.to_dict(),

@@ -194,7 +194,7 @@ def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
         call_seconds: What each call of its two laws took, in turn, s.
     """
     summary = summarize(run)
-    limits = np.array(run.effort_limits)
+    limits = np.array(run.robot.effort_limits)
     effort_ratios = (run.tau / limits)[:, np.isfinite(limits)]
     samples = np.reshape(call_seconds, (-1, 2)).sum(axis=1)
     return Figures(

@@ -228,12 +228,12 @@ def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first.tau, second.tau)
     assert first.settings == second.settings
     assert first.t[-1] == pytest.approx(0.2)
-    np.testing.assert_allclose(first.e[0, :3], [0.3, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(first.log.e[0, :3], [0.3, 0.0, 0.0], atol=1e-12)
     assert first.settings["kinematic"]["kx"] == 2.0
     assert first.settings["control_period"] == 0.004
-    assert first.effort_limits == (5.0, 5.0, 7.0, 120.0)
-    assert first.velocity_limits[2:] == (0.5, 0.5)
-    assert first.friction == 0.5
+    assert first.robot.effort_limits == (5.0, 5.0, 7.0, 120.0)
+    assert first.robot.velocity_limits[2:] == (0.5, 0.5)
+    assert first.ground.friction == 0.5
 
 
 @pytest.mark.parametrize(

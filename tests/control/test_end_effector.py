@@ -249,9 +249,11 @@ def test_the_whole_robot_follows(tiago: Robot) -> None:
     fastest = [joint.velocity for joint in tiago.joints]
     for law in (PaperKinematic(), EndEffector(SLOW)):
         run = rpctl.track(tiago, "eight", 3.0, (0.3, 0.5, 0.8), kinematic=law)
-        distance = np.linalg.norm(run.ee - run.ee_ref, axis=1)
+        distance = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)
         assert (np.abs(run.nu[:, 2:]) <= fastest).all()
-        assert ((run.joints >= run.lower_limits) & (run.joints <= run.upper_limits)).all()
+        assert (
+            (run.log.joints >= run.robot.lower_limits) & (run.log.joints <= run.robot.upper_limits)
+        ).all()
         rms[type(law)] = math.sqrt(float(np.mean(distance[500:] ** 2)))
     assert rms[EndEffector] < 0.15 * rms[PaperKinematic]
 
