@@ -42,12 +42,12 @@ def charts(run: Run) -> tuple[Chart, ...]:
 
 def has_base(run: Run) -> bool:
     """Return whether the base moves."""
-    return any(_of_base(run, name) for name in run.quasi_velocities)
+    return any(_of_base(run, name) for name in run.robot.quasi_velocities)
 
 
 def coloured_joints(run: Run) -> list[str]:
     """Return the joints in the order of their colours, the same in all charts."""
-    return list(dict.fromkeys((*run.actuators, *run.joint_names)))
+    return list(dict.fromkeys((*run.robot.actuators, *run.robot.joint_names)))
 
 
 def short_name(joint: str) -> str:
@@ -60,15 +60,15 @@ def grip_top(run: Run) -> float:
 
     Of the band, a largest value beyond GRIP_SHOWN_MAX does not count.
     """
-    needed = [1.0, min(float(run.slip_ratio.max()), GRIP_SHOWN_MAX)]
-    most = float(np.nanmax(run.slip_range, initial=0.0))
+    needed = [1.0, min(float(run.log.slip_ratio.max()), GRIP_SHOWN_MAX)]
+    most = float(np.nanmax(run.log.slip_range, initial=0.0))
     return max(*needed, most if most <= GRIP_SHOWN_MAX else 0.0)
 
 
 def _base_error(run: Run) -> list[Chart]:
     if not has_base(run):
         return []
-    x1, x2, x3 = run.e[:, :3].T
+    x1, x2, x3 = run.log.e[:, :3].T
     lines = (
         Line("distance", "m", np.hypot(x1, x2), 3, shown=False),
         Line("longitudinal x₁", "m", x1, 0, printed="longitudinal |x₁|, m"),
@@ -80,12 +80,12 @@ def _base_error(run: Run) -> list[Chart]:
 
 
 def _tip_error(run: Run) -> list[Chart]:
-    if not run.ee.shape[1]:
+    if not run.log.ee.shape[1]:
         return []
-    distance = np.linalg.norm(run.ee_ref - run.ee, axis=1)
+    distance = np.linalg.norm(run.log.ee_ref - run.log.ee, axis=1)
     lines = (
         Line("position", "m", distance, 1, printed="position, mm"),
-        Line("orientation", "rad", run.ee_angle, 4, printed="orientation, mrad", dash=1),
+        Line("orientation", "rad", run.log.ee_angle, 4, printed="orientation, mrad", dash=1),
     )
     panel = Panel("tip", "End-effector error", "mm or mrad", factor=1e3, legend="own")
     return [Chart("End-effector error", "m, rad", lines, errors=True, panel=panel)]
@@ -94,7 +94,9 @@ def _tip_error(run: Run) -> list[Chart]:
 def _joint_errors(run: Run) -> Chart:
     lines = tuple(
         Line(short_name(name), unit, error, _colour(run, name))
-        for name, unit, error in zip(run.joint_names, run.units, run.e[:, 3:].T, strict=True)
+        for name, unit, error in zip(
+            run.robot.joint_names, run.robot.units, run.log.e[:, 3:].T, strict=True
+        )
     )
     panel = Panel("joints", "Joint errors", _units(lines, " or "), legend="joints")
     return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel)
@@ -108,11 +110,13 @@ def _speeds(run: Run) -> list[Chart]:
     base: list[Line] = []
     arm: list[Line] = []
     rest: list[Line] = []
-    for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
+    for name, actual, wanted in zip(
+        run.robot.quasi_velocities, run.nu.T, run.log.nu_ref.T, strict=True
+    ):
         if _of_base(run, name):
             group, colour, (label, unit) = base, len(base), BASE_SPEED_LABELS[name]
         else:
-            group = arm if name in run.joint_names else rest
+            group = arm if name in run.robot.joint_names else rest
             colour, label, unit = _colour(run, name), short_name(name), f"{_unit(run, name)}/s"
         printed = f"{PRINTED_SYMBOLS.get(label, label)}, {unit}"
         group.append(Line(label, unit, actual, colour, reference=wanted, printed=printed))
@@ -140,7 +144,9 @@ def _efforts(run: Run) -> list[Chart]:
     """Return the efforts in percent of their limits, and for each unit those without limits."""
     limited: list[Line] = []
     free: dict[str, list[Line]] = {"N·m": [], "N": []}
-    for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
+    for name, tau, limit in zip(
+        run.robot.actuators, run.tau.T, run.robot.effort_limits, strict=True
+    ):
         label, colour = short_name(name), _colour(run, name)
         unit = "N" if _unit(run, name) == "m" else "N·m"
         if np.isfinite(limit) and limit > 0.0:
@@ -167,13 +173,13 @@ def _efforts(run: Run) -> list[Chart]:
 
 
 def _margins(run: Run) -> list[Chart]:
-    margins = [_tip_margin(run)] if run.tip_margin.size else []
-    return [*margins, _grip(run)] if run.slip_ratio.size else margins
+    margins = [_tip_margin(run)] if run.log.tip_margin.size else []
+    return [*margins, _grip(run)] if run.log.slip_ratio.size else margins
 
 
 def _tip_margin(run: Run) -> Chart:
     label = "zero-moment point to edge"
-    low, high = min(0.0, float(run.tip_margin.min())), max(0.0, float(run.tip_margin.max()))
+    low, high = min(0.0, float(run.log.tip_margin.min())), max(0.0, float(run.log.tip_margin.max()))
     margin = AXIS_MARGIN * (high - low)
     panel = Panel(
         "tip-over",
@@ -181,54 +187,54 @@ def _tip_margin(run: Run) -> Chart:
         f"{label}, m",
         span=(low - margin, high + margin),
     )
-    line = Line(label, "m", run.tip_margin, 0)
+    line = Line(label, "m", run.log.tip_margin, 0)
     note = "tips below the dashed line"
     return Chart("Tip-over margin", "m", (line,), (0.0,), note=note, panel=panel)
 
 
 def _grip(run: Run) -> Chart:
     label, top = "force / (friction · load)", grip_top(run)
-    least_most = tuple(100.0 * run.slip_range.T)
-    band = (least_most[0], least_most[1]) if run.slip_range.size else None
-    line = Line(label, "%", 100.0 * run.slip_ratio, 1, band=band, printed=EQUAL_SPRINGS)
-    most = max(float(run.slip_ratio.max()), float(np.nanmax(run.slip_range, initial=0.0)))
+    least_most = tuple(100.0 * run.log.slip_range.T)
+    band = (least_most[0], least_most[1]) if run.log.slip_range.size else None
+    line = Line(label, "%", 100.0 * run.log.slip_ratio, 1, band=band, printed=EQUAL_SPRINGS)
+    most = max(float(run.log.slip_ratio.max()), float(np.nanmax(run.log.slip_range, initial=0.0)))
     beyond = f" (drawn up to {100.0 * top:.0f})" if most > top else ""
     panel = Panel(
         "grip",
-        f"Grip at friction {run.friction:g}, limit dashed",
+        f"Grip at friction {run.ground.friction:g}, limit dashed",
         label,
         factor=0.01,
         legend="own" if band else "none",
         span=(0.0, AXIS_ZOOM * 100.0 * top),
     )
-    note = f"friction {run.friction:g}, slips above 100{beyond}"
+    note = f"friction {run.ground.friction:g}, slips above 100{beyond}"
     note += f"; shaded: {ALL_SPLITS}" if band else ""
     return Chart("Grip used", "%", (line,), (100.0,), note=note, top=100.0 * top, panel=panel)
 
 
 def _loads(run: Run) -> Chart:
     """Return the vertical forces of the ground; no panel has them."""
-    bands: list[tuple[Array, Array] | None] = [None] * len(run.contacts)
-    if run.load_range.size:
-        bands = [(low, high) for low, high in run.load_range.transpose(1, 2, 0)]
+    bands: list[tuple[Array, Array] | None] = [None] * len(run.ground.contacts)
+    if run.log.load_range.size:
+        bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
     lines = tuple(
         Line(short_name(name), "N", load, k, band=band)
         for k, (name, load, band) in enumerate(
-            zip(run.contacts, run.contact_load.T, bands, strict=False)
+            zip(run.ground.contacts, run.log.contact_load.T, bands, strict=False)
         )
     )
-    note = f"shaded: {ALL_SPLITS}" if run.load_range.size else ""
+    note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
     return Chart("Ground loads", "N", lines, note=note)
 
 
 def _of_base(run: Run, name: str) -> bool:
     """Return whether a quasi-velocity is the base's, and not that of a joint with such a name."""
-    return name in BASE_SPEED_LABELS and name not in run.joint_names
+    return name in BASE_SPEED_LABELS and name not in run.robot.joint_names
 
 
 def _unit(run: Run, joint: str) -> str:
     """Return the unit of a joint's position; wheels and steering, which are no arm's, turn."""
-    return run.units[run.joint_names.index(joint)] if joint in run.joint_names else "rad"
+    return dict(zip(run.robot.joint_names, run.robot.units, strict=True)).get(joint, "rad")
 
 
 def _colour(run: Run, joint: str) -> int:

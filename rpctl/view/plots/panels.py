@@ -43,7 +43,7 @@ class FigurePanel:
 def find_panels(run: Run) -> list[FigurePanel]:
     """Return the panels that a run has something for, in the order of ``PANELS``."""
     found = []
-    if has_base(run) or run.ee.shape[1]:
+    if has_base(run) or run.log.ee.shape[1]:
         found.append(FigurePanel("paths", "Paths", partial(draw_paths, run=run), wide=True))
     for chart in charts(run):
         panel = chart.panel
