@@ -20,7 +20,7 @@ from rpctl.cli.show import progress_bar
 from rpctl.errors import RpctlError
 from rpctl.files.writing import to_json, write_atomically
 from rpctl.robot.model import Robot
-from rpctl.view.plots.panels import PANELS
+from rpctl.view.chart import PANELS
 
 DEFAULT_FIGURE = "figure.pdf"
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")]
