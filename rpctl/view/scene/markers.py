@@ -55,9 +55,8 @@ def build_markers(robot: Robot, size: float) -> Markers:
         robot: The robot.
         size: Its size, m; frames and arrows are in proportion.
     """
-    joint_nodes: dict[int, list[threejs.Json]] = {
-        j: [] for j in range(ROOT_JOINT, robot.model.njoints)
-    }
+    indices = range(ROOT_JOINT, robot.model.njoints)
+    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
     markers = Markers(
         joint_nodes, [], [], [], marker_shapes.geometries(), marker_shapes.materials()
     )
