@@ -24,7 +24,7 @@ from rpctl.cli.options import (
     split_names,
 )
 from rpctl.cli.terminal import console, new_table, print_json, progress_bar
-from rpctl.control.dynamic import DYNAMIC_LAWS
+from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
