@@ -13,7 +13,7 @@ from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.terminal import print_json, progress_bar
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
-from rpctl.view.plots.panels import PANELS
+from rpctl.view.chart import PANELS
 
 DEFAULT_FIGURE = "figure.pdf"
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")]

@@ -32,7 +32,7 @@ def test_a_function_gives_the_run_of_the_law_that_it_calls(paper: Robot) -> None
     assert as_law(PaperKinematic()) == PaperKinematic()
     for law in (plain, as_law(plain)):
         found = run(paper, law)
-        np.testing.assert_array_equal(found.nu_d, expected.nu_d)
+        np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
         assert "kinematic_report" not in found.settings
     assert found.settings["kinematic"] == {"law": "plain"}
 
@@ -40,16 +40,16 @@ def test_a_function_gives_the_run_of_the_law_that_it_calls(paper: Robot) -> None
 def test_a_law_of_laws_takes_a_function(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = run(paper, EndEffector(PaperKinematic()))
     found = run(paper, EndEffector(plain))  # type: ignore[arg-type]
-    np.testing.assert_array_equal(found.nu_d, expected.nu_d)
+    np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
     monkeypatch.setattr("rpctl.control.horizon.law.HorizonLaw._solve", lambda *_: None)
     fallback = run(paper, Horizon(fallback=plain))  # type: ignore[arg-type]
-    np.testing.assert_array_equal(fallback.nu_d, run(paper, PaperKinematic()).nu_d)
+    np.testing.assert_array_equal(fallback.log.nu_d, run(paper, PaperKinematic()).log.nu_d)
 
 
 def test_a_controller_started_by_hand_keeps_its_report(paper: Robot) -> None:
     expected = run(paper, Horizon())
     found = run(paper, Horizon().start(ReducedDynamics(paper), PERIOD))
-    np.testing.assert_array_equal(found.nu_d, expected.nu_d)
+    np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
     assert found.settings["kinematic_report"] == expected.settings["kinematic_report"]
     assert found.settings["kinematic_report"]["solves"] == 6
 
