@@ -56,6 +56,16 @@ def test_no_circle_of_imports() -> None:
     tuple(TopologicalSorter(graph).static_order())  # raises CycleError, which names the circle
 
 
+def test_rooms_above_the_robot_know_nothing_of_pinocchio() -> None:
+    above = ROOMS[: ROOMS.index("robot")]
+    wrong = [
+        f"{file.as_posix()} imports {module}"
+        for file, room, module in imports()
+        if room in above and module.startswith(("pinocchio", "rpctl.robot"))
+    ]
+    assert not wrong
+
+
 def test_only_the_view_imports_meshcat() -> None:
     heavy = {"meshcat": ["view"], "matplotlib": ["view"], "trimesh": ["view", "description"]}
     wrong = [
