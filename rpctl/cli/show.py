@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -20,6 +20,10 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
+from rpctl.simulation.summary import EffortPeak
+
+if TYPE_CHECKING:  # it loads the viewer
+    from rpctl.view.run_folder import RunFolder
 
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
 MAX_LISTED_NAMES = 8  # names that a line lists
@@ -244,53 +248,53 @@ def certificate_line(certificate: Certificate) -> str:
         f"{worst.residual:.0e} of {worst.limit:.0e}"  # fmt: skip
 
 
-def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
+def show_summary(written: RunFolder, folder: Path) -> None:
     """Print the figures of merit of a run, and where its files lie."""
-    out = console()
+    out, summary = console(), written.summary
     table = Table("tracking error", box=None, header_style="dim", padding=(0, 2, 0, 0))
     for heading in ("rms", "final", "largest in 2nd half"):
         table.add_column(heading, justify="right")
     for label, key in (("base", "base_error"), ("end effector", "end_effector_error")):
-        figures = [summary[f"{when}_{key}"] for when in ("rms", "final", "settled")]
+        figures = [getattr(summary, f"{when}_{key}") for when in ("rms", "final", "settled")]
         if None not in figures:
             table.add_row(label, *(f"{1e3 * figure:.3f} mm" for figure in figures))
-    for joint in summary["joint_errors"]:
-        figures = [joint[when] for when in ("rms", "final", "settled")]
-        unit = "mm" if joint["unit"] == "m" else "mrad"
-        table.add_row(escape(joint["joint"]), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
+    for joint in summary.joint_errors:
+        figures = [joint.rms, joint.final, joint.settled]
+        unit = "mm" if joint.unit == "m" else "mrad"
+        table.add_row(escape(joint.joint), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
     out.print(table)
     out.print()
-    out.print(_effort_table(summary["efforts"]))
+    out.print(_effort_table(summary.efforts))
     out.print()
-    for broken in summary["limits_violated"]:
-        out.print(f"[bold red]limit[/] {escape(broken['joint'])} {broken['limit']}: "
-                  f"{broken['value']:.4g} where {broken['allowed']:.4g} is allowed, from "
-                  f"{broken['first_time']:.3g} s for {broken['duration']:.2g} s")  # fmt: skip
-    for bound in summary["limits_bound"]:
-        out.print(f"[yellow]limit[/] {escape(bound['told'])}")
-    if summary["ground"] is not None:
-        unsafe = summary["would_slip"] or summary["would_tip"]
-        mark = "[yellow]ground[/]" if summary["could_slip"] else "ground"
-        mark = "[bold red]ground[/]" if unsafe else mark
-        out.print(f"{mark} {escape(summary['ground'])}")
-    out.print(f"simulated {summary['realtime_factor']:.1f} times faster than real time")
-    for note in summary["notes"]:
+    for broken in summary.limits_violated:
+        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
+                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
+                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
+    for bound in summary.limits_bound:
+        out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
+    ground = summary.ground
+    if ground.sentence is not None:
+        mark = "[yellow]ground[/]" if ground.could_slip else "ground"
+        mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
+        out.print(f"{mark} {escape(ground.sentence)}")
+    out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")
+    for note in written.notes:
         out.print(f"[yellow]note[/] {escape(note)}")
-    size = f"{summary['report_bytes'] / 1e6:.1f} MB"
-    out.print(f"report [bold]{escape(str(summary['report']))}[/], {size}   "
+    size = f"{written.report_bytes / 1e6:.1f} MB"
+    out.print(f"report [bold]{escape(str(written.report))}[/], {size}   "
               f"(rpctl view {escape(str(folder))})")  # fmt: skip
 
 
-def _effort_table(efforts: Sequence[Mapping[str, Any]]) -> Table:
+def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
     table = Table("effort", box=None, header_style="dim", padding=(0, 2, 0, 0))
     for heading in ("peak", "limit", "share"):
         table.add_column(heading, justify="right")
     for effort in efforts:
-        share, limit = effort["ratio"], effort["limit"]
+        share, limit = effort.ratio, effort.limit
         style = "bold red" if share > 1.0 else ""
         table.add_row(
-            escape(effort["actuator"]),
-            f"{effort['peak']:.4g}",
+            escape(effort.actuator),
+            f"{effort.peak:.4g}",
             _limit(limit, "").strip(),
             f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
             style=style,

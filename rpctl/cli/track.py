@@ -165,7 +165,7 @@ def track_command(
     from rpctl.view.run_folder import REPORT_FILE, write_folder  # matplotlib loads only once needed
 
     with progress_bar("draw"):
-        summary = write_folder(run, folder, max_megabytes)
+        written = write_folder(run, folder, max_megabytes)
         if png:
             from rpctl.view.film.film import SCENE_FILE, write_still
 
@@ -173,8 +173,8 @@ def track_command(
     if watcher is not None:
         watcher.finish(folder / REPORT_FILE)
     if as_json:
-        typer.echo(to_json(summary))
+        typer.echo(to_json(written.to_dict()))
     else:
-        show_summary(summary, folder)
-    if summary["limits_violated"] or (certificate is not None and not certificate.passed):
+        show_summary(written, folder)
+    if written.summary.limits_violated or (certificate is not None and not certificate.passed):
         raise typer.Exit(CHECK_FAILED)
