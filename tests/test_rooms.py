@@ -56,6 +56,16 @@ def test_no_circle_of_imports() -> None:
     tuple(TopologicalSorter(graph).static_order())  # raises CycleError, which names the circle
 
 
+def test_rooms_above_the_robot_know_nothing_of_pinocchio() -> None:
+    above = ROOMS[: ROOMS.index("robot")]
+    wrong = [
+        f"{file.as_posix()} imports {module}"
+        for file, room, module in imports()
+        if room in above and module.startswith(("pinocchio", "rpctl.robot"))
+    ]
+    assert not wrong
+
+
 def test_only_the_view_imports_meshcat() -> None:
     heavy = {"meshcat": ["view"], "matplotlib": ["view"], "trimesh": ["view", "description"]}
     wrong = [
@@ -82,6 +92,13 @@ def test_the_model_needs_no_viewer() -> None:
     heavy = {"meshcat", "trimesh", "matplotlib", "yourdfpy", "IPython", "casadi", "sympy", "typer"}
     loaded = modules_after("import rpctl; rpctl.load; rpctl.track; rpctl.ReducedDynamics")
     assert "pinocchio" in loaded
+    assert not heavy & loaded
+
+
+def test_the_list_of_commands_needs_no_command() -> None:
+    heavy = {"numpy", "scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "lxml"}
+    loaded = modules_after("from rpctl.cli.app import app; app(['--help'], standalone_mode=False)")
+    assert "typer" in loaded
     assert not heavy & loaded
 
 

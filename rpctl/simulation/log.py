@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.law import Limit
+from rpctl.control.law import Command, Limit
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.dynamics.reduced import ReducedDynamics

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rpctl.cli.app import app
+from rpctl.cli.app import COMMANDS, app, load_command
+from rpctl.cli.options import LoadOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.view.film.browser import BROWSER_NAMES
 from tests.robots import SET_A, platform, write
@@ -304,13 +306,19 @@ def test_robots_lists_the_catalogue() -> None:
     assert "mixed_chain" in run("robots")[1]
 
 
-@pytest.mark.parametrize(
-    "command", ["inspect", "verify", "derive", "track", "compare", "view", "plot", "robots"]
-)
-def test_help_has_an_example(command: str) -> None:
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: str) -> None:
     code, out, _ = run(command, "--help")
     assert code == 0
     assert f"Example: rpctl {command}" in " ".join(out.split())
+    assert load_command(command).help.splitlines()[0] == COMMANDS[command].summary
+
+
+def test_options_of_a_dataclass_are_options_of_the_command() -> None:
+    """Each comes once, in the order of the fields, and so does what is no dataclass."""
+    names = [parameter.name for parameter in load_command("inspect").params]
+    loading = [field.name for field in fields(LoadOptions)]
+    assert names == ["robot", *loading, "as_json"]
 
 
 def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:

@@ -25,8 +25,8 @@ from rpctl import (
     track,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import Command
+from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.plant import advance

@@ -23,10 +23,9 @@ from rpctl import (
     Run,
 )
 from rpctl.cli.app import app
-from rpctl.control.command import KinematicLaw
 from rpctl.control.config import Config, LimitOverrides, RunSettings, read_config, write_config
-from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.control.law import KinematicLaw
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.control.settings import from_table, to_table
 from rpctl.errors import DescriptionError, UnknownNameError
 

@@ -21,8 +21,14 @@ from rpctl import (
     track,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.law import DynamicLaw, Efforts, Rest
+from rpctl.control.law import (
+    Command,
+    DynamicController,
+    DynamicFunction,
+    Efforts,
+    FunctionLaw,
+    Rest,
+)
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.errors import DivergedError
@@ -215,7 +221,7 @@ def test_a_platform_without_an_arm(tmp_path: Path) -> None:
 def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
     """Without ν̇_d the same loop is far worse: the derivative is not decoration."""
 
-    def without(law: DynamicLaw = PaperDynamic()) -> DynamicLaw:  # noqa: B008
+    def without(law: DynamicFunction = PaperDynamic()) -> DynamicFunction:  # noqa: B008
         def efforts(
             dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
         ) -> Efforts | Array:
@@ -236,14 +242,14 @@ def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
     class Counting:
         def start(
             self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
-        ) -> DynamicLaw:
+        ) -> DynamicController:
             periods.append(control_period)
             calls = iter(range(1000))
 
             def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
                 return np.full(len(dynamics.robot.actuators), float(next(calls)))
 
-            return law
+            return FunctionLaw(law)
 
     law = Counting()
     for _ in range(2):

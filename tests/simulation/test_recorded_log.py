@@ -8,7 +8,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.command import Command
+from rpctl.control.law import Command
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.quasi_velocities import reference_rates

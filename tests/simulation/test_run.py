@@ -23,7 +23,7 @@ from rpctl import (
     verify,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command, KinematicLaw
+from rpctl.control.law import Command, KinematicFunction
 from rpctl.errors import RunFileError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.run import ENTRIES, META_ENTRY
@@ -66,7 +66,7 @@ def test_limits_that_bound_come_back(paper: Robot, tmp_path: Path) -> None:
 
 @dataclass(frozen=True)
 class _Own:
-    inner: KinematicLaw
+    inner: KinematicFunction
     gains: Any
     least: Any
     around: tuple[Disc, ...]

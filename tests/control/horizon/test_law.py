@@ -22,10 +22,9 @@ from rpctl import (
     Run,
     summarize,
 )
-from rpctl.control.command import KinematicLaw
 from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.qp import QpSolution, QuadraticProgram, Solver
-from rpctl.control.law import Startable
+from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
@@ -41,7 +40,7 @@ def track(
     robot: Robot,
     reference: str | Reference,
     duration: float,
-    law: KinematicLaw | Startable[KinematicLaw] | None = None,
+    law: KinematicLaw | None = None,
     off: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Run:
     return rpctl.track(
@@ -184,7 +183,7 @@ def test_a_failed_solve_falls_back_and_is_counted(
         called.append(t)
         return inner(dynamics, reference, t, q, nu)
 
-    law = Horizon(fallback=fallback)
+    law = Horizon(fallback=as_law(fallback))
     run = track(paper, "eight", 0.3, law, (0.05, 0.0, 0.0))
     # The second and third solves fail, both within one pass; two samples each.
     np.testing.assert_allclose(called[:4], [0.02, 0.03, 0.04, 0.05])
