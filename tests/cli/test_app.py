@@ -22,6 +22,7 @@ from rpctl.cli.app import COMMANDS, app, load_command
 from rpctl.cli.options import LoadOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.view.film.browser import BROWSER_NAMES
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 runner = CliRunner()
@@ -180,6 +181,7 @@ def test_track_asks_for_a_browser_before_it_simulates(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, BROWSER_NAMES)), reason="no chromium on PATH")
 def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
     run("track", "paper", "--duration", "0.2", "--samples", "0", "--png", "--out", str(tmp_path))
@@ -204,7 +206,7 @@ def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     assert {broken["limit"] for broken in output["limits_violated"]} >= {"effort"}
 
 
-@pytest.mark.parametrize("dynamic", ["bounded", "integral"])
+@pytest.mark.parametrize("dynamic", cells(("bounded", "integral"), {"bounded"}, {"integral"}))
 def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
     words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
     words += ["--dynamic", dynamic, "--out", str(tmp_path)]
