@@ -43,7 +43,7 @@ def load_reference(robot: Robot, source: str) -> Reference:
     """
     suffix = FilePath(source).suffix.lower()
     if suffix == ".csv":
-        table = read_table(source, [joint.name for joint in robot.joints])
+        table = read_table(source, robot.joint_names)
         return _in_file(source, lambda: reference_from_table(robot, table, Limits()))
     if suffix == ".toml":
         asked = read_path_file(source)

@@ -17,7 +17,7 @@ from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
-from rpctl.view.chart_data import chart_data
+from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import merge
 from rpctl.view.pages.compare_panel import compare_legend, compare_panel
 from rpctl.view.pages.forces import overlay
