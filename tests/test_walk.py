@@ -13,7 +13,7 @@ import rpctl
 from rpctl.cli.app import app
 from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.errors import RpctlError
-from rpctl.reference.motion import BASE_PATHS
+from rpctl.reference.named import BASE_PATHS
 from rpctl.robot.catalog import ENTRIES
 from tests.grids import cells
 

@@ -16,7 +16,8 @@ from rpctl.control.error import observe
 from rpctl.control.steering import base_command, steering_targets
 from rpctl.control.twist import Twist, omnidirectional_twist
 from rpctl.drive.steering import turning_radius
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.quasi_velocities import direction, reference_rates, steering
 from tests.grids import cells
 from tests.robots import write

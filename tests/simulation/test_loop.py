@@ -34,7 +34,7 @@ from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.errors import DivergedError
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 from rpctl.simulation.loop import default_duration
 from tests.grids import cells
 from tests.robots import SET_A, platform, write

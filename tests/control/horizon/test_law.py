@@ -27,7 +27,8 @@ from rpctl.control.horizon.qp import QpSolution, QuadraticProgram, Solver
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.named import reference_by_name
 from tests.control.tight_limits import limited, tall
 from tests.grids import cells
 from tests.robots import SET_A, ball, four_wheels, platform, write

@@ -20,8 +20,10 @@ from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius
 from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
-from rpctl.reference.motion import RAMP_TIME, PathReference, Reference, reference_by_name, waves
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import RAMP_TIME, PathReference, reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.waves import waves
 from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle
