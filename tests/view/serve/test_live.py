@@ -23,7 +23,8 @@ import pytest
 import rpctl
 from rpctl import Robot, Run
 from rpctl.control.config import Config, write_config
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from rpctl.simulation import loop
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene import obstacle_shapes
