@@ -137,7 +137,7 @@ def track_command(
         output.print(certificate_line(certificate))
     watcher = None
     if live:
-        from rpctl.view.scene.obstacles import find_obstacles
+        from rpctl.view.obstacles import find_obstacles
         from rpctl.view.serve.live import broadcast
 
         period = config_in_use.run.control_period
