@@ -20,7 +20,7 @@ from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.qp import QuadraticProgram, Solver
 from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.control.law import Command
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
 
 NOW = 5.0  # s

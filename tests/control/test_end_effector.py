@@ -29,8 +29,8 @@ from rpctl.control.error import tracking_error
 from rpctl.control.frame_kinematics import end_effector_frame, jacobian, reference_motion
 from rpctl.control.law import KinematicLaw
 from rpctl.control.registry import kinematic_by_name
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
+from rpctl.reference.named import reference_by_name
 from tests.robots import SET_B, platform, write
 
 STEP = 1e-6

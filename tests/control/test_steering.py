@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,25 @@ from rpctl.control.error import observe
 from rpctl.control.steering import base_command, steering_targets
 from rpctl.control.twist import Twist, omnidirectional_twist
 from rpctl.drive.steering import turning_radius
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.quasi_velocities import direction, reference_rates, steering
+from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import vehicle
 
 STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
 EXACT = [kind for kind in STEERED if kind != "tricycle"]  # whose trailing wheel lags a little
 STEP = 1e-6
+GRID = list(product(STEERED, ("line", "reverse", "circle", "eight")))
+QUICK = {
+    ("car-like", "eight"),
+    ("parallel", "circle"),
+    ("tricycle", "line"),
+    ("bicycle", "reverse"),
+    ("steered", "reverse"),
+    ("twin", "eight"),
+}
 
 
 def load(folder: Path, kind: str) -> Robot:
@@ -112,8 +124,7 @@ def test_the_rolling_speed_changes_as_its_rate_says(
     assert slope == pytest.approx(asked(0.0)[1][0], abs=1e-5)
 
 
-@pytest.mark.parametrize("kind", STEERED)
-@pytest.mark.parametrize("name", ["line", "reverse", "circle", "eight"])
+@pytest.mark.parametrize(("kind", "name"), cells(GRID, QUICK))
 def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
     robot = load(tmp_path, kind)
     off = (0.1, -0.1, 0.1)

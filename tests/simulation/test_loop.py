@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +34,15 @@ from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.errors import DivergedError
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 from rpctl.simulation.loop import default_duration
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)
+TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
+QUICK_TURNS = {("paper", "spin"), ("mixed_chain", "circle"), ("tiago_dual", "eight")}
+PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 
 @pytest.fixture(scope="module")
@@ -136,8 +141,7 @@ def test_the_reference_robot_rolls_on_its_wheels(eight: Run, tiago: Robot) -> No
     assert angles[-1].mean() * 0.0985 == pytest.approx(travelled, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["paper", "mixed_chain", "tiago_dual"])
-@pytest.mark.parametrize("reference", ["circle", "spin", "eight"])
+@pytest.mark.parametrize(("name", "reference"), cells(TURNS, QUICK_TURNS))
 def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     run = track(rpctl.load(name), reference, 12.0, OFF, control_period=0.005, plant_step=0.005)
     figures = summarize(run)
@@ -145,13 +149,13 @@ def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     assert figures["final_end_effector_error"] < 0.01
 
 
-@pytest.mark.parametrize("reference", ["line", "reverse"])
+@pytest.mark.parametrize("reference", cells(("line", "reverse"), {"reverse"}))
 def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, reference: str) -> None:
     figures = summarize(track(paper, reference, 10.0, (0.0, 0.2, 0.0), PaperKinematic()))
     assert figures["final_lateral_error"] == pytest.approx(0.2, abs=1e-3)
 
 
-@pytest.mark.parametrize("reference", ["line", "reverse", "spin", "circle", "eight"])
+@pytest.mark.parametrize("reference", cells(PATHS, {"line", "eight"}, {"spin"}))
 def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
     """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
     ours, theirs = (

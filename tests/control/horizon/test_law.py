@@ -27,12 +27,15 @@ from rpctl.control.horizon.qp import QpSolution, QuadraticProgram, Solver
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.named import reference_by_name
 from tests.control.tight_limits import limited, tall
+from tests.grids import cells
 from tests.robots import SET_A, ball, four_wheels, platform, write
 
 OFF = (0.3, -0.4, 0.8)
 PERIOD = 0.01  # s
+PILLAR, WALL = Disc(1.54, 1.55, 0.12), HalfPlane(0.0, -1.0, -1.3)
 CLOSE = 5e-3  # m: what bounds that are linear, and kept at steps, may be missed by
 
 
@@ -113,9 +116,7 @@ def test_what_was_late_is_made_up_for(tmp_path: Path) -> None:
     assert np.abs(run.log.e[-1]).max() < 1e-3
 
 
-@pytest.mark.parametrize(
-    "y", [0.2, *(pytest.param(y, marks=pytest.mark.slow) for y in (0.0, -0.4))]
-)
+@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4), {0.2}, {0.0}))
 def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     disc = Disc(1.2, y, 0.3)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)
@@ -134,7 +135,7 @@ def test_the_base_stops_before_a_wall(paper: Robot) -> None:
     assert run.log.base[:, 0].max() < 0.8 + CLOSE
 
 
-@pytest.mark.parametrize("obstacle", [Disc(1.54, 1.55, 0.12), HalfPlane(0.0, -1.0, -1.3)])
+@pytest.mark.parametrize("obstacle", cells((PILLAR, WALL), {PILLAR}, {WALL}))
 def test_the_end_effector_keeps_clear(paper: Robot, obstacle: Disc | HalfPlane) -> None:
     free, kept = (
         track(paper, "eight", 4.0, Horizon(end_effector_obstacles=obstacles))

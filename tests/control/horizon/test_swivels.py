@@ -20,15 +20,17 @@ from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius
 from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
-from rpctl.reference.motion import RAMP_TIME, PathReference, Reference, reference_by_name, waves
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import RAMP_TIME, PathReference, reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.waves import waves
+from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle
 
 OFF = (0.1, -0.1, 0.1)
 PERIOD = 0.01  # s
 AXLES = ("car-like", "parallel", "tricycle", "bicycle")  # no turning on the spot
-QUICK = {("car-like", "eight"), ("bicycle", "line"), ("twin", "eight"), ("casters", "eight")}
 
 
 def load(folder: Path, kind: str) -> Robot:
@@ -62,14 +64,25 @@ def angles(robot: Robot, run: Run) -> Array:
 
 
 GRID = [
-    pytest.param(kind, name, marks=[] if (kind, name) in QUICK else pytest.mark.slow)
+    (kind, name)
     for kind in KINDS
     for name in ("line", "reverse", "circle", "eight", "spin")
     if name != "spin" or kind not in AXLES
 ]
+QUICK = {("bicycle", "line"), ("casters", "eight")}
+IN_CI = {
+    ("car-like", "eight"),
+    ("parallel", "line"),
+    ("tricycle", "circle"),
+    ("bicycle", "reverse"),
+    ("casters", "spin"),
+    ("steered", "line"),
+    ("twin", "eight"),
+    ("omni", "circle"),
+}
 
 
-@pytest.mark.parametrize(("kind", "name"), GRID)
+@pytest.mark.parametrize(("kind", "name"), cells(GRID, QUICK, IN_CI))
 def test_it_tracks(tmp_path: Path, kind: str, name: str) -> None:
     figures = summarize(run_of(load(tmp_path, kind), name, 12.0))
     assert figures["final_base_error"] < (1e-3 if name != "spin" else 5e-3)
@@ -79,6 +92,7 @@ def test_it_tracks(tmp_path: Path, kind: str, name: str) -> None:
     assert report["largest_lag"] == 0.0  # nothing made it wait
 
 
+@pytest.mark.slow
 def test_a_bend_near_the_steering_limit(tmp_path: Path) -> None:
     """The wheels stop at their limit, and what room there is brings the base back."""
     robot = halved(load(tmp_path, "car-like"))
@@ -94,6 +108,7 @@ def test_a_bend_near_the_steering_limit(tmp_path: Path) -> None:
     assert not summarize(run)["limits_violated"]
 
 
+@pytest.mark.slow
 def test_a_swerve_spins_within_halved_limits(tmp_path: Path) -> None:
     robot = halved(load(tmp_path, "steered"))
     run = run_of(robot, "spin", 6.0)
