@@ -100,10 +100,10 @@ def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: P
     words = ("--duration", "2", *off, "--samples", "3", "--out", str(tmp_path))
     sprung = SPRUNG.get(name, set())
     summary = json_of("track", name, *words, code=1 if sprung else 0)
-    assert {limit["joint"] for limit in summary["limits_violated"]} == sprung
+    assert {limit["joint"] for limit in summary.limits_violated} == sprung
     assert summary["notes"] == []
-    assert summary["final_base_error"] < SHRUNK
-    assert drive != "fixed" or summary["final_end_effector_error"] < FOLLOWED
+    assert summary.final_base_error < SHRUNK
+    assert drive != "fixed" or summary.final_end_effector_error < FOLLOWED
     report = tmp_path / "report.html"
     assert summary["report"] == str(report)
     assert report.stat().st_size > REPORT_SIZE
@@ -116,8 +116,8 @@ def test_the_casters_of_tiago_dual_roll_along() -> None:
     assert [wheel.driven for wheel in robot.drive.wheels] == 2 * [True] + 4 * [False]
     assert rpctl.verify(robot, samples=3).passed
     summary = rpctl.summarize(rpctl.track(robot, "eight", 2.0, (0.02, -0.02, 0.02)))
-    assert summary["limits_violated"] == []
-    assert summary["final_base_error"] < 0.01
+    assert summary.limits_violated == ()
+    assert summary.final_base_error < 0.01
 
 
 @pytest.mark.parametrize("name", ON_AXLES)
@@ -130,5 +130,5 @@ def test_what_cannot_spin_says_so(name: str) -> None:
 def test_every_drive_follows_every_reference(name: str, reference: str) -> None:
     robot = rpctl.load(name)
     summary = rpctl.summarize(rpctl.track(robot, reference, 12.0, OFF))
-    assert summary["limits_violated"] == []
-    assert summary["final_base_error"] < (SPUN if reference == "spin" else SETTLED)
+    assert summary.limits_violated == ()
+    assert summary.final_base_error < (SPUN if reference == "spin" else SETTLED)

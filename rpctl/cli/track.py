@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -35,8 +35,10 @@ from rpctl.simulation.log import describe
 from rpctl.simulation.loop import default_duration, track
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
+from rpctl.simulation.summary import EffortPeak
 
 if TYPE_CHECKING:
+    from rpctl.view.run_folder import RunFolder
     from rpctl.view.serve.live import Broadcast
 
 
@@ -154,14 +156,14 @@ def track_command(
         output.print(certificate_line(certificate))
     with _live_page(loaded, reference, config, output.print) if live else nullcontext() as page:
         run = _simulate(loaded, reference, config, certificate, page)
-        summary = _write(run, folder, max_megabytes, png)
+        written = _write(run, folder, max_megabytes, png)
         if page is not None:
-            page.finish(Path(summary["report"]))
+            page.finish(written.report)
     if as_json:
-        print_json(summary)
+        print_json(written.to_dict())
     else:
-        show_summary(summary, folder)
-    if summary["limits_violated"] or (certificate is not None and not certificate.passed):
+        show_summary(written, folder)
+    if written.summary.limits_violated or (certificate is not None and not certificate.passed):
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -199,62 +201,62 @@ def _simulate(
         )
 
 
-def _write(run: Run, folder: Path, max_megabytes: float, png: bool) -> dict[str, Any]:
-    """Write the files of a run; return its figures of merit."""
+def _write(run: Run, folder: Path, max_megabytes: float, png: bool) -> RunFolder:
+    """Write the files of a run."""
     from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
 
     with progress_bar("draw"):
-        summary = write_folder(run, folder, max_megabytes)
+        written = write_folder(run, folder, max_megabytes)
         if png:
             from rpctl.view.film.film import SCENE_FILE, write_still
 
             write_still(run, folder / SCENE_FILE)
-    return summary
+    return written
 
 
-def show_summary(summary: Mapping[str, Any], folder: Path) -> None:
+def show_summary(written: RunFolder, folder: Path) -> None:
     """Print the figures of merit of a run, and where its files lie."""
-    out = console()
+    out, summary = console(), written.summary
     table = new_table("tracking error", ">rms", ">final", ">largest in 2nd half")
     for label, key in (("base", "base_error"), ("end effector", "end_effector_error")):
-        figures = [summary[f"{when}_{key}"] for when in ("rms", "final", "settled")]
+        figures = [getattr(summary, f"{when}_{key}") for when in ("rms", "final", "settled")]
         if None not in figures:
             table.add_row(label, *(f"{1e3 * figure:.3f} mm" for figure in figures))
-    for joint in summary["joint_errors"]:
-        figures = [joint[when] for when in ("rms", "final", "settled")]
-        unit = "mm" if joint["unit"] == "m" else "mrad"
-        table.add_row(escape(joint["joint"]), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
+    for joint in summary.joint_errors:
+        figures = [joint.rms, joint.final, joint.settled]
+        unit = "mm" if joint.unit == "m" else "mrad"
+        table.add_row(escape(joint.joint), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
     out.print(table)
     out.print()
-    out.print(_effort_table(summary["efforts"]))
+    out.print(_effort_table(summary.efforts))
     out.print()
-    for broken in summary["limits_violated"]:
-        out.print(f"[bold red]limit[/] {escape(broken['joint'])} {broken['limit']}: "
-                  f"{broken['value']:.4g} where {broken['allowed']:.4g} is allowed, from "
-                  f"{broken['first_time']:.3g} s for {broken['duration']:.2g} s")  # fmt: skip
-    for bound in summary["limits_bound"]:
-        out.print(f"[yellow]limit[/] {escape(bound['told'])}")
-    if summary["ground"] is not None:
-        unsafe = summary["would_slip"] or summary["would_tip"]
-        mark = "[yellow]ground[/]" if summary["could_slip"] else "ground"
-        mark = "[bold red]ground[/]" if unsafe else mark
-        out.print(f"{mark} {escape(summary['ground'])}")
-    out.print(f"simulated {summary['realtime_factor']:.1f} times faster than real time")
-    for note in summary["notes"]:
+    for broken in summary.limits_violated:
+        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
+                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
+                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
+    for bound in summary.limits_bound:
+        out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
+    ground = summary.ground
+    if ground.sentence is not None:
+        mark = "[yellow]ground[/]" if ground.could_slip else "ground"
+        mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
+        out.print(f"{mark} {escape(ground.sentence)}")
+    out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")
+    for note in written.notes:
         out.print(f"[yellow]note[/] {escape(note)}")
-    size = f"{summary['report_bytes'] / 1e6:.1f} MB"
-    out.print(f"report [bold]{escape(str(summary['report']))}[/], {size}   "
+    size = f"{written.report_bytes / 1e6:.1f} MB"
+    out.print(f"report [bold]{escape(str(written.report))}[/], {size}   "
               f"(rpctl view {escape(str(folder))})")  # fmt: skip
 
 
-def _effort_table(efforts: Sequence[Mapping[str, Any]]) -> Table:
+def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
     table = new_table("effort", ">peak", ">limit", ">share")
     for effort in efforts:
-        share, limit = effort["ratio"], effort["limit"]
+        share, limit = effort.ratio, effort.limit
         style = "bold red" if share > 1.0 else ""
         table.add_row(
-            escape(effort["actuator"]),
-            f"{effort['peak']:.4g}",
+            escape(effort.actuator),
+            f"{effort.peak:.4g}",
             format_limit(limit, ""),
             f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
             style=style,

@@ -95,7 +95,7 @@ def main() -> None:
         for clock, values in zip(("wall", "CPU"), clocks, strict=True):
             median, late = np.percentile(values[1:], [50, 99])
             print(f"{name:6} {clock:4}  median {median:5.2f} ms  99th percentile {late:5.2f} ms")
-    print(rpctl.summarize(run)["kinematic_report"])
+    print(rpctl.summarize(run).kinematic_report)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from rpctl.errors import Finding
 from rpctl.robot.facts import facts
 from rpctl.study.benchmark import Cell, Figures, Row, figures
 from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
+from rpctl.view.run_folder import RunFolder
 from tests.golden import COUNT, TRICYCLE
 from tests.robots import write
 from tests.runs import vary
@@ -49,8 +50,8 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     tau, rates = np.array(golden.tau), np.array(golden.log.rates)
     tau[2:4, 3], rates[4, 4] = -25.0, 0.75
     summary = summarize(vary(golden, tau=tau, rates=rates))
-    notes = {"notes": ["a note"], "report": "out/report.html", "report_bytes": 1_250_000}
-    track.show_summary({**summary, **notes}, Path("out"))
+    written = RunFolder(summary, Path("out/report.html"), 1_250_000, ("a note",))
+    track.show_summary(written, Path("out"))
     rms = {
         "base": (5.0, 0.5, 0.5, 0.13, 0.1, 0.05),
         "tip": (0.7, 0.3, 0.07, 0.03, 0.07, 0.03),
@@ -92,8 +93,7 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
     console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(track, "console", lambda: console)
-        more = {"notes": [], "report": "r", "report_bytes": 0}
-        track.show_summary({**summarize(run), **more}, Path("out"))
+        track.show_summary(RunFolder(summarize(run), Path("r"), 0, ()), Path("out"))
     text = console.export_text(styles=True)
     assert text.count("\x1b[1;31mground\x1b[0m") == marked
     assert "\x1b[1;31mslide_joint" in text  # 60 N of 50
@@ -103,8 +103,7 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
 def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, printed: Printed) -> None:
     none = np.empty((COUNT, 0))
     bare = vary(golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none)
-    more = {"notes": [], "report": "r", "report_bytes": 0}
-    track.show_summary({**summarize(bare), **more}, Path("out"))
+    track.show_summary(RunFolder(summarize(bare), Path("r"), 0, ()), Path("out"))
     assert not [line for line in printed() if line.startswith(("end effector", "ground"))]
 
 

@@ -130,16 +130,16 @@ def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
     off = (0.1, -0.1, 0.1)
     run = track(robot, name, 10.0, off, control_period=0.01, plant_step=0.01)
     figures = summarize(run)
-    assert figures["final_base_error"] < (0.02 if kind == "tricycle" else 3e-3)
-    assert not figures["limits_violated"]
-    assert figures["constraint_residual"] < 1e-12
+    assert figures.final_base_error < (0.02 if kind == "tricycle" else 3e-3)
+    assert not figures.limits_violated
+    assert figures.constraint_residual < 1e-12
 
 
 @pytest.mark.parametrize("kind", ["steered", "twin"])
 def test_swerves_turn_on_the_spot(tmp_path: Path, kind: str) -> None:
     robot = load(tmp_path, kind)
     run = track(robot, "spin", 10.0, (0.1, -0.1, 0.1), control_period=0.01, plant_step=0.01)
-    assert summarize(run)["final_base_error"] < 1e-3
+    assert summarize(run).final_base_error < 1e-3
 
 
 @pytest.mark.parametrize("kind", ["car-like", "tricycle", "bicycle"])
@@ -157,8 +157,8 @@ def test_paths_grow_where_the_steering_is_tight(tmp_path: Path) -> None:
     state = reference_by_name(robot, "circle")(5.0)
     assert state.twist[0] / state.twist[2] == pytest.approx(1.5 * least)
     figures = summarize(track(robot, "circle", 12.0, control_period=0.01, plant_step=0.01))
-    assert not figures["limits_violated"]
-    assert figures["final_base_error"] < 1e-3
+    assert not figures.limits_violated
+    assert figures.final_base_error < 1e-3
 
 
 def test_steering_stays_inside_its_limits(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_steering_stays_inside_its_limits(tmp_path: Path) -> None:
     run = track(robot, "line", 10.0, (0.2, 0.8, 1.2), control_period=0.01, plant_step=0.01)
     index = [robot.velocity_index(name) + 1 for name in ("steer_left", "steer_right")]
     assert np.abs(run.q[:, index]).max() < 1.2
-    assert summarize(run)["final_lateral_error"] < 0.1
+    assert summarize(run).final_lateral_error < 0.1
 
 
 def test_a_reference_without_a_direction_leaves_the_wheels_ahead() -> None:
