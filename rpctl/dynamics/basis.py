@@ -12,6 +12,7 @@ from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
 RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v is undetermined
+UNDETERMINED = "the wheels and quasi-velocities determine no one motion"
 
 
 def selection(robot: Robot, rolling: Rolling) -> Array:
@@ -30,7 +31,7 @@ def selection(robot: Robot, rolling: Rolling) -> Array:
         wheels = drive.carried(drive.steered[0])
         for wheel in wheels:
             index = robot.velocity_index(drive.wheels[wheel].joint)
-            W[0, index] = -rolling.constant[rolling.along[wheel], index] / len(wheels)
+            W[0, index] = -rolling.matrix.constant[rolling.along[wheel], index] / len(wheels)
     else:
         W[:own, :BASE_NV] = np.eye(own, BASE_NV)
     joints = [swivel.joint for swivel in drive.steered] + [joint.name for joint in robot.joints]
@@ -58,7 +59,7 @@ def basis(A: Array, W: Array) -> Basis:
     """
     left, rows = np.vstack([A, W]), len(A)
     square = left.shape[0] == left.shape[1]
-    inverse = _inverse(left) if square else _pseudoinverse(left)
+    inverse = square_inverse(left) if square else _pseudoinverse(left)
     wanted = np.vstack([np.zeros((rows, len(W))), np.eye(len(W))])
     S = inverse[:, rows:]
     S = S + inverse @ (wanted - left @ S)  # brings 1e-13 to rounding
@@ -70,7 +71,7 @@ def basis(A: Array, W: Array) -> Basis:
     return Basis(S, inverse[:, :rows])
 
 
-def _inverse(left: Array) -> Array:
+def square_inverse(left: Array) -> Array:
     """Return the inverse of as many equations as there are velocities."""
     try:
         inverse = np.linalg.inv(left)
@@ -78,7 +79,7 @@ def _inverse(left: Array) -> Array:
         inverse = np.full(left.shape, np.inf)
     condition = np.abs(left).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
     if not condition * RANK_MARGIN < 1.0:
-        raise SingularBasisError("the wheels and quasi-velocities determine no one motion")
+        raise SingularBasisError(UNDETERMINED)
     return np.asarray(inverse)
 
 

@@ -84,7 +84,7 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
 def _rows(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
     """Return A (rows, nv) and Ȧ v (rows,)."""
     rolling = find_rolling(robot)
-    return constraint(robot, rolling, q), constraint_drift(robot, rolling, q, v)
+    return constraint(rolling, q), constraint_drift(rolling, q, v)
 
 
 def effort_columns(robot: Robot) -> Array:

@@ -166,8 +166,8 @@ def directions(robot: Robot) -> Robot:
     return dataclasses.replace(robot, drive=drive)
 
 
-def lost_drift(original: Callable[..., Array], *arguments: Any) -> Array:
-    return np.zeros_like(original(*arguments))
+def lost(drift: Array, *arguments: Any) -> Array:
+    return np.zeros_like(drift)
 
 
 def negative(robot: Robot) -> Robot:
@@ -194,11 +194,11 @@ FAULTS: dict[str, tuple[str, Plant]] = {
         for name, fault in shared_faults.FAULTS.items()
     },
     "steered A: pivots": ("car", rolling_of(pivots(lambda x, y: (x + SMALL, y - SMALL)))),
-    "steered Ȧv: lost": ("tricycle", in_function(rolling.constraint_drift, lost_drift)),
+    "steered Ȧv: lost": ("tricycle", in_class(rolling.Rolling, "drift", lost)),
     "following A: pivots": ("swerve", rolling_of(pivots(lambda x, y: (x * (1 + SMALL), y)))),
-    "following Ȧv: lost": ("swerve", in_function(rolling.constraint_drift, lost_drift)),
+    "following Ȧv: lost": ("swerve", in_class(rolling.Rolling, "drift", lost)),
     "caster A: trails": ("casters", rolling_of(trails)),
-    "caster Ȧv: lost": ("casters", in_function(rolling.constraint_drift, lost_drift)),
+    "caster Ȧv: lost": ("casters", in_class(rolling.Rolling, "drift", lost)),
     "roller A: directions": ("mecanum", rolling_of(directions)),
     "omni A: directions": ("omni", rolling_of(directions)),
     "file: an inertia below zero": (GENERAL, of_robot(negative)),

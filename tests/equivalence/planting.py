@@ -91,8 +91,8 @@ def in_placement(change: Callable[[pin.SE3], pin.SE3]) -> Plant:
 def rolling_of(change: Callable[[Robot], Robot]) -> Plant:
     """Plant another robot's rolling constraint: the equations get it, the oracles do not."""
 
-    def changed(original: Callable[..., Any], robot: Robot) -> Any:
-        return original(change(robot))
+    def changed(original: Callable[..., Any], robot: Robot, *rest: Any) -> Any:
+        return original(change(robot), *rest)
 
     return in_function(rolling.find_rolling, changed)
 

@@ -212,7 +212,8 @@ class ForceBounds:
         return [*found, Soft(value, slopes)]
 
     def _now(self, motion: Motion) -> list[Soft]:
-        forces = self._forces.at(motion.start, motion.nu[0], motion.nu_dot[0], now=True)
+        dynamics = self._model.dynamics
+        forces = self._forces.at(motion.start, motion.nu[0], motion.nu_dot[0], dynamics)
         dof = len(motion.nu[0])
         tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
         value, slopes = tau[:, 0], tau[:, 1 : 1 + dof]

@@ -190,7 +190,7 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
         base=base,
         joints=joints,
         steered=len(steered),
-        steering=Steering(dynamics) if steered else None,
+        steering=Steering(robot) if steered else None,
         to_twist=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
         spread=spread,
         places=(

@@ -2,65 +2,44 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Swivel
-from rpctl.drive.steering import lateral_row, rolling_row
-from rpctl.dynamics.basis import RANK_MARGIN
-from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import Turning
+from rpctl.dynamics.basis import RANK_MARGIN, selection
+from rpctl.dynamics.projection import eliminate
+from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import SingularBasisError
-
-
-class Part(NamedTuple):
-    """A row, or its share, that turns with a steered joint, or with a swivel that mimics one."""
-
-    row: int
-    turning: Turning
-    share: float
-    column: int  # of the steered joint
-    ratio: float
-    offset: float  # rad
+from rpctl.robot.model import BASE_NV, Robot
 
 
 class Steering:
     """Maps from the base's speed and the steering rates to the twist of P.
 
-    They are S's rows of the base, from the constraints that fix it alone: with M(δ) two lateral
-    rows and the row of the speed ν₁, and N what turning wheels beside their axes adds to them,
+    They are S's rows of the base. Casters and followers have no part in them, so they glide here.
+    With the equations M(δ) y = R ν and T = X(δ) y + C ν of :class:`rpctl.dynamics.projection`,
 
-        M(δ) T = (0, 0, ν₁) − N δ̇,    ∂T/∂δ_i = −M⁻¹ (∂M/∂δ_i) T  at given ν₁ and δ̇.
+        ∂T/∂δ_i = (∂X/∂δ_i) y − X M⁻¹ (∂M/∂δ_i) y   at given ν.
 
     Args:
-        dynamics: Dynamics of a robot with steered wheels.
+        robot: A robot with steered wheels.
     """
 
-    def __init__(self, dynamics: ReducedDynamics) -> None:
-        robot, rolling = dynamics.robot, dynamics.rolling
+    def __init__(self, robot: Robot) -> None:
         drive = robot.drive
-        names = [swivel.joint for swivel in drive.steered]
+        rolling = find_rolling(robot, gliding=("caster", "follower"))
+        core, N, P = eliminate(rolling.matrix, selection(robot, rolling))
+        rows = len(rolling.matrix.constant)
+        speeds = slice(rows, rows + len(drive.base_speeds))
+        self._R, self._C = N[:, speeds], P[:BASE_NV, speeds]
         self._to_point = robot.point_velocity
-        self._constant = np.zeros((3, 3))
-        self._right = np.zeros((3, 1 + len(names)))
-        self._right[2, 0] = 1.0
-        if drive.has_axle:
-            self._constant[0] = lateral_row(drive.point, drive.heading)
-            self._constant[2] = rolling_row(drive.point, drive.heading)
-        fixing = [part for part in rolling.turning if part.swivel.role in ("steered", "mimic")]
-        lateral = [part for part in fixing if part.row not in rolling.along]
-        rows = {
-            row: i + drive.has_axle for i, row in enumerate(dict.fromkeys(p.row for p in lateral))
-        }
-        self._parts = [_part(rows[part.row], part, 1.0, names) for part in lateral]
-        if not drive.has_axle:  # the speed is the first swivel's wheels', on average
-            along = [p for p in fixing if p.row in rolling.along and p.swivel == drive.steered[0]]
-            self._parts += [_part(2, part, 1.0 / len(along), names) for part in along]
-        for row, turning, share, column, ratio, _ in self._parts:
-            self._constant[row, 2] += share * turning.lever
-            self._right[row, 1 + column] -= share * turning.swivel.sign * turning.lever * ratio
+        leaders = [swivel.joint for swivel in drive.steered]
+        spread, offset = np.zeros((len(drive.swivels), len(leaders))), np.zeros(len(drive.swivels))
+        for i, swivel in enumerate(drive.swivels):
+            if swivel.role in ("steered", "mimic"):
+                spread[i, leaders.index(swivel.shares or swivel.joint)] = swivel.ratio
+                offset[i] = swivel.offset
+        base = core.map(lambda part: part[..., : len(N) + BASE_NV, :])
+        self._matrix = base.following(spread, offset)
 
     def maps(self, angles: Array) -> Array:
         """Return the maps (K, 3, 1 + n_steered) at steering angles (K, n_steered), rad.
@@ -68,12 +47,8 @@ class Steering:
         Raises:
             SingularBasisError: Some angles fix no one motion.
         """
-        rows = np.tile(self._constant, (len(angles), 1, 1))
-        for part in self._parts:
-            cos, sin = _direction(part, angles)
-            x, y = part.turning.swivel.pivot
-            rows[:, part.row] += part.share * np.column_stack([cos, sin, sin * x - cos * y])
-        return self._to_point @ _solve(rows, self._right)
+        inverse, X = self._solve(self._matrix.turn(angles))
+        return np.asarray(self._to_point @ (X @ (inverse @ self._R) + self._C))
 
     def slopes(self, angles: Array, speeds: Array) -> Array:
         """Return the derivatives (K, 3, n_steered) of the twists by the angles.
@@ -82,42 +57,24 @@ class Steering:
             angles: rad (K, n_steered).
             speeds: The base's speed and the steering rates (K, 1 + n_steered).
         """
-        rows = np.tile(self._constant, (len(angles), 1, 1))
-        turned = np.zeros((len(angles), angles.shape[1], 3, 3))
-        for part in self._parts:
-            cos, sin = _direction(part, angles)
-            x, y = part.turning.swivel.pivot
-            rows[:, part.row] += part.share * np.column_stack([cos, sin, sin * x - cos * y])
-            gain = part.share * part.turning.swivel.sign * part.ratio
-            turned[:, part.column, part.row] += gain * np.column_stack(
-                [-sin, cos, cos * x + sin * y]
-            )
-        twist = _solve(rows, (speeds @ self._right.T)[:, :, None])[:, :, 0]
-        changed = np.einsum("kirj,kj->kri", turned, twist)
-        return -self._to_point @ _solve(rows, changed)
+        u = self._matrix.turn(angles)
+        inverse, X = self._solve(u)
+        y = inverse @ (speeds @ self._R.T)[:, :, None]  # (K, n, 1)
+        change = self._matrix.rate(u[:, None], np.eye(angles.shape[1])) @ y[:, None]
+        change = np.swapaxes(change[..., 0], 1, 2)  # (K, n + 3, n_steered)
+        count = len(self._R)
+        slopes = change[:, count:] - X @ (inverse @ change[:, :count])
+        return np.asarray(self._to_point @ slopes)
 
-
-def _part(row: int, turning: Turning, share: float, names: list[str]) -> Part:
-    swivel: Swivel = turning.swivel
-    if swivel.role == "steered":
-        return Part(row, turning, share, names.index(swivel.joint), 1.0, 0.0)
-    column = names.index(str(swivel.shares))
-    return Part(row, turning, share, column, swivel.ratio, swivel.offset)
-
-
-def _direction(part: Part, angles: Array) -> tuple[Array, Array]:
-    position = part.ratio * angles[:, part.column] + part.offset
-    angle = part.turning.angle + part.turning.swivel.sign * position
-    return np.cos(angle), np.sin(angle)
-
-
-def _solve(rows: Array, right: Array) -> Array:
-    """Return rows⁻¹ right of each posture: (K, 3, 3), and (3, n) or (K, 3, n)."""
-    try:
-        inverse = np.asarray(np.linalg.inv(rows), dtype=float)
-    except np.linalg.LinAlgError:
-        inverse = np.full(rows.shape, np.inf)
-    size = np.abs(rows).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
-    if not (size * RANK_MARGIN < 1.0).all():
-        raise SingularBasisError("the steered wheels fix no one motion ahead")
-    return inverse @ right
+    def _solve(self, u: Array) -> tuple[Array, Array]:
+        """Return M⁻¹ (K, n, n) and X (K, 3, n) of each posture."""
+        found, count = self._matrix.at(u), len(self._R)
+        M = found[:, :count]
+        try:
+            inverse = np.asarray(np.linalg.inv(M), dtype=float)
+        except np.linalg.LinAlgError:
+            inverse = np.full(M.shape, np.inf)
+        size = np.abs(M).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
+        if not (size * RANK_MARGIN < 1.0).all():
+            raise SingularBasisError("the steered wheels fix no one motion ahead")
+        return inverse, found[:, count:]
