@@ -7,7 +7,7 @@ fixed base moves its arm alone: there the errors are those of the end effector.
 
 import rpctl
 from rpctl.drive.drive import BASE_SPEEDS
-from rpctl.equivalence.measure import DIFFERENCE
+from rpctl.equivalence.residuals import DIFFERENCE_TOLERANCE
 from rpctl.robot.catalog import ENTRIES
 
 OFF = (0.1, -0.1, 0.1)  # m, m, rad
@@ -20,7 +20,7 @@ def main() -> None:
     for drive in BASE_SPEEDS:
         for robot in (robot for robot in robots if robot.drive.type == drive):
             checks = rpctl.verify(robot, samples=20).checks
-            residual = max(check.residual for check in checks if check.limit < DIFFERENCE)
+            residual = max(check.residual for check in checks if check.limit < DIFFERENCE_TOLERANCE)
             part = "base" if robot.drive.wheels else "end_effector"
             off = OFF if robot.drive.wheels else START
             figures = rpctl.summarize(rpctl.track(robot, "eight", initial_error=off))

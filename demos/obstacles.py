@@ -32,8 +32,8 @@ def main() -> None:
     robot, runs = rpctl.load("tiago"), []
     for name, law in (("together", together), ("hand first", rpctl.EndEffector(together))):
         run = rpctl.track(robot, "eight", 20.0, kinematic=law, dynamic=rpctl.IntegralDynamic())
-        told, driven = rpctl.summarize(run), clearances(run.base)
-        print(f"{name:10} hand {1e3 * told['rms_end_effector_error']:3.0f} mm rms off its path")
+        summary, driven = rpctl.summarize(run), clearances(run.base)
+        print(f"{name:10} hand {1e3 * summary['rms_end_effector_error']:3.0f} mm rms off its path")
         for obstacle, wanted in clearances(run.base_ref).items():
             print(
                 f"{'':10} {obstacle:20} least clearance {1e3 * driven[obstacle]:3.0f} mm; "

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import rpctl
-from rpctl.control.base import BaseLaw
 from rpctl.control.error import Tracking
 from rpctl.control.twist import Twist
+from rpctl.control.twist_law import BaseLaw
 
 
 @dataclass(frozen=True)

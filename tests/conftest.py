@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot, Run
-from tests.drive.wild import Files
+from tests.drive.drive_cases import Files
 from tests.golden import golden_run, load_tricycle
 
 

@@ -87,8 +87,8 @@ ACTUATORS = ("left_wheel_joint", "right_wheel_joint", "steer_joint", "swing_join
 EFFORT_LIMITS = (40.0, np.inf, 15.0, 20.0, 80.0)
 VELOCITY_LIMITS = (5.0, np.inf, 3.0, 2.0, 0.5)
 CONTACTS = ("front_wheel_joint", "left_wheel_joint", "right_wheel_joint")
-POINTS = ((0.7, 0.0), (-0.1, 0.3), (-0.1, -0.3))
-BOUND = (("left_wheel_joint", "effort"), ("slide_joint", "upper"))
+CONTACT_POINTS = ((0.7, 0.0), (-0.1, 0.3), (-0.1, -0.3))
+BOUND_LIMITS = (("left_wheel_joint", "effort"), ("slide_joint", "upper"))
 WALL_TIME = 0.25  # s: half of the time that is simulated
 
 # Longitudinal and lateral error, m: distances of 5, 0.5, 0.5, 0.13, 0.1 and 0.05 m.
@@ -114,12 +114,12 @@ EFFORTS = (  # N·m, of the slide N; the largest share of a limit is 16 of 20
     (4.0, 3.0, -0.25, 4.5, 42.0),
 )
 WORK = (0.0, 1.0, -1.0, 3.0, 2.0, 4.0)  # J: swings over 5
-GAPS = (0.0, 0.1, -0.2, 0.05, 0.0, 0.1)  # J, of the energy to the work
+ENERGY_GAPS = (0.0, 0.1, -0.2, 0.05, 0.0, 0.1)  # J, of the energy to the work
 TIP_MARGINS = (0.3, 0.25, 0.125, 0.15, 0.2, 0.28)  # m
 SLIP_RATIOS = (0.1, 0.2, 0.15, 0.4, 0.3, 0.05)
 
 
-ASIDE: Array = np.array([0.05, -0.02])  # from P to the zero-moment point, m
+ZMP_OFFSET_M: Array = np.array([0.05, -0.02])  # from P to the zero-moment point, m
 
 
 def load_tricycle(folder: Path) -> Robot:
@@ -159,13 +159,13 @@ def golden_run(robot: Robot) -> Run:
         "ee": ee,
         "ee_ref": ee + TIP_ERRORS,
         "ee_angle": 0.01 * (6.0 - k),
-        "energy": 10.0 + np.array(WORK) + GAPS,
+        "energy": 10.0 + np.array(WORK) + ENERGY_GAPS,
         "work": np.array(WORK),
         "constraint_residual": 1e-9 * np.array([1.0, 2.0, 3.0, 2.5, 1.5, 0.5]),
         "wheel_force": wheel_force,
         "axle_force": np.column_stack([6.0 + k, -4.0 - 2.0 * k]),  # of both rear wheels; front
         "contact_load": np.column_stack([80.0 + k, 60.0 + 0.0 * k, 120.0 - k]),
-        "zmp": np.array([robot.base_pose(row)[:2] + ASIDE for row in q]),
+        "zmp": np.array([robot.base_pose(row)[:2] + ZMP_OFFSET_M for row in q]),
         "tip_margin": np.array(TIP_MARGINS),
         "slip_ratio": np.array(SLIP_RATIOS),
         "load_range": np.empty((COUNT, 0)),  # three contacts: statics tell each load
@@ -213,10 +213,10 @@ def _facts(robot: Robot) -> dict[str, Any]:
         "other_limits": ((-0.3, 0.4, 2.5), (-math.inf, math.inf, 6.0)),
         "end_effector": "slide",
         "contacts": CONTACTS,
-        "contact_points": POINTS,
+        "contact_points": CONTACT_POINTS,
         "axles": ((1, 2), (0,)),
         "ground_notes": (),
-        "bound_limits": BOUND,
+        "bound_limits": BOUND_LIMITS,
         "friction": 0.7,
         "settings": {"reference": "eight", "kinematic_report": {"softened": 3.0}},
         "notes": (),

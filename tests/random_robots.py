@@ -19,12 +19,14 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 
 MAX_JOINTS = 6
-KINDS = ("revolute", "prismatic", "continuous")
-HEADING = 1.5  # rad; a forward direction further from +x would be taken for backward
-MOUNT = 0.6  # m, the least height of the arm's mounts over the axle: no arm joint is a wheel
+JOINT_KINDS = ("revolute", "prismatic", "continuous")
+MAX_HEADING_RAD = 1.5  # rad; a forward direction further from +x would be taken for backward
+MIN_MOUNT_HEIGHT_M = (
+    0.6  # m, the least height of the arm's mounts over the axle: no arm joint is a wheel
+)
 
 
-class Choose(Protocol):
+class NumberSource(Protocol):
     """Who answers the builder."""
 
     def number(self, low: float, high: float) -> float:
@@ -49,10 +51,10 @@ class WheeledRobot:
 
 
 @dataclass
-class Tree:
+class RobotBuilder:
     """A robot under construction."""
 
-    choose: Choose
+    choose: NumberSource
     parts: list[str] = field(default_factory=list)
     movable: list[str] = field(default_factory=list)  # links that may carry a joint
     on_base: set[str] = field(default_factory=set)  # links that the root holds rigidly
@@ -114,19 +116,19 @@ def origin(xyz: Array, rpy: Array) -> str:
     return f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/>'
 
 
-def build(choose: Choose, joints: int | None = None) -> WheeledRobot:
+def build(choose: NumberSource, joints: int | None = None) -> WheeledRobot:
     """Return a differential drive with an arm, or several; ``joints`` says how many they have."""
-    tree = Tree(choose)
+    tree = RobotBuilder(choose)
     height = choose.number(-0.3, 0.3)  # of the axle over the root link's origin
     carrier, place, turn = _base(tree)
     radius, track = choose.number(0.03, 0.3), choose.number(0.3, 1.2)
     point = choose.number(-0.4, 0.4), choose.number(-0.4, 0.4)
-    heading, R = choose.number(-HEADING, HEADING), rotation(turn)
+    heading, R = choose.number(-MAX_HEADING_RAD, MAX_HEADING_RAD), rotation(turn)
     for name, side in (("left", 1.0), ("right", -1.0)):
         left = np.array([-math.sin(heading), math.cos(heading), 0.0])
         centre = np.array([*point, height]) + 0.5 * side * track * left
         add_wheel(tree, name, radius, carrier, R.T @ (centre - place), R, left)
-    mount = R.T @ (np.array([0.0, 0.0, height + MOUNT]) - place)
+    mount = R.T @ (np.array([0.0, 0.0, height + MIN_MOUNT_HEIGHT_M]) - place)
     count = choose.integer(0, MAX_JOINTS) if joints is None else joints
     for index in range(count):
         add_arm_joint(tree, index, mount)
@@ -137,7 +139,7 @@ def build(choose: Choose, joints: int | None = None) -> WheeledRobot:
     return WheeledRobot(text, radius, track, point, heading, ground, count, tree.mimics)
 
 
-def _base(tree: Tree) -> tuple[str, Array, Array]:
+def _base(tree: RobotBuilder) -> tuple[str, Array, Array]:
     """Add the root, or a massless one that holds it; return the wheels' link and its pose."""
     place, turn = np.zeros(3), np.zeros(3)
     if tree.flag():
@@ -151,7 +153,7 @@ def _base(tree: Tree) -> tuple[str, Array, Array]:
 
 
 def add_wheel(
-    tree: Tree,
+    tree: RobotBuilder,
     name: str,
     radius: float,
     carrier: str,
@@ -187,7 +189,7 @@ def add_wheel(
     tree.joint(f"{name}_joint", "continuous", ends, centre - offset * in_carrier, rpy, more)
 
 
-def add_arm_joint(tree: Tree, index: int, mount: Array) -> None:
+def add_arm_joint(tree: RobotBuilder, index: int, mount: Array) -> None:
     """Add a joint to any link, perhaps with a fixed link before it and one behind."""
     choose = tree.choose
     parent = tree.movable[choose.integer(0, len(tree.movable) - 1)]
@@ -198,7 +200,7 @@ def add_arm_joint(tree: Tree, index: int, mount: Array) -> None:
         tree.link(f"{name}_flange", (0.1, 1.0) if tree.flag() else None)
         tree.joint(f"{name}_flange_joint", "fixed", (parent, f"{name}_flange"), xyz, tree.angles())
         parent, xyz = f"{name}_flange", tree.vector(0.1)
-    kind = KINDS[choose.integer(0, 1 if rigid else 2)]
+    kind = JOINT_KINDS[choose.integer(0, 1 if rigid else 2)]
     more = f'<axis xyz="{numbers(tree.axis() * choose.number(0.5, 2.0))}"/>' + _limits(tree, kind)
     if tree.leaders and choose.integer(0, 3) == 3:
         more += _mimic(tree)
@@ -213,14 +215,14 @@ def add_arm_joint(tree: Tree, index: int, mount: Array) -> None:
     tree.movable.append(f"{name}_link")
 
 
-def _limits(tree: Tree, kind: str) -> str:
+def _limits(tree: RobotBuilder, kind: str) -> str:
     if kind == "continuous":
         return ""
     low, high = -tree.choose.number(0.1, 2.5), tree.choose.number(0.1, 2.5)
     return f'<limit lower="{low!r}" upper="{high!r}" effort="50.0" velocity="2.0"/>'
 
 
-def _mimic(tree: Tree) -> str:
+def _mimic(tree: RobotBuilder) -> str:
     tree.mimics += 1
     leader = tree.leaders[tree.choose.integer(0, len(tree.leaders) - 1)]
     factor = tree.choose.number(0.2, 2.0) * (1.0 if tree.flag() else -1.0)
@@ -229,7 +231,7 @@ def _mimic(tree: Tree) -> str:
 
 
 @dataclass(frozen=True)
-class _Drawn:
+class _HypothesisSource:
     """Hypothesis answers, and shrinks to the middle of a range or its first integer.
 
     Left alone it would repeat few numbers; so a generator shifts each, round and round its range,
@@ -240,17 +242,17 @@ class _Drawn:
     shift: Callable[[], float]
 
     def number(self, low: float, high: float) -> float:
-        share = self.draw(st.floats(-1.0, 1.0, allow_subnormal=False)) + self.shift()
-        share -= 2.0 * round(0.5 * share)
+        fraction = self.draw(st.floats(-1.0, 1.0, allow_subnormal=False)) + self.shift()
+        fraction -= 2.0 * round(0.5 * fraction)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        return min(max(middle + half * share, low), high)
+        return min(max(middle + half * fraction, low), high)
 
     def integer(self, low: int, high: int) -> int:
         return int(self.draw(st.integers(low, high)))
 
 
 @dataclass(frozen=True)
-class Generated:
+class RandomSource:
     """A random generator answers."""
 
     rng: np.random.Generator
@@ -267,12 +269,12 @@ def robots(draw: Callable[..., float]) -> WheeledRobot:
     """Return a strategy of wheeled robots."""
     seed = int(draw(st.integers(0, 2**16)))
     rng = np.random.default_rng(seed)
-    return build(_Drawn(draw, lambda: float(rng.uniform(-1.0, 1.0)) if seed else 0.0))
+    return build(_HypothesisSource(draw, lambda: float(rng.uniform(-1.0, 1.0)) if seed else 0.0))
 
 
 def generate(rng: np.random.Generator, joints: int | None = None) -> WheeledRobot:
     """Return a random wheeled robot with ``joints`` arm joints (None: 0 to 6)."""
-    return build(Generated(rng), joints)
+    return build(RandomSource(rng), joints)
 
 
 def random_robot(rng: np.random.Generator, joints: int | None = None) -> str:

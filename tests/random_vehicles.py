@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tests.random_robots import (
-    HEADING,
-    MOUNT,
+    MAX_HEADING_RAD,
+    MIN_MOUNT_HEIGHT_M,
     Array,
-    Generated,
-    Tree,
+    RandomSource,
+    RobotBuilder,
     add_arm_joint,
     add_wheel,
     numbers,
@@ -25,12 +25,17 @@ from tests.random_robots import (
 
 KINDS = ("casters", "car-like", "free", "tied", "tricycle", "bicycle", "steered", "omni",
          "skid-steer", "wide", "mecanum")  # fmt: skip
-TYPES = {"casters": "differential", "free": "car-like", "tied": "car-like", "wide": "skid-steer"}
-WIDE = (0.9, 0.1, -0.05)  # effective track and centre of rotation that a drive file tells, m
-DRIVES = {  # what their drive files say; the others are found
+DRIVE_TYPES = {
+    "casters": "differential",
+    "free": "car-like",
+    "tied": "car-like",
+    "wide": "skid-steer",
+}
+WIDE_DRIVE = (0.9, 0.1, -0.05)  # effective track and centre of rotation that a drive file tells, m
+DRIVE_FILES = {  # what their drive files say; the others are found
     "free": 'type = "car-like"\nsteering = "free"\n',
     "skid-steer": 'type = "skid-steer"\n',
-    "wide": f'type = "skid-steer"\ntrack = {WIDE[0]}\npoint = [{WIDE[1]}, {WIDE[2]}]\n',
+    "wide": 'type = "skid-steer"\ntrack = {}\npoint = [{}, {}]\n'.format(*WIDE_DRIVE),
     "mecanum": 'type = "mecanum"\n',
 }
 
@@ -51,7 +56,7 @@ class Vehicle:
         roles: Role of each swivel, by joint.
     """
 
-    tree: Tree
+    tree: RobotBuilder
     heading: float
     point: Array
     ground: float
@@ -201,7 +206,7 @@ def axles(built: Vehicle, kind: str) -> None:
     for k, ahead in enumerate(places):
         pair(built, f"axle_{k}", ahead)
     if kind == "wide":
-        built.point = np.array(WIDE[1:])
+        built.point = np.array(WIDE_DRIVE[1:])
 
 
 BUILDERS = {"casters": lambda built, _: pair(built, "drive", 0.0), "car-like": car, "free": car,
@@ -211,7 +216,7 @@ BUILDERS = {"casters": lambda built, _: pair(built, "drive", 0.0), "car-like": c
 
 def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
     """Return the URDF of a random vehicle of a kind (see ``KINDS``), and what it is."""
-    tree = Tree(Generated(np.random.default_rng([seed, KINDS.index(kind)])))
+    tree = RobotBuilder(RandomSource(np.random.default_rng([seed, KINDS.index(kind)])))
     number = tree.choose.number
     place, turn = np.zeros(3), np.zeros(3)
     if tree.flag():
@@ -222,7 +227,7 @@ def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
     tree.movable.append("base")
     tree.on_base.add("base")
     point = np.array([number(-0.4, 0.4), number(-0.4, 0.4)])
-    heading, ground = number(-HEADING, HEADING), number(-2.0, 1.0)
+    heading, ground = number(-MAX_HEADING_RAD, MAX_HEADING_RAD), number(-2.0, 1.0)
     tilt = 10.0 ** number(-6.0, -4.0) if tree.flag() else 0.0
     built = Vehicle(tree, heading, point, ground, place, rotation(turn), tilt)
     BUILDERS[kind](built, kind)
@@ -233,7 +238,7 @@ def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
     if kind not in ("bicycle", "steered", "omni") and tree.flag():
         where = built.at(number(0.8, 1.5), number(-0.5, 0.5))
         built.wheel("ball", where, number(-3.0, 3.0), ball=True)
-    mount = built.R.T @ (np.array([0.0, 0.0, ground + 0.3 + MOUNT]) - place)
+    mount = built.R.T @ (np.array([0.0, 0.0, ground + 0.3 + MIN_MOUNT_HEIGHT_M]) - place)
     for index in range(tree.choose.integer(0, 3)):
         add_arm_joint(tree, index, mount)
     return "\n".join([f'<robot name="{kind}">', *tree.parts, "</robot>\n"]), built

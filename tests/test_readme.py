@@ -47,17 +47,21 @@ def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     printed: list[str] = []
     exec(EXAMPLES[0], {"print": lambda *values: printed.append(" ".join(map(str, values)))})
-    told = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLES[0])
-    assert printed == told
+    expected = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLES[0])
+    assert printed == expected
     assert (tmp_path / "report.html").stat().st_size > 1e6
 
 
 def test_the_drive_file(tmp_path: Path) -> None:
     (tmp_path / "drive.toml").write_text(DRIVE_FILE, encoding="utf-8")
-    told = rpctl.load("tricycle", drive=tmp_path / "drive.toml").drive
+    expected = rpctl.load("tricycle", drive=tmp_path / "drive.toml").drive
     found = rpctl.load("tricycle").drive
-    assert [(w.joint, w.driven) for w in told.wheels] == [(w.joint, w.driven) for w in found.wheels]
-    assert [(s.joint, s.role) for s in told.swivels] == [(s.joint, s.role) for s in found.swivels]
+    assert [(w.joint, w.driven) for w in expected.wheels] == [
+        (w.joint, w.driven) for w in found.wheels
+    ]
+    assert [(s.joint, s.role) for s in expected.swivels] == [
+        (s.joint, s.role) for s in found.swivels
+    ]
 
 
 def test_the_obstacles(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors
 REPORT_SIZE = 500_000  # bytes: the viewer alone is larger
 
 
-def told(*words: str, code: int = 0) -> Any:
+def json_of(*words: str, code: int = 0) -> Any:
     result = CliRunner().invoke(app, [*words, "--json"])
     assert result.exit_code == code, result.output
     return json.loads(result.stdout)
@@ -70,14 +70,14 @@ def test_there_is_an_own_robot_of_every_drive() -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: Path) -> None:
     dof, drive = ROBOTS[name]
-    facts = told("inspect", name)
+    facts = json_of("inspect", name)
     assert (facts["dof"], facts["drive"]["type"]) == (dof, drive)
-    assert told("verify", name, "--samples", "3")["passed"]
+    assert json_of("verify", name, "--samples", "3")["passed"]
 
     off = ("--initial-error", ",".join(map(str, OFF))) if drive != "fixed" else ()
     words = ("--duration", "2", *off, "--samples", "3", "--out", str(tmp_path))
     sprung = SPRUNG.get(name, set())
-    summary = told("track", name, *words, code=1 if sprung else 0)
+    summary = json_of("track", name, *words, code=1 if sprung else 0)
     assert {limit["joint"] for limit in summary["limits_violated"]} == sprung
     assert summary["notes"] == []
     assert summary["final_base_error"] < SHRUNK

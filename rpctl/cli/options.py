@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.show import progress_bar
-from rpctl.drive.drive_file import TYPES
+from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
@@ -32,7 +32,7 @@ DriveOption = Annotated[
     str | None,
     typer.Option(
         metavar="TYPE|FILE",
-        help=f"{', '.join(TYPES)}, or a drive file (TOML).",
+        help=f"{', '.join(DRIVE_TYPES)}, or a drive file (TOML).",
     ),
 ]
 DensityOption = Annotated[

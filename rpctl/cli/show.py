@@ -14,15 +14,15 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from rpctl.cli.show_trial import trial_line, trial_table
-from rpctl.drive.drive import WITH_AXLE
-from rpctl.dynamics.contact import find_contacts
+from rpctl.drive.drive import TYPES_WITH_AXLE
+from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
-STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
-SHOWN = 8  # names that a line lists
+SEVERITY_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
+MAX_LISTED_NAMES = 8  # names that a line lists
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
 
 
@@ -76,7 +76,7 @@ def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[s
         yield f"[dim]ground[/] {escape(note)}"
     for finding in robot.findings:
         place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
-        style = STYLES[finding.severity]
+        style = SEVERITY_STYLES[finding.severity]
         yield f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
 
 
@@ -88,7 +88,7 @@ def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if drive["wheels"]:
         x, y = drive["point"]
         what = "centre of rotation" if drive["type"] == "skid-steer" else "middle of the axle"
-        what = what if drive["type"] in WITH_AXLE else "origin of the root link"
+        what = what if drive["type"] in TYPES_WITH_AXLE else "origin of the root link"
         yield "track", f"{drive['track']:.4g} m; P, the {what}, at ({x:.4g}, {y:.4g}) m"
         height = round(-drive["ground"], 6) + 0.0
         yield (
@@ -152,7 +152,7 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if name not in arm:
             yield "", escape(f"{name}: {known['meanings'][name]}")
     if arm:
-        joints = _few([joint["name"] for joint in known["joints"]])
+        joints = _name_list([joint["name"] for joint in known["joints"]])
         lead = "and the" if len(arm) < known["dof"] else "the"
         yield "", f"{lead} rate{'s' * (len(arm) > 1)} of {joints}"
     yield "end effector", escape(known["end_effector"] or "none")
@@ -160,15 +160,15 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         estimated = ", ".join(known["estimated_links"])
         yield "estimated", escape(f"mass and inertia of {estimated}")
     if known["locked"]:
-        yield "locked", _few(list(known["locked"]))
+        yield "locked", _name_list(list(known["locked"]))
     if known["mimics"]:
         yield "mimic", escape(", ".join(known["mimics"]))
 
 
-def _few(names: Sequence[str]) -> str:
+def _name_list(names: Sequence[str]) -> str:
     """Return a list of names as markup, cut short where it is long."""
-    listed = ", ".join(names[:SHOWN])
-    more = len(names) - SHOWN
+    listed = ", ".join(names[:MAX_LISTED_NAMES])
+    more = len(names) - MAX_LISTED_NAMES
     return escape(listed) + (f" and {more} more (--json lists them)" if more > 0 else "")
 
 
@@ -229,12 +229,12 @@ def show_certificate(certificate: Certificate) -> None:
 
 def certificate_line(certificate: Certificate) -> str:
     """Return a certificate in one line of markup."""
-    made = certificate.checks
+    checks = certificate.checks
     trial = certificate.contact
-    rows = made if trial is None else made + trial.checks
+    rows = checks if trial is None else checks + trial.checks
     failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
     drawn = f"{certificate.samples} random states, seed {certificate.seed}"
-    count = f"{len(made)} checks over {drawn}"
+    count = f"{len(checks)} checks over {drawn}"
     if trial is not None:
         count += f"; {trial_line(trial)}"
     if failed:

@@ -23,14 +23,14 @@ from rpctl.cli.options import (
 )
 from rpctl.cli.show import certificate_line, console, progress_bar, show_summary
 from rpctl.control.config import Config, read_config, write_config
-from rpctl.control.laws import KINEMATIC_LAWS
-from rpctl.dynamics.contact import FRICTION
+from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.files.writing import to_json
 from rpctl.reference.load import load_reference
 from rpctl.robot.vary import set_limits
-from rpctl.simulation.loop import lasting, track
-from rpctl.simulation.periods import lasting_periods
-from rpctl.simulation.record import describe
+from rpctl.simulation.log import describe
+from rpctl.simulation.loop import default_duration, track
+from rpctl.simulation.periods import whole_periods
 
 
 def track_command(
@@ -111,57 +111,67 @@ def track_command(
     Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
     """
     error = None if initial_error is None else read_triple(initial_error)
-    chosen = (Config() if config is None else read_config(config)).with_laws(kinematic, dynamic)
-    chosen = chosen.with_run(
+    config_in_use = (Config() if config is None else read_config(config)).with_laws(
+        kinematic, dynamic
+    )
+    config_in_use = config_in_use.with_run(
         reference=reference, duration=duration, initial_error=error, friction=friction
     )
     loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    loaded = set_limits(loaded, chosen.limits.effort, chosen.limits.velocity)
-    path = load_reference(loaded, chosen.run.reference)
+    loaded = set_limits(loaded, config_in_use.limits.effort, config_in_use.limits.velocity)
+    path = load_reference(loaded, config_in_use.run.reference)
     if save_config is not None:
-        write_config(chosen, save_config)
-    told = f"{loaded.name}-{Path(chosen.run.reference).stem}"
-    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", told)
+        write_config(config_in_use, save_config)
+    run_name = f"{loaded.name}-{Path(config_in_use.run.reference).stem}"
+    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", run_name)
     if png:
         from rpctl.view.film.browser import require_browser
 
         require_browser()  # before the simulation, not after it
-    say = console(stderr=as_json)
-    say.print(f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive")
+    output = console(stderr=as_json)
+    output.print(
+        f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
+    )
     certificate = certify(loaded, samples, 0, [], strict) if samples else None
     if certificate is not None:
-        say.print(certificate_line(certificate))
+        output.print(certificate_line(certificate))
     watcher = None
     if live:
         from rpctl.view.scene.obstacles import find_obstacles
         from rpctl.view.serve.live import broadcast
 
-        period = chosen.run.control_period
-        lasts = lasting(path) if chosen.run.duration is None else chosen.run.duration
-        lasts = lasting_periods(lasts, period) * period
-        obstacles = find_obstacles(describe(chosen.kinematic))
-        watcher = context.with_resource(broadcast(loaded, path, lasts, say.print, obstacles))
+        period = config_in_use.run.control_period
+        run_duration = (
+            default_duration(path)
+            if config_in_use.run.duration is None
+            else config_in_use.run.duration
+        )
+        run_duration = whole_periods(run_duration, period) * period
+        obstacles = find_obstacles(describe(config_in_use.kinematic))
+        watcher = context.with_resource(
+            broadcast(loaded, path, run_duration, output.print, obstacles)
+        )
     with progress_bar("simulate") as advance:
         run = track(
             loaded,
-            kinematic=chosen.kinematic,
-            dynamic=chosen.dynamic,
-            **{**vars(chosen.run), "reference": path},
-            name=chosen.run.reference,
+            kinematic=config_in_use.kinematic,
+            dynamic=config_in_use.dynamic,
+            **{**vars(config_in_use.run), "reference": path},
+            name=config_in_use.run.reference,
             certificate=certificate,
             progress=advance,
             watch=watcher,
         )
-    from rpctl.view.folder import REPORT, write_folder  # matplotlib loads only once needed
+    from rpctl.view.run_folder import REPORT_FILE, write_folder  # matplotlib loads only once needed
 
     with progress_bar("draw"):
         summary = write_folder(run, folder, max_megabytes)
         if png:
-            from rpctl.view.film.film import SCENE, write_still
+            from rpctl.view.film.film import SCENE_FILE, write_still
 
-            write_still(run, folder / SCENE)
+            write_still(run, folder / SCENE_FILE)
     if watcher is not None:
-        watcher.finish(folder / REPORT)
+        watcher.finish(folder / REPORT_FILE)
     if as_json:
         typer.echo(to_json(summary))
     else:

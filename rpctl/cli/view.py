@@ -22,7 +22,7 @@ from rpctl.files.writing import to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.plots.panels import PANELS
 
-FIGURE = "figure.pdf"
+DEFAULT_FIGURE = "figure.pdf"
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")]
 
 
@@ -62,8 +62,8 @@ def view_command(
 
     Or write the page, a film or a picture.
     """
-    from rpctl.view.folder import is_run, report_of
     from rpctl.view.pages.robot_page import robot_page
+    from rpctl.view.run_folder import is_run, report_source
     from rpctl.view.serve.live import serve
 
     for name, value, needed in (("at", at, png), ("fps", fps, video), ("size", size, png or video)):
@@ -77,7 +77,7 @@ def view_command(
         return load_robot(what[0], drive, lock, density, strict, package_dir)
 
     if len(what) > 1 or is_run(what[0]):
-        page = report_of([Path(each) for each in what], package_dir or ())
+        page = report_source([Path(each) for each in what], package_dir or ())
     else:
         robot()  # what is wrong with it is said here; of a file that is edited, by the page
 
@@ -100,7 +100,7 @@ def _film(
 ) -> None:
     """Write a picture, a film, or both, of one run."""
     from rpctl.view.film.film import write_film, write_still
-    from rpctl.view.folder import is_run, load_run
+    from rpctl.view.run_folder import is_run, load_run
 
     if len(what) > 1 or not is_run(what[0]):
         raise RpctlError(f"{' '.join(what)} is no run; films and pictures are of one run")
@@ -117,7 +117,7 @@ def plot_command(
     run: RunArgument,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=f"A .pdf or .png; else {FIGURE} beside the run."),
+        typer.Option(metavar="FILE", help=f"A .pdf or .png; else {DEFAULT_FIGURE} beside the run."),
     ] = None,
     panels: Annotated[
         str, typer.Option(metavar="NAME,...", help=f"Some panels only: {', '.join(PANELS)}.")
@@ -128,10 +128,10 @@ def plot_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG."""
-    from rpctl.view.folder import load_run
     from rpctl.view.plots.figures import save_figure
+    from rpctl.view.run_folder import load_run
 
-    path = out or (run if run.is_dir() else run.parent) / FIGURE
+    path = out or (run if run.is_dir() else run.parent) / DEFAULT_FIGURE
     chosen = [name.strip() for name in panels.split(",")] if panels else []
     save_figure(load_run(run), path, panels=chosen, column=column)
     typer.echo(to_json({"figure": str(path)}) if as_json else f"wrote {path}")

@@ -13,14 +13,16 @@ from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.joint_limits import JointBounds, JointLimits
 from rpctl.control.law import Efforts, Limit, Rest
-from rpctl.control.least_distance import shortest
+from rpctl.control.soft_bound_qp import shortest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 
-JOINT = 1e-4  # weight of a joint's error where the base's is 1: no arm is held up by driving
-IDLE = 1e-6  # weight of efforts that move nothing, in shares of their limits
-AT_REST = 1e-3  # share of the full speed; a slower base has no direction to keep
-NOTHING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
+JOINT_ERROR_WEIGHT = (
+    1e-4  # weight of a joint's error where the base's is 1: no arm is held up by driving
+)
+NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, in shares of their limits
+REST_SPEED_FRACTION = 1e-3  # share of the full speed; a slower base has no direction to keep
+ROUNDING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,8 @@ class BoundedLaw:
         self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
         default = dict.fromkeys(robot.drive.base_speeds, 1.0)
         weights = [
-            law.weights.get(name, default.get(name, JOINT)) for name in robot.quasi_velocities
+            law.weights.get(name, default.get(name, JOINT_ERROR_WEIGHT))
+            for name in robot.quasi_velocities
         ]
         self._root_weights = np.sqrt(weights)
 
@@ -118,7 +121,7 @@ class BoundedLaw:
         """Return τ (n_act,) and the limits that bind."""
         return self.efforts(dynamics, q, nu, command, np.zeros_like(nu))
 
-    def wanted(self, nu: Array, command: Command) -> Array:
+    def desired_acceleration(self, nu: Array, command: Command) -> Array:
         """Return ν̇* (dof,)."""
         return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self._law.horizon_dyn)
 
@@ -139,7 +142,7 @@ class BoundedLaw:
             command: What to follow.
             disturbance: What ν̇ (dof,) is beyond that of ``dynamics``.
         """
-        sample = self._sample(dynamics, q, nu, self.wanted(nu, command), disturbance)
+        sample = self._sample(dynamics, q, nu, self.desired_acceleration(nu, command), disturbance)
         free = (
             (np.abs(sample.tau) <= self._box).all()
             and (sample.acceleration >= sample.bounds.lower).all()
@@ -148,7 +151,7 @@ class BoundedLaw:
         if free:
             return Efforts(sample.tau)
         B = dynamics.actuation(q)
-        return self._within(sample, B, self._spread(B, command))
+        return self._solve_within_limits(sample, B, self._cost_factor(B, command))
 
     def _sample(
         self, dynamics: ReducedDynamics, q: Array, nu: Array, nu_dot: Array, disturbance: Array
@@ -156,43 +159,53 @@ class BoundedLaw:
         tau = np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot - disturbance)))
         gain = np.asarray(dynamics.efforts(q, dynamics.inertia(q)))
         rows, drift = self._joints.rows(dynamics, q, nu)
-        bounds = self._joints.bounds(q, rows @ nu, self._brakes(tau - gain @ nu_dot, gain, rows))
+        bounds = self._joints.bounds(
+            q, rows @ nu, self._max_accelerations(tau - gain @ nu_dot, gain, rows)
+        )
         return _Sample(tau, gain, rows, rows @ nu_dot + drift, bounds)
 
-    def _brakes(self, hold: Array, gain: Array, rows: Array) -> tuple[Array, Array]:
+    def _max_accelerations(
+        self, holding_efforts: Array, gain: Array, rows: Array
+    ) -> tuple[Array, Array]:
         """Return the largest accelerations (k,) of each joint alone, down and up.
 
         The other quasi-velocities keep theirs at zero, and every actuator within its limit.
         """
-        cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), NOTHING))  # (n_act, k)
-        size = np.maximum(np.abs(cost), NOTHING)
-        pull = np.sign(cost) * hold[:, None]
+        cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))  # (n_act, k)
+        size = np.maximum(np.abs(cost), ROUNDING)
+        pull = np.sign(cost) * holding_efforts[:, None]
         box = self._box[:, None]
         return ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
 
-    def _spread(self, B: Array, command: Command) -> Array:
+    def _cost_factor(self, B: Array, command: Command) -> Array:
         """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹."""
         full = 1.0 / np.abs(B / self._fastest).max(axis=1)  # speed of the first velocity limit
         T = np.diag(full / self._root_weights)
         base = slice(self._base)
         ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
-        d = ahead / np.hypot(np.linalg.norm(ahead), AT_REST)
+        d = ahead / np.hypot(np.linalg.norm(ahead), REST_SPEED_FRACTION)
         c = 1.0 - np.sqrt(self._law.along)
         T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)
         return T
 
-    def _within(self, sample: _Sample, B: Array, T: Array) -> Efforts:
+    def _solve_within_limits(self, sample: _Sample, B: Array, T: Array) -> Efforts:
         """Return the efforts of least cost within all bounds.
 
         The unknowns are y, which T spreads out to p, and the efforts that move nothing. What breaks
         a joint's bound is h1 times an acceleration, in shares of the joint's full speed.
         """
         box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
-        idle = null_space(B * unit) / np.sqrt(IDLE) if B.shape[0] < B.shape[1] else B[:, :0]
-        efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), idle])  # shares of the limits
+        nullspace = (
+            null_space(B * unit) / np.sqrt(NULLSPACE_EFFORT_WEIGHT)
+            if B.shape[0] < B.shape[1]
+            else B[:, :0]
+        )
+        efforts = np.hstack(
+            [sample.gain @ T / (h1 * unit[:, None]), nullspace]
+        )  # shares of the limits
         full = self._joints.full
         joints = sample.rows @ T / full[:, None]
-        joints = np.hstack([joints, np.zeros((len(joints), idle.shape[1]))])
+        joints = np.hstack([joints, np.zeros((len(joints), nullspace.shape[1]))])
         bounds, now = sample.bounds, sample.acceleration
         solution = shortest(
             efforts,

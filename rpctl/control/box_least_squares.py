@@ -12,13 +12,13 @@ from scipy.optimize import brentq
 from rpctl.arrays import Array
 from rpctl.errors import DivergedError
 
-FLOOR = 1e-6  # of κ: small enough for rows to be met, large enough for 1/κ to keep its digits
-PRECISION = 1e-12  # of log κ
-INFINITE = 1e30  # what DAQP takes for no bound
-SOLVED = 1  # DAQP's flag of an optimum
+MIN_KAPPA = 1e-6  # of κ: small enough for rows to be met, large enough for 1/κ to keep its digits
+LOG_KAPPA_TOLERANCE = 1e-12  # of log κ
+DAQP_INFINITY = 1e30  # what DAQP takes for no bound
+DAQP_OPTIMAL = 1  # DAQP's flag of an optimum
 
 
-class Rated(NamedTuple):
+class WithRate(NamedTuple):
     """A quantity and its derivative by time."""
 
     value: Array
@@ -28,14 +28,14 @@ class Rated(NamedTuple):
 class Box(NamedTuple):
     """Bounds, with their derivatives."""
 
-    lower: Rated
-    upper: Rated
+    lower: WithRate
+    upper: WithRate
 
 
 class _Problem(NamedTuple):
-    G: Rated  # (m, n)
-    y: Rated  # (m,)
-    posture: Rated  # (n,)
+    G: WithRate  # (m, n)
+    y: WithRate  # (m,)
+    posture: WithRate  # (n,)
     box: Box
 
 
@@ -46,7 +46,7 @@ class _Solution(NamedTuple):
     upper: Array  # (n,) bool
 
 
-def nearest(G: Rated, y: Rated, posture: Rated, box: Box, strongest: float) -> Rated:
+def nearest(G: WithRate, y: WithRate, posture: WithRate, box: Box, strongest: float) -> WithRate:
     """Return the z (n,) in a box that has G z = y as nearly as it can, and is near a posture.
 
     It minimises ½ |z − posture|² + P(|G z − y|) over the box. P has the slope ``strongest``, down
@@ -70,7 +70,7 @@ def nearest(G: Rated, y: Rated, posture: Rated, box: Box, strongest: float) -> R
         DivergedError: The quadratic program was not solved.
     """
     problem = _Problem(G, y, posture, box)
-    kappa = FLOOR
+    kappa = MIN_KAPPA
     solution = _solve(problem, kappa)
     length = float(np.linalg.norm(solution.pull))
     bounded = length > strongest
@@ -79,13 +79,13 @@ def nearest(G: Rated, y: Rated, posture: Rated, box: Box, strongest: float) -> R
         kappa = math.exp(
             brentq(
                 lambda x: math.log(np.linalg.norm(_solve(problem, math.exp(x)).pull) / strongest),
-                math.log(FLOOR),
+                math.log(MIN_KAPPA),
                 math.log(_farthest(problem) / strongest) + 1.0,
-                xtol=PRECISION,
+                xtol=LOG_KAPPA_TOLERANCE,
             )
         )
         solution = _solve(problem, kappa)
-    return Rated(solution.z, _rate(problem, solution, kappa, bounded))
+    return WithRate(solution.z, _rate(problem, solution, kappa, bounded))
 
 
 def _farthest(problem: _Problem) -> float:
@@ -107,11 +107,11 @@ def _solve(problem: _Problem, kappa: float) -> _Solution:
         np.eye(len(z)) + G.T @ G / kappa,
         G.T @ (G @ posture - y) / kappa,
         np.empty((0, len(z))),
-        np.clip(upper - posture, -INFINITE, INFINITE),
-        np.clip(lower - posture, -INFINITE, INFINITE),
+        np.clip(upper - posture, -DAQP_INFINITY, DAQP_INFINITY),
+        np.clip(lower - posture, -DAQP_INFINITY, DAQP_INFINITY),
         np.zeros(len(z), dtype=np.intc),
     )
-    if flag != SOLVED:
+    if flag != DAQP_OPTIMAL:
         raise DivergedError(
             f"no rates of the arm were found (DAQP ended with flag {flag}); shorten the control "
             "period or lengthen the horizons"

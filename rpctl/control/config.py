@@ -14,10 +14,10 @@ import tomli_w
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import DYNAMIC_LAWS, PaperDynamic, dynamic_by_name
 from rpctl.control.law import DynamicLaw, Startable
-from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
+from rpctl.control.registry import KINEMATIC_LAWS, kinematic_by_name
 from rpctl.control.settings import (
-    DYNAMIC,
-    KINEMATIC,
+    DYNAMIC_REGISTRY,
+    KINEMATIC_REGISTRY,
     Table,
     from_table,
     named_from_table,
@@ -25,7 +25,7 @@ from rpctl.control.settings import (
     to_table,
 )
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.dynamics.contact import FRICTION
+from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.writing import write_atomically
 
@@ -40,7 +40,7 @@ HEADER = (
 
 
 @dataclass(frozen=True)
-class Limits:
+class LimitOverrides:
     """Limits that take the place of the URDF's, by pattern of joint names.
 
     Attributes:
@@ -53,7 +53,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Circumstances:
+class RunSettings:
     """What a run is besides its laws.
 
     Attributes:
@@ -86,8 +86,8 @@ class Config:
 
     kinematic: KinematicLaw | Startable[KinematicLaw] = field(default_factory=UnifiedKinematic)
     dynamic: DynamicLaw | Startable[DynamicLaw] = field(default_factory=PaperDynamic)
-    run: Circumstances = field(default_factory=Circumstances)
-    limits: Limits = field(default_factory=Limits)
+    run: RunSettings = field(default_factory=RunSettings)
+    limits: LimitOverrides = field(default_factory=LimitOverrides)
 
     def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
         """Return a configuration with these laws, by name; those that it has keep their settings.
@@ -124,16 +124,16 @@ def read_config(path: str | Path) -> Config:
     tables: Table = {}
     for key, table in data.items():
         if key == "kinematic":
-            tables[key] = named_from_table(table, KINEMATIC, key, faults)
+            tables[key] = named_from_table(table, KINEMATIC_REGISTRY, key, faults)
         elif key == "dynamic":
-            tables[key] = named_from_table(table, DYNAMIC, key, faults)
+            tables[key] = named_from_table(table, DYNAMIC_REGISTRY, key, faults)
         elif key not in ("run", "limits"):
             faults.append(f"{key}: is no table of a configuration; it has kinematic, dynamic, run "
                           "and limits")  # fmt: skip
         elif not isinstance(table, dict):
             faults.append(f"{key}: is {table!r}; write [{key}]")
         else:
-            kind = Circumstances if key == "run" else Limits
+            kind = RunSettings if key == "run" else LimitOverrides
             tables[key] = from_table(kind, table, key, faults)
     if faults:
         raise _refused(path, faults)
@@ -147,8 +147,8 @@ def write_config(config: Config, path: str | Path) -> Path:
         RpctlError: A law has no name or a setting that no file can say; the file cannot be written.
     """
     tables = {
-        "kinematic": named_to_table(config.kinematic, KINEMATIC),
-        "dynamic": named_to_table(config.dynamic, DYNAMIC),
+        "kinematic": named_to_table(config.kinematic, KINEMATIC_REGISTRY),
+        "dynamic": named_to_table(config.dynamic, DYNAMIC_REGISTRY),
         "run": to_table(config.run),
         "limits": to_table(config.limits),
     }

@@ -7,9 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.box_least_squares import Box, Rated, nearest
+from rpctl.control.box_least_squares import Box, WithRate, nearest
 from rpctl.control.command import Command, KinematicLaw
-from rpctl.control.frame_motion import end_effector_frame, jacobian, pursuit, reference_motion
+from rpctl.control.frame_kinematics import (
+    end_effector_frame,
+    jacobian,
+    reference_motion,
+    tracking_velocity,
+)
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.law import Rest, Startable, started
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -17,8 +22,8 @@ from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
-FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
-SPEED_SHARE = 0.9  # of a velocity limit: what is asked for, so that following it overshoots none
+MAX_FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
+SPEED_FRACTION = 0.9  # of a velocity limit: what is asked for, so that following it overshoots none
 
 
 @dataclass(frozen=True)
@@ -106,13 +111,13 @@ class EndEffectorLaw:
         robot = dynamics.robot
         first = robot.dof - len(robot.joints)
         base = self._base(dynamics, reference, t, q, nu)
-        S, full = dynamics.basis(q), np.minimum(_fastest(robot), FULL_SPEED)
+        S, full = dynamics.basis(q), np.minimum(_velocity_limits(robot), MAX_FULL_SPEED)
         G, y = self._task(dynamics, reference(t), q, nu, base)
-        G = Rated(*(part @ (S[:, first:] * full) for part in G))
+        G = WithRate(*(part @ (S[:, first:] * full) for part in G))
         z = nearest(
             G,
             y,
-            Rated(*(part[first:] / full for part in base)),
+            WithRate(*(part[first:] / full for part in base)),
             self._box(robot, q, nu[first:], full),
             1.0 / self._law.damping,
         )
@@ -123,7 +128,7 @@ class EndEffectorLaw:
 
     def _task(
         self, dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, base: Command
-    ) -> tuple[Rated, Rated]:
+    ) -> tuple[WithRate, WithRate]:
         """Return the end effector's Jacobian, and what the base leaves to do of p*.
 
         Rows are 3, or with the orientation 6, in m/s.
@@ -131,18 +136,18 @@ class EndEffectorLaw:
         law, frame = self._law, self._frame
         first = dynamics.robot.dof - len(dynamics.robot.joints)
         S = dynamics.basis(q)
-        v, carried = S @ nu, S[:, :first] @ base.nu_d[:first]
-        carried_rate = S[:, :first] @ base.nu_d_dot[:first] + dynamics.basis_drift(q, nu)
+        v, base_velocity = S @ nu, S[:, :first] @ base.nu_d[:first]
+        base_acceleration = S[:, :first] @ base.nu_d_dot[:first] + dynamics.basis_drift(q, nu)
         target = reference_motion(dynamics, state, S[:, first:], frame)
         pose, J, J_dot = jacobian(dynamics, q, v, frame)
-        wanted = pursuit(target, pose, J @ v, law.horizon)
-        left = wanted.value - J @ carried
-        left_rate = wanted.rate - J_dot @ carried - J @ carried_rate
+        desired = tracking_velocity(target, pose, J @ v, law.horizon)
+        arm_velocity = desired.value - J @ base_velocity
+        arm_acceleration = desired.rate - J_dot @ base_velocity - J @ base_acceleration
         size = np.repeat([1.0, law.lever], 3)[: 6 if law.orientation else 3]
         rows = slice(len(size))
         return (
-            Rated(size[:, None] * J[rows], size[:, None] * J_dot[rows]),
-            Rated(size * left[rows], size * left_rate[rows]),
+            WithRate(size[:, None] * J[rows], size[:, None] * J_dot[rows]),
+            WithRate(size * arm_velocity[rows], size * arm_acceleration[rows]),
         )
 
     def _box(self, robot: Robot, q: Array, rates: Array, full: Array) -> Box:
@@ -154,16 +159,16 @@ class EndEffectorLaw:
             rates: Rates that the arm's joints have (n_joints,).
             full: What a share is of (n_joints,).
         """
-        fastest, positions = SPEED_SHARE * _fastest(robot), robot.joint_positions(q)
+        fastest, positions = SPEED_FRACTION * _velocity_limits(robot), robot.joint_positions(q)
         bounds = []
         for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
             room = (np.array(limits) - positions) / self._law.horizon
             value = np.clip(room, -fastest, fastest)
             rate = np.where(value == room, -rates / self._law.horizon, 0.0)
-            bounds.append(Rated(value / full, rate / full))
+            bounds.append(WithRate(value / full, rate / full))
         return Box(*bounds)
 
 
-def _fastest(robot: Robot) -> Array:
+def _velocity_limits(robot: Robot) -> Array:
     """Return the velocity limits of the arm's joints (n_joints,), rad/s or m/s."""
     return np.array([joint.velocity for joint in robot.joints])

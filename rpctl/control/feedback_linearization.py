@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.control.base import BaseLaw
 from rpctl.control.error import Tracking
 from rpctl.control.twist import Twist
+from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import ReferenceState
 
-POINT = 1e-6  # m; a reference that turns about a point nearer than this spins
+SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _jerk(state: ReferenceState) -> float:
 
 
 def _refuse_spin(v_r: float, omega_r: float) -> None:
-    if abs(v_r) < POINT * abs(omega_r):
+    if abs(v_r) < SPIN_RADIUS * abs(omega_r):
         raise RpctlError(
             "the reference turns on the spot, where feedback linearisation does not know which way "
             "to head; take --kinematic unified"

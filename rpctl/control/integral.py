@@ -90,7 +90,7 @@ class IntegralLaw:
         if self._expected is not None:
             self._disturbance = self._disturbance + self._gain * (nu - self._expected)
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
-        nu_dot = self._inner.wanted(nu, command)
+        nu_dot = self._inner.desired_acceleration(nu, command)
         if efforts.limits:
             nu_dot = dynamics.forward(q, nu, efforts.tau) + self._disturbance
         self._expected = nu + self._period * nu_dot

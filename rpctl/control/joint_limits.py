@@ -11,12 +11,12 @@ from rpctl.arrays import Array
 from rpctl.control.law import Limit
 from rpctl.dynamics.reduced import ReducedDynamics
 
-APPROACH = 0.06  # s: time constant with which a rate comes to its bound
-PERIODS = 2.0  # control periods in which it is back from beyond; 1 would be dead-beat
-ROOM = 1e-3  # of a limit, kept free: the prediction is of first order
-BRAKE_SHARE = 0.5  # of what the efforts could do to one joint: others want to brake as well
-LEAST_BRAKE, HARDEST_BRAKE = 0.1, 1e4  # rad/s² or m/s²; where efforts cannot hold, or know no limit
-FAR = 1e6  # rad or m; a gap beyond it stands for no limit
+APPROACH_TIME = 0.06  # s: time constant with which a rate comes to its bound
+RETURN_PERIODS = 2.0  # control periods in which it is back from beyond; 1 would be dead-beat
+LIMIT_MARGIN = 1e-3  # of a limit, kept free: the prediction is of first order
+BRAKE_FRACTION = 0.5  # of what the efforts could do to one joint: others want to brake as well
+MIN_BRAKE, MAX_BRAKE = 0.1, 1e4  # rad/s² or m/s²; where efforts cannot hold, or know no limit
+NO_LIMIT_GAP = 1e6  # rad or m; a gap beyond it stands for no limit
 
 
 class JointBounds(NamedTuple):
@@ -59,13 +59,13 @@ class JointLimits:
         # A joint without position limits may have two entries in q; none of them binds anything.
         ids = (robot.model.getJointId(name) for name in self.names)
         self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
-        self._horizon, beyond = horizon, PERIODS * control_period
-        self._times = np.array([[max(APPROACH, beyond)], [beyond]])
-        self._fastest = (1.0 - ROOM) * np.array([joint.velocity for joint in joints])
+        self._horizon, beyond = horizon, RETURN_PERIODS * control_period
+        self._times = np.array([[max(APPROACH_TIME, beyond)], [beyond]])
+        self._fastest = (1.0 - LIMIT_MARGIN) * np.array([joint.velocity for joint in joints])
         self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
         lower, upper = (np.array([getattr(j, end) for j in joints]) for end in ("lower", "upper"))
-        room = np.where(np.isfinite(upper - lower), ROOM * (upper - lower), 0.0)
-        self._lower, self._upper = lower + room, upper - room
+        margin = np.where(np.isfinite(upper - lower), LIMIT_MARGIN * (upper - lower), 0.0)
+        self._lower, self._upper = lower + margin, upper - margin
 
     def rows(self, dynamics: ReducedDynamics, q: Array, nu: Array) -> tuple[Array, Array]:
         """Return the joints' rows of S (k, dof) and Ṡν (k,): ẋ = rows ν, ẍ = rows ν̇ + drift."""
@@ -79,7 +79,7 @@ class JointLimits:
             rate: ẋ (k,), rad/s or m/s.
             brakes: Largest accelerations (k,) down and up that the efforts can give each joint.
         """
-        down, up = (np.clip(BRAKE_SHARE * a, LEAST_BRAKE, HARDEST_BRAKE) for a in brakes)
+        down, up = (np.clip(BRAKE_FRACTION * a, MIN_BRAKE, MAX_BRAKE) for a in brakes)
         ahead = q[self._entries] + self._times * rate  # (2, k)
         rising, falling = self._stop(self._upper - ahead, down), self._stop(ahead - self._lower, up)
         highest = np.minimum(rising, self._fastest)
@@ -104,7 +104,7 @@ class JointLimits:
 
     def _stop(self, gap: Array, brake: Array) -> Array:
         """Return the fastest rate (k,) that can be braked within each gap; beyond it, a retreat."""
-        gap = np.minimum(gap, FAR)
+        gap = np.minimum(gap, NO_LIMIT_GAP)
         straight = brake * self._horizon**2
         root = np.sqrt(2.0 * brake * np.maximum(gap - 0.5 * straight, 0.5 * straight))
         return np.where(gap < straight, gap / self._horizon, root)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.control.base import BaseLaw
 from rpctl.control.error import Tracking
 from rpctl.control.twist import Twist
+from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import require_positive
 
 
@@ -50,9 +50,9 @@ class Kanayama(BaseLaw):
         state, x, x_dot = tracking
         v_r, _, omega_r = state.twist
         a_r, _, alpha_r = state.twist_dot
-        cos, sin, way = math.cos(x[2]), math.sin(x[2]), np.sign(v_r)
-        gain = self.ky * x[1] + way * self.ktheta * sin
-        gain_rate = self.ky * x_dot[1] + way * self.ktheta * cos * x_dot[2]
+        cos, sin, direction = math.cos(x[2]), math.sin(x[2]), np.sign(v_r)
+        gain = self.ky * x[1] + direction * self.ktheta * sin
+        gain_rate = self.ky * x_dot[1] + direction * self.ktheta * cos * x_dot[2]
         v_d = v_r * cos + self.kx * x[0]
         a_d = a_r * cos - v_r * sin * x_dot[2] + self.kx * x_dot[0]
         omega_d = omega_r + v_r * gain

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpctl.control.base import BaseLaw
 from rpctl.control.error import Tracking
 from rpctl.control.twist import Twist
+from rpctl.control.twist_law import BaseLaw
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,19 @@ class PaperKinematic(BaseLaw):
 
 
 def coupled(
-    tracking: Tracking, turn: tuple[float, float], share: tuple[float, float], horizon: float
+    tracking: Tracking, turn: tuple[float, float], beta_sign: tuple[float, float], horizon: float
 ) -> Twist:
     """Return the twist of a turning base that lets x1 − b x2 decay at 1/h while b is steady.
 
     Args:
         tracking: Reference and error.
         turn: ω_d (rad/s) and its derivative along the actual motion (rad/s²).
-        share: b = β s, and its derivative.
+        beta_sign: b = β s, and its derivative.
         horizon: Prediction time h, s.
     """
     state, x, x_dot = tracking
     v_r, a_r = state.twist[0], state.twist_dot[0]
-    (omega_d, alpha_d), (b, b_rate) = turn, share
+    (omega_d, alpha_d), (b, b_rate) = turn, beta_sign
     cos, sin = math.cos(x[2]), math.sin(x[2])
     drift = v_r * sin - x[0] * omega_d
     drift_rate = a_r * sin + v_r * cos * x_dot[2] - x_dot[0] * omega_d - x[0] * alpha_d

@@ -11,11 +11,11 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 
-MARGIN = 0.01  # m: how far a detour keeps from a disc besides, so that it seldom touches it
-NEAR = 1e-6  # m: a point this near to a disc's centre has no direction away from it
+DETOUR_MARGIN = 0.01  # m: how far a detour keeps from a disc besides, so that it seldom touches it
+COINCIDENT = 1e-6  # m: a point this near to a disc's centre has no direction away from it
 
 
-class Line(NamedTuple):
+class LinearBounds(NamedTuple):
     """Linear bounds on K points: normal · p ≥ level for each."""
 
     normal: Array  # (K, 2) unit vectors
@@ -28,7 +28,7 @@ class Obstacle(Protocol):
     def distance(self, points: Array) -> Array:
         """Return the distance (K,) of points (K, 2) to it, m; negative inside."""
 
-    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
         """Return half-planes that hold no point nearer to it than ``radius`` (m).
 
         Args:
@@ -70,7 +70,7 @@ class Disc:
         """Return the distance (K,) of points (K, 2) to the disc, m; negative inside."""
         return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius)
 
-    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
         """Return the tangents of the disc grown by ``radius`` that face the points.
 
         It is grown so much more that a chord of one ``stride`` between two points does not cut it.
@@ -79,7 +79,7 @@ class Disc:
         away = points - (self.x, self.y)
         angle = np.arctan2(away[:, 1], away[:, 0])
         normal = np.column_stack([np.cos(angle), np.sin(angle)])
-        return Line(normal, grown + normal @ (self.x, self.y))
+        return LinearBounds(normal, grown + normal @ (self.x, self.y))
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
         """Return goals, those behind the disc turned about ``start`` onto its tangent.
@@ -88,11 +88,11 @@ class Disc:
         choice that no linear bound holds. It is the side on which the goals pass the centre, or
         where they pass through it, that on which the body is.
         """
-        grown = self.radius + radius + MARGIN
+        grown = self.radius + radius + DETOUR_MARGIN
         x, y = (self.x, self.y) - start
         ahead = goals - start
         gap, length = math.hypot(x, y), np.hypot(ahead[:, 0], ahead[:, 1])
-        half = math.asin(min(grown / max(gap, NEAR), 1.0))
+        half = math.asin(min(grown / max(gap, COINCIDENT), 1.0))
         centre = math.atan2(y, x)
         off = np.remainder(np.arctan2(ahead[:, 1], ahead[:, 0]) - centre + math.pi, 2.0 * math.pi)
         off -= math.pi  # angle from the disc's centre to each goal, seen from the start
@@ -107,11 +107,11 @@ class Disc:
     def _side(self, start: Array, goals: Array) -> float:
         """Return 1.0 where goals pass the centre on their left, seen along them, else -1.0."""
         along = goals[-1] - goals[0]
-        if np.hypot(*along) < NEAR:
+        if np.hypot(*along) < COINCIDENT:
             along = goals[-1] - start
-        for place in (goals[-1], start):
-            left = along[1] * (self.x - place[0]) - along[0] * (self.y - place[1])
-            if abs(left) > NEAR * self.radius:
+        for point in (goals[-1], start):
+            left = along[1] * (self.x - point[0]) - along[0] * (self.y - point[1])
+            if abs(left) > COINCIDENT * self.radius:
                 return math.copysign(1.0, left)
         return 1.0
 
@@ -144,11 +144,11 @@ class HalfPlane:
         """Return the distance (K,) of points (K, 2) to the line, m; negative beyond."""
         return np.asarray(points @ self.normal - self.offset)
 
-    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> Line:
+    def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
         """Return the line itself, ``radius`` before the edge, for every point."""
         del stride
         count = len(points)
-        return Line(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
+        return LinearBounds(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
         """Return the goals themselves: before a wall there is no way round."""

@@ -10,31 +10,31 @@ from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_ty
 from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import DYNAMIC_LAWS
 from rpctl.control.law import DynamicLaw, Startable
-from rpctl.control.laws import KINEMATIC_LAWS
 from rpctl.control.obstacles import OBSTACLES, Obstacle
+from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 
 Table = dict[str, Any]
 
 
-class Kind(NamedTuple):
+class Registry(NamedTuple):
     """What a table stands for that says by name which it is."""
 
-    told: str
+    label: str
     key: str  # of the name
-    known: Mapping[str, Callable[..., Any]]  # by name
+    factories: Mapping[str, Callable[..., Any]]  # by name
 
 
-KINEMATIC = Kind("kinematic law", "law", KINEMATIC_LAWS)
-DYNAMIC = Kind("dynamic law", "law", DYNAMIC_LAWS)
-OBSTACLE = Kind("obstacle", "shape", OBSTACLES)
-KINDS: dict[object, Kind] = {  # what a setting may be, by its type
-    KinematicLaw: KINEMATIC,
-    KinematicLaw | Startable[KinematicLaw]: KINEMATIC,
-    DynamicLaw: DYNAMIC,
-    Obstacle: OBSTACLE,
+KINEMATIC_REGISTRY = Registry("kinematic law", "law", KINEMATIC_LAWS)
+DYNAMIC_REGISTRY = Registry("dynamic law", "law", DYNAMIC_LAWS)
+OBSTACLE_REGISTRY = Registry("obstacle", "shape", OBSTACLES)
+REGISTRIES: dict[object, Registry] = {  # what a setting may be, by its type
+    KinematicLaw: KINEMATIC_REGISTRY,
+    KinematicLaw | Startable[KinematicLaw]: KINEMATIC_REGISTRY,
+    DynamicLaw: DYNAMIC_REGISTRY,
+    Obstacle: OBSTACLE_REGISTRY,
 }
-WORDS: dict[object, str] = {
+TYPE_LABELS: dict[object, str] = {
     float: "a number",
     int: "a whole number",
     bool: "true or false",
@@ -44,20 +44,22 @@ WORDS: dict[object, str] = {
 Made = TypeVar("Made")
 
 
-class _Unsaid(Exception):
+class _NoTomlValue(Exception):
     """A value that TOML has no words for; it never leaves this file."""
 
 
-def named_to_table(thing: object, kind: Kind) -> Table:
+def named_to_table(thing: object, kind: Registry) -> Table:
     """Return the name and settings of a law or an obstacle.
 
     Raises:
         RpctlError: It is none that has a name, or a setting of it cannot be said in TOML.
     """
-    for name, known in kind.known.items():
+    for name, known in kind.factories.items():
         if type(thing) is known:
             return {kind.key: name, **to_table(thing)}
-    raise RpctlError(f"{type(thing).__name__} is none of {', '.join(kind.known)}; it has no name")
+    raise RpctlError(
+        f"{type(thing).__name__} is none of {', '.join(kind.factories)}; it has no name"
+    )
 
 
 def to_table(settings: Any) -> Table:
@@ -71,63 +73,63 @@ def to_table(settings: Any) -> Table:
     for item in dataclasses.fields(settings):
         value = getattr(settings, item.name)
         try:
-            table[item.name] = _plain(value, hints[item.name])
-        except _Unsaid:
+            table[item.name] = _toml_value(value, hints[item.name])
+        except _NoTomlValue:
             if value != item.default:
-                told = f"{type(settings).__name__}.{item.name} is {value!r}"
-                raise RpctlError(f"{told}, which no file can say") from None
+                label = f"{type(settings).__name__}.{item.name} is {value!r}"
+                raise RpctlError(f"{label}, which no file can say") from None
     return table
 
 
-def _plain(value: Any, hint: Any) -> Any:
+def _toml_value(value: Any, hint: Any) -> Any:
     """Return what TOML holds of a value."""
-    if hint in KINDS:
-        return named_to_table(value, KINDS[hint])
+    if hint in REGISTRIES:
+        return named_to_table(value, REGISTRIES[hint])
     if dataclasses.is_dataclass(hint):
         return to_table(value)
     if get_origin(hint) in (Union, UnionType) and value is not None:
-        return _plain(value, _without_none(hint))
+        return _toml_value(value, _without_none(hint))
     if isinstance(value, Mapping):
         return dict(value)
     if isinstance(value, tuple) and all(isinstance(each, str | float | int) for each in value):
-        return list(value) if value else _refuse()
-    if get_origin(hint) is tuple and get_args(hint)[0] in KINDS:
-        return [named_to_table(each, KINDS[get_args(hint)[0]]) for each in value]
-    return value if isinstance(value, str | float | int) else _refuse()
+        return list(value) if value else _no_toml_value()
+    if get_origin(hint) is tuple and get_args(hint)[0] in REGISTRIES:
+        return [named_to_table(each, REGISTRIES[get_args(hint)[0]]) for each in value]
+    return value if isinstance(value, str | float | int) else _no_toml_value()
 
 
-def named_from_table(table: Any, kind: Kind, place: str, faults: list[str]) -> Any:
+def named_from_table(table: Any, kind: Registry, path: str, faults: list[str]) -> Any:
     """Return the law or obstacle that a table names, or None; what is wrong joins the faults.
 
     Args:
         table: Its name and any of its settings.
         kind: What it may be.
-        place: Where in the file the table is: ``kinematic``, ``kinematic.base_obstacles[1]``.
+        path: Where in the file the table is: ``kinematic``, ``kinematic.base_obstacles[1]``.
         faults: All that is wrong with the file so far.
     """
     key = kind.key
     if not isinstance(table, Mapping) or not isinstance(table.get(key), str):
-        head = f"[[{place[: place.index('[')]}]]" if "[" in place else f"[{place}]"
+        head = f"[[{path[: path.index('[')]}]]" if "[" in path else f"[{path}]"
         faults.append(
-            f'{place}: names no {key}; write {head}, then {key} = "{next(iter(kind.known))}"'
+            f'{path}: names no {key}; write {head}, then {key} = "{next(iter(kind.factories))}"'
         )
         return None
-    if table[key] not in kind.known:
-        faults.append(f"{place}.{key}: {UnknownNameError(kind.told, table[key], kind.known)}")
+    if table[key] not in kind.factories:
+        faults.append(f"{path}.{key}: {UnknownNameError(kind.label, table[key], kind.factories)}")
         return None
     settings = {name: value for name, value in table.items() if name != key}
-    return from_table(kind.known[table[key]], settings, place, faults)
+    return from_table(kind.factories[table[key]], settings, path, faults)
 
 
 def from_table(
-    kind: Callable[..., Made], table: Mapping[str, Any], place: str, faults: list[str]
+    kind: Callable[..., Made], table: Mapping[str, Any], path: str, faults: list[str]
 ) -> Made | None:
     """Return a dataclass of a table's settings, or None; what is wrong is added to the faults.
 
     Args:
         kind: The dataclass.
         table: Any of its settings; the others keep their defaults, if they have any.
-        place: Where in the file the table is.
+        path: Where in the file the table is.
         faults: All that is wrong with the file so far.
     """
     hints, before, settings = get_type_hints(kind), len(faults), {}
@@ -139,7 +141,7 @@ def from_table(
         if item.default is item.default_factory is dataclasses.MISSING and item.name not in table
     ]
     for key, value in table.items():
-        where = f"{place}.{key}"
+        where = f"{path}.{key}"
         if key not in names:
             faults.append(f"{where}: {UnknownNameError('setting', key, names)}")
             continue
@@ -148,20 +150,20 @@ def from_table(
         if len(faults) == known:
             settings[key] = made
     if needed:
-        faults.append(f"{place}: lacks {', '.join(needed)}")
+        faults.append(f"{path}: lacks {', '.join(needed)}")
         return None
     try:
         made = kind(**settings)  # even if a fault is known: there may be another
     except RpctlError as error:
-        faults.append(f"{place}: {error}")
+        faults.append(f"{path}: {error}")
     return made if len(faults) == before else None
 
 
 def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
     """Return the value that TOML's stands for, or None; what is wrong is added to the faults."""
     origin, arguments = get_origin(hint), get_args(hint)
-    if hint in KINDS:
-        return named_from_table(value, KINDS[hint], where, faults)
+    if hint in REGISTRIES:
+        return named_from_table(value, REGISTRIES[hint], where, faults)
     if origin in (Union, UnionType):
         return _read(value, _without_none(hint), where, faults)
     table = isinstance(origin, type) and issubclass(origin, Mapping)
@@ -173,11 +175,11 @@ def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
         else:
             return {k: _read(v, arguments[1], f"{where}.{k}", faults) for k, v in value.items()}
         return None
-    if origin is tuple and arguments[0] in KINDS:
+    if origin is tuple and arguments[0] in REGISTRIES:
         if not isinstance(value, list):
             faults.append(f"{where}: is {value!r}; write [[{where}]]")
             return None
-        kind, places = KINDS[arguments[0]], enumerate(value, start=1)
+        kind, places = REGISTRIES[arguments[0]], enumerate(value, start=1)
         return tuple(named_from_table(each, kind, f"{where}[{k}]", faults) for k, each in places)
     if origin is tuple:
         kinds = arguments if arguments[-1] is not ... else arguments[:1] * _length(value)
@@ -185,16 +187,16 @@ def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
             return tuple(_read(*each, where, faults) for each in zip(value, kinds, strict=True))
         faults.append(f"{where}: is {value!r}; give {len(kinds) or 'some'} numbers, [0.1, ...]")
         return None
-    return _read_word(value, hint, where, faults)
+    return _read_scalar(value, hint, where, faults)
 
 
-def _read_word(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
+def _read_scalar(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
     """Return a number, a text or a truth, or None; what is wrong is added to the faults."""
     allowed = (int, float) if hint is float else (hint,)
-    if hint not in WORDS:
+    if hint not in TYPE_LABELS:
         faults.append(f"{where}: no file can say it; leave it out")
     elif not isinstance(value, allowed) or (isinstance(value, bool) and hint is not bool):
-        faults.append(f"{where}: is {value!r}; give {WORDS[hint]}")
+        faults.append(f"{where}: is {value!r}; give {TYPE_LABELS[hint]}")
     else:
         return hint(value)
     return None
@@ -209,5 +211,5 @@ def _without_none(hint: Any) -> Any:
     return next(each for each in get_args(hint) if each is not NoneType)
 
 
-def _refuse() -> Any:
-    raise _Unsaid
+def _no_toml_value() -> Any:
+    raise _NoTomlValue

@@ -11,15 +11,22 @@ from rpctl.control.twist import Twist
 from rpctl.drive.steering import steer
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.rates import direction, steering
+from rpctl.reference.quasi_velocities import direction, steering
 
-SLOW = 0.1  # m/s: well below it steering keeps to the reference, well above it to the twist
-SHARE = 0.25  # of the law's horizon: steering has to be faster than what it serves
-AHEAD = 1.0  # how far a base with an axle may steer off the reference's direction, of 1
-APART, LEAST = 0.8, 0.2  # the same of steered wheels only: a share of the room there is, at least
-BRISK = 0.9  # of the fastest that a steered joint may turn: what is asked for at most
-BRAKE = 0.3  # s in which a steered joint comes to rest at a limit, twice the dynamic law's horizon
-ROOM = 0.02  # rad that a commanded steering angle keeps from the joint's limits
+SLOW_SPEED = 0.1  # m/s: well below it steering keeps to the reference, well above it to the twist
+STEERING_HORIZON_RATIO = 0.25  # of the law's horizon: steering has to be faster than what it serves
+AXLE_MAX_DEVIATION = (
+    1.0  # how far a base with an axle may steer off the reference's direction, of 1
+)
+STEERED_MAX_DEVIATION, MIN_DEVIATION = (
+    0.8,
+    0.2,
+)  # the same of steered wheels only: a share of the room there is, at least
+RATE_FRACTION = 0.9  # of the fastest that a steered joint may turn: what is asked for at most
+BRAKE_TIME = (
+    0.3  # s in which a steered joint comes to rest at a limit, twice the dynamic law's horizon
+)
+ANGLE_MARGIN = 0.02  # rad that a commanded steering angle keeps from the joint's limits
 
 
 def base_command(
@@ -49,7 +56,7 @@ def base_command(
     if not drive.steered:
         keep = [0, 2] if drive.has_axle else list(range(len(drive.base_speeds)))
         return twist.value[keep], twist.rate[keep]
-    rates, accelerations = _steering(dynamics, state, q, nu, twist, SHARE * h)
+    rates, accelerations = _steering(dynamics, state, q, nu, twist, STEERING_HORIZON_RATIO * h)
     speed = twist.value[0], twist.rate[0]
     if not drive.has_axle:
         speed = _rolling(dynamics, q, nu, accelerations, twist)
@@ -85,29 +92,33 @@ def _steering(
 ) -> tuple[Array, Array]:
     """Return the steered joints' rates and accelerations (n_steered,) to ask for."""
     robot = dynamics.robot
-    wanted, wanted_rate = towards(dynamics, state, twist)
+    wanted, wanted_rate = steering_targets(dynamics, state, twist)
     feedforward = steering(robot, state)[2]
     steered = robot.drive.steered
     actual = np.array([robot.joint_position(q, swivel.joint) for swivel in steered])
     rates = nu[1 : 1 + len(steered)]
     wanted = wanted + math.pi * np.round((actual - wanted) / math.pi)  # heading back is as good
     limits = robot.steering_limits
-    lower, upper, fastest = limits.lower + ROOM, limits.upper - ROOM, BRISK * limits.fastest
+    lower, upper, fastest = (
+        limits.lower + ANGLE_MARGIN,
+        limits.upper - ANGLE_MARGIN,
+        RATE_FRACTION * limits.fastest,
+    )
     held = (wanted < lower) | (wanted > upper)
     wanted = np.clip(wanted, lower, upper)
     wanted_rate = np.where(held, 0.0, wanted_rate)
     asked = wanted_rate + (wanted - actual) / h
     change = np.where(held, 0.0, feedforward) + (wanted_rate - rates) / h
-    # The nearer a limit, the slower towards it: (limit − δ)/BRAKE, which never passes it.
-    least = np.maximum(-fastest, (lower - actual) / BRAKE)
-    most = np.minimum(fastest, (upper - actual) / BRAKE)
+    # The nearer a limit, the slower towards it: (limit − δ)/BRAKE_TIME, which never passes it.
+    least = np.maximum(-fastest, (lower - actual) / BRAKE_TIME)
+    most = np.minimum(fastest, (upper - actual) / BRAKE_TIME)
     bound = np.clip(asked, least, most)
     braking = (bound != asked) & (np.abs(bound) < fastest)
     change = np.where(bound != asked, 0.0, change)
-    return bound, np.where(braking, -rates / BRAKE, change)
+    return bound, np.where(braking, -rates / BRAKE_TIME, change)
 
 
-def towards(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
+def steering_targets(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
     """Return the angles δ* that take the base along m, and their rates, (2, n_steered)."""
     robot = dynamics.robot
     return steer(robot.drive, _direction(dynamics, state, twist) @ robot.root_velocity.T)[:2]
@@ -125,17 +136,20 @@ def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -
     u_dot = g_hat_dot @ (weights * t) + g_hat @ (weights * t_dot)
     across = t - u * g_hat
     across_dot = t_dot - u_dot * g_hat - u * g_hat_dot
-    square = u**2 + SLOW**2
-    trust, trust_dot = u / square, u_dot * (SLOW**2 - u**2) / square**2
-    bend, bend_dot = trust * across, trust_dot * across + trust * across_dot
-    most = _most(dynamics)
-    share = 1.0 / math.sqrt(1.0 + bend @ (weights * bend) / most**2)
-    share_dot = -(share**3) * (bend @ (weights * bend_dot)) / most**2
-    rate = g_hat_dot + share * bend_dot + share_dot * bend
-    return np.array([g_hat + share * bend, rate, np.zeros(3)])
+    square = u**2 + SLOW_SPEED**2
+    direction_gain, direction_gain_dot = u / square, u_dot * (SLOW_SPEED**2 - u**2) / square**2
+    deviation, deviation_dot = (
+        direction_gain * across,
+        direction_gain_dot * across + direction_gain * across_dot,
+    )
+    most = _max_deviation(dynamics)
+    scale = 1.0 / math.sqrt(1.0 + deviation @ (weights * deviation) / most**2)
+    scale_dot = -(scale**3) * (deviation @ (weights * deviation_dot)) / most**2
+    rate = g_hat_dot + scale * deviation_dot + scale_dot * deviation
+    return np.array([g_hat + scale * deviation, rate, np.zeros(3)])
 
 
-def _most(dynamics: ReducedDynamics) -> float:
+def _max_deviation(dynamics: ReducedDynamics) -> float:
     """Return how far m may lie off ĝ: so far that a robot on the spot keeps its centre apart.
 
     Where only steered wheels carry the base, its centre of rotation must not come onto the line
@@ -143,12 +157,12 @@ def _most(dynamics: ReducedDynamics) -> float:
     """
     drive = dynamics.robot.drive
     if drive.has_axle:
-        return AHEAD
+        return AXLE_MAX_DEVIATION
     first, second = (np.array(swivel.pivot) for swivel in drive.steered[:2])
     along, off = second - first, np.array(drive.point) - first
     apart = abs(along[0] * off[1] - along[1] * off[0]) / float(np.linalg.norm(along))
     reach = math.sqrt(_weights(dynamics)[2])
-    return max(APART * apart / reach, LEAST)
+    return max(STEERED_MAX_DEVIATION * apart / reach, MIN_DEVIATION)
 
 
 def _weights(dynamics: ReducedDynamics) -> Array:

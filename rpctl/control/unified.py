@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rpctl.control.base import BaseLaw
 from rpctl.control.error import Tracking
 from rpctl.control.kinematic import coupled
 from rpctl.control.twist import Twist
+from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import require_positive
 from rpctl.reference.motion import ReferenceState
 
@@ -83,9 +83,9 @@ class UnifiedKinematic(BaseLaw):
         d = (a * p2 + w * h * x[2]) / size
         d_rate = (a_rate * p2 + a * p2_rate + w * h * x_dot[2] - 2.0 * d * a * a_rate) / size
         turn = state.twist[2] + d, state.twist_dot[2] + d_rate
-        return coupled(tracking, turn, self._share(state), h)
+        return coupled(tracking, turn, self._beta_sign(state), h)
 
-    def _share(self, state: ReferenceState) -> tuple[float, float]:
+    def _beta_sign(self, state: ReferenceState) -> tuple[float, float]:
         """Return β s and its derivative."""
         vectors = (state.twist, state.twist_dot) if state.direction is None else state.direction
         (v, _, omega), (a, _, alpha) = vectors[0], vectors[1]

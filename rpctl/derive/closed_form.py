@@ -11,18 +11,18 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from rpctl.derive.compact import Written, written
 from rpctl.derive.equations import Equations, by_recursion
-from rpctl.derive.folding import idle_joints
+from rpctl.derive.folding import cyclic_joints
 from rpctl.derive.parameters import Parameter
 from rpctl.derive.polynomial import TooLargeError
-from rpctl.derive.substitution import rewritten, with_angle_sums
+from rpctl.derive.short_form import ShortForm, shortest_form
+from rpctl.derive.substitution import candidate_forms, with_angle_sums
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 MAX_JOINTS = 4  # of the arm; beyond it a closed form fills pages
 MAX_TERMS = 600  # of all polynomials together
-WAY_OUT = "use --format c or python, which take any robot, or freeze joints with --lock NAME"
+SIZE_ADVICE = "use --format c or python, which take any robot, or freeze joints with --lock NAME"
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def closed_form(robot: Robot, parameters: bool = False) -> ClosedForm:
         return _renamed(_form(robot, equations, _shortest(equations)))
     except TooLargeError:
         raise RpctlError(
-            f"{robot.name}: it has no closed form that one would read; {WAY_OUT}"
+            f"{robot.name}: it has no closed form that one would read; {SIZE_ADVICE}"
         ) from None
 
 
@@ -99,21 +99,21 @@ def _require_small(robot: Robot) -> None:
     if len(robot.joints) > MAX_JOINTS:
         raise RpctlError(
             f"{robot.name}: a closed form is for arms of at most {MAX_JOINTS} joints, and this "
-            f"one has {len(robot.joints)}; {WAY_OUT}"
+            f"one has {len(robot.joints)}; {SIZE_ADVICE}"
         )
 
 
-def _shortest(equations: Equations) -> Written:
-    forms = rewritten(equations)
+def _shortest(equations: Equations) -> ShortForm:
+    forms = candidate_forms(equations)
     if forms[0].size > MAX_TERMS:
         raise TooLargeError
     if len(equations.angles) > 1:
         forms += [with_angle_sums(form, equations) for form in forms]
-    return written(forms)
+    return shortest_form(forms)
 
 
-def _form(robot: Robot, equations: Equations, short: Written) -> ClosedForm:
-    n, idle = robot.dof, idle_joints(robot)
+def _form(robot: Robot, equations: Equations, short: ShortForm) -> ClosedForm:
+    n, cyclic = robot.dof, cyclic_joints(robot)
     upper = [(i, j) for i in range(n) for j in range(i, n)]
     M = sp.zeros(n, n)
     for (i, j), entry in zip(upper, short.entries, strict=False):
@@ -125,7 +125,7 @@ def _form(robot: Robot, equations: Equations, short: Written) -> ClosedForm:
         coordinates=tuple(
             Coordinate(symbol, name, "m" if kinds[name] == "prismatic" else "rad")
             for name, symbol in equations.positions.items()
-            if name not in idle
+            if name not in cyclic
         ),
         rates=equations.rates,
         actuators=robot.actuators,

@@ -6,13 +6,17 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
-from rpctl.derive.program import Node, Program, program
+from rpctl.derive.program import Node, ScalarProgram, program
 from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.robot.model import Robot
 
-INLINE = 60  # characters; a longer expression gets a line of its own
-LOOSE, TIGHT, ATOM = 1, 2, 3  # how firmly an expression holds together: sums, products, the rest
-LINEAR = ("v", "vx", "vy")  # speeds of the base in m/s
+MAX_INLINE = 60  # characters; a longer expression gets a line of its own
+SUM_PRECEDENCE, PRODUCT_PRECEDENCE, ATOM_PRECEDENCE = (
+    1,
+    2,
+    3,
+)  # how firmly an expression holds together: sums, products, the rest
+LINEAR_SPEEDS = ("v", "vx", "vy")  # speeds of the base in m/s
 NAME_LENGTH = 40  # of the identifiers made from a robot's name
 
 C_FORWARD = """
@@ -120,14 +124,14 @@ def comment(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_ .:+-]", "_", text)
 
 
-def _header(robot: Robot, steps: Program) -> Iterator[str]:
+def _header(robot: Robot, steps: ScalarProgram) -> Iterator[str]:
     """Yield what the code is of: the robot, the order of its coordinates and their units."""
     slides = {joint.name for joint in robot.description.joints if joint.kind == "prismatic"}
     base = len(BASE_SPEEDS[robot.drive.type])  # of ν the first, whatever joints are called
 
     def listed(symbol: str, names: Sequence[str], units: tuple[str, str]) -> Iterator[str]:
         for k, name in enumerate(names):
-            linear = name in LINEAR if symbol == "nu" and k < base else name in slides
+            linear = name in LINEAR_SPEEDS if symbol == "nu" and k < base else name in slides
             yield f"  {symbol}[{k}]  {comment(name)}  [{units[0] if linear else units[1]}]"
 
     yield f"{comment(robot.name)}: M nu_dot + h = B tau, derived by the Gibbs-Appell equations."
@@ -140,7 +144,7 @@ def _header(robot: Robot, steps: Program) -> Iterator[str]:
     yield from listed("tau", robot.actuators, ("N", "N m"))
 
 
-def _written(steps: Program) -> tuple[list[tuple[str, str]], Callable[[int], str]]:
+def _written(steps: ScalarProgram) -> tuple[list[tuple[str, str]], Callable[[int], str]]:
     """Return the assignments of named steps, and the text of any node after them.
 
     What is used once and short is written where it is used.
@@ -151,11 +155,11 @@ def _written(steps: Program) -> tuple[list[tuple[str, str]], Callable[[int], str
     texts: list[tuple[str, int]] = []
     given: list[tuple[str, str]] = []
     for k, node in enumerate(steps.nodes):
-        text, hold = _text(node, texts)
-        if node[0] not in ("q", "nu", "number") and (uses[k] > 1 or len(text) > INLINE):
+        text, precedence = _text(node, texts)
+        if node[0] not in ("q", "nu", "number") and (uses[k] > 1 or len(text) > MAX_INLINE):
             given.append((f"x{len(given)}", text))
-            text, hold = given[-1][0], ATOM
-        texts.append((text, hold))
+            text, precedence = given[-1][0], ATOM_PRECEDENCE
+        texts.append((text, precedence))
     return given, lambda node: texts[node][0]
 
 
@@ -170,18 +174,21 @@ def _text(node: Node, texts: Sequence[tuple[str, int]]) -> tuple[str, int]:
     """
     kind, operands = node[0], node[1:]
     if kind in ("q", "nu"):
-        return f"{kind}[{operands[0]}]", ATOM
+        return f"{kind}[{operands[0]}]", ATOM_PRECEDENCE
     if kind == "number":
-        return repr(operands[0]), ATOM if operands[0] >= 0.0 else LOOSE
+        return repr(operands[0]), ATOM_PRECEDENCE if operands[0] >= 0.0 else SUM_PRECEDENCE
     if kind in ("sin", "cos"):
-        return f"{kind}({texts[operands[0]][0]})", ATOM
+        return f"{kind}({texts[operands[0]][0]})", ATOM_PRECEDENCE
     if len(operands) == 1:
-        return f"-{_held(texts[operands[0]], ATOM)}", LOOSE
-    hold = LOOSE if kind in "+-" else TIGHT
+        return f"-{_parenthesised(texts[operands[0]], ATOM_PRECEDENCE)}", SUM_PRECEDENCE
+    precedence = SUM_PRECEDENCE if kind in "+-" else PRODUCT_PRECEDENCE
     left, right = (texts[a] for a in operands)
-    return f"{_held(left, hold)} {kind} {_held(right, hold + 1)}", hold
+    return (
+        f"{_parenthesised(left, precedence)} {kind} {_parenthesised(right, precedence + 1)}",
+        precedence,
+    )
 
 
-def _held(expression: tuple[str, int], needed: int) -> str:
-    text, hold = expression
-    return text if hold >= needed else f"({text})"
+def _parenthesised(expression: tuple[str, int], needed: int) -> str:
+    text, precedence = expression
+    return text if precedence >= needed else f"({text})"

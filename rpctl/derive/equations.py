@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from rpctl.derive.folding import idle_joints
+from rpctl.derive.folding import cyclic_joints
 from rpctl.derive.parameters import ROOT2, ROOT3, Numbers, Parameter, rational
-from rpctl.derive.polynomial import Element, Poly, Space, rounded
-from rpctl.equivalence.gibbs_appell import GibbsAppell, Motion, Rates
+from rpctl.derive.polynomial import Poly, PolynomialScalar, Space, rounded
+from rpctl.equivalence.gibbs_appell import GibbsAppell, JointRates, LinkKinematics
 from rpctl.equivalence.tree import Scalars, Tree
 from rpctl.robot.model import Robot
 
-DIGITS = 13  # of a coefficient that directions of 15 decimals have gone into
+COEFFICIENT_DIGITS = 13  # of a coefficient that directions of 15 decimals have gone into
 MAX_TERMS = 2500  # of one polynomial
-MAX_TIME = 20.0  # s, for the whole derivation
+MAX_TIME_S = 20.0  # s, for the whole derivation
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Equations:
         M: Entries (n, n).
         h: Entries (n,).
         B: Entries (n, n_act).
-        turns: Angular velocities of the links, component by component, as polynomials.
+        angular_velocities: Angular velocities of the links, component by component, as polynomials.
     """
 
     space: Space
@@ -58,7 +58,7 @@ class Equations:
     M: tuple[tuple[Poly, ...], ...]
     h: tuple[Poly, ...]
     B: tuple[tuple[Poly, ...], ...]
-    turns: tuple[Poly, ...]
+    angular_velocities: tuple[Poly, ...]
 
 
 class _Derivation:
@@ -85,14 +85,14 @@ class _Derivation:
 
     def _positions(self) -> dict[str, Any]:
         positions: dict[str, Any] = {}
-        idle, marks = idle_joints(self.robot), count(1)
+        cyclic, marks = cyclic_joints(self.robot), count(1)
         for joint in self.robot.description.joints:
             if not joint.moving:
                 continue
             value: Any = self.symbols.get(joint.name)
             if joint.name in self.robot.locked:
                 value = rational(self.robot.locked[joint.name])
-            elif joint.name in idle:
+            elif joint.name in cyclic:
                 value = sp.Integer(0)
             elif joint.mimic is not None:
                 followed = self.symbols.get(joint.mimic.joint)
@@ -117,27 +117,27 @@ class _Derivation:
         roots = {ROOT2: sp.Integer(2), ROOT3: sp.Integer(3)}
         constants = {root: sp.sqrt(square) for root, square in roots.items()}
         constants |= {inverse: 1 / radius for radius, inverse in inverses.items()}
-        deadline = time.monotonic() + MAX_TIME
+        deadline = time.monotonic() + MAX_TIME_S
         return Space(tuple(generators), squares | roots, inverses, constants, MAX_TERMS, deadline)
 
-    def element(self, value: Any) -> Element:
+    def element(self, value: Any) -> PolynomialScalar:
         """Return an expression in the generators as a scalar of the recursion."""
-        return Element(self.space, self.space.ring.from_expr(sp.sympify(value)))
+        return PolynomialScalar(self.space, self.space.ring.from_expr(sp.sympify(value)))
 
     def _scalars(self, numbers: Numbers) -> Scalars:
-        def cos(angle: Any) -> Element:
+        def cos(angle: Any) -> PolynomialScalar:
             if isinstance(angle, Angle):
                 return self.element(angle.cos)
             return self.element(numbers(float(sp.cos(angle)), "direction", ""))
 
-        def sin(angle: Any) -> Element:
+        def sin(angle: Any) -> PolynomialScalar:
             if isinstance(angle, Angle):
                 return self.element(angle.sin)
             return self.element(numbers(float(sp.sin(angle)), "direction", ""))
 
         return Scalars(lambda *asked: self.element(numbers(*asked)), cos, sin)
 
-    def start(self) -> tuple[dict[str, Any], Any, Motion, Rates]:
+    def start(self) -> tuple[dict[str, Any], Any, LinkKinematics, JointRates]:
         """Return the positions, u and the root's motion that the recursion starts from."""
         positions = {
             name: value if isinstance(value, Angle) or value.is_number else self.element(value)
@@ -145,19 +145,19 @@ class _Derivation:
         }
         kinds = {joint.name: joint.kind for joint in self.robot.description.joints}
         for name, value in positions.items():
-            if kinds[name] == "prismatic" and not isinstance(value, Element):
+            if kinds[name] == "prismatic" and not isinstance(value, PolynomialScalar):
                 positions[name] = self.element(value)
         u = np.array([self.element(rate) for rate in self.rates], dtype=object)
         root, rates = self.oracle.rolling_root(self.oracle.scalars.identity(3), positions, u)
         return positions, u, root, rates
 
-    def result(self, M: Any, h: Any, B: Any, turns: Any) -> Equations:
+    def result(self, M: Any, h: Any, B: Any, angular_velocities: Any) -> Equations:
         """Return the equations, without terms that are rounding."""
         n = len(self.rates)
 
         def clean(elements: Any) -> list[Poly]:
             polys = [element.poly for element in elements]
-            return polys if self.numbers.exact else rounded(polys, DIGITS)
+            return polys if self.numbers.exact else rounded(polys, COEFFICIENT_DIGITS)
 
         entries, columns = clean(np.ravel(M)), B.shape[1]
         actuation = clean(B.ravel())
@@ -166,7 +166,7 @@ class _Derivation:
             M=tuple(tuple(entries[n * i : n * i + n]) for i in range(n)),
             h=tuple(clean(h)),
             B=tuple(tuple(actuation[columns * i : columns * (i + 1)]) for i in range(n)),
-            turns=tuple(turns),
+            angular_velocities=tuple(angular_velocities),
         )  # fmt: skip
 
 
@@ -183,10 +183,10 @@ def by_recursion(robot: Robot, named: bool = False) -> Equations:
     derivation = _Derivation(robot, named)
     positions, u, root, rates = derivation.start()
     terms = derivation.oracle.terms(positions, u, root, rates)
-    turns = {}
+    angular_velocities = {}
     for _, motion in derivation.oracle.links(positions, u, root, rates):
-        turns.update(dict.fromkeys(x.poly for x in motion.omega))
-    return derivation.result(terms.M, terms.h, terms.B, turns)
+        angular_velocities.update(dict.fromkeys(x.poly for x in motion.omega))
+    return derivation.result(terms.M, terms.h, terms.B, angular_velocities)
 
 
 def by_differentiation(robot: Robot, named: bool = False) -> Equations:
@@ -201,9 +201,11 @@ def by_differentiation(robot: Robot, named: bool = False) -> Equations:
     G = derivation.oracle.function(positions, u, u_dot, root, rates).poly
     turned = [space.generator(x) for x in derivation.accelerations]
     gradient = [G.diff(x) for x in turned]
-    M = np.array([[Element(space, row.diff(x)) for x in turned] for row in gradient], dtype=object)
+    M = np.array(
+        [[PolynomialScalar(space, row.diff(x)) for x in turned] for row in gradient], dtype=object
+    )
     at_rest = [(x, 0) for x in turned]
-    h = [Element(space, row.evaluate(at_rest).set_ring(space.ring)) for row in gradient]
+    h = [PolynomialScalar(space, row.evaluate(at_rest).set_ring(space.ring)) for row in gradient]
     B = np.array([rates.rows[name] for name in robot.actuators]).T.reshape(len(u), -1)
     return derivation.result(M, h, B, ())
 

@@ -8,19 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.equivalence.tree import FLOATS, Body, Hinge, Rolling, Scalars, SwivelPart, Tree
+from rpctl.equivalence.tree import FLOATS, Body, Scalars, SwivelPart, Tree, TreeJoint, WheelPart
 from rpctl.robot.model import Robot
 
-ROUNDING = 4e-16  # of a rotation's entries; one so near to 0 or ±1 is that
-SYMMETRY = 1e-13  # relative; the inertia of a round wheel turns with it by no more
+ROTATION_ROUNDING = 4e-16  # of a rotation's entries; one so near to 0 or ±1 is that
+SYMMETRY_TOLERANCE = 1e-13  # relative; the inertia of a round wheel turns with it by no more
 
 
 @dataclass
-class _Rigid:
+class _RigidGroup:
     """Links that move as one: what they weigh, in the axes of the first, and what hangs on them."""
 
     bodies: list[Body] = field(default_factory=list)
-    hinges: list[Hinge] = field(default_factory=list)
+    hinges: list[TreeJoint] = field(default_factory=list)
 
 
 def fold(robot: Robot, scalars: Scalars) -> Tree:
@@ -33,12 +33,14 @@ def fold(robot: Robot, scalars: Scalars) -> Tree:
     tree = Tree(robot, FLOATS)
     parts = _collect(robot, tree)
     folded, numbers = copy.copy(tree), scalars.numbers
-    folded.bodies = {name: _scalar_body(_joined(part), scalars) for name, part in parts.items()}
+    folded.bodies = {
+        name: _scalar_body(_as_one_body(part), scalars) for name, part in parts.items()
+    }
     folded.below = {
-        name: [_scalar_hinge(hinge, scalars) for hinge in part.hinges]
+        name: [_scalar_hinge(joint_part, scalars) for joint_part in part.hinges]
         for name, part in parts.items()
     }
-    folded.moving = [hinge.name for part in parts.values() for hinge in part.hinges]
+    folded.moving = [joint_part.name for part in parts.values() for joint_part in part.hinges]
     folded.scalars = scalars
     folded.wheels = {name: _scalar_wheel(wheel, scalars) for name, wheel in tree.wheels.items()}
     folded.swivels = {name: _scalar_swivel(part, scalars) for name, part in tree.swivels.items()}
@@ -47,49 +49,49 @@ def fold(robot: Robot, scalars: Scalars) -> Tree:
     return folded
 
 
-def idle_joints(robot: Robot) -> frozenset[str]:
+def cyclic_joints(robot: Robot) -> frozenset[str]:
     """Return the joints whose angle the dynamics do not depend on: each turns one round body.
 
     Round means: its centre of mass is on the joint's axis, and its inertia is the same about all
     directions across it. The wheels of most robots are.
     """
     parts = _collect(robot, Tree(robot, FLOATS))
-    hinges = [hinge for part in parts.values() for hinge in part.hinges]
+    hinges = [joint_part for part in parts.values() for joint_part in part.hinges]
     return frozenset(
-        hinge.name
-        for hinge in hinges
-        if hinge.kind != "prismatic"
-        and not parts[hinge.child].hinges
-        and _round(_joined(parts[hinge.child]), hinge.axis)
+        joint_part.name
+        for joint_part in hinges
+        if joint_part.kind != "prismatic"
+        and not parts[joint_part.child].hinges
+        and _is_round(_as_one_body(parts[joint_part.child]), joint_part.axis)
     )
 
 
-def _collect(robot: Robot, tree: Tree) -> dict[str, _Rigid]:
+def _collect(robot: Robot, tree: Tree) -> dict[str, _RigidGroup]:
     """Return the rigid parts by their first link, from the root outwards."""
-    parts = {tree.root: _Rigid()}
-    edge = [(tree.root, tree.root, np.eye(3), np.zeros(3))]
-    while edge:
-        link, first, R, p = edge.pop()
+    parts = {tree.root: _RigidGroup()}
+    stack = [(tree.root, tree.root, np.eye(3), np.zeros(3))]
+    while stack:
+        link, first, R, p = stack.pop()
         part, body = parts[first], tree.bodies.get(link)
         if body is not None:
             part.bodies.append(replace(body, com=p + R @ body.com, R=R @ body.R))
-        for hinge in tree.below[link]:
-            origin, turn = p + R @ hinge.p, R @ hinge.R
-            if hinge.kind != "fixed" and hinge.name not in robot.locked:
-                part.hinges.append(replace(hinge, p=origin, R=_snapped(turn)))
-                parts[hinge.child] = _Rigid()
-                edge.append((hinge.child, hinge.child, np.eye(3), np.zeros(3)))
+        for joint_part in tree.below[link]:
+            origin, turn = p + R @ joint_part.p, R @ joint_part.R
+            if joint_part.kind != "fixed" and joint_part.name not in robot.locked:
+                part.hinges.append(replace(joint_part, p=origin, R=_snapped(turn)))
+                parts[joint_part.child] = _RigidGroup()
+                stack.append((joint_part.child, joint_part.child, np.eye(3), np.zeros(3)))
                 continue
-            position = robot.locked.get(hinge.name, 0.0)
-            if hinge.kind == "prismatic":
-                origin = origin + turn @ (position * hinge.axis)
-            elif hinge.kind != "fixed":
-                turn = turn @ FLOATS.rotation(hinge.axis, position)
-            edge.append((hinge.child, first, turn, origin))
+            position = robot.locked.get(joint_part.name, 0.0)
+            if joint_part.kind == "prismatic":
+                origin = origin + turn @ (position * joint_part.axis)
+            elif joint_part.kind != "fixed":
+                turn = turn @ FLOATS.rotation(joint_part.axis, position)
+            stack.append((joint_part.child, first, turn, origin))
     return parts
 
 
-def _joined(part: _Rigid) -> Body:
+def _as_one_body(part: _RigidGroup) -> Body:
     """Return the one body, its inertia about its centre of mass in the part's axes."""
     mass = sum(body.mass for body in part.bodies)
     if not mass:
@@ -103,13 +105,13 @@ def _joined(part: _Rigid) -> Body:
     return Body(mass, _clean(com), np.eye(3), _clean(0.5 * (inertia + inertia.T)))
 
 
-def _round(body: Body, axis: Array) -> bool:
+def _is_round(body: Body, axis: Array) -> bool:
     across = body.com - (body.com @ axis) * axis
-    if np.abs(across).max() > SYMMETRY * max(1.0, float(np.abs(body.com).max())):
+    if np.abs(across).max() > SYMMETRY_TOLERANCE * max(1.0, float(np.abs(body.com).max())):
         return False
     turn = FLOATS.rotation(axis, 1.0)
     change = turn @ body.inertia @ turn.T - body.inertia
-    return bool(np.abs(change).max() <= SYMMETRY * np.abs(body.inertia).max())
+    return bool(np.abs(change).max() <= SYMMETRY_TOLERANCE * np.abs(body.inertia).max())
 
 
 def _scalar_body(body: Body, scalars: Scalars) -> Body:
@@ -121,7 +123,7 @@ def _scalar_body(body: Body, scalars: Scalars) -> Body:
     )
 
 
-def _scalar_wheel(wheel: Rolling, scalars: Scalars) -> Rolling:
+def _scalar_wheel(wheel: WheelPart, scalars: Scalars) -> WheelPart:
     return replace(
         wheel,
         radius=scalars.number(wheel.radius, "length", ""),
@@ -144,21 +146,21 @@ def _scalar_swivel(part: SwivelPart, scalars: Scalars) -> SwivelPart:
     )
 
 
-def _scalar_hinge(hinge: Hinge, scalars: Scalars) -> Hinge:
+def _scalar_hinge(joint_part: TreeJoint, scalars: Scalars) -> TreeJoint:
     return replace(
-        hinge,
-        p=scalars.numbers(_clean(hinge.p), "length", ""),
-        R=scalars.numbers(hinge.R, "direction", ""),
-        axis=scalars.numbers(_snapped(hinge.axis), "direction", ""),
-        factor=scalars.number(hinge.factor, "number", ""),
+        joint_part,
+        p=scalars.numbers(_clean(joint_part.p), "length", ""),
+        R=scalars.numbers(joint_part.R, "direction", ""),
+        axis=scalars.numbers(_snapped(joint_part.axis), "direction", ""),
+        factor=scalars.number(joint_part.factor, "number", ""),
     )
 
 
 def _snapped(directions: Array) -> Array:
     nearest = np.round(directions)
-    return np.where(np.abs(directions - nearest) <= ROUNDING, nearest, directions) + 0.0
+    return np.where(np.abs(directions - nearest) <= ROTATION_ROUNDING, nearest, directions) + 0.0
 
 
 def _clean(values: Array) -> Array:
     """Return values with those that are rounding beside the largest made 0."""
-    return np.where(np.abs(values) <= ROUNDING * np.abs(values).max(), 0.0, values)
+    return np.where(np.abs(values) <= ROTATION_ROUNDING * np.abs(values).max(), 0.0, values)

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
-from rpctl.derive.sharing import readable
+from rpctl.derive.subexpressions import readable
 from rpctl.derive.text import inertia, legend
 
-WIDTH = 76  # of a line of a formula, in letters, about
+LINE_WIDTH = 76  # of a line of a formula, in letters, about
 SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 SPECIAL |= {character: f"\\{character}" for character in "#$%&_{}"}
 
@@ -70,7 +70,7 @@ def _aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str]
         lines, width = [""], 0
         for piece in _pieces(readable(value), names):
             width += _width(piece)
-            if width > WIDTH and lines[-1]:
+            if width > LINE_WIDTH and lines[-1]:
                 lines.append("")
                 width = _width(piece)
             lines[-1] += f" {piece}"
@@ -85,7 +85,7 @@ def _pieces(expression: sp.Expr, names: Mapping[sp.Symbol, str]) -> Iterator[str
         whole = _latex(term, names)
         sign = "" if place == 0 or whole.startswith("-") else "+ "
         sums = [factor for factor in sp.Mul.make_args(term) if factor.is_Add]
-        if not sums or _width(whole) <= WIDTH or term.is_Add:
+        if not sums or _width(whole) <= LINE_WIDTH or term.is_Add:
             yield sign + whole
             continue
         longest = max(sums, key=sp.count_ops)

@@ -11,8 +11,8 @@ import sympy as sp
 
 from rpctl.robot.model import Robot
 
-SNAP = 1e-9  # an entry of a direction so near to a simple value is that value
-DIGITS = 15  # of a float that survive its printing; the rest is rounding
+DIRECTION_TOLERANCE = 1e-9  # an entry of a direction so near to a simple value is that value
+FLOAT_DIGITS = 15  # of a float that survive its printing; the rest is rounding
 LETTERS = {"mass": "m", "length": "l", "inertia": "I", "gravity": "g"}
 UNITS = {"mass": "kg", "length": "m", "inertia": "kg m^2", "gravity": "m/s^2"}
 ROOT2, ROOT3 = sp.Symbol("root2"), sp.Symbol("root3")
@@ -67,7 +67,11 @@ class Numbers:
         """Return a number of a kind (as ``Scalars.number`` is told) as an expression."""
         if kind == "direction":
             entry = direction(value)
-            self.exact &= abs(value) < SNAP or not isinstance(entry, sp.Rational) or entry.q < 3
+            self.exact &= (
+                abs(value) < DIRECTION_TOLERANCE
+                or not isinstance(entry, sp.Rational)
+                or entry.q < 3
+            )
             return entry
         quantity, owner, part = self._place(label)
         if not self._named or kind not in LETTERS or not label:
@@ -110,7 +114,7 @@ class Numbers:
 
 def rational(value: float) -> sp.Rational:
     """Return the exact value of a float's shortest decimal of 15 digits: 0.1 is 1/10."""
-    return sp.Rational(f"{value:.{DIGITS}g}")
+    return sp.Rational(f"{value:.{FLOAT_DIGITS}g}")
 
 
 def direction(value: float) -> sp.Expr:
@@ -119,6 +123,6 @@ def direction(value: float) -> sp.Expr:
     Simple are 0, ±1/2, ±√2/2, ±√3/2 and ±1: a URDF writes them with as many digits as it likes.
     """
     for simple, exact in SIMPLE.items():
-        if abs(abs(value) - simple) < SNAP:
+        if abs(abs(value) - simple) < DIRECTION_TOLERANCE:
             return exact if value >= 0.0 else -exact
     return rational(value)

@@ -118,7 +118,7 @@ class TooLargeError(RpctlError):
     """A closed form that grew beyond what anyone would read, or took too long."""
 
 
-class Element:
+class PolynomialScalar:
     """A polynomial that NumPy takes for a scalar."""
 
     __slots__ = ("poly", "space")
@@ -128,12 +128,12 @@ class Element:
         self.poly = poly
 
     def _other(self, other: Any) -> Poly:
-        if isinstance(other, Element):
+        if isinstance(other, PolynomialScalar):
             return other.poly
         return self.space.ring.ground_new(sp.QQ(int(other)))
 
-    def _new(self, poly: Poly) -> Element:
-        return Element(self.space, poly)
+    def _new(self, poly: Poly) -> PolynomialScalar:
+        return PolynomialScalar(self.space, poly)
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -158,10 +158,10 @@ class Element:
             return NotImplemented
         return self._new(self.space.divided(self.poly, self._other(other)))
 
-    def __pow__(self, exponent: int) -> Element:
+    def __pow__(self, exponent: int) -> PolynomialScalar:
         return self._new(self.space.reduced(self.poly**exponent))
 
-    def __neg__(self) -> Element:
+    def __neg__(self) -> PolynomialScalar:
         return self._new(-self.poly)
 
     def __eq__(self, other: object) -> bool:

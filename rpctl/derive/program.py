@@ -9,8 +9,8 @@ from typing import Any
 import casadi
 import numpy as np
 
-from rpctl.derive.casadi_scalar import CASADI, Element
-from rpctl.derive.folding import fold, idle_joints
+from rpctl.derive.casadi_scalar import CASADI, CasadiScalar
+from rpctl.derive.folding import cyclic_joints, fold
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.robot.model import Robot
 
@@ -21,7 +21,7 @@ CALLS = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
 
 
 @dataclass(frozen=True)
-class Program:
+class ScalarProgram:
     """Steps that compute M, h and B; every step is a node, no two are the same.
 
     Attributes:
@@ -40,7 +40,7 @@ class Program:
     B: tuple[tuple[int, ...], ...]
 
 
-def program(robot: Robot) -> Program:
+def program(robot: Robot) -> ScalarProgram:
     """Derive M ν̇ + h = B τ with CasADi's symbols and list its steps ([MS21, Eq. 1-5]).
 
     Rigid parts are folded into one body each before, and the angle of a round wheel is left out.
@@ -53,7 +53,7 @@ def program(robot: Robot) -> Program:
     n = robot.dof
     upper = [(i, j) for i in range(n) for j in range(i, n)]
     entries = [terms.M[i, j] for i, j in upper] + [*terms.h, *terms.B.ravel()]
-    outputs = casadi.vertcat(*(Element(entry).sx for entry in entries))
+    outputs = casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries))
     function = casadi.Function("terms", [q, nu], [casadi.cse(outputs)])
     nodes, results = _numbered(function, len(entries))
     M = np.zeros((n, n), dtype=int)
@@ -69,12 +69,12 @@ def _mimicked(robot: Robot) -> dict[str, Any]:
 
 def _terms(oracle: GibbsAppell, names: Sequence[str], q: Any, nu: Any) -> Terms:
     robot = oracle.robot
-    positions = {name: Element.of(q[i]) for i, name in enumerate(names)}
-    positions |= dict.fromkeys(idle_joints(robot), Element(0.0))
-    positions |= {name: Element(value) for name, value in robot.locked.items()}
+    positions = {name: CasadiScalar.of(q[i]) for i, name in enumerate(names)}
+    positions |= dict.fromkeys(cyclic_joints(robot), CasadiScalar(0.0))
+    positions |= {name: CasadiScalar(value) for name, value in robot.locked.items()}
     for name, mimic in _mimicked(robot).items():
         positions[name] = mimic.multiplier * positions[mimic.joint] + mimic.offset
-    u = np.array([Element.of(nu[i]) for i in range(robot.dof)], dtype=object)
+    u = np.array([CasadiScalar.of(nu[i]) for i in range(robot.dof)], dtype=object)
     root, rates = oracle.rolling_root(CASADI.identity(3), positions, u)
     return oracle.terms(positions, u, root, rates)
 
@@ -131,7 +131,7 @@ def _pruned(
     M: list[list[int]],
     h: list[int],
     B: list[list[int]],
-) -> Program:
+) -> ScalarProgram:
     """Return the program without the inputs that nothing depends on; the arm's always stay."""
     read = {node[1] for node in nodes if node[0] == "q"}
     arm = {joint.name for joint in robot.joints}
@@ -140,4 +140,4 @@ def _pruned(
     order += [name for i, name in enumerate(names) if i in read and name not in order]
     place = {names.index(name): k for k, name in enumerate(order)}
     moved = tuple(("q", place[node[1]]) if node[0] == "q" else node for node in nodes)
-    return Program(tuple(order), moved, tuple(map(tuple, M)), tuple(h), tuple(map(tuple, B)))
+    return ScalarProgram(tuple(order), moved, tuple(map(tuple, M)), tuple(h), tuple(map(tuple, B)))

@@ -11,13 +11,13 @@ import sympy as sp
 from rpctl.derive.equations import Angle, Equations
 from rpctl.derive.polynomial import Poly, Space, without_common_term
 
-CHOICES = 6  # forms that are worth writing out to see which is shortest
+MAX_FORMS = 6  # forms that are worth writing out to see which is shortest
 
 Key = tuple[tuple[int, ...], bool]  # multiples of the angles, and whether of the sine
 
 
 @dataclass(frozen=True)
-class Rewritten:
+class EquationForm:
     """Polynomials whose generators have got new meanings.
 
     Attributes:
@@ -46,11 +46,11 @@ class Rewritten:
         return _size((*self.M, *self.h))
 
 
-def rewritten(equations: Equations) -> list[Rewritten]:
+def candidate_forms(equations: Equations) -> list[EquationForm]:
     """Return the equations in rates and lengths that may make them short, few terms first."""
     n = len(equations.h)
     angles = equations.angles
-    start = Rewritten(
+    start = EquationForm(
         space=equations.space,
         M=tuple(equations.M[i][j] for i in range(n) for j in range(i, n)),
         h=equations.h,
@@ -64,17 +64,19 @@ def rewritten(equations: Equations) -> list[Rewritten]:
         angles=tuple(symbol for angle in angles for symbol in (angle.cos, angle.sin)),
         lengths=equations.lengths,
     )
-    forms = [_summed_rates(start, equations.turns)]
+    forms = [_summed_rates(start, equations.angular_velocities)]
     for number, length in enumerate(equations.lengths, start=1):
         forms += [shifted for form in forms for shifted in _shifted(form, length, number)]
-    return sorted(forms, key=lambda form: form.size)[:CHOICES]
+    return sorted(forms, key=lambda form: form.size)[:MAX_FORMS]
 
 
-def _summed_rates(form: Rewritten, turns: Sequence[Poly]) -> Rewritten:
+def _summed_rates(form: EquationForm, angular_velocities: Sequence[Poly]) -> EquationForm:
     """Write Ω for a sum of rates in an angular velocity, where that makes h shorter."""
     space, number = form.space, 0
     places = {space.index[rate]: rate for rate in form.rates}
-    sums = sorted({s for turn in turns if (s := _plain_sum(turn, places)) is not None}, key=len)
+    sums = sorted(
+        {s for turn in angular_velocities if (s := _plain_sum(turn, places)) is not None}, key=len
+    )
     while sums:
         total = sums.pop(0)
         powers = max(total, key=lambda powers: powers.index(1))
@@ -108,7 +110,7 @@ def _plain_sum(turn: Poly, rates: Iterable[int]) -> Poly | None:
     return rest * rest.LC if plain and len(rest) > 1 else None
 
 
-def _shifted(form: Rewritten, length: sp.Symbol, number: int) -> Iterator[Rewritten]:
+def _shifted(form: EquationForm, length: sp.Symbol, number: int) -> Iterator[EquationForm]:
     """Yield the form in ρ = η + c, the distance of a centre of mass, for every c that fits."""
     space, symbol = form.space, sp.Symbol(f"rho{number}", real=True)
     x = space.generator(length)
@@ -122,7 +124,7 @@ def _shifted(form: Rewritten, length: sp.Symbol, number: int) -> Iterator[Rewrit
         )
 
 
-def _shifts(form: Rewritten, length: sp.Symbol) -> list[Poly]:
+def _shifts(form: EquationForm, length: sp.Symbol) -> list[Poly]:
     """Return c of every a (η + c)² + … and a (η + c) among the coefficients of other variables."""
     space, i = form.space, form.space.index[length]
     variables = [space.index[s] for s in (*form.rates, *form.angles, *form.lengths) if s != length]
@@ -144,7 +146,7 @@ def _shifts(form: Rewritten, length: sp.Symbol) -> list[Poly]:
     return list(found)
 
 
-def with_angle_sums(form: Rewritten, equations: Equations) -> Rewritten:
+def with_angle_sums(form: EquationForm, equations: Equations) -> EquationForm:
     """Return the polynomials with products of cosines and sines turned into those of sums."""
     angles = equations.angles
     pairs = [(form.space.index[a.cos], form.space.index[a.sin]) for a in angles]

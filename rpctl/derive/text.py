@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
-from rpctl.derive.sharing import readable
+from rpctl.derive.subexpressions import readable
 
 
 def to_text(form: ClosedForm) -> str:

@@ -19,7 +19,7 @@ from rpctl.description.records import Description, Link, Shape
 from rpctl.errors import Finding, RpctlError
 from rpctl.libraries import library
 
-DENSEST = 1e6  # kg/m3; more is a wrong unit
+MAX_DENSITY = 1e6  # kg/m3; more is a wrong unit
 LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat
 
 
@@ -53,7 +53,7 @@ def fill(description: Description, density: float) -> Description:
     Raises:
         RpctlError: The density is not positive, or absurd.
     """
-    if not 0.0 < density <= DENSEST:
+    if not 0.0 < density <= MAX_DENSITY:
         raise RpctlError(f"density is {density:g}; give kg/m3, as 1000 for water")
     estimator = _Estimator(description, density)
     links = tuple(estimator.link(link) for link in description.links)

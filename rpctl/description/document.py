@@ -9,13 +9,13 @@ from lxml import etree
 
 from rpctl.description.encoding import Refusal, decode
 from rpctl.description.findings import Findings, excerpt
-from rpctl.description.foreign import foreign_bytes, foreign_root, foreign_text
-from rpctl.files.caps import cap, raised
+from rpctl.description.other_formats import foreign_bytes, foreign_root, foreign_text
+from rpctl.files.caps import cap, how_to_raise
 
 BLANKS = re.compile(r"\s*")
-ROOT = re.compile(r"<([^\s<>/!?\"'=]+)")
-PREFIX = re.compile(r"Namespace prefix (\S+)")
-PLACE = re.compile(r", line \d+, column \d+$")
+ROOT_NAME = re.compile(r"<([^\s<>/!?\"'=]+)")
+PREFIX_MESSAGE = re.compile(r"Namespace prefix (\S+)")
+PLACE_SUFFIX = re.compile(r", line \d+, column \d+$")
 MULTI_LINE_TAG = re.compile(r"<[^\s<>/!?][^<>\n]*\n[^<>]*>")
 TAG = re.compile(  # what is never closed is taken to the end, once: else time is its square
     r"<!--(?:.*?-->|.*)|<!\[CDATA\[(?:.*?\]\]>|.*)|<\?(?:.*?\?>|.*)|(<)(?![/!?])(link\b)?",
@@ -26,7 +26,7 @@ MAX_LINE = 65535  # libxml2 counts no further
 UNDECLARED = etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE
 TOO_DEEP = "Excessive depth"
 TRUNCATED = "the file is truncated"
-WHOLE = "get the whole file"
+FIX_TRUNCATED = "get the whole file"
 
 
 def parse_document(data: bytes, findings: Findings) -> Any:
@@ -74,7 +74,7 @@ def _root_start(text: str) -> int:
     if text.startswith("<!DOCTYPE", place):
         entities = " and its entities are never read" if "<!ENTITY" in text else ""
         raise Refusal(f"a DOCTYPE is not part of URDF{entities}; remove it", line)
-    root = ROOT.match(text, place)
+    root = ROOT_NAME.match(text, place)
     if root is None:
         begins = excerpt(text[place : place + 200].partition("\n")[0])
         raise Refusal(f'not XML: it begins with "{begins}"; a URDF is an XML file', line)
@@ -94,12 +94,12 @@ def _after_prolog(text: str) -> int:
                 end = text.find(closing, place + len(opening))
                 if end < 0:
                     line = text.count("\n", 0, place) + 1
-                    raise Refusal(f"{TRUNCATED}: {opening} is never closed; {WHOLE}", line)
+                    raise Refusal(f"{TRUNCATED}: {opening} is never closed; {FIX_TRUNCATED}", line)
                 place = end + len(closing)
                 break
         else:
             if place == len(text):
-                raise Refusal(f"{TRUNCATED} before its root element, or empty; {WHOLE}")
+                raise Refusal(f"{TRUNCATED} before its root element, or empty; {FIX_TRUNCATED}")
             return place
 
 
@@ -117,11 +117,13 @@ def _require_few(text: str, line: int) -> None:
             links += tag[2] is not None
         if elements > most:
             require_few_links(links, line)
-            fault = f"{elements} elements, where {most} are the limit; {raised('MAX_ELEMENTS')}"
+            fault = (
+                f"{elements} elements, where {most} are the limit; {how_to_raise('MAX_ELEMENTS')}"
+            )
             raise Refusal(fault, line)
     most = cap("MAX_ATTRIBUTES")
     if (many := text.count("=")) > most:
-        fault = f"{many} attributes, where {most} are the limit; {raised('MAX_ATTRIBUTES')}"
+        fault = f"{many} attributes, where {most} are the limit; {how_to_raise('MAX_ATTRIBUTES')}"
         raise Refusal(fault, line)
 
 
@@ -133,7 +135,9 @@ def require_few_links(count: int, line: int) -> None:
     """
     most = cap("MAX_LINKS")
     if count > most:
-        raise Refusal(f"{count} links, where {most} are the limit; {raised('MAX_LINKS')}", line)
+        raise Refusal(
+            f"{count} links, where {most} are the limit; {how_to_raise('MAX_LINKS')}", line
+        )
 
 
 def _parsed(text: str, start: int, findings: Findings) -> Any:
@@ -145,8 +149,8 @@ def _parsed(text: str, start: int, findings: Findings) -> Any:
         try:
             return etree.fromstring(whole, _parser())
         except etree.XMLSyntaxError as error:
-            told = PREFIX.match(error.msg or "")
-            prefix = told[1] if told and error.code == UNDECLARED else None
+            prefix_match = PREFIX_MESSAGE.match(error.msg or "")
+            prefix = prefix_match[1] if prefix_match and error.code == UNDECLARED else None
             if prefix is None or prefix in prefixes or len(prefixes) == MAX_PREFIXES:
                 raise _syntax(error, text) from None
             prefixes.append(prefix)
@@ -170,13 +174,13 @@ def _parser() -> Any:
 
 def _syntax(error: Any, text: str) -> Refusal:
     """Return the refusal of a text that is not well-formed."""
-    reason = PLACE.sub("", (error.msg or "unknown fault").strip())
+    reason = PLACE_SUFFIX.sub("", (error.msg or "unknown fault").strip())
     if TOO_DEEP in reason:
         fault = "elements are nested over 256 deep, where a URDF nests 5; close what is left open"
     elif "XML_PARSE_HUGE" in reason:
         fault = "a tag or text is over 10 MB; a URDF names its meshes, it does not hold them"
     elif _ends_early(text):
-        fault = f"{TRUNCATED} ({reason}); {WHOLE}"
+        fault = f"{TRUNCATED} ({reason}); {FIX_TRUNCATED}"
     else:
         fault = f"not well-formed XML: {reason}; correct the tag or attribute before this place"
     return Refusal(fault, error.lineno)

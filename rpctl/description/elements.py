@@ -21,7 +21,7 @@ CHILDREN = {
     ),
     "inertial": ("origin", "mass", "inertia"),
 }  # fmt: skip
-ALIKE = 0.75  # least likeness (0 to 1) of a misspelt name
+MIN_SPELLING_LIKENESS = 0.75  # least likeness (0 to 1) of a misspelt name
 
 
 def read_link(findings: Findings, element: Any, colours: Colours) -> Link:
@@ -43,7 +43,7 @@ def note_misspelt(findings: Findings, root: Any) -> None:
             tag = str(child.tag)
             if tag in known:
                 continue
-            near = get_close_matches(tag[:60], known, n=1, cutoff=ALIKE)
+            near = get_close_matches(tag[:60], known, n=1, cutoff=MIN_SPELLING_LIKENESS)
             if near:
                 text = f"<{tag}> in <{parent.tag}> is not URDF, it is left out; "
                 findings.warn(child, f"{text}did you mean <{near[0]}>?")

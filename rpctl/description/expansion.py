@@ -15,12 +15,12 @@ from typing import Any
 from rpctl.description.findings import excerpt
 from rpctl.description.packages import find_packages
 from rpctl.errors import MAX_SHOWN, DescriptionError, Finding, RpctlError, format_finding
-from rpctl.files.caps import cap, raised
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
-WARNING = "warning: "  # how xacro begins one; the lines after it tell the place
-SPARE = 5  # s that the worker outlives its time, should nobody be left to end it
+WARNING_PREFIX = "warning: "  # how xacro begins one; the lines after it tell the place
+WORKER_GRACE_S = 5  # s that the worker outlives its time, should nobody be left to end it
 # rpctl itself would load Pinocchio; the worker needs but three files of its.
 BOOT = """import sys, types
 rpctl = sys.modules["rpctl"] = types.ModuleType("rpctl")
@@ -62,15 +62,17 @@ def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Fi
         if answer["error"] is None:
             most = cap("MAX_XACRO_MEMORY")
             fault = f"its expansion takes over {most} bytes of memory"
-            raise _refusal(path, f"{fault}; {raised('MAX_XACRO_MEMORY')}")
+            raise _refusal(path, f"{fault}; {how_to_raise('MAX_XACRO_MEMORY')}")
         place = Path(answer.get("file") or path)
         macros = answer.get("macros")
         within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
         fault = f"xacro: {answer['error']}{within}; correct it, or run `xacro` on the file yourself"
         raise _refusal(place, fault, answer.get("line"))
     lines = answer["told"].splitlines()
-    told = [line.removeprefix(WARNING) for line in lines if line.startswith(WARNING)]
-    return answer["text"], tuple(Finding("warning", None, f"xacro: {line}") for line in told)
+    warnings = [
+        line.removeprefix(WARNING_PREFIX) for line in lines if line.startswith(WARNING_PREFIX)
+    ]
+    return answer["text"], tuple(Finding("warning", None, f"xacro: {line}") for line in warnings)
 
 
 def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
@@ -81,7 +83,7 @@ def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
         "packages": astuple(find_packages(path, package_dirs)),
         "path": [entry for entry in sys.path if entry],
         "memory": cap("MAX_XACRO_MEMORY"),
-        "seconds": seconds + SPARE,
+        "seconds": seconds + WORKER_GRACE_S,
     }
     command = [sys.executable, "-I", "-X", "utf8", "-c", BOOT, str(Path(__file__).parents[1])]
     try:
@@ -90,7 +92,7 @@ def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
             errors="replace", timeout=seconds, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        fault = f"its expansion takes over {seconds} s; {raised('MAX_XACRO_SECONDS')}"
+        fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
         raise _refusal(path, fault) from None
     except OSError as error:
         fault = f"no process to expand it in could be started ({error.strerror}); {INSTALL}"

@@ -21,14 +21,14 @@ from xml.parsers.expat import ExpatError
 
 from rpctl.description.packages import DECLARE, Packages, inside
 
-READING = ("open", "os.listdir", "os.scandir")  # audit events whose first argument is a path
-REACHING = (  # beginnings of the events by which code reaches out of its process
+READ_EVENTS = ("open", "os.listdir", "os.scandir")  # audit events whose first argument is a path
+FORBIDDEN_EVENTS = (  # beginnings of the events by which code reaches out of its process
     "os.", "subprocess.", "socket.", "shutil.", "tempfile.", "ctypes.", "mmap.", "fcntl.", "pty.",
     "signal.", "urllib.", "http.", "ftplib.", "smtplib.", "sqlite3.", "webbrowser.", "winreg.",
     "_winapi.", "msvcrt.",
 )  # fmt: skip
-WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-MAX_TOLD = 2000  # characters of xacro's own messages that are passed on
+WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+MAX_WARNING_CHARS = 2000  # characters of xacro's own messages that are passed on
 
 
 class NotFound(Exception):
@@ -43,14 +43,14 @@ def main() -> None:
     request = json.load(sys.stdin)
     sys.path[:] = request["path"]
     warnings.simplefilter("ignore")  # of Python, on expressions
-    told = io.StringIO()
+    captured = io.StringIO()
     _limit(request["memory"], request["seconds"])
     try:
-        with redirect_stderr(told):
+        with redirect_stderr(captured):
             answer = _expand(request["file"], Packages(*map(tuple, request["packages"])))
     except MemoryError:
         answer = {"error": None}
-    answer["told"] = told.getvalue()[:MAX_TOLD]
+    answer["told"] = captured.getvalue()[:MAX_WARNING_CHARS]
     sys.stdout.write(json.dumps(answer))
 
 
@@ -115,15 +115,15 @@ def _confinement(roots: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
     """Return an audit hook that refuses to leave the folders; ``roots`` may grow meanwhile."""
 
     def audit(event: str, arguments: tuple[Any, ...]) -> None:
-        if event not in READING:
-            if event.startswith(REACHING):
+        if event not in READ_EVENTS:
+            if event.startswith(FORBIDDEN_EVENTS):
                 raise PermissionError(f"refused: no .xacro needs {event}")
             return
         path = arguments[0]
         if isinstance(path, int):
             return
         flags = arguments[2] if event == "open" else 0
-        if flags & WRITING or not inside(os.path.realpath(os.fsdecode(path)), tuple(roots)):
+        if flags & WRITE_FLAGS or not inside(os.path.realpath(os.fsdecode(path)), tuple(roots)):
             reason = f"refused: it lies outside the folders that the file may use; {DECLARE}"
             raise PermissionError(errno.EACCES, reason, os.fsdecode(path))
 

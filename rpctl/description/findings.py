@@ -8,9 +8,9 @@ from typing import Any
 
 from rpctl.errors import Finding
 
-ABSURD = 1e9  # no length, mass, inertia or angle of a robot, in SI units, reaches it
+MAX_NUMBER = 1e9  # no length, mass, inertia or angle of a robot, in SI units, reaches it
 MAX_DIGITS = 64  # characters of one number; a double needs 24
-EXCERPT = 80  # characters of the file that one message shows
+EXCERPT_CHARS = 80  # characters of the file that one message shows
 
 NUMBER = re.compile(rf"(?=.{{1,{MAX_DIGITS}}}$)[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 UNIT = re.compile(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?) ?(°|[A-Za-zµ°][\w*/^²³·]*)", re.ASCII)
@@ -25,7 +25,7 @@ class Fault(ValueError):
 
 def excerpt(text: str) -> str:
     """Return the beginning of a text of the file."""
-    return text if len(text) <= EXCERPT else f"{text[:EXCERPT]}..."
+    return text if len(text) <= EXCERPT_CHARS else f"{text[:EXCERPT_CHARS]}..."
 
 
 def parse_numbers(text: str, count: int) -> list[float]:
@@ -110,7 +110,7 @@ class Findings:
             return zeros
         try:
             values = parse_numbers(text, count)
-            if any(abs(value) > ABSURD for value in values):
+            if any(abs(value) > MAX_NUMBER for value in values):
                 raise Fault("is absurd; URDF counts in metres, kilograms, seconds and radians")
         except Fault as fault:
             self.error(element, f'<{element.tag} {attribute}="{excerpt(text)}"> {fault}')

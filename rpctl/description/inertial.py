@@ -13,10 +13,12 @@ from rpctl.description.origin import read_origin
 
 SPD_MARGIN = 1e-12  # of the largest entry: below it an inertia's eigenvalue is rounding
 TRIANGLE_MARGIN = 1e-6  # of the larger side: CAD rounding
-HEAVY = 1e4  # kg; above it a link's mass is probably in grams
-WIDE = 10.0  # m; a radius of gyration above it is probably one in mm
-DENSEST = 22600.0  # kg/m3, osmium
-TOO_DENSE = 0.01  # of the inertia of a ball of osmium: below it the units are probably wrong
+MAX_MASS_KG = 1e4  # kg; above it a link's mass is probably in grams
+MAX_GYRATION_RADIUS_M = 10.0  # m; a radius of gyration above it is probably one in mm
+OSMIUM_DENSITY = 22600.0  # kg/m3, osmium
+MIN_OSMIUM_INERTIA = (
+    0.01  # of the inertia of a ball of osmium: below it the units are probably wrong
+)
 AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
@@ -51,7 +53,7 @@ def read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, A
 
 
 def _doubt_mass(findings: Findings, element: Any, name: str, mass: float) -> None:
-    if mass > HEAVY:
+    if mass > MAX_MASS_KG:
         text = f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg'
         findings.warn(element, text)
 
@@ -89,14 +91,14 @@ def _doubt_inertia(
 
 def _doubt_units(findings: Findings, element: Any, name: str, mass: float, most: float) -> None:
     radius = math.sqrt(most / mass)
-    ball = (3.0 * mass / (4.0 * math.pi * DENSEST)) ** (1.0 / 3.0)
-    if radius > WIDE:
+    ball = (3.0 * mass / (4.0 * math.pi * OSMIUM_DENSITY)) ** (1.0 / 3.0)
+    if radius > MAX_GYRATION_RADIUS_M:
         findings.warn(
             element,
             f'inertia of link "{name}" is that of {mass:g} kg at {radius:.3g} m from the axis; '
             "is it in kg·mm² (divide by 1e6) or g·mm² (by 1e9)? give kg·m²",
         )
-    elif most < TOO_DENSE * 0.4 * mass * ball**2:
+    elif most < MIN_OSMIUM_INERTIA * 0.4 * mass * ball**2:
         findings.warn(
             element,
             f'inertia of link "{name}" is too small for {mass:g} kg: the largest moment, '

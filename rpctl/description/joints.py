@@ -15,12 +15,14 @@ from rpctl.description.records import MOVING_KINDS, Joint, Mimic
 
 KNOWN_KINDS = (*MOVING_KINDS, "fixed")
 LIMITED_KINDS = ("revolute", "prismatic")
-UNIT = 1e-3  # an axis whose length differs from 1 by more is noted; below it is rounding
-LEAST_AXIS = 1e-6  # a shorter axis is none
-FARTHEST = {"revolute": 1e4, "prismatic": 1e3}  # rad, m; a limit beyond it stands for none
-WEAKEST = 1e-9  # of the same units; a limit below it, such as 0, is none
-STRONGEST = 1e9  # N·m, N, rad/s or m/s; a limit beyond it stands for none
-UNLIMITED = 1e16  # what other readers, who want a finite number, are told
+AXIS_LENGTH_TOLERANCE = (
+    1e-3  # an axis whose length differs from 1 by more is noted; below it is rounding
+)
+MIN_AXIS_LENGTH = 1e-6  # a shorter axis is none
+MAX_POSITION = {"revolute": 1e4, "prismatic": 1e3}  # rad, m; a limit beyond it stands for none
+MIN_LIMIT = 1e-9  # of the same units; a limit below it, such as 0, is none
+MAX_LIMIT = 1e9  # N·m, N, rad/s or m/s; a limit beyond it stands for none
+FINITE_INFINITY = 1e16  # what other readers, who want a finite number, are told
 
 
 def read_joint(findings: Findings, element: Any) -> Joint:
@@ -56,8 +58,8 @@ def _require_kind(findings: Findings, element: Any, name: str, kind: str) -> Non
     elif not kind:
         findings.error(element, f'joint "{name}" has no type; use one of {", ".join(KNOWN_KINDS)}')
     else:
-        told = f'joint "{name}" has type "{excerpt(kind)}"'
-        findings.error(element, f"{told}; use one of {', '.join(KNOWN_KINDS)}")
+        problem = f'joint "{name}" has type "{excerpt(kind)}"'
+        findings.error(element, f"{problem}; use one of {', '.join(KNOWN_KINDS)}")
 
 
 def _read_end(findings: Findings, element: Any, name: str, end: str) -> str:
@@ -75,17 +77,17 @@ def _read_axis(findings: Findings, element: Any, name: str, kind: str) -> Array:
     if kind in MOVING_KINDS:
         if given is None:
             given = etree.SubElement(element, "axis", xyz="1 0 0")  # some readers have another
-        elif length <= LEAST_AXIS and not _faulty(findings, given):
+        elif length <= MIN_AXIS_LENGTH and not _faulty(findings, given):
             findings.error(
                 given, f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
             )
-        elif abs(length - 1.0) > UNIT and length > LEAST_AXIS:
+        elif abs(length - 1.0) > AXIS_LENGTH_TOLERANCE and length > MIN_AXIS_LENGTH:
             findings.warn(
                 given,
                 f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector',
             )
             given.set("xyz", " ".join(repr(value / length) for value in axis))
-    unit = np.array(axis) / length if length > LEAST_AXIS else np.zeros(3)
+    unit = np.array(axis) / length if length > MIN_AXIS_LENGTH else np.zeros(3)
     unit.setflags(write=False)
     return unit
 
@@ -125,7 +127,7 @@ def _read_limits(findings: Findings, element: Any, name: str, kind: str) -> tupl
     if kind in LIMITED_KINDS or (limit is not None and kind in MOVING_KINDS):
         limit = etree.SubElement(element, "limit") if limit is None else limit
         for key, value in limits.items():  # other readers refuse a <limit> that is not complete
-            limit.set(key, repr(min(max(value, -UNLIMITED), UNLIMITED)))
+            limit.set(key, repr(min(max(value, -FINITE_INFINITY), FINITE_INFINITY)))
     return lower, upper, effort, velocity
 
 
@@ -137,7 +139,7 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
     elif lower == upper:
         text = f'joint "{name}" cannot move: lower and upper are {lower:g}; give its range'
         findings.warn(limit, text)
-    far = FARTHEST[kind]
+    far = MAX_POSITION[kind]
     for key, value in (("lower", lower), ("upper", upper)):
         if far < abs(value) < math.inf:
             text = f'{key} limit {value:g} of joint "{name}" is out of reach; taken as unlimited'
@@ -148,13 +150,13 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
 def _read_size(findings: Findings, limit: Any, name: str, attribute: str) -> float:
     """Return an effort or velocity limit; inf where the file gives none."""
     size = _extended(findings, limit, attribute, "inf")
-    if size <= -WEAKEST:
+    if size <= -MIN_LIMIT:
         text = f'{attribute} limit {size:g} of joint "{name}" is negative; {-size:g} is used'
         findings.warn(limit, text)
-    elif size < WEAKEST:
+    elif size < MIN_LIMIT:
         text = f'{attribute} limit of joint "{name}" is {size:g}; it is taken as not given'
         findings.warn(limit, text)
-    return abs(size) if WEAKEST <= abs(size) <= STRONGEST else math.inf
+    return abs(size) if MIN_LIMIT <= abs(size) <= MAX_LIMIT else math.inf
 
 
 def _extended(findings: Findings, limit: Any, attribute: str, default: str) -> float:

@@ -12,7 +12,7 @@ from rpctl.description.records import Description
 from rpctl.errors import Finding
 
 IMAGES = re.compile(rb"<init_from>\s*(?:<ref>\s*)?([^<]*?)\s*</")
-LIBRARY = 2**16  # bytes of a DAE's library of images that are searched for textures
+IMAGE_LIBRARY_BYTES = 2**16  # bytes of a DAE's library of images that are searched for textures
 
 
 def check_meshes(description: Description) -> list[Finding]:
@@ -70,5 +70,5 @@ def _images(mesh: Path) -> list[str]:
         return []
     with mesh.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         begin = data.find(b"<library_images")
-        library = data[begin : begin + LIBRARY] if begin >= 0 else b""
+        library = data[begin : begin + IMAGE_LIBRARY_BYTES] if begin >= 0 else b""
     return [name.decode("utf-8", "replace") for name in IMAGES.findall(library)]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.description.mesh_paths import MeshError
-from rpctl.files.caps import cap, raised
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.libraries import library
 
 
@@ -41,7 +41,7 @@ def read(path: Path) -> tuple[Surface, ...]:
     """
     most = cap("MAX_MESH_BYTES")
     if path.stat().st_size > most:
-        raise MeshError(f"refused: larger than {most} bytes; {raised('MAX_MESH_BYTES')}")
+        raise MeshError(f"refused: larger than {most} bytes; {how_to_raise('MAX_MESH_BYTES')}")
     content = path.read_bytes()
     kind = path.suffix.lower().removeprefix(".")
     if kind == "dae" and any(mark in content for mark in (b"<!DOCTYPE", b"<!ENTITY", b"\0")):

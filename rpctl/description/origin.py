@@ -11,8 +11,8 @@ from rpctl.arrays import Array
 from rpctl.description.findings import Findings
 from rpctl.description.records import rotation_rpy
 
-FAR = 100.0  # m; above it a length is probably in mm
-TURNS = 4.0 * math.pi  # rad; above it an angle is probably in degrees
+MAX_LENGTH_M = 100.0  # m; above it a length is probably in mm
+MAX_ANGLE = 4.0 * math.pi  # rad; above it an angle is probably in degrees
 
 
 def read_origin(findings: Findings, element: Any) -> Array:
@@ -33,9 +33,9 @@ def read_origin(findings: Findings, element: Any) -> Array:
 def _doubt(findings: Findings, origin: Any, xyz: list[float], rpy: list[float]) -> None:
     if origin.get("quat_xyzw") is not None:
         findings.error(origin, "<origin quat_xyzw> is not read; write the turn as rpy (rad)")
-    if max(map(abs, xyz)) > FAR:
+    if max(map(abs, xyz)) > MAX_LENGTH_M:
         where = f'<origin xyz="{origin.get("xyz")}">'
-        findings.warn(origin, f"{where} is over {FAR:g} m away; is it in mm? give m")
-    if max(map(abs, rpy)) > TURNS:
+        findings.warn(origin, f"{where} is over {MAX_LENGTH_M:g} m away; is it in mm? give m")
+    if max(map(abs, rpy)) > MAX_ANGLE:
         where = f'<origin rpy="{origin.get("rpy")}">'
         findings.warn(origin, f"{where} is over two turns; is it in degrees? give rad")

@@ -15,8 +15,8 @@ from rpctl.errors import RpctlError
 
 DECLARE = "declare the folder that holds it with --package-dir or in ROS_PACKAGE_PATH"
 MANIFEST = "package.xml"
-NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
-BEGINNING = 2**14  # bytes of a manifest that are searched for the package's name
+MANIFEST_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
+MANIFEST_BYTES = 2**14  # bytes of a manifest that are searched for the package's name
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _is_called(folder: str, name: str) -> bool:
         return path.name == name
     try:
         with manifest.open("rb") as file:
-            told = NAME.search(file.read(BEGINNING))
+            name_match = MANIFEST_NAME.search(file.read(MANIFEST_BYTES))
     except OSError:
         return False
-    return told is not None and told[1] == name.encode()
+    return name_match is not None and name_match[1] == name.encode()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rpctl.description.findings import Fault, Findings, excerpt, parse_numbers
-from rpctl.description.origin import FAR, read_origin
+from rpctl.description.origin import MAX_LENGTH_M, read_origin
 from rpctl.description.records import Shape
 
 Colours = dict[str | None, tuple[float, ...] | None]
@@ -85,6 +85,6 @@ def _sane(findings: Findings, solid: Any, size: list[float]) -> tuple[float, ...
     if min(size) < 0 or max(size) == 0:
         findings.warn(solid, f"<{solid.tag}> has a size that is not positive; it is left out")
         return None
-    if max(size) > FAR:
-        findings.warn(solid, f"<{solid.tag}> is over {FAR:g} m large; is it in mm? give m")
+    if max(size) > MAX_LENGTH_M:
+        findings.warn(solid, f"<{solid.tag}> is over {MAX_LENGTH_M:g} m large; is it in mm? give m")
     return tuple(size)

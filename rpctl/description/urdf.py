@@ -18,9 +18,9 @@ from rpctl.description.findings import Findings
 from rpctl.description.joints import read_joint
 from rpctl.description.records import Description, Joint, Link
 from rpctl.description.shapes import read_colour
-from rpctl.description.tree import check_names, check_tree, resolve_mimics
+from rpctl.description.structure import check_names, check_tree, resolve_mimics
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.caps import cap, raised
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
 
 ENGINES_READ = {  # what dynamics need; engines refuse robots for faults in the rest
@@ -50,9 +50,9 @@ def read(path: str | Path, package_dirs: Sequence[Path] = ()) -> Description:
     path = Path(path)
     if not is_xacro(path):
         return replace(parse(path, read_source(path)), package_dirs=tuple(package_dirs))
-    text, told = expand(path, package_dirs)
+    text, warnings = expand(path, package_dirs)
     description = parse(path, text.encode("utf-8"))
-    findings = (*told, *description.findings, explanation(path))
+    findings = (*warnings, *description.findings, explanation(path))
     return replace(description, package_dirs=tuple(package_dirs), findings=findings)
 
 
@@ -85,7 +85,7 @@ def _document(data: bytes, findings: Findings) -> Any:
     most = cap("MAX_BYTES")
     if len(data) > most:
         text = f"the file is over {most} bytes; a URDF names its meshes, it does not hold them"
-        raise Refusal(f"{text}; {raised('MAX_BYTES')}")
+        raise Refusal(f"{text}; {how_to_raise('MAX_BYTES')}")
     root = parse_document(data, findings)
     count = len(root.findall("link"))
     if not count:

@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import WITH_AXLE, Drive, Wheel
+from rpctl.drive.drive import TYPES_WITH_AXLE, Drive, Wheel
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.roles import assign_roles
-from rpctl.drive.wheels import Candidate, leftward
+from rpctl.drive.wheels import WheelCandidate, leftward
 
-ROLLER = 0.25 * math.pi  # rad; how rollers of mecanum wheels lie unless a drive file says otherwise
+ROLLER_ANGLE = (
+    0.25 * math.pi
+)  # rad; how rollers of mecanum wheels lie unless a drive file says otherwise
 
 
 def assemble(kind: str, evidence: Evidence) -> Drive:
@@ -31,11 +33,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     forward = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-forward[1], forward[0]])
     evidence = replace(evidence, swivels=tuple(s.towards(forward) for s in evidence.swivels))
-    strays = _strays(kind, evidence)
+    sliding = _sliding_wheels(kind, evidence)
     wheels = sorted(
-        evidence.standing.wheels,
+        evidence.grounded.wheels,
         key=lambda wheel: (
-            _trailing(evidence, wheel) or wheel.joint.name in strays,
+            _on_caster(evidence, wheel) or wheel.joint.name in sliding,
             -round(float(wheel.centre[:2] @ forward), 3),
             -float(wheel.centre[:2] @ left),
         ),
@@ -50,28 +52,28 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         for rank, wheel in enumerate(wheels)
     ]
     if kind == "skid-steer" and evidence.spec.track is not None:
-        wider, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
+        widening, track = 0.5 * (evidence.spec.track - track), evidence.spec.track
         aside = [float((wheel.centre[:2] - point) @ left) for wheel in wheels]
-        records = [_gripping(*each, wider) for each in zip(records, aside, strict=True)]
+        records = [_with_grip_offset(*each, widening) for each in zip(records, aside, strict=True)]
     return Drive(
         type=kind,
         wheels=tuple(records),
         point=(float(point[0]), float(point[1])),
-        heading=0.0 if kind not in WITH_AXLE else heading,
+        heading=0.0 if kind not in TYPES_WITH_AXLE else heading,
         track=track,
         ground=ground,
         swivels=swivels,
-        evidence=_account(kind, evidence),
-        doubts=(*evidence.standing.doubts, *_doubts(evidence), *doubt),
+        evidence=_evidence_sentences(kind, evidence),
+        doubts=(*evidence.grounded.doubts, *_doubts(evidence), *doubt),
         declared=_declared(evidence.spec),
     )
 
 
-def _gripping(wheel: Wheel, aside: float, wider: float) -> Wheel:
+def _with_grip_offset(wheel: Wheel, aside: float, widening: float) -> Wheel:
     """Return a wheel that grips further out, m; one that swivels or slides rolls where it is."""
     if wheel.swivel is not None or wheel.slides:
         return wheel
-    return replace(wheel, shift=math.copysign(wider, aside))
+    return replace(wheel, shift=math.copysign(widening, aside))
 
 
 def _declared(spec: DriveSpec) -> tuple[str, ...]:
@@ -88,11 +90,11 @@ def _doubts(evidence: Evidence) -> tuple[str, ...]:
     uneven = (
         f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
         "is: correct the <axis>, or give its radius in a drive file"
-        for wheel in evidence.standing.wheels
+        for wheel in evidence.grounded.wheels
         if wheel.uneven
     )
-    said = (*uneven, *(swivel.doubt for swivel in evidence.swivels), *evidence.near)
-    return tuple(filter(None, said))
+    sentences = (*uneven, *(swivel.doubt for swivel in evidence.swivels), *evidence.near_miss_notes)
+    return tuple(filter(None, sentences))
 
 
 def _heading(kind: str, evidence: Evidence) -> float:
@@ -104,8 +106,8 @@ def _heading(kind: str, evidence: Evidence) -> float:
     """
     if kind == "omni":
         return 0.0
-    strays = _strays(kind, evidence)
-    held = [wheel.axle for wheel in evidence.fixed if wheel.joint.name not in strays]
+    sliding = _sliding_wheels(kind, evidence)
+    held = [wheel.axle for wheel in evidence.fixed if wheel.joint.name not in sliding]
     line = max(evidence.lines, key=len) if evidence.lines else evidence.steered[0].wheels
     left = leftward(line[0].axle)
     across = sum((axle * math.copysign(1.0, float(axle @ left)) for axle in held), np.zeros(3))
@@ -115,7 +117,7 @@ def _heading(kind: str, evidence: Evidence) -> float:
 
 def _point(kind: str, evidence: Evidence) -> Array:
     """Return P (2,): the middle of the fixed wheels' axles, or the root link's origin."""
-    if kind not in WITH_AXLE:
+    if kind not in TYPES_WITH_AXLE:
         return np.zeros(2)
     if evidence.spec.point is not None:
         return np.array(evidence.spec.point)
@@ -123,7 +125,7 @@ def _point(kind: str, evidence: Evidence) -> Array:
     return np.mean([_middle(line) for line in lines], axis=0)
 
 
-def _middle(line: tuple[Candidate, ...]) -> Array:
+def _middle(line: tuple[WheelCandidate, ...]) -> Array:
     """Return the middle (2,) between the outermost wheels of a line."""
     along = [float(wheel.centre @ line[0].axle) for wheel in line]
     ends = line[int(np.argmin(along))], line[int(np.argmax(along))]
@@ -132,7 +134,7 @@ def _middle(line: tuple[Candidate, ...]) -> Array:
 
 def _track(evidence: Evidence, left: Array) -> float:
     """Return how far apart the outermost wheels are, across the forward direction, m."""
-    line = max(evidence.pairs, key=len) if evidence.pairs else evidence.standing.wheels
+    line = max(evidence.pairs, key=len) if evidence.pairs else evidence.grounded.wheels
     if evidence.pairs:
         ends = [wheel.centre[:2] for wheel in line]
         return float(max(np.linalg.norm(a - b) for a in ends for b in ends))
@@ -146,27 +148,31 @@ def _driven(kind: str, evidence: Evidence) -> tuple[frozenset[str], tuple[str, .
     the fixed wheels drive and the steered ones do not.
     """
     spec = evidence.spec
-    told = {name: wheel.driven for name, wheel in spec.wheels.items() if wheel.driven is not None}
-    told |= {name: turn.driven for name, turn in spec.swivels.items() if turn.driven is not None}
-    strays = _strays(kind, evidence)
+    specified = {
+        name: wheel.driven for name, wheel in spec.wheels.items() if wheel.driven is not None
+    }
+    specified |= {
+        name: turn.driven for name, turn in spec.swivels.items() if turn.driven is not None
+    }
+    sliding = _sliding_wheels(kind, evidence)
     names = {
         wheel.joint.name
-        for wheel in evidence.standing.wheels
-        if not _trailing(evidence, wheel) and wheel.joint.name not in strays
+        for wheel in evidence.grounded.wheels
+        if not _on_caster(evidence, wheel) and wheel.joint.name not in sliding
     }
     rolling, doubts = _rolling(evidence, names)
-    if told.keys() >= names:
+    if specified.keys() >= names:
         doubts = ()
     driven = rolling | {s.joint.name for s in evidence.steered if s.joint.mimic is None}
-    driven = {name for name in driven if told.get(name, True)}
-    return frozenset(driven | {name for name, yes in told.items() if yes}), doubts
+    driven = {name for name in driven if specified.get(name, True)}
+    return frozenset(driven | {name for name, yes in specified.items() if yes}), doubts
 
 
 def _rolling(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
     """Return which of the wheels ``names`` the URDF tells are driven, and what was assumed."""
     if names & evidence.actuated:
         return names & evidence.actuated, ()
-    wheels = evidence.standing.wheels
+    wheels = evidence.grounded.wheels
     limited = names & {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
     pairs = ({wheel.joint.name for wheel in pair} for pair in evidence.pairs)
     whole = all(pair <= limited or not pair & limited for pair in pairs)
@@ -181,27 +187,27 @@ def _rolling(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, 
     return names, ()
 
 
-def _trailing(evidence: Evidence, wheel: Candidate) -> bool:
+def _on_caster(evidence: Evidence, wheel: WheelCandidate) -> bool:
     """Return whether a wheel is carried by a caster."""
     casters = {s.joint.name for s in evidence.swivels if s.role == "caster"}
     return wheel.swivel is not None and wheel.swivel.name in casters
 
 
-def _strays(kind: str, evidence: Evidence) -> set[str]:
+def _sliding_wheels(kind: str, evidence: Evidence) -> set[str]:
     """Return the wheels that roll along, undriven, and slide sideways where they have to.
 
     Balls do, and so do wheels beside a differential drive's axle.
     """
-    strays = {wheel.joint.name for wheel in evidence.balls}
+    sliding = {wheel.joint.name for wheel in evidence.balls}
     if kind == "differential":
-        strays |= {line[0].joint.name for line in evidence.lines if len(line) == 1}
-    return strays
+        sliding |= {line[0].joint.name for line in evidence.lines if len(line) == 1}
+    return sliding
 
 
 def _wheel(
     kind: str,
     evidence: Evidence,
-    wheel: Candidate,
+    wheel: WheelCandidate,
     heading: float,
     driven: frozenset[str],
     ground: float,
@@ -214,15 +220,21 @@ def _wheel(
     direction = math.atan2(-own[0], own[1]) + 0.0
     if swivel is not None:
         direction = swivel.heading
-    elif name in _strays(kind, evidence):
+    elif name in _sliding_wheels(kind, evidence):
         pass  # it rolls along its own direction
     elif kind == "mecanum":
         # The rollers on the ground lie along (1, −1) at the front left and the rear right, along
         # (1, 1) at the other two: seen from above, those on top form an X.
-        told = evidence.spec.wheels.get(name)
-        lie = told.roller if told is not None and told.roller is not None else None
-        direction = heading + (lie if lie is not None else (-ROLLER, ROLLER, ROLLER, -ROLLER)[rank])
-    elif kind in WITH_AXLE:
+        specified = evidence.spec.wheels.get(name)
+        roller_angle = (
+            specified.roller if specified is not None and specified.roller is not None else None
+        )
+        direction = heading + (
+            roller_angle
+            if roller_angle is not None
+            else (-ROLLER_ANGLE, ROLLER_ANGLE, ROLLER_ANGLE, -ROLLER_ANGLE)[rank]
+        )
+    elif kind in TYPES_WITH_AXLE:
         direction = heading
     x, y, z = wheel.joint.axis.tolist()
     return Wheel(
@@ -235,12 +247,12 @@ def _wheel(
         driven=name in driven,
         swivel=wheel.swivel.name if wheel.swivel else None,
         lateral=swivel.lateral(wheel) if swivel else 0.0,
-        slides=name in _strays(kind, evidence),
+        slides=name in _sliding_wheels(kind, evidence),
         why=_why(kind, evidence, wheel, ground),
     )
 
 
-def _why(kind: str, evidence: Evidence, wheel: Candidate, ground: float) -> str:
+def _why(kind: str, evidence: Evidence, wheel: WheelCandidate, ground: float) -> str:
     """Return why a wheel is one, in words."""
     gap = 1e3 * (wheel.bottom - ground)
     foot = "ends on the ground"
@@ -249,24 +261,24 @@ def _why(kind: str, evidence: Evidence, wheel: Candidate, ground: float) -> str:
     why = f"turns without limits about a level axle and {foot}"
     if wheel in evidence.balls:
         return f"{why}; a ball, which slides sideways, too"
-    if wheel.joint.name in _strays(kind, evidence):
+    if wheel.joint.name in _sliding_wheels(kind, evidence):
         return f"{why}; off the axle, so it rolls along, and slides sideways in bends"
     return why
 
 
-def _account(kind: str, evidence: Evidence) -> tuple[str, ...]:
+def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:
     """Return how the drive was found, in sentences."""
-    said = []
+    sentences = []
     if evidence.spec.type is not None:
-        said.append(f"{kind}, for the drive file or option says so")
+        sentences.append(f"{kind}, for the drive file or option says so")
     for line in evidence.pairs:
         names = ", ".join(wheel.joint.name for wheel in line)
-        said.append(f"{len(line)} wheels on one axle, held by the root link: {names}")
+        sentences.append(f"{len(line)} wheels on one axle, held by the root link: {names}")
     lone = [line[0].joint.name for line in evidence.lines if len(line) == 1]
     balls = [wheel.joint.name for wheel in evidence.balls]
     for what, group in (("on axles of their own", lone), ("balls", balls)):
-        said += [f"{what}, held by the root link: {', '.join(group)}"] if group else []
+        sentences += [f"{what}, held by the root link: {', '.join(group)}"] if group else []
     for role in ("steered", "caster"):
         names = ", ".join(s.joint.name for s in evidence.swivels if s.role == role)
-        said += [f"wheels on upright joints, {role}: {names}"] if names else []
-    return (*said, *evidence.standing.aloft)
+        sentences += [f"wheels on upright joints, {role}: {names}"] if names else []
+    return (*sentences, *evidence.grounded.rejected)

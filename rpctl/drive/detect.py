@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rpctl.description.records import Description
-from rpctl.drive.advice import why_not
 from rpctl.drive.assemble import assemble
-from rpctl.drive.drive import FIXED, Drive
+from rpctl.drive.drive import FIXED_BASE, Drive
 from rpctl.drive.drive_file import DriveSpec
-from rpctl.drive.evidence import Evidence, gather
-from rpctl.drive.near_misses import crosswise, still_wheels
-from rpctl.drive.wheels import Candidate, find_candidates, parallel
+from rpctl.drive.evidence import Evidence, gather_evidence
+from rpctl.drive.near_misses import misaligned_axes, wheels_on_fixed_joints
+from rpctl.drive.no_drive_message import explain_no_drive
+from rpctl.drive.wheels import WheelCandidate, find_candidates, parallel
 from rpctl.errors import DriveError, UnknownNameError
 
 MECANUM = "mecanum"  # nothing but this word tells four such wheels from four ordinary ones
@@ -41,14 +41,14 @@ def detect(
     """
     spec = spec or DriveSpec()
     if spec.type == "fixed":
-        return FIXED
+        return FIXED_BASE
     candidates = find_candidates(description, locked, spec.wheels)
     if spec.wheels:
         candidates = _named(description, candidates, spec)
-    evidence = gather(description, locked, candidates, spec)
+    evidence = gather_evidence(description, locked, candidates, spec)
     if spec.type is None and _arm(evidence, locked):
         return _fixed(evidence)
-    crossed = [] if spec.wheels else crosswise(description, locked, evidence.standing.wheels)
+    crossed = [] if spec.wheels else misaligned_axes(description, locked, evidence.grounded.wheels)
     if crossed:
         raise DriveError(
             f"{description.path}: the joints of wheels turn across their cylinders' axles; give "
@@ -56,7 +56,7 @@ def detect(
         )
     kind = spec.type or _kind(evidence)
     if kind is None or not _fits(kind, evidence):
-        raise DriveError(why_not(evidence, locked, spec.type))
+        raise DriveError(explain_no_drive(evidence, locked, spec.type))
     return assemble(kind, evidence)
 
 
@@ -108,25 +108,25 @@ def _mentions(evidence: Evidence, word: str) -> bool:
 
 def _arm(evidence: Evidence, locked: Mapping[str, float]) -> bool:
     """Return whether joints move, and nothing is, or looks like, a wheel."""
-    if evidence.standing.wheels or evidence.near:
+    if evidence.grounded.wheels or evidence.near_miss_notes:
         return False
     moving = any(joint.moving for joint in evidence.description.joints)
-    return moving and not still_wheels(evidence.description, locked)
+    return moving and not wheels_on_fixed_joints(evidence.description, locked)
 
 
 def _fixed(evidence: Evidence) -> Drive:
-    aloft = "".join(f"{reason}; " for reason in evidence.standing.aloft)
+    rejected = "".join(f"{reason}; " for reason in evidence.grounded.rejected)
     doubt = (
         "no joint could carry a wheel, so the base is taken for fixed: say --drive fixed if it is; "
-        f'{aloft}a wheel\'s joint is type="continuous", about a level axis, held by the root link '
-        f'"{evidence.description.root}" or by an upright joint of it'
+        f'{rejected}a wheel\'s joint is type="continuous", about a level axis, held by the root '
+        f'link "{evidence.description.root}" or by an upright joint of it'
     )
     return Drive("fixed", doubts=(doubt,))
 
 
 def _named(
-    description: Description, candidates: list[Candidate], spec: DriveSpec
-) -> list[Candidate]:
+    description: Description, candidates: list[WheelCandidate], spec: DriveSpec
+) -> list[WheelCandidate]:
     """Return the candidates that a specification names.
 
     Raises:

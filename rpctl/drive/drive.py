@@ -18,7 +18,7 @@ BASE_SPEEDS = {
     "mecanum": ("vx", "vy", "omega"),
     "fixed": (),
 }
-WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "bicycle")
+TYPES_WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "bicycle")
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,10 @@ class Drive:
     @property
     def has_axle(self) -> bool:
         """Whether P moves along the heading only."""
-        return self.type in WITH_AXLE
+        return self.type in TYPES_WITH_AXLE
 
     @property
-    def holonomic(self) -> bool:
+    def omnidirectional(self) -> bool:
         """Whether the base can be asked to move to any side, at once or when its wheels turned."""
         return bool(self.wheels) and not self.has_axle
 
@@ -168,4 +168,4 @@ class Drive:
         return Drive(**{**values, "wheels": tuple(wheels), "swivels": tuple(swivels), **rest})
 
 
-FIXED = Drive("fixed")
+FIXED_BASE = Drive("fixed")

@@ -18,10 +18,10 @@ if sys.version_info >= (3, 11):
 else:  # the standard library has it from 3.11 on
     import tomli as tomllib
 
-TYPES = tuple(BASE_SPEEDS)
-ROLES = ("steered", "caster")
-STEERING = ("ackermann", "free")
-KEYS = ("type", "track", "point", "steering", "wheel", "swivel")
+DRIVE_TYPES = tuple(BASE_SPEEDS)
+SWIVEL_ROLES = ("steered", "caster")
+STEERING_MODES = ("ackermann", "free")
+DRIVE_KEYS = ("type", "track", "point", "steering", "wheel", "swivel")
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,10 @@ class _Reader:
         self.faults: list[str] = []
 
     def drive(self, data: dict[str, Any]) -> DriveSpec:
-        self._known(data, KEYS, "", "a drive file")
-        kind = self._choice(data, "type", TYPES, "")
+        self._known(data, DRIVE_KEYS, "", "a drive file")
+        kind = self._choice(data, "type", DRIVE_TYPES, "")
         if "type" not in data:
-            self.faults.append(f"type is missing; use one of {', '.join(TYPES)}")
+            self.faults.append(f"type is missing; use one of {', '.join(DRIVE_TYPES)}")
         track, point = self._length(data, "track", ""), data.get("point")
         for name in ("track", "point"):
             if name in data and kind != "skid-steer":
@@ -114,7 +114,7 @@ class _Reader:
             },
             track=track,
             point=(float(point[0]), float(point[1])) if _pair(point) else None,
-            steering=self._choice(data, "steering", STEERING, "") or STEERING[0],
+            steering=self._choice(data, "steering", STEERING_MODES, "") or STEERING_MODES[0],
         )
 
     def _wheel(self, where: str, table: dict[str, Any], kind: str | None) -> WheelSpec:
@@ -134,7 +134,7 @@ class _Reader:
     def _swivel(self, where: str, table: dict[str, Any]) -> SwivelSpec:
         self._known(table, ("joint", "role", "driven"), where, "a swivel")
         return SwivelSpec(
-            self._choice(table, "role", ROLES, where), self._flag(table, "driven", where)
+            self._choice(table, "role", SWIVEL_ROLES, where), self._flag(table, "driven", where)
         )
 
     def _tables(self, data: dict[str, Any], key: str) -> Iterable[tuple[str, str, dict[str, Any]]]:
@@ -209,10 +209,10 @@ def suggest(
         size = 0.1 if radius is None else radius
         rolling += f"\n[[wheel]]\njoint = {_quoted(joint)}\n# radius = {size:.6g}  # m\n"
     turning = "".join(
-        f'\n[[swivel]]\njoint = {_quoted(joint)}\nrole = "{role}"  # {", ".join(ROLES)}\n'
+        f'\n[[swivel]]\njoint = {_quoted(joint)}\nrole = "{role}"  # {", ".join(SWIVEL_ROLES)}\n'
         for joint, role in (swivels or {}).items()
     )
-    return f'type = "{kind}"  # {", ".join(TYPES)}\n{rolling}{turning}'
+    return f'type = "{kind}"  # {", ".join(DRIVE_TYPES)}\n{rolling}{turning}'
 
 
 def _quoted(name: str) -> str:

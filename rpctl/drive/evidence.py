@@ -9,10 +9,10 @@ from lxml import etree
 
 from rpctl.description.records import Description
 from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.grounded import GroundedWheels, find_grounded
 from rpctl.drive.near_misses import advise_lock, advise_mimics
-from rpctl.drive.standing import Standing, stand
-from rpctl.drive.swivels import CASTER_WORDS, Found, find_swivels
-from rpctl.drive.wheels import Candidate, coaxial
+from rpctl.drive.swivels import CASTER_WORDS, SwivelCandidate, find_swivels
+from rpctl.drive.wheels import WheelCandidate, coaxial
 from rpctl.errors import DriveError, UnknownNameError
 
 BALL_WORDS = ("ball", *CASTER_WORDS)
@@ -24,44 +24,44 @@ class Evidence:
 
     Attributes:
         description: The robot.
-        standing: The wheels on the ground, and what does not reach it.
+        grounded: The wheels on the ground, and what does not reach it.
         lines: Wheels that the root link holds, those about one line together.
         balls: Spheres that the root link holds beside a pair of wheels: they slide sideways, too.
         swivels: Upright joints that carry the other wheels.
         actuated: Joints that a ``<transmission>`` names.
         spec: What the user says.
-        near: What is nearly a wheel: hangs on a joint that moves, or mimics another; sentences.
+        near_miss_notes: Sentences on what is nearly a wheel: it hangs on a moving joint, or mimics.
     """
 
     description: Description
-    standing: Standing
-    lines: tuple[tuple[Candidate, ...], ...]
-    balls: tuple[Candidate, ...]
-    swivels: tuple[Found, ...]
+    grounded: GroundedWheels
+    lines: tuple[tuple[WheelCandidate, ...], ...]
+    balls: tuple[WheelCandidate, ...]
+    swivels: tuple[SwivelCandidate, ...]
     actuated: frozenset[str]
     spec: DriveSpec
-    near: tuple[str, ...]
+    near_miss_notes: tuple[str, ...]
 
     @property
-    def fixed(self) -> tuple[Candidate, ...]:
+    def fixed(self) -> tuple[WheelCandidate, ...]:
         """The wheels that the root link holds, balls left out."""
         return tuple(wheel for line in self.lines for wheel in line)
 
     @property
-    def pairs(self) -> tuple[tuple[Candidate, ...], ...]:
+    def pairs(self) -> tuple[tuple[WheelCandidate, ...], ...]:
         """The lines with a wheel to the left and one to the right."""
         return tuple(line for line in self.lines if len(line) > 1)
 
     @property
-    def steered(self) -> tuple[Found, ...]:
+    def steered(self) -> tuple[SwivelCandidate, ...]:
         """The swivels that steer."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "steered")
 
 
-def gather(
+def gather_evidence(
     description: Description,
     locked: Mapping[str, float],
-    candidates: list[Candidate],
+    candidates: list[WheelCandidate],
     spec: DriveSpec,
 ) -> Evidence:
     """Return what the wheels of a description are.
@@ -77,26 +77,28 @@ def gather(
         DriveError: A joint that is called a swivel carries no wheel.
         UnknownNameError: A swivel's joint is not known.
     """
-    standing = stand(description, locked, candidates, bool(spec.wheels))
+    grounded = find_grounded(description, locked, candidates, bool(spec.wheels))
     document = etree.fromstring(description.xml.encode())
     actuated = frozenset(joint.get("name") for joint in document.iterfind("transmission/joint"))
-    swivels = find_swivels(description, locked, standing.wheels, spec.swivels, actuated)
+    swivels = find_swivels(description, locked, grounded.wheels, spec.swivels, actuated)
     _require_swivels(description, spec, {swivel.joint.name for swivel in swivels})
-    held = [wheel for wheel in standing.wheels if wheel.swivel is None]
-    lines, balls = _apart(held)
-    near = (*advise_lock(description, locked), *advise_mimics(description, locked))
-    return Evidence(description, standing, lines, balls, tuple(swivels), actuated, spec, near)
+    held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
+    lines, balls = _split_balls(held)
+    near_miss_notes = (*advise_lock(description, locked), *advise_mimics(description, locked))
+    return Evidence(
+        description, grounded, lines, balls, tuple(swivels), actuated, spec, near_miss_notes
+    )
 
 
-def _apart(
-    held: list[Candidate],
-) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Candidate, ...]]:
+def _split_balls(
+    held: list[WheelCandidate],
+) -> tuple[tuple[tuple[WheelCandidate, ...], ...], tuple[WheelCandidate, ...]]:
     """Return the lines of wheels that the root link holds, and the balls beside them.
 
     Where all are spheres, names tell which are balls; where no pair is left, none is.
     """
     spheres = tuple(wheel for wheel in held if wheel.ball)
-    named = tuple(wheel for wheel in spheres if _called_ball(wheel))
+    named = tuple(wheel for wheel in spheres if _is_named_ball(wheel))
     for balls in (spheres, named):
         lines = lines_of([wheel for wheel in held if wheel not in balls])
         if any(len(line) > 1 for line in lines):
@@ -104,14 +106,14 @@ def _apart(
     return lines_of(held), ()
 
 
-def _called_ball(wheel: Candidate) -> bool:
+def _is_named_ball(wheel: WheelCandidate) -> bool:
     names = f"{wheel.joint.name} {wheel.joint.child}".lower()
     return any(word in names for word in BALL_WORDS)
 
 
-def lines_of(wheels: list[Candidate]) -> tuple[tuple[Candidate, ...], ...]:
+def lines_of(wheels: list[WheelCandidate]) -> tuple[tuple[WheelCandidate, ...], ...]:
     """Return the wheels by lines: those about one line, seen from above, together."""
-    lines: list[list[Candidate]] = []
+    lines: list[list[WheelCandidate]] = []
     for wheel in wheels:
         line = next((line for line in lines if coaxial(line[0], wheel)), None)
         if line is None:

@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.drive.drive import Swivel
 from rpctl.drive.evidence import Evidence
-from rpctl.drive.swivels import STEADY, Found
+from rpctl.drive.swivels import SHARED_TRAIL_ROUNDING_M, SwivelCandidate
 from rpctl.errors import DriveError
 
 
@@ -43,18 +43,18 @@ def assign_roles(
         records.append(swivel.record(role, name in driven, shares))
     _require_leaders(kind, evidence, records)
     if kind == "steered" or any(record.role == "follower" for record in records):
-        records = [_steady(record) for record in records]
+        records = [_without_rounded_trail(record) for record in records]
         _require_contacts(kind, evidence, records)
     return tuple(records)
 
 
-def _steady(swivel: Swivel) -> Swivel:
+def _without_rounded_trail(swivel: Swivel) -> Swivel:
     """Return a swivel of several that share a centre, without the trail that rounding makes."""
-    rounding = swivel.role != "caster" and abs(swivel.trail) < STEADY
+    rounding = swivel.role != "caster" and abs(swivel.trail) < SHARED_TRAIL_ROUNDING_M
     return replace(swivel, trail=0.0) if rounding else swivel
 
 
-def _leader(evidence: Evidence, swivel: Found) -> str:
+def _leader(evidence: Evidence, swivel: SwivelCandidate) -> str:
     """Return the joint that a swivel mimics in the end."""
     joint = swivel.joint
     while joint.mimic is not None:
@@ -79,7 +79,7 @@ def _require_leaders(kind: str, evidence: Evidence, swivels: list[Swivel]) -> No
         )
 
 
-def _leading(kind: str, evidence: Evidence, forward: Array) -> list[Found]:
+def _leading(kind: str, evidence: Evidence, forward: Array) -> list[SwivelCandidate]:
     """Return the steered swivels, those first whose rates are quasi-velocities.
 
     Of several axles two wheels one behind the other lead: their axles fix one centre of rotation
@@ -94,11 +94,11 @@ def _leading(kind: str, evidence: Evidence, forward: Array) -> list[Found]:
     if kind != "steered":
         return steered
     pairs = [(a, b) for i, a in enumerate(steered) for b in steered[i + 1 :]]
-    first, second = max(pairs, key=lambda pair: _apart(pair[0], pair[1], forward))
+    first, second = max(pairs, key=lambda pair: _spacing(pair[0], pair[1], forward))
     return [first, second, *(s for s in steered if s not in (first, second))]
 
 
-def _apart(a: Found, b: Found, forward: Array) -> float:
+def _spacing(a: SwivelCandidate, b: SwivelCandidate, forward: Array) -> float:
     """Return how much further one swivel is ahead of another than beside it, m."""
     between = a.pivot - b.pivot
     ahead = abs(float(between @ forward))

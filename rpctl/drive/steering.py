@@ -17,12 +17,12 @@ from rpctl.description.records import Joint
 from rpctl.drive.drive import Drive, Swivel
 from rpctl.drive.rows import angle_of, lateral_row, rolling_row
 
-NEWTON = 4  # steps to the angle of wheels that mimic one another; quadratic from near
-TINY = 1e-12  # m/s: a place that stands still has no heading
-LOOKS = 251  # positions of a leader to each side at which its followers are looked at
-JUMP = 0.5  # rad; no follower turns so far between two of them
-STEEP = 1.3  # rad; nearer to a right angle steering is not asked to go
-REGULAR = 0.1  # of 1: steering nearer to a singular one is not drawn at random
+NEWTON_STEPS = 4  # steps to the angle of wheels that mimic one another; quadratic from near
+MIN_SPEED = 1e-12  # m/s: a place that stands still has no heading
+LEADER_SAMPLES = 251  # positions of a leader to each side at which its followers are looked at
+MAX_FOLLOWER_JUMP = 0.5  # rad; no follower turns so far between two of them
+MAX_STEERING = 1.3  # rad; nearer to a right angle steering is not asked to go
+SINGULARITY_MARGIN = 0.1  # of 1: steering nearer to a singular one is not drawn at random
 
 
 def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
@@ -53,7 +53,7 @@ def heading_along(swivel: Swivel, twist: Array) -> float:
     return position - math.pi * round(position / math.pi)
 
 
-def follow(drive: Drive, positions: Mapping[str, float]) -> dict[str, float]:
+def follower_positions(drive: Drive, positions: Mapping[str, float]) -> dict[str, float]:
     """Return the positions (rad) of the followers, given those of the steered joints."""
     if not drive.followers:
         return {}
@@ -61,7 +61,7 @@ def follow(drive: Drive, positions: Mapping[str, float]) -> dict[str, float]:
     return {swivel.joint: heading_along(swivel, twist) for swivel in drive.followers}
 
 
-def regular(drive: Drive, positions: Mapping[str, float]) -> bool:
+def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
     """Return whether steering is far from where it leaves no one motion, or more than one.
 
     The base's speed is that of P along the heading, or that of the first steered wheel along its
@@ -76,7 +76,7 @@ def regular(drive: Drive, positions: Mapping[str, float]) -> bool:
     if not drive.has_axle:
         speed = rolling_row(first.pivot, angle_of(first, positions.get(first.joint, 0.0)))
     reach = free_twist(drive, positions) @ speed
-    return bool(abs(reach) > REGULAR * size * float(np.linalg.norm(scale * speed)))
+    return bool(abs(reach) > SINGULARITY_MARGIN * size * float(np.linalg.norm(scale * speed)))
 
 
 def steer(drive: Drive, direction: Array) -> Array:
@@ -100,25 +100,25 @@ def steer(drive: Drive, direction: Array) -> Array:
         group = [s for s in drive.swivels if s.role == "mimic" and s.shares == swivel.joint]
         places = [(swivel, 1.0, 0.0), *((s, s.ratio, s.offset) for s in group)]
         position = heading_along(swivel, direction[0])
-        for _ in range(NEWTON if group else 0):
-            position += _lateral_sums(places, direction, position)[0]
-        _, *rates = _lateral_sums(places, direction, position)
+        for _ in range(NEWTON_STEPS if group else 0):
+            position += _newton_step(places, direction, position)[0]
+        _, *rates = _newton_step(places, direction, position)
         column[:] = position, *rates
         if swivel.trail:
-            column += swivel.sign * _trail_angle(swivel, direction)
+            column += swivel.sign * _caster_angle(swivel, direction)
     return found
 
 
-def _place_velocities(swivel: Swivel, direction: Array) -> Array:
+def _pivot_velocities(swivel: Swivel, direction: Array) -> Array:
     """Return the velocity of a swivel's pivot under a twist, and its derivatives (3, 2)."""
     (x, y), turn = swivel.pivot, direction[:, 2]
     return np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
 
 
-def _trail_angle(swivel: Swivel, direction: Array) -> Array:
+def _caster_angle(swivel: Swivel, direction: Array) -> Array:
     """Return asin(k ω/|V|) of a swivel with trail k, and its first two derivatives (3,)."""
-    V, turn = _place_velocities(swivel, direction), direction[:, 2]
-    size = max(float(np.linalg.norm(V[0])), TINY)
+    V, turn = _pivot_velocities(swivel, direction), direction[:, 2]
+    size = max(float(np.linalg.norm(V[0])), MIN_SPEED)
     pace, spread = V[0] @ V[1] / size**2, (V[1] @ V[1] + V[0] @ V[2]) / size**2
     u = swivel.trail * turn[0] / size
     u_dot = swivel.trail * turn[1] / size - u * pace
@@ -130,7 +130,7 @@ def _trail_angle(swivel: Swivel, direction: Array) -> Array:
     return np.array([math.asin(u), level * u_dot, level * u_ddot + level**3 * u * u_dot**2])
 
 
-def _lateral_sums(
+def _newton_step(
     places: list[tuple[Swivel, float, float]], direction: Array, position: float
 ) -> tuple[float, float, float]:
     """Return Newton's step of a steered position, its rate and its acceleration.
@@ -142,14 +142,14 @@ def _lateral_sums(
         gain = swivel.sign * ratio
         angle = angle_of(swivel, ratio * position + offset)
         cos, sin = math.cos(angle), math.sin(angle)
-        V = _place_velocities(swivel, direction)
+        V = _pivot_velocities(swivel, direction)
         across, along = V @ [-sin, cos], V @ [cos, sin]
         rows += np.column_stack([across, gain * along])
         second += gain**2 * across[0]
-    slope = rows[0, 1] if abs(rows[0, 1]) > TINY else math.inf
-    rate = rows[1, 0] / slope
-    bend = (rows[2, 0] - 2.0 * rate * rows[1, 1] - rate**2 * second) / slope
-    return rows[0, 0] / slope, rate, bend
+    derivative = rows[0, 1] if abs(rows[0, 1]) > MIN_SPEED else math.inf
+    rate = rows[1, 0] / derivative
+    bend = (rows[2, 0] - 2.0 * rate * rows[1, 1] - rate**2 * second) / derivative
+    return rows[0, 0] / derivative, rate, bend
 
 
 def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
@@ -169,7 +169,7 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     for swivel in drive.steered:
         joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
         turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
-        limit = min(float(np.abs(turn).min()), STEEP)
+        limit = min(float(np.abs(turn).min()), MAX_STEERING)
         radii.append(abs(float(reach @ ahead)) / math.tan(limit) + abs(float(reach @ left)))
     return max(radii)
 
@@ -201,8 +201,10 @@ def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits
         for swivel in drive.followers:
             follower = joints[swivel.joint]
             places = [
-                _outwards(drive, name, follower, bound * np.linspace(0.0, 1.0, LOOKS))
-                for bound in (max(lower[0], -STEEP), min(upper[0], STEEP))
+                _allowed_branch(
+                    drive, name, follower, bound * np.linspace(0.0, 1.0, LEADER_SAMPLES)
+                )
+                for bound in (max(lower[0], -MAX_STEERING), min(upper[0], MAX_STEERING))
             ]
             lower[0], upper[0] = (leader[-1] for leader, _ in places)
             gains = [np.diff(turned) / np.diff(leader) for leader, turned in places]
@@ -211,10 +213,12 @@ def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits
     return SteeringLimits(lower, upper, fastest)
 
 
-def _outwards(drive: Drive, leader: str, follower: Joint, grid: Array) -> tuple[Array, Array]:
+def _allowed_branch(drive: Drive, leader: str, follower: Joint, grid: Array) -> tuple[Array, Array]:
     """Return the leader's positions from 0 on along which a follower keeps its limits, and its."""
-    turned = np.array([follow(drive, {leader: x})[follower.name] for x in grid])
+    turned = np.array([follower_positions(drive, {leader: x})[follower.name] for x in grid])
     broken = (turned < follower.lower) | (turned > follower.upper)
-    broken[1:] |= np.abs(np.diff(turned)) > JUMP  # beyond a right angle it counts from behind
+    broken[1:] |= (
+        np.abs(np.diff(turned)) > MAX_FOLLOWER_JUMP
+    )  # beyond a right angle it counts from behind
     end = int(np.argmax(broken)) if broken.any() else len(grid)
     return grid[: max(end, 1)], turned[: max(end, 1)]

@@ -12,17 +12,19 @@ from rpctl.arrays import Array
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Swivel
 from rpctl.drive.drive_file import SwivelSpec
-from rpctl.drive.wheels import Candidate, leftward, root_axis
+from rpctl.drive.wheels import WheelCandidate, leftward, root_axis
 
-TRAIL = 5e-3  # m, or
-TRAIL_SHARE = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
+MIN_TRAIL_M = 5e-3  # m, or
+MIN_TRAIL_RADII = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
 CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
-STEADY = 2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
-ROUNDING = 1e-9  # m; a smaller one is that of numbers
+SHARED_TRAIL_ROUNDING_M = (
+    2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
+)
+TRAIL_ROUNDING_M = 1e-9  # m; a smaller one is that of numbers
 
 
 @dataclass(frozen=True)
-class Found:
+class SwivelCandidate:
     """A swivel of a description, with what its wheels make of it at position 0.
 
     Attributes:
@@ -38,7 +40,7 @@ class Found:
     """
 
     joint: Joint
-    wheels: tuple[Candidate, ...]
+    wheels: tuple[WheelCandidate, ...]
     pivot: Array
     sign: float
     ahead: Array
@@ -52,12 +54,12 @@ class Found:
         """Rolling direction at position 0 in the root link's frame, rad."""
         return math.atan2(self.ahead[1], self.ahead[0])
 
-    def lateral(self, wheel: Candidate) -> float:
+    def lateral(self, wheel: WheelCandidate) -> float:
         """Return the distance of a wheel's contact to the left of the axis, m."""
         left = np.array([-self.ahead[1], self.ahead[0]])
         return float(left @ (wheel.centre[:2] - self.pivot))
 
-    def towards(self, forward: Array) -> Found:
+    def towards(self, forward: Array) -> SwivelCandidate:
         """Return the swivel with wheels that roll towards a direction (2,), unless they trail.
 
         Swivels that share a lateral force take its mean over one left.
@@ -75,7 +77,7 @@ class Found:
             pivot=(float(self.pivot[0]), float(self.pivot[1])),
             heading=self.heading,
             sign=self.sign,
-            trail=0.0 if abs(self.trail) < ROUNDING else self.trail,
+            trail=0.0 if abs(self.trail) < TRAIL_ROUNDING_M else self.trail,
             driven=driven,
             shares=shares,
             ratio=1.0 if mimic is None else mimic.multiplier,
@@ -87,28 +89,30 @@ class Found:
 def find_swivels(
     description: Description,
     locked: Mapping[str, float],
-    wheels: tuple[Candidate, ...],
-    told: Mapping[str, SwivelSpec],
+    wheels: tuple[WheelCandidate, ...],
+    spec: Mapping[str, SwivelSpec],
     actuated: frozenset[str],
-) -> list[Found]:
+) -> list[SwivelCandidate]:
     """Return the swivels that carry the given wheels, in file order."""
-    groups: dict[str, list[Candidate]] = {}
+    groups: dict[str, list[WheelCandidate]] = {}
     for wheel in wheels:
         if wheel.swivel is not None:
             groups.setdefault(wheel.swivel.name, []).append(wheel)
     return [
-        _found(description, locked, tuple(group), told.get(name, SwivelSpec()), name in actuated)
+        _swivel_candidate(
+            description, locked, tuple(group), spec.get(name, SwivelSpec()), name in actuated
+        )
         for name, group in groups.items()
     ]
 
 
-def _found(
+def _swivel_candidate(
     description: Description,
     locked: Mapping[str, float],
-    wheels: tuple[Candidate, ...],
-    told: SwivelSpec,
+    wheels: tuple[WheelCandidate, ...],
+    spec: SwivelSpec,
     actuated: bool,
-) -> Found:
+) -> SwivelCandidate:
     joint = wheels[0].swivel
     assert joint is not None
     pose = description.pose(joint.parent, dict(locked)) @ joint.origin
@@ -118,28 +122,30 @@ def _found(
     ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
     trail = float(ahead @ (contact - pivot))
-    role, why, doubt = _role(joint, wheels, trail, told, actuated)
+    role, why, doubt = _role(joint, wheels, trail, spec, actuated)
     if role == "caster" and trail > 0.0:
         ahead, trail = -ahead, -trail
-    return Found(joint, wheels, pivot, math.copysign(1.0, up), ahead, trail, role, why, doubt)
+    return SwivelCandidate(
+        joint, wheels, pivot, math.copysign(1.0, up), ahead, trail, role, why, doubt
+    )
 
 
 def _role(
     joint: Joint,
-    wheels: tuple[Candidate, ...],
+    wheels: tuple[WheelCandidate, ...],
     trail: float,
-    told: SwivelSpec,
+    spec: SwivelSpec,
     actuated: bool,
 ) -> tuple[str, str, str]:
     """Return whether a swivel steers or trails, why, and what speaks against it."""
     radius = max(wheel.radius or 0.0 for wheel in wheels)
-    trails = abs(trail) > max(TRAIL, TRAIL_SHARE * radius)
+    trails = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
     limited = math.isfinite(joint.upper - joint.lower)
     distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
-    if abs(trail) < STEADY:
+    if abs(trail) < SHARED_TRAIL_ROUNDING_M:
         distance = "contact below its axis"
-    if told.role is not None:
-        return told.role, "the drive file says so", ""
+    if spec.role is not None:
+        return spec.role, "the drive file says so", ""
     if joint.mimic is not None:
         return "steered", f'it mimics "{joint.mimic.joint}"', ""
     if actuated:

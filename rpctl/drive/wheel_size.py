@@ -14,14 +14,18 @@ from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Description, Joint, Shape
 
-ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
+SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
-CENTRED = 0.1  # of its radius: a tyre on a link of its own is no further off the wheel's axle
-SAME = 1e-9  # m: cylinders of radii nearer than this are one wheel's two tyres
-EVEN = 0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
+MAX_ECCENTRICITY = (
+    0.1  # of its radius: a tyre on a link of its own is no further off the wheel's axle
+)
+RADIUS_ROUNDING_M = 1e-9  # m: cylinders of radii nearer than this are one wheel's two tyres
+MIN_EXTENT_RATIO = (
+    0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
+)
 
 
-class Part(NamedTuple):
+class WheelShape(NamedTuple):
     """A shape that turns with a wheel's joint."""
 
     shape: Shape  # its origin is in the frame of the joint's child link
@@ -29,7 +33,7 @@ class Part(NamedTuple):
     own: bool  # of that link itself, not of one fixed to it
 
 
-class Size(NamedTuple):
+class WheelSize(NamedTuple):
     """What a wheel's shapes tell of it; without a radius the source says why no mesh does."""
 
     radius: float | None  # m
@@ -40,23 +44,27 @@ class Size(NamedTuple):
     width: float = 0.0  # along the axle, m; of a sphere 0
 
 
-def wheel_parts(description: Description, locked: Mapping[str, float], joint: Joint) -> list[Part]:
+def wheel_parts(
+    description: Description, locked: Mapping[str, float], joint: Joint
+) -> list[WheelShape]:
     """Return the shapes of a joint's child link and of the links fixed to it, collision first.
 
     A joint that is locked holds as a fixed one does.
     """
     links = [*_fixed_links(description, locked, joint.child)]
     parts = []
-    for role in ROLES:
+    for role in SHAPE_ROLES:
         for name, pose in links:
             link = description.link[name]
             for shape in link.collisions if role == "collision" else link.visuals:
                 placed = replace(shape, origin=pose @ shape.origin)
-                parts.append(Part(placed, role, name == joint.child))
+                parts.append(WheelShape(placed, role, name == joint.child))
     return parts
 
 
-def round_parts(description: Description, locked: Mapping[str, float], joint: Joint) -> list[Part]:
+def round_parts(
+    description: Description, locked: Mapping[str, float], joint: Joint
+) -> list[WheelShape]:
     """Return the parts of a wheel that are round about its axle, collision before visual.
 
     Spheres are, and cylinders and capsules along the axle; those of another link than the joint's
@@ -67,7 +75,7 @@ def round_parts(description: Description, locked: Mapping[str, float], joint: Jo
 
 def wheel_size(
     description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> Size:
+) -> WheelSize:
     """Return the size of a wheel: of its widest round part, or of the bounds of its widest mesh.
 
     The first of these that there is tells both radius and offset: round collision shapes, round
@@ -76,24 +84,24 @@ def wheel_size(
     """
     parts = wheel_parts(description, locked, joint)
     reasons: list[str] = []
-    for role in ROLES:
+    for role in SHAPE_ROLES:
         size = _round_size(parts, joint.axis, role)
         if size is not None:
             return size
-    for role in ROLES:
+    for role in SHAPE_ROLES:
         size = _mesh_size(parts, joint.axis, role, paths, reasons)
         if size is not None:
             return size
-    return Size(None, reasons[-1] if reasons else "", 0.0)
+    return WheelSize(None, reasons[-1] if reasons else "", 0.0)
 
 
-def told_sizes(
+def shape_sizes(
     description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> list[tuple[str, Size]]:
+) -> list[tuple[str, WheelSize]]:
     """Return all sizes that a wheel's shapes tell, each with its role: the round ones', meshes'."""
     parts = wheel_parts(description, locked, joint)
-    found = [(role, _round_size(parts, joint.axis, role)) for role in ROLES]
-    found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in ROLES]
+    found = [(role, _round_size(parts, joint.axis, role)) for role in SHAPE_ROLES]
+    found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in SHAPE_ROLES]
     return [(role, size) for role, size in found if size is not None]
 
 
@@ -101,18 +109,18 @@ def _fixed_links(
     description: Description, locked: Mapping[str, float], link: str
 ) -> Iterator[tuple[str, Array]]:
     """Yield a link and those fixed to it, each with its pose (4, 4) in the first one's frame."""
-    edge = [(link, np.eye(4))]
-    while edge:
-        name, pose = edge.pop()
+    stack = [(link, np.eye(4))]
+    while stack:
+        name, pose = stack.pop()
         yield name, pose
-        edge += [
+        stack += [
             (below.child, pose @ below.motion(locked.get(below.name, 0.0)))
             for below in reversed(description.child_joints[name])
             if below.name in locked or not below.moving
         ]
 
 
-def is_round(part: Part, axis: Array) -> bool:
+def is_round(part: WheelShape, axis: Array) -> bool:
     """Tell whether a part is round about an axle (3,) through the frame's origin.
 
     A cylinder may be off the parallel by SHAPE_TILT, a part of another link than the joint's own
@@ -123,10 +131,13 @@ def is_round(part: Part, axis: Array) -> bool:
         return False
     if shape.kind != "sphere" and np.linalg.norm(np.cross(shape.origin[:3, 2], axis)) > SHAPE_TILT:
         return False
-    return part.own or float(np.linalg.norm(np.cross(centre, axis))) <= CENTRED * shape.size[0]
+    return (
+        part.own
+        or float(np.linalg.norm(np.cross(centre, axis))) <= MAX_ECCENTRICITY * shape.size[0]
+    )
 
 
-def _round_size(parts: list[Part], axis: Array, role: str) -> Size | None:
+def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | None:
     """Return the size that the widest round part of a role tells, if there is one."""
     found = []
     for shape in (part.shape for part in parts if part.role == role and is_round(part, axis)):
@@ -134,13 +145,15 @@ def _round_size(parts: list[Part], axis: Array, role: str) -> Size | None:
         aside = float(np.linalg.norm(np.cross(middle, axis)))
         width = 0.0 if shape.kind == "sphere" else shape.size[1]
         source = f"{role} {shape.kind}, line {shape.line}"
-        found.append(Size(shape.size[0], source, float(middle @ axis), aside=aside, width=width))
+        found.append(
+            WheelSize(shape.size[0], source, float(middle @ axis), aside=aside, width=width)
+        )
     return _widest(found)
 
 
 def _mesh_size(
-    parts: list[Part], axis: Array, role: str, paths: MeshPaths, reasons: list[str]
-) -> Size | None:
+    parts: list[WheelShape], axis: Array, role: str, paths: MeshPaths, reasons: list[str]
+) -> WheelSize | None:
     """Return the size that the bounds of a role's widest mesh tell, if one can be read.
 
     Why one cannot is added to ``reasons``.
@@ -156,20 +169,22 @@ def _mesh_size(
             continue
         narrow, wide = bounds.narrow, bounds.wide
         radius = 0.5 * wide  # the reach, which a tread's lugs do not tilt
-        if own or bounds.aside <= CENTRED * radius:
-            uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < EVEN * wide else ""
+        if own or bounds.aside <= MAX_ECCENTRICITY * radius:
+            uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < MIN_EXTENT_RATIO * wide else ""
             source = f"bounds of the {role} mesh, line {shape.line}"
-            found.append(Size(radius, source, bounds.middle, uneven, bounds.aside, bounds.width))
+            found.append(
+                WheelSize(radius, source, bounds.middle, uneven, bounds.aside, bounds.width)
+            )
     return _widest(found)
 
 
-def _widest(found: list[Size]) -> Size | None:
+def _widest(found: list[WheelSize]) -> WheelSize | None:
     """Return the widest of some sizes; of several so wide, with their middle's offset."""
     if not found:
         return None
     widest = max(found, key=lambda size: size.radius or 0.0)
     reach = widest.radius or 0.0
-    tyres = [size.offset for size in found if reach - (size.radius or 0.0) <= SAME]
+    tyres = [size.offset for size in found if reach - (size.radius or 0.0) <= RADIUS_ROUNDING_M]
     return widest._replace(offset=float(np.mean(tyres)))
 
 

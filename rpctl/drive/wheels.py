@@ -19,7 +19,7 @@ AXLE_OFFSET = 0.02  # largest distance between two axles of one pair, of that be
 
 
 @dataclass(frozen=True)
-class Candidate:
+class WheelCandidate:
     """A joint that could carry a wheel, placed in the root link's frame, joints at 0 or locked.
 
     Attributes:
@@ -58,8 +58,8 @@ class Candidate:
 
 
 def find_candidates(
-    description: Description, locked: Mapping[str, float], told: Mapping[str, WheelSpec]
-) -> list[Candidate]:
+    description: Description, locked: Mapping[str, float], specs: Mapping[str, WheelSpec]
+) -> list[WheelCandidate]:
     """Return the joints that could carry wheels.
 
     Such a joint turns without limits about a level axis, and is held by the root link, rigidly or
@@ -68,15 +68,15 @@ def find_candidates(
     Args:
         description: The robot.
         locked: Frozen joints and their positions (rad or m); they hold as fixed ones do.
-        told: What the user says of wheels, by joint.
+        specs: What the user says of wheels, by joint.
     """
     found = []
     paths = MeshPaths(description.path, description.package_dirs)
     for joint in description.joints:
-        if not turns(joint) or joint.name in locked or joint.mimic is not None:
+        if not is_endless(joint) or joint.name in locked or joint.mimic is not None:
             continue
         carriers = [j for j in description.chain(joint.parent) if j.moving and j.name not in locked]
-        if len(carriers) > 1 or not all(upright(description, locked, j) for j in carriers):
+        if len(carriers) > 1 or not all(is_upright(description, locked, j) for j in carriers):
             continue
         if _carries_arm(description, locked, joint):
             continue
@@ -85,7 +85,7 @@ def find_candidates(
         if abs(axle[2]) > AXLE_TILT:
             continue
         size = wheel_size(description, locked, joint, paths)
-        given = told.get(joint.name, WheelSpec()).radius
+        given = specs.get(joint.name, WheelSpec()).radius
         if given is not None:
             size = size._replace(radius=given, source="drive file", uneven="")
         swivel = carriers[0] if carriers else None
@@ -93,14 +93,14 @@ def find_candidates(
         parts = round_parts(description, locked, joint)
         ball = bool(parts) and all(part.shape.kind == "sphere" for part in parts)
         found.append(
-            Candidate(
+            WheelCandidate(
                 joint, *place, swivel, size.radius, size.source, size.offset, ball, size.uneven
             )
         )
     return found
 
 
-def turns(joint: Joint) -> bool:
+def is_endless(joint: Joint) -> bool:
     """Return whether a joint turns without limits."""
     endless = joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
     return joint.kind == "continuous" or endless
@@ -112,7 +112,7 @@ def root_axis(description: Description, locked: Mapping[str, float], joint: Join
     return np.asarray(pose[:3, :3] @ joint.axis)
 
 
-def upright(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
+def is_upright(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
     """Return whether a joint turns about an upright axis."""
     axis = root_axis(description, locked, joint)
     return joint.kind != "prismatic" and math.hypot(axis[0], axis[1]) <= AXLE_TILT
@@ -120,18 +120,18 @@ def upright(description: Description, locked: Mapping[str, float], joint: Joint)
 
 def _carries_arm(description: Description, locked: Mapping[str, float], joint: Joint) -> bool:
     """Return whether a joint moves others than the rollers of a wheel, which turn freely on it."""
-    edge = [(below, 0) for below in description.child_joints[joint.child]]
-    while edge:
-        below, depth = edge.pop()
+    stack = [(below, 0) for below in description.child_joints[joint.child]]
+    while stack:
+        below, depth = stack.pop()
         if below.moving and below.name not in locked:
             depth += 1
-            if depth > 1 or not turns(below):
+            if depth > 1 or not is_endless(below):
                 return True
-        edge.extend((further, depth) for further in description.child_joints[below.child])
+        stack.extend((further, depth) for further in description.child_joints[below.child])
     return False
 
 
-def coaxial(a: Candidate, b: Candidate) -> bool:
+def coaxial(a: WheelCandidate, b: WheelCandidate) -> bool:
     """Return whether two wheels turn about one line seen from above, but for a file's rounding.
 
     Wheels of two sizes have axles of two heights; only where they stand matters.
@@ -142,7 +142,7 @@ def coaxial(a: Candidate, b: Candidate) -> bool:
     return parallel(a, b) and distance > 0.0 and apart <= AXLE_OFFSET * distance
 
 
-def parallel(a: Candidate, b: Candidate) -> bool:
+def parallel(a: WheelCandidate, b: WheelCandidate) -> bool:
     """Return whether two wheels' axles are parallel, apart from a file's rounding."""
     return abs(float(a.axle @ b.axle)) > 1.0 - AXLE_TILT**2
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.rolling import Rolling
+from rpctl.dynamics.rolling import RollingConstraints
 from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -15,7 +15,7 @@ RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v i
 UNDETERMINED = "the wheels and quasi-velocities determine no one motion"
 
 
-def selection(robot: Robot, rolling: Rolling) -> Array:
+def selection(robot: Robot, rolling: RollingConstraints) -> Array:
     """Return W (dof, nv), constant: ν = W v picks the quasi-velocities out of a velocity.
 
     The base's own speeds come first: with a fixed axle the forward speed of P and, unless a wheel

@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dgecon, dgesv, dgetrs
 from rpctl.arrays import Array
 from rpctl.drive.rows import TurningMatrix
 from rpctl.dynamics.basis import RANK_MARGIN, UNDETERMINED, basis, selection, square_inverse
-from rpctl.dynamics.rolling import Rolling
+from rpctl.dynamics.rolling import RollingConstraints
 from rpctl.errors import ActuationError, SingularBasisError
 from rpctl.robot.model import Robot
 
@@ -138,7 +138,7 @@ class Projector:
         rolling: Its rolling constraints.
     """
 
-    def __init__(self, robot: Robot, rolling: Rolling) -> None:
+    def __init__(self, robot: Robot, rolling: RollingConstraints) -> None:
         self.robot, self.rolling = robot, rolling
         self.columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):

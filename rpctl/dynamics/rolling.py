@@ -20,7 +20,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Rolling:
+class RollingConstraints:
     """The rows of A, and which are whose.
 
     Mimic joints have one row each, a fixed base has three. Those of
@@ -57,7 +57,7 @@ class Rolling:
         return np.asarray(self.matrix.rate(u, v.take(self.index)).dot(v))
 
 
-def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> Rolling:
+def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstraints:
     """Return the rolling constraints of a robot.
 
     Args:
@@ -86,7 +86,7 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> Rolling:
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for row, wheel in enumerate(drive.wheels, start=first):
         constant[row] += _wheel_row(robot, data, wheel)
-    return Rolling(
+    return RollingConstraints(
         matrix=replace(matrix, constant=constant),
         along=tuple(range(first, first + len(drive.wheels))),
         across=tuple((first + row, wheels) for row, wheels in rows.across),
@@ -97,7 +97,7 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> Rolling:
     )
 
 
-def constraint(rolling: Rolling, q: Array) -> Array:
+def constraint(rolling: RollingConstraints, q: Array) -> Array:
     """Return the constraint matrix A(q) (rows, nv); m/s per unit of v for wheels.
 
     These are [MS21, Eq. 1-5]'s rolling conditions for any wheel: its material contact point stands
@@ -106,7 +106,7 @@ def constraint(rolling: Rolling, q: Array) -> Array:
     return rolling.matrix.at(rolling.turn(q))
 
 
-def constraint_drift(rolling: Rolling, q: Array, v: Array) -> Array:
+def constraint_drift(rolling: RollingConstraints, q: Array, v: Array) -> Array:
     """Return Ȧ v (rows,) at q (nq,) and v (nv,); same order as :func:`constraint`."""
     return rolling.drift(rolling.turn(q), v)
 

@@ -9,9 +9,9 @@ from scipy.optimize import lsq_linear
 
 from rpctl.arrays import Array
 
-NARROW = 5e-3  # m: contacts this near to one line do not hold a balance
-BVLS = 1e-15  # relative change of the cost at which the active set is taken for final
-RESOLVED = 1e-9  # of the load: a smaller share is rounding
+MIN_STANCE_WIDTH_M = 5e-3  # m: contacts this near to one line do not hold a balance
+BVLS_TOLERANCE = 1e-15  # relative change of the cost at which the active set is taken for final
+LOAD_RESOLUTION = 1e-9  # of the load: a smaller share is rounding
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ def loads(stance: Stance, moments: Array, margin: float) -> Array:
     target = np.zeros(len(stance.free) + 1)
     target[-1] = 1.0
     left = np.vstack([stance.free, -load / moments[0]])
-    found = lsq_linear(left, target, (0.0, np.inf), method="bvls", tol=BVLS)
+    found = lsq_linear(left, target, (0.0, np.inf), method="bvls", tol=BVLS_TOLERANCE)
     residual = left @ found.x - target
-    if residual[-1] > -RESOLVED:
+    if residual[-1] > -LOAD_RESOLUTION:
         return np.asarray(load)
     share = load / moments[0] - stance.free.T @ residual[:-1] / residual[-1]
-    pressed = share > RESOLVED
+    pressed = share > LOAD_RESOLUTION
     load = np.zeros(len(load))
     load[pressed] = np.linalg.pinv(stance.statics[:, pressed]) @ moments
     return load

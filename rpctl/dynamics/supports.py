@@ -13,9 +13,11 @@ from rpctl.description.records import Joint, Link, Shape
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.robot.model import Robot
 
-TOUCH = 5e-3  # m: a shape this close to the ground touches it (URDFs are drawn to millimetres)
-SPECK = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
-TILT = 0.02  # sine of the largest angle of an axis that counts as upright or level
+GROUND_TOLERANCE_M = (
+    5e-3  # m: a shape this close to the ground touches it (URDFs are drawn to millimetres)
+)
+MIN_SHAPE_SIZE_M = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
+MAX_TILT_SINE = 0.02  # sine of the largest angle of an axis that counts as upright or level
 
 
 @dataclass(frozen=True)
@@ -89,17 +91,19 @@ def _touching(
     for shape in shapes:
         pose = robot.description.pose(link.name, dict(robot.locked)) @ shape.origin
         point = _lowest(shape, pose, 2.0 * max(w.radius for w in robot.drive.wheels))
-        if point is None or max(shape.size) <= SPECK:
+        if point is None or max(shape.size) <= MIN_SHAPE_SIZE_M:
             continue
         steady = all(_keeps_height(robot, joint, shape, pose) for joint in free)
-        if not steady or abs(point[2] - robot.drive.ground) > TOUCH:
+        if not steady or abs(point[2] - robot.drive.ground) > GROUND_TOLERANCE_M:
             continue
         if any(not _upright(_axis(robot, joint)[1]) for joint in free):
             point = pose[:3, 3]  # it rolls: its lowest point stays below its centre
         carrier = robot.model.getJointId(free[-1].name) if free else ROOT_JOINT
         x, y, z = _in_carrier(robot, free, point)
         support = Support(link.name, carrier, (x, y, z), link.name, shape.line)
-        if all(math.dist(support.point[:2], known.point[:2]) > TOUCH for _, known in found):
+        if all(
+            math.dist(support.point[:2], known.point[:2]) > GROUND_TOLERANCE_M for _, known in found
+        ):
             found.append((shape, support))
     return found
 
@@ -116,13 +120,13 @@ def _lowest(shape: Shape, pose: Array, widest: float) -> Array | None:
     if shape.kind == "box":
         signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
         corners = centre + (0.5 * signs * shape.size) @ pose[:3, :3].T
-        lowest = corners[corners[:, 2] < corners[:, 2].min() + SPECK]
+        lowest = corners[corners[:, 2] < corners[:, 2].min() + MIN_SHAPE_SIZE_M]
         return None if max(shape.size) > widest else np.asarray(lowest.mean(axis=0))
     if shape.kind not in ("cylinder", "capsule"):
         return None
     radius, length = shape.size
     tip = centre - math.copysign(0.5 * length, axis[2]) * axis
-    end = centre if abs(axis[2]) <= TILT else tip
+    end = centre if abs(axis[2]) <= MAX_TILT_SINE else tip
     if shape.kind == "capsule":
         return np.asarray(end + radius * down)
     if _upright(axis):
@@ -138,7 +142,7 @@ def _axis(robot: Robot, joint: Joint) -> tuple[Array, Array]:
 
 
 def _upright(axis: Array) -> bool:
-    return math.hypot(axis[0], axis[1]) <= TILT
+    return math.hypot(axis[0], axis[1]) <= MAX_TILT_SINE
 
 
 def _keeps_height(robot: Robot, joint: Joint, shape: Shape, pose: Array) -> bool:
@@ -148,8 +152,8 @@ def _keeps_height(robot: Robot, joint: Joint, shape: Shape, pose: Array) -> bool
     origin, axis = _axis(robot, joint)
     if _upright(axis):
         return True
-    centred = float(np.linalg.norm(np.cross(axis, pose[:3, 3] - origin))) <= SPECK
-    along = float(np.linalg.norm(np.cross(axis, pose[:3, 2]))) <= TILT
+    centred = float(np.linalg.norm(np.cross(axis, pose[:3, 3] - origin))) <= MIN_SHAPE_SIZE_M
+    along = float(np.linalg.norm(np.cross(axis, pose[:3, 2]))) <= MAX_TILT_SINE
     return centred and (shape.kind == "sphere" or (shape.kind in ("cylinder", "capsule") and along))
 
 
@@ -175,5 +179,5 @@ def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
         return False
     origin, axis = _axis(robot, joint)
     height = origin[2] - robot.drive.ground
-    reach = max(wheel.radius for wheel in robot.drive.wheels) + TOUCH
-    return bool(abs(axis[2]) <= TILT and 0.0 < height <= reach)
+    reach = max(wheel.radius for wheel in robot.drive.wheels) + GROUND_TOLERANCE_M
+    return bool(abs(axis[2]) <= MAX_TILT_SINE and 0.0 < height <= reach)

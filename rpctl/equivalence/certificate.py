@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rpctl.equivalence.contact.record import ContactTrial
-from rpctl.equivalence.row import CONTACT, Check, Skipped
+from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,15 @@ class Certificate:
     @property
     def notes(self) -> list[tuple[str, str]]:
         """What else there is to say, each with the name of the other side."""
-        said = [(c.against, c.note) for c in (*self.checks, *self.declared) if c.note]
+        remarks = [(c.against, c.note) for c in (*self.checks, *self.declared) if c.note]
         if self.contact is not None:
-            said += [(CONTACT, note) for note in self.contact.notes]
-        return said
+            remarks += [(CONTACT_ORACLE, note) for note in self.contact.notes]
+        return remarks
 
     @property
     def worst(self) -> Check:
         """The check nearest to its limit, or furthest beyond it."""
-        return max(self.checks, key=lambda check: check.share)
+        return max(self.checks, key=lambda check: check.limit_ratio)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as plain values for JSON; an infinite residual is None."""

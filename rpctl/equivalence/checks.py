@@ -13,11 +13,18 @@ from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.energy import energy_rate, power_balance
+from rpctl.equivalence.forced_state import (
+    ForcedState,
+    RoundingScales,
+    inertia_spread,
+    inverse,
+    unit_diagonal,
+)
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
-from rpctl.equivalence.measure import (
-    DIFFERENCE,
-    EXACT,
+from rpctl.equivalence.residuals import (
+    DIFFERENCE_TOLERANCE,
+    EXACT_TOLERANCE,
     allowed,
     difference_step,
     rate,
@@ -26,14 +33,13 @@ from rpctl.equivalence.measure import (
 )
 from rpctl.equivalence.row import Check
 from rpctl.equivalence.state import State
-from rpctl.equivalence.trial import Sizes, Trial, inertia_spread, inverse, unit_diagonal
 from rpctl.robot.model import BASE_NV, Robot
 
 if TYPE_CHECKING:
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
-SCALED = 1e-10  # as EXACT, but an entry may be small against its row and column
-FORWARD = 1e-10  # solving with M amplifies rounding; see Trial.size
+SCALED_TOLERANCE = 1e-10  # as EXACT, but an entry may be small against its row and column
+FORWARD_TOLERANCE = 1e-10  # solving with M amplifies rounding; see Trial.size
 GIBBS = "Gibbs-Appell"
 MUJOCO = "MuJoCo"
 
@@ -45,22 +51,30 @@ def full_tree(robot: Robot, oracle: GibbsAppell, state: State) -> Iterator[Check
     inertia = pin.crba(robot.model, data, state.q)
     bias = pin.nonLinearEffects(robot.model, data, state.q, state.v)
     yield relative("full inertia", GIBBS, inertia, terms.M, names)
-    yield worst("full bias", GIBBS, (bias - terms.h) / (terms.h_size.max() or 1.0), EXACT, names)
+    yield worst(
+        "full bias", GIBBS, (bias - terms.h) / (terms.h_size.max() or 1.0), EXACT_TOLERANCE, names
+    )
 
 
 def reduced(
-    dynamics: ReducedDynamics, oracle: GibbsAppell, terms: Terms, sizes: Sizes, state: State
+    dynamics: ReducedDynamics,
+    oracle: GibbsAppell,
+    terms: Terms,
+    scales: RoundingScales,
+    state: State,
 ) -> Iterator[Check]:
     """Compare the reduced equations: projection against the oracle's ``terms`` in ν, and G."""
     robot, names = dynamics.robot, dynamics.robot.quasi_velocities
     q, nu, nu_dot = state.q, state.nu, state.nu_dot
     M = dynamics.inertia(q)
-    yield relative("reduced inertia M", GIBBS, M, terms.M, names, EXACT, float(sizes.inertia.max()))
+    yield relative(
+        "reduced inertia M", GIBBS, M, terms.M, names, EXACT_TOLERANCE, float(scales.inertia.max())
+    )
     scale = np.sqrt(np.abs(np.outer(np.diag(terms.M), np.diag(terms.M))))
-    limit = allowed(SCALED, float((sizes.inertia / scale).max()), 1.0)
+    limit = allowed(SCALED_TOLERANCE, float((scales.inertia / scale).max()), 1.0)
     yield worst("M, entry by entry", GIBBS, (M - terms.M) / scale, limit, names)
-    largest = sizes.force
-    limit = allowed(EXACT, float(sizes.bias.max()), largest)
+    largest = scales.force
+    limit = allowed(EXACT_TOLERANCE, float(scales.bias.max()), largest)
     bias = dynamics.bias(q, nu)
     yield worst("reduced bias h", GIBBS, (bias - terms.h) / largest, limit, names)
     yield relative("actuation B", GIBBS, dynamics.actuation(q), terms.B, names)
@@ -71,8 +85,8 @@ def reduced(
     yield relative("rolling wheels S ν", GIBBS, v, rates, velocity_names(robot))
     force, gradient = dynamics.inverse(q, nu, nu_dot), terms.M @ nu_dot + terms.h
     largest += np.abs(terms.M @ nu_dot).max()
-    products = float((sizes.bias + sizes.inertia @ np.abs(nu_dot)).max())
-    limit = allowed(EXACT, products, largest)
+    products = float((scales.bias + scales.inertia @ np.abs(nu_dot)).max())
+    limit = allowed(EXACT_TOLERANCE, products, largest)
     yield worst("inverse dynamics", "∂G/∂ν̇", (force - gradient) / largest, limit, names)
     # G is quadratic in ν̇, so this difference over a whole step is its derivative, not near it.
     rise = oracle.gibbs(q, nu, nu_dot + nu) - oracle.gibbs(q, nu, nu_dot - nu)
@@ -80,7 +94,7 @@ def reduced(
     yield worst("inverse dynamics along ν", "G itself", np.array([gap]), limit, ["ν"])
 
 
-def coriolis(dynamics: ReducedDynamics, sizes: Sizes, state: State) -> Iterator[Check]:
+def coriolis(dynamics: ReducedDynamics, scales: RoundingScales, state: State) -> Iterator[Check]:
     """Check C = Sᵀ(C_full S + M_full Ṡ): C ν + g = h, and Ṁ − 2C is skew-symmetric.
 
     The root link is put to the world's origin. C does not depend on where the robot stands, but
@@ -100,14 +114,16 @@ def coriolis(dynamics: ReducedDynamics, sizes: Sizes, state: State) -> Iterator[
     C_full = pin.computeCoriolisMatrix(robot.model, data, q, v)
     C = S.T @ (C_full @ S + pin.crba(robot.model, data, q) @ S_dot)
     gap = C @ nu + dynamics.bias(q, np.zeros_like(nu)) - dynamics.bias(q, nu)
-    scale = max(sizes.force, float(np.abs(C).max() * np.abs(nu).max()))
-    limit = DIFFERENCE if S_dot.any() else EXACT  # a basis that moves is known by differences here
+    scale = max(scales.force, float(np.abs(C).max() * np.abs(nu).max()))
+    limit = (
+        DIFFERENCE_TOLERANCE if S_dot.any() else EXACT_TOLERANCE
+    )  # a basis that moves is known by differences here
     limit = allowed(limit, _swing(inertia_spread(dynamics, q, np.zeros(3)), nu), scale)
     yield worst("Coriolis C ν + g", "h", gap / scale, limit, names)
     skew = M_dot - 2.0 * C
     small = float(np.abs(dynamics.inertia(q)).max() * np.abs(nu).max())
     scale = max(min(1.0, small), np.abs(C).max(), np.abs(M_dot).max())
-    limit = allowed(DIFFERENCE, float(sizes.inertia.max()) / step, scale)
+    limit = allowed(DIFFERENCE_TOLERANCE, float(scales.inertia.max()) / step, scale)
     yield worst("Ṁ − 2C skew-symmetric", "differences", (skew + skew.T) / scale, limit, names)
 
 
@@ -115,14 +131,14 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     """Check that M is positive definite, whatever its units: their scale is divided out."""
     scaled, _ = unit_diagonal(dynamics.inertia(state.q))
     lost = 0.0 if np.linalg.eigvalsh(scaled)[0] > 0.0 else np.inf
-    yield worst("M positive definite", "least eigenvalue", np.array([lost]), EXACT, ["M"])
+    yield worst("M positive definite", "least eigenvalue", np.array([lost]), EXACT_TOLERANCE, ["M"])
 
 
-def multipliers(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
+def multipliers(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check]:
     """Compare accelerations and constraint forces with the Lagrange-multiplier path."""
-    robot, q, nu, tau = dynamics.robot, trial.state.q, trial.state.nu, trial.tau
+    robot, q, nu, tau = dynamics.robot, forced.state.q, forced.state.nu, forced.tau
     names, v, against = velocity_names(robot), dynamics.basis(q) @ nu, "Lagrange multipliers"
-    v_dot = dynamics.basis(q) @ trial.nu_dot + dynamics.basis_drift(q, nu)
+    v_dot = dynamics.basis(q) @ forced.nu_dot + dynamics.basis_drift(q, nu)
     lagrange = constrained_motion(robot, q, v, tau)
     own = pinocchio_motion(robot, q, v, tau)
     data, push = robot.model.createData(), effort_columns(robot) @ tau
@@ -130,20 +146,20 @@ def multipliers(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
     M = pin.crba(robot.model, data, q)
     # The tree's light parts, as wheels, get theirs as what little the forces on them leave.
     parts = np.abs(torques) + np.abs(push) + np.abs(lagrange.force)
-    size = max(trial.size, float((np.abs(inverse(M)) @ parts).max()))
+    size = max(forced.size, float((np.abs(inverse(M)) @ parts).max()))
     for who, theirs in ((against, lagrange.v_dot), ("Pinocchio, constrained", own)):
-        yield relative("accelerations", who, v_dot, theirs, names, FORWARD, size)
+        yield relative("accelerations", who, v_dot, theirs, names, FORWARD_TOLERANCE, size)
     force = torques - push
     scale = max(np.abs(torques).max(), np.abs(tau).max(initial=0.0))
-    products = np.abs(M @ trial.answer) @ trial.forces + parts
+    products = np.abs(M @ forced.response) @ forced.forces + parts
     swing = _swing(inertia_spread(dynamics, q, np.array([*q[:2], 0.0])), nu)
-    limit = allowed(FORWARD, max(float(products.max()), swing), scale)
+    limit = allowed(FORWARD_TOLERANCE, max(float(products.max()), swing), scale)
     yield worst("constraint forces Aᵀ λ", against, (force - lagrange.force) / scale, limit, names)
 
 
-def consistent(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
+def consistent(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check]:
     """Check the reduced dynamics against themselves."""
-    robot, q, nu = dynamics.robot, trial.state.q, trial.state.nu
+    robot, q, nu = dynamics.robot, forced.state.q, forced.state.nu
     M, v, speeds = dynamics.inertia(q), dynamics.basis(q) @ nu, robot.quasi_velocities
     W = selection(robot, dynamics.rolling)
 
@@ -152,15 +168,17 @@ def consistent(dynamics: ReducedDynamics, trial: Trial) -> Iterator[Check]:
 
     change = rate(along, difference_step(v)) @ nu - dynamics.basis_drift(q, nu)
     drift = change / max(1.0, float(np.abs(v).max()))
-    yield worst("basis drift Ṡ ν", "differences", drift, DIFFERENCE, velocity_names(robot))
-    left_over = dynamics.inverse(q, nu, trial.nu_dot) - dynamics.actuation(q) @ trial.tau
+    yield worst(
+        "basis drift Ṡ ν", "differences", drift, DIFFERENCE_TOLERANCE, velocity_names(robot)
+    )
+    left_over = dynamics.inverse(q, nu, forced.nu_dot) - dynamics.actuation(q) @ forced.tau
     # B τ and h cancel but for M ν̇, and each is rounded: what h alone makes of ν̇ is the scale.
-    alone = dynamics.forward(q, nu, np.zeros_like(trial.tau))
-    scale = float(np.abs([alone, trial.nu_dot]).max())
-    limit = allowed(FORWARD, trial.size, scale)
+    alone = dynamics.forward(q, nu, np.zeros_like(forced.tau))
+    scale = float(np.abs([alone, forced.nu_dot]).max())
+    limit = allowed(FORWARD_TOLERANCE, forced.size, scale)
     gap = np.linalg.solve(M, left_over) / scale
     yield worst("forward ∘ inverse", "identity", gap, limit, speeds)
-    yield energy_rate(dynamics, trial)
+    yield energy_rate(dynamics, forced)
 
 
 def motion(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
@@ -169,7 +187,7 @@ def motion(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 
 
 def engine(
-    dynamics: ReducedDynamics, other: MujocoEngine, sizes: Sizes, state: State
+    dynamics: ReducedDynamics, other: MujocoEngine, scales: RoundingScales, state: State
 ) -> Iterator[Check]:
     """Compare the reduced equations with another physics engine's."""
     q, nu, names = state.q, state.nu, dynamics.robot.quasi_velocities
@@ -178,11 +196,11 @@ def engine(
     data = dynamics.robot.model.createData()
     centre = pin.centerOfMass(dynamics.robot.model, data, q)  # MuJoCo takes inertias about it
     spread = inertia_spread(dynamics, q, centre)
-    products = float(max(sizes.inertia.max(), (spread**2).max()))
-    inertia = relative("reduced inertia M", MUJOCO, M, theirs.M, names, EXACT, products)
+    products = float(max(scales.inertia.max(), (spread**2).max()))
+    inertia = relative("reduced inertia M", MUJOCO, M, theirs.M, names, EXACT_TOLERANCE, products)
     yield replace(inertia, note=fused)
-    limit = allowed(EXACT, _swing(spread, nu), sizes.force)
-    gap = (dynamics.bias(q, nu) - theirs.h) / sizes.force
+    limit = allowed(EXACT_TOLERANCE, _swing(spread, nu), scales.force)
+    gap = (dynamics.bias(q, nu) - theirs.h) / scales.force
     yield worst("reduced bias h", MUJOCO, gap, limit, names)
     yield relative("actuation B", MUJOCO, dynamics.actuation(q), theirs.B, names)
 

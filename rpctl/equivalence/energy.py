@@ -9,42 +9,49 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.drive.steering import regular
+from rpctl.drive.steering import is_regular
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.measure import DIFFERENCE, EPS, allowed, difference_step, rate, worst
+from rpctl.equivalence.forced_state import ForcedState, efforts
+from rpctl.equivalence.residuals import (
+    DIFFERENCE_TOLERANCE,
+    EPS,
+    allowed,
+    difference_step,
+    rate,
+    worst,
+)
 from rpctl.equivalence.row import Check
 from rpctl.equivalence.state import State
-from rpctl.equivalence.trial import Trial, efforts
 from rpctl.errors import RpctlError
 
-POWER = 1e-6  # energy balance of a motion by RK4, extrapolated
+POWER_TOLERANCE = 1e-6  # energy balance of a motion by RK4, extrapolated
 POWER_ATTEMPTS = 25  # steps tried, each as one and as two halves: 75 steps of RK4
-POWER_STEP = 4e-3  # s; the longest
-POWER_ERROR = 1e-7  # of the speeds, in one step: beyond it the step is tried shorter
-POWER_TURN = 0.03  # rad, of all joints together in the first step
-GROWTH, SHRINK = 2.0, 0.1  # of a step, at most, from one to the next
-CAUTION = 0.9  # of the step that the error allows
-ORDER = 4  # of RK4: twice the step has 2⁴ times the error, in one step twice that
-SAMPLE = 0.1  # of the random speeds and accelerations: a motion that few steps resolve
+MAX_POWER_STEP_S = 4e-3  # s; the longest
+MAX_STEP_ERROR = 1e-7  # of the speeds, in one step: beyond it the step is tried shorter
+MAX_FIRST_TURN = 0.03  # rad, of all joints together in the first step
+MAX_STEP_GROWTH, MIN_STEP_GROWTH = 2.0, 0.1  # of a step, at most, from one to the next
+STEP_SAFETY = 0.9  # of the step that the error allows
+RK4_ORDER = 4  # of RK4: twice the step has 2⁴ times the error, in one step twice that
+SPEED_SCALE = 0.1  # of the random speeds and accelerations: a motion that few steps resolve
 
 
-def energy_rate(dynamics: ReducedDynamics, trial: Trial) -> Check:
+def energy_rate(dynamics: ReducedDynamics, forced: ForcedState) -> Check:
     """Check that the energy changes at the rate at which the actuators work."""
-    robot, q, nu, nu_dot = dynamics.robot, trial.state.q, trial.state.nu, trial.nu_dot
+    robot, q, nu, nu_dot = dynamics.robot, forced.state.q, forced.state.nu, forced.nu_dot
     v = dynamics.basis(q) @ nu
 
     def energy(time: float) -> Array:
         at = pin.integrate(robot.model, q, time * v)
         return np.array([dynamics.energy(at, nu + time * nu_dot)])
 
-    terms = nu * (dynamics.actuation(q) @ trial.tau)
+    terms = nu * (dynamics.actuation(q) @ forced.tau)
     step = difference_step(v)
     gap = rate(energy, step) - terms.sum()
     size, kinetic = float(np.abs(terms).sum()), 0.5 * float(nu @ dynamics.inertia(q) @ nu)
     total = abs(dynamics.energy(q, nu))
     scale = max(min(1.0, kinetic), size, total)
-    limit = allowed(DIFFERENCE, _products(dynamics, q, nu) / step, scale)
+    limit = allowed(DIFFERENCE_TOLERANCE, _products(dynamics, q, nu) / step, scale)
     return worst("energy rate", "power of τ", gap / scale, limit, ["energy"])
 
 
@@ -56,33 +63,38 @@ def power_balance(dynamics: ReducedDynamics, state: State) -> Check:
     the two gaps of the energy the truncation is extrapolated away (Richardson), a fault is not.
     The motion ends early where it steers to an angle at which ν determines no one motion.
     """
-    robot, q, nu = dynamics.robot, state.q, SAMPLE * state.nu
-    tau = efforts(dynamics, q, nu, SAMPLE * state.push)
+    robot, q, nu = dynamics.robot, state.q, SPEED_SCALE * state.nu
+    tau = efforts(dynamics, q, nu, SPEED_SCALE * state.push)
     start, steered = 0.5 * float(nu @ dynamics.inertia(q) @ nu), robot.drive.steered
     step, steps, gap, moved = _first_step(dynamics, q, nu, tau), 0, 0.0, 0.0
     for _ in range(POWER_ATTEMPTS):
-        if not regular(robot.drive, {s.joint: robot.joint_position(q, s.joint) for s in steered}):
+        if not is_regular(
+            robot.drive, {s.joint: robot.joint_position(q, s.joint) for s in steered}
+        ):
             break
         pair = _pair(dynamics, q, nu, tau, step)
-        if pair.error <= POWER_ERROR:
+        if pair.error <= MAX_STEP_ERROR:
             q, nu, gap, moved = pair.q, pair.nu, gap + pair.gap, moved + abs(pair.work)
             steps += 1
-        wished = (POWER_ERROR / max(pair.error, EPS)) ** (1.0 / (ORDER + 1))
-        step = min(POWER_STEP, step * float(np.clip(CAUTION * wished, SHRINK, GROWTH)))
+        wished = (MAX_STEP_ERROR / max(pair.error, EPS)) ** (1.0 / (RK4_ORDER + 1))
+        step = min(
+            MAX_POWER_STEP_S,
+            step * float(np.clip(STEP_SAFETY * wished, MIN_STEP_GROWTH, MAX_STEP_GROWTH)),
+        )
     if not steps:
         raise RpctlError(
             f"{robot.name}: no step of the motion, as short as {step:.0e} s, converges"
         )
     scale = max(moved, min(1.0, start + moved))
-    limit = allowed(POWER, steps * _products(dynamics, q, nu), scale)
+    limit = allowed(POWER_TOLERANCE, steps * _products(dynamics, q, nu), scale)
     return worst("power balance", "work of τ", np.array([gap / scale]), limit, ["energy"])
 
 
 def _first_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array) -> float:
     """Return a step (s) in which all joints together turn little, by their rates and ν̇."""
     rates = float(np.abs(dynamics.basis(q) @ nu).sum())
-    rates += POWER_STEP * float(np.abs(dynamics.forward(q, nu, tau)).sum())
-    return POWER_STEP / max(1.0, POWER_STEP * rates / POWER_TURN)
+    rates += MAX_POWER_STEP_S * float(np.abs(dynamics.forward(q, nu, tau)).sum())
+    return MAX_POWER_STEP_S / max(1.0, MAX_POWER_STEP_S * rates / MAX_FIRST_TURN)
 
 
 def _products(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
@@ -93,7 +105,7 @@ def _products(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
 
 
 @dataclass(frozen=True)
-class _Pair:
+class _StepPair:
     """A step made in two halves, compared with the same step made at once."""
 
     q: Array
@@ -103,7 +115,7 @@ class _Pair:
     error: float  # of the speeds, relative; infinite where the motion broke down in the step
 
 
-def _pair(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, step: float) -> _Pair:
+def _pair(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, step: float) -> _StepPair:
     """Return a step of the motion (s), made whole and in halves."""
     with np.errstate(over="ignore", invalid="ignore"):
         try:
@@ -111,11 +123,11 @@ def _pair(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, step: floa
             half = rk4_step(dynamics, q, nu, tau, 0.5 * step)
             end = rk4_step(dynamics, half.q, half.nu, tau, 0.5 * step)
         except RpctlError:
-            return _Pair(q, nu, 0.0, 0.0, np.inf)
+            return _StepPair(q, nu, 0.0, 0.0, np.inf)
     start, work = dynamics.energy(q, nu), half.work + end.work
     coarse = dynamics.energy(whole.q, whole.nu) - start - whole.work
     fine = dynamics.energy(end.q, end.nu) - start - work
     size = np.abs(end.nu).max() + np.abs(end.nu - nu).max()
     error = float(np.abs(end.nu - whole.nu).max() / size)
     error = error if math.isfinite(error) else np.inf
-    return _Pair(end.q, end.nu, work, fine + (fine - coarse) / (2.0**ORDER - 1.0), error)
+    return _StepPair(end.q, end.nu, work, fine + (fine - coarse) / (2.0**RK4_ORDER - 1.0), error)

@@ -26,18 +26,22 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.mesh_paths import MeshPaths
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.file_wheels import Placed, leftward, place, wheel_size
+from rpctl.equivalence.file_wheels import PlacedWheel, leftward, place, wheel_size
 from rpctl.equivalence.raw_file import RawFile
 from rpctl.robot.model import Robot
 
-ONE_LINE = 0.02  # wheels are on one axle if their centres are apart by less, of their distance
-STEADY = 2e-3  # m; a smaller trail of wheels that share a centre of rotation is a file's rounding
-ROUNDING = 1e-9  # m; a smaller trail is that of numbers
-ROLLER = 0.25 * math.pi  # rad, between a mecanum wheel's roller and the forward direction
+MAX_AXLE_OFFSET = (
+    0.02  # wheels are on one axle if their centres are apart by less, of their distance
+)
+SHARED_TRAIL_ROUNDING_M = (
+    2e-3  # m; a smaller trail of wheels that share a centre of rotation is a file's rounding
+)
+LENGTH_ROUNDING_M = 1e-9  # m; a smaller trail is that of numbers
+ROLLER_ANGLE = 0.25 * math.pi  # rad, between a mecanum wheel's roller and the forward direction
 # What a drive's records hold of geometry.
-OF_WHEEL = ("radius", "offset", "direction", "lateral", "shift")
-OF_SWIVEL = ("pivot", "heading", "sign", "trail")
-OF_DRIVE = ("point", "heading", "ground")
+WHEEL_FIELDS = ("radius", "offset", "direction", "lateral", "shift")
+SWIVEL_FIELDS = ("pivot", "heading", "sign", "trail")
+DRIVE_FIELDS = ("point", "heading", "ground")
 
 
 def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
@@ -78,10 +82,10 @@ def with_declared(measured: Drive, record: Drive) -> Drive:
     if "drive" in declared:
         return record
     wheels = []
-    for wheel, told in zip(measured.wheels, record.wheels, strict=True):
-        keys = [key for key in OF_WHEEL if f"{key} of {wheel.joint}" in declared]
+    for wheel, declared_wheel in zip(measured.wheels, record.wheels, strict=True):
+        keys = [key for key in WHEEL_FIELDS if f"{key} of {wheel.joint}" in declared]
         keys += ["shift"] if "track" in declared else []
-        wheels.append(replace(wheel, **{key: getattr(told, key) for key in keys}))
+        wheels.append(replace(wheel, **{key: getattr(declared_wheel, key) for key in keys}))
     lower = [new.radius - old.radius for new, old in zip(wheels, measured.wheels, strict=True)]
     return replace(
         measured,
@@ -94,14 +98,14 @@ def with_declared(measured: Drive, record: Drive) -> Drive:
 def quantities(drive: Drive) -> Iterator[tuple[str, Array]]:
     """Yield the numbers of a drive's geometry (k,), each with what it is; m, rad."""
     parts: tuple[tuple[Sequence[Wheel | Swivel], tuple[str, ...]], ...] = (
-        (drive.wheels, OF_WHEEL),
-        (drive.swivels, OF_SWIVEL),
+        (drive.wheels, WHEEL_FIELDS),
+        (drive.swivels, SWIVEL_FIELDS),
     )
     for records, keys in parts:
         for record in records:
             for key in keys:
                 yield f"{key} of {record.joint}", _numbers(key, getattr(record, key))
-    for key in OF_DRIVE:
+    for key in DRIVE_FIELDS:
         yield key, _numbers(key, getattr(drive, key))
 
 
@@ -115,7 +119,7 @@ def _held(drive: Drive) -> list[str]:
     return [w.joint for w in drive.wheels if w.swivel is None and not w.slides]
 
 
-def _heading(drive: Drive, placed: Mapping[str, Placed]) -> float:
+def _heading(drive: Drive, placed: Mapping[str, PlacedWheel]) -> float:
     """Return the angle of the forward direction, rad."""
     held = _held(drive)
     if not held or drive.type == "omni":
@@ -125,7 +129,7 @@ def _heading(drive: Drive, placed: Mapping[str, Placed]) -> float:
     return math.atan2(-x, y) + 0.0
 
 
-def _point(drive: Drive, placed: Mapping[str, Placed], heading: float) -> tuple[float, float]:
+def _point(drive: Drive, placed: Mapping[str, PlacedWheel], heading: float) -> tuple[float, float]:
     """Return P (x, y): the middle of the axles of two wheels or more, else of single ones."""
     if not drive.has_axle:
         return 0.0, 0.0
@@ -150,10 +154,12 @@ def _point(drive: Drive, placed: Mapping[str, Placed], heading: float) -> tuple[
 def _beside(one: Array, other: Array, left: Array) -> bool:
     between = other - one
     ahead = abs(float(between[0] * left[1] - between[1] * left[0]))
-    return ahead <= ONE_LINE * float(np.linalg.norm(between))
+    return ahead <= MAX_AXLE_OFFSET * float(np.linalg.norm(between))
 
 
-def _forward(drive: Drive, raw: RawFile, placed: Mapping[str, Placed], heading: float) -> Array:
+def _forward(
+    drive: Drive, raw: RawFile, placed: Mapping[str, PlacedWheel], heading: float
+) -> Array:
     """Return the forward direction (2,): the heading's, or the first steered wheel's own."""
     trailing = [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
     steered = [w.joint for w in drive.wheels if w.swivel is not None and w.swivel not in trailing]
@@ -172,7 +178,7 @@ def _swivel(
     swivel: Swivel,
     raw: RawFile,
     poses: Mapping[str, Array],
-    placed: Mapping[str, Placed],
+    placed: Mapping[str, PlacedWheel],
     forward: Array,
 ) -> Swivel:
     """Return a swivel as the file places it and its wheels; ``forward`` (2,) is the drive's."""
@@ -187,7 +193,7 @@ def _swivel(
     if swivel.role == "caster" and trail > 0.0:
         ahead, trail = -ahead, -trail
     shared = drive.type == "steered" or bool(drive.followers)
-    still = STEADY if shared and swivel.role != "caster" else ROUNDING
+    still = SHARED_TRAIL_ROUNDING_M if shared and swivel.role != "caster" else LENGTH_ROUNDING_M
     return replace(
         swivel,
         pivot=(float(pose[0, 3]), float(pose[1, 3])),
@@ -197,7 +203,7 @@ def _swivel(
     )
 
 
-def _wheel(drive: Drive, wheel: Wheel, placed: Mapping[str, Placed], heading: float) -> Wheel:
+def _wheel(drive: Drive, wheel: Wheel, placed: Mapping[str, PlacedWheel], heading: float) -> Wheel:
     """Return a wheel as the file has it; ``drive`` has its swivels measured."""
     at = placed[wheel.joint]
     values: dict[str, Any] = {"radius": at.radius, "offset": at.offset, "shift": 0.0}
@@ -214,11 +220,17 @@ def _wheel(drive: Drive, wheel: Wheel, placed: Mapping[str, Placed], heading: fl
     return replace(wheel, **values, direction=(math.cos(angle), math.sin(angle)))
 
 
-def _roller(drive: Drive, placed: Mapping[str, Placed], at: Placed, heading: float) -> float:
+def _roller(
+    drive: Drive, placed: Mapping[str, PlacedWheel], at: PlacedWheel, heading: float
+) -> float:
     """Return the angle of a mecanum wheel's roller on the ground from forward, rad."""
     forward = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-forward[1], forward[0]])
     centres = [placed[name].centre[:2] for name in _held(drive)]
     axle = [centre for centre in centres if _beside(centre, at.centre[:2], left)]
     ahead = forward @ (at.centre[:2] - np.mean(centres, axis=0))
-    return -ROLLER if ahead * (left @ (at.centre[:2] - np.mean(axle, axis=0))) > 0.0 else ROLLER
+    return (
+        -ROLLER_ANGLE
+        if ahead * (left @ (at.centre[:2] - np.mean(axle, axis=0))) > 0.0
+        else ROLLER_ANGLE
+    )

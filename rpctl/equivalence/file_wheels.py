@@ -19,14 +19,14 @@ from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.equivalence.raw_file import TURNING, RawFile, RawJoint, RawShape
 
-ROUND = ("sphere", "cylinder", "capsule")
-TILT = 0.02  # sine of the largest angle between an axis and a wheel's shape, or the ground
-SAME = 1e-9  # m; shapes whose radii differ by no more are tyres of one wheel
-CENTRED = 0.1  # of the radius: how far a part of another link may be off the axle
+ROUND_KINDS = ("sphere", "cylinder", "capsule")
+MAX_TILT_SINE = 0.02  # sine of the largest angle between an axis and a wheel's shape, or the ground
+RADIUS_ROUNDING_M = 1e-9  # m; shapes whose radii differ by no more are tyres of one wheel
+MAX_ECCENTRICITY = 0.1  # of the radius: how far a part of another link may be off the axle
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedWheel:
     """A wheel of the file: its centre (3,) and unit axle (3,) in the root link's frame."""
 
     centre: Array
@@ -53,11 +53,11 @@ def wheel_size(
                 for shape, at, own in parts
                 if shape.role == role
                 and (size := measured(shape, at, joint.axis, paths)) is not None
-                and (own or size[2] <= CENTRED * size[0])
+                and (own or size[2] <= MAX_ECCENTRICITY * size[0])
             ]
             if found:
                 radius = max(size[0] for size in found)
-                tyres = [middle for size, middle, _ in found if radius - size <= SAME]
+                tyres = [middle for size, middle, _ in found if radius - size <= RADIUS_ROUNDING_M]
                 return radius, float(np.mean(tyres))
     return None
 
@@ -82,9 +82,9 @@ def _primitive(
     shape: RawShape, at: Array, axis: Array, paths: MeshPaths
 ) -> tuple[float, float, float] | None:
     """Return a round shape's radius, its middle along an axis and beside it, m; None if not."""
-    if shape.kind not in ROUND or not shape.size[0] > 0.0:
+    if shape.kind not in ROUND_KINDS or not shape.size[0] > 0.0:
         return None
-    if shape.kind != "sphere" and np.linalg.norm(np.cross(at[:3, 2], axis)) > TILT:
+    if shape.kind != "sphere" and np.linalg.norm(np.cross(at[:3, 2], axis)) > MAX_TILT_SINE:
         return None
     middle = at[:3, 3]
     return shape.size[0], float(middle @ axis), float(np.linalg.norm(np.cross(middle, axis)))
@@ -113,14 +113,14 @@ def _mesh(
     return 0.5 * float(max(high[1:] - low[1:])), along, math.hypot(x, y)
 
 
-def place(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> Placed:
+def place(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> PlacedWheel:
     """Return a wheel at its joint, given the links' poses (4, 4), its radius and offset (m)."""
     pose, (radius, offset) = poses[joint.parent] @ joint.origin, size
     axle = pose[:3, :3] @ joint.axis
-    return Placed(pose[:3, 3] + offset * axle, axle, radius, offset)
+    return PlacedWheel(pose[:3, 3] + offset * axle, axle, radius, offset)
 
 
 def leftward(axle: Array) -> Array:
     """Return an axle (3,), turned round where it points right of forward (+x, or else +y)."""
-    left = axle[1] if abs(axle[1]) > TILT else -axle[0]
+    left = axle[1] if abs(axle[1]) > MAX_TILT_SINE else -axle[0]
     return axle if left > 0.0 else -axle

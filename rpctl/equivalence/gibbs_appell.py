@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.equivalence.file_reading import FileReading
 from rpctl.equivalence.planar import base_motion
-from rpctl.equivalence.reading import Reading
-from rpctl.equivalence.tree import FLOATS, Body, Hinge, Scalars, Tree
+from rpctl.equivalence.tree import FLOATS, Body, Scalars, Tree, TreeJoint
 from rpctl.robot.model import Robot
 
 Vector = Array | Sequence[Any]
@@ -56,7 +56,7 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class Motion:
+class LinkKinematics:
     """A frame in world axes: its rotation, and its motion as functions of u and u̇."""
 
     R: Array  # (3, 3)
@@ -73,7 +73,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Rates:
+class JointRates:
     """The rates of joints as rows of u, and what the motion adds to their accelerations.
 
     ``R`` (3, 3) is the rotation of the root link, whose axes wheels' directions are given in.
@@ -94,7 +94,7 @@ class GibbsAppell:
     """
 
     def __init__(
-        self, robot: Robot, scalars: Scalars = FLOATS, reading: Reading | None = None
+        self, robot: Robot, scalars: Scalars = FLOATS, reading: FileReading | None = None
     ) -> None:
         self.robot = robot
         self.scalars = scalars
@@ -114,8 +114,8 @@ class GibbsAppell:
         J_v[:, :2] = R[:, :2]
         a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
         rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.model.names[2:]}
-        root = Motion(R, J_w @ v, J_w, J_v, np.zeros(3), a)
-        rates = Rates(rows, dict.fromkeys(rows, 0.0), R)
+        root = LinkKinematics(R, J_w @ v, J_w, J_v, np.zeros(3), a)
+        rates = JointRates(rows, dict.fromkeys(rows, 0.0), R)
         return self.terms(self._positions(q), v, root, rates)
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
@@ -126,7 +126,7 @@ class GibbsAppell:
 
     def rolling_root(
         self, R: Array, positions: Mapping[str, Any], nu: Vector
-    ) -> tuple[Motion, Rates]:
+    ) -> tuple[LinkKinematics, JointRates]:
         """Return the root link's motion in ν, and the rates of the arm and of what swivels.
 
         Args:
@@ -147,9 +147,11 @@ class GibbsAppell:
         drifts = dict.fromkeys(rows, 0 * nu[0])
         rows |= {name: rate.row for name, rate in base.rates.items()}
         drifts |= {name: rate.drift for name, rate in base.rates.items()}
-        return Motion(R, omega, J_w, J_v, alpha, a), Rates(rows, drifts, R)
+        return LinkKinematics(R, omega, J_w, J_v, alpha, a), JointRates(rows, drifts, R)
 
-    def terms(self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates) -> Terms:
+    def terms(
+        self, positions: Mapping[str, Any], u: Vector, root: LinkKinematics, rates: JointRates
+    ) -> Terms:
         """Return the equations from G's Hessian and gradient, summed over the links."""
         n = len(u)
         M, h, h_size = self.scalars.zeros((n, n)), self.scalars.zeros(n), np.zeros(n)
@@ -170,8 +172,8 @@ class GibbsAppell:
         positions: Mapping[str, Any],
         u: Vector,
         u_dot: Vector,
-        root: Motion,
-        rates: Rates,
+        root: LinkKinematics,
+        rates: JointRates,
     ) -> Any:
         """Return G itself, all terms of a link in one frame; [MS21, Eq. 1]."""
         rate, half = np.asarray(u_dot), self.scalars.number(0.5, "number", "")
@@ -186,7 +188,7 @@ class GibbsAppell:
             G = G + alpha @ cross(motion.omega, inertia @ motion.omega)
         return G
 
-    def _at_centre(self, body: Body, motion: Motion) -> tuple[Array, Array, Array]:
+    def _at_centre(self, body: Body, motion: LinkKinematics) -> tuple[Array, Array, Array]:
         """Return a link's inertia (3, 3), J_v (3, n) and m (a₀ + g) (3,) at its centre of mass."""
         turn = motion.R @ body.R
         J_v, a = motion.at(motion.R @ body.com)
@@ -194,55 +196,57 @@ class GibbsAppell:
         return turn @ body.inertia @ turn.T, J_v, body.mass * (a + gravity)
 
     def links(
-        self, positions: Mapping[str, Any], u: Vector, root: Motion, rates: Rates
-    ) -> Iterator[tuple[Body, Motion]]:
+        self, positions: Mapping[str, Any], u: Vector, root: LinkKinematics, rates: JointRates
+    ) -> Iterator[tuple[Body, LinkKinematics]]:
         """Walk the tree from the root outwards: yield every link with inertia and its motion.
 
         On the way ``rates`` gains the joints that are not part of u: rolling wheels, mimics.
         """
         speeds = np.asarray(u)
-        edge = [(self.tree.root, root)]
-        while edge:
-            name, motion = edge.pop()
+        stack = [(self.tree.root, root)]
+        while stack:
+            name, motion = stack.pop()
             body = self.tree.bodies.get(name)
             if body is not None:
                 yield body, motion
-            for hinge in self.tree.below[name]:
-                offset = motion.R @ hinge.p
+            for joint_part in self.tree.below[name]:
+                offset = motion.R @ joint_part.p
                 J_v, a = motion.at(offset)
-                R = motion.R @ hinge.R
-                carrier = Motion(R, motion.omega, motion.J_w, J_v, motion.alpha, a)
-                edge.append((hinge.child, self._moved(hinge, carrier, positions, speeds, rates)))
+                R = motion.R @ joint_part.R
+                carrier = LinkKinematics(R, motion.omega, motion.J_w, J_v, motion.alpha, a)
+                stack.append(
+                    (joint_part.child, self._moved(joint_part, carrier, positions, speeds, rates))
+                )
 
     def _moved(
         self,
-        hinge: Hinge,
-        carrier: Motion,
+        joint_part: TreeJoint,
+        carrier: LinkKinematics,
         positions: Mapping[str, Any],
         u: Array,
-        rates: Rates,
-    ) -> Motion:
+        rates: JointRates,
+    ) -> LinkKinematics:
         """Return the motion of a joint's child frame."""
-        if hinge.kind == "fixed":
+        if joint_part.kind == "fixed":
             return carrier
-        axis, position = carrier.R @ hinge.axis, positions[hinge.name]
-        if hinge.name not in rates.rows and hinge.name not in self.robot.locked:
-            rates.rows[hinge.name], rates.drifts[hinge.name] = self._follow(
-                hinge, carrier, axis, u, rates
+        axis, position = carrier.R @ joint_part.axis, positions[joint_part.name]
+        if joint_part.name not in rates.rows and joint_part.name not in self.robot.locked:
+            rates.rows[joint_part.name], rates.drifts[joint_part.name] = self._follow(
+                joint_part, carrier, axis, u, rates
             )
-        row = rates.rows.get(hinge.name)
+        row = rates.rows.get(joint_part.name)
         if row is None:
             row, drift = self.scalars.zeros(len(u)), 0 * u[0]
         else:
-            drift = rates.drifts[hinge.name]
+            drift = rates.drifts[joint_part.name]
         rate = row @ u
-        if hinge.kind == "prismatic":
+        if joint_part.kind == "prismatic":
             J_v, a = carrier.at(position * axis)
             a = a + drift * axis + 2 * cross(carrier.omega, rate * axis)
             J_v = J_v + np.outer(axis, row)
-            return Motion(carrier.R, carrier.omega, carrier.J_w, J_v, carrier.alpha, a)
-        return Motion(
-            R=carrier.R @ self.scalars.rotation(hinge.axis, position),
+            return LinkKinematics(carrier.R, carrier.omega, carrier.J_w, J_v, carrier.alpha, a)
+        return LinkKinematics(
+            R=carrier.R @ self.scalars.rotation(joint_part.axis, position),
             omega=carrier.omega + rate * axis,
             J_w=carrier.J_w + np.outer(axis, row),
             J_v=carrier.J_v,
@@ -251,23 +255,28 @@ class GibbsAppell:
         )
 
     def _follow(
-        self, hinge: Hinge, carrier: Motion, axis: Array, u: Array, rates: Rates
+        self,
+        joint_part: TreeJoint,
+        carrier: LinkKinematics,
+        axis: Array,
+        u: Array,
+        rates: JointRates,
     ) -> tuple[Array, Any]:
         """Return the rate of a joint that is not part of u, as a row of u, and its drift."""
-        if hinge.name in self.tree.wheels:
-            return self._rolling(hinge, carrier, axis, u, rates.R)
-        followed, factor = hinge.follows, hinge.factor
+        if joint_part.name in self.tree.wheels:
+            return self._rolling(joint_part, carrier, axis, u, rates.R)
+        followed, factor = joint_part.follows, joint_part.factor
         row = rates.rows.get(followed, self.scalars.zeros(len(u)))
         return factor * row, factor * rates.drifts.get(followed, 0 * u[0])
 
     def _rolling(
-        self, hinge: Hinge, carrier: Motion, axle: Array, u: Array, R: Array
+        self, joint_part: TreeJoint, carrier: LinkKinematics, axle: Array, u: Array, R: Array
     ) -> tuple[Array, Any]:
         """Return a wheel's rate and drift from its contact, which stands still along d.
 
         d · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
         """
-        wheel = self.tree.wheels[hinge.name]
+        wheel = self.tree.wheels[joint_part.name]
         d, down = R @ wheel.direction, -wheel.radius * UP
         lever = d @ cross(axle, down)
         J_c, a_c = carrier.at(wheel.offset * axle + R @ wheel.shift)

@@ -22,9 +22,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
+from rpctl.equivalence.file_reading import FileReading, read
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
-from rpctl.equivalence.planar import Rate, following
-from rpctl.equivalence.reading import Reading, read
+from rpctl.equivalence.planar import JointRate, follower_rate
 from rpctl.equivalence.tree import FLOATS, Tree
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
@@ -32,8 +32,8 @@ from rpctl.robot.model import Robot
 __all__ = ["EngineRefused", "EngineTerms", "MujocoEngine", "installed"]
 
 DOWN = np.array([0.0, 0.0, -1.0])
-OLDEST = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
-CONTRADICTION = 1e-9  # of the solution: rows that no motion meets; rounding leaves 1e-13
+OLDEST_MUJOCO = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
+CONTRADICTION_TOLERANCE = 1e-9  # of the solution: rows that no motion meets; rounding leaves 1e-13
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def installed() -> bool:
     if find_spec("mujoco") is None:
         return False
     major, minor = metadata.version("mujoco").split(".")[:2]
-    return (int(major), int(minor)) >= OLDEST
+    return (int(major), int(minor)) >= OLDEST_MUJOCO
 
 
 class MujocoEngine:
@@ -74,7 +74,7 @@ class MujocoEngine:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot, reading: Reading | None = None) -> None:
+    def __init__(self, robot: Robot, reading: FileReading | None = None) -> None:
         self._mujoco: Any = import_module("mujoco")
         self._robot = robot
         reading = reading or read(robot)
@@ -84,7 +84,7 @@ class MujocoEngine:
         self._model, self._root, self._joints = tree.mjm, tree.root, tree.joints
         self._data = self._mujoco.MjData(self._model)
         self._tree = Tree(robot, FLOATS, reading)
-        self._rows_of = self._numbered()
+        self._rows_of = self._row_numbers()
         held = 3 if self._drive.type == "fixed" else 0
         self._constraints = len(self._drive.wheels) + len(set(self._rows_of.values())) + held
         self._always = self._constant_rows()
@@ -117,7 +117,7 @@ class MujocoEngine:
         """
         self._move(q, np.zeros(self._robot.nv))
         rows = self._rows(self._mujoco.mj_jac) + self._always
-        for name, rate in self._following(q, np.zeros(self._robot.nv)):
+        for name, rate in self._follower_rates(q, np.zeros(self._robot.nv)):
             rows[self._rows_of[name]] -= rate.row
         wanted = np.zeros((len(rows), len(nu)))
         wanted[self._constraints :] = np.eye(len(nu))
@@ -125,8 +125,8 @@ class MujocoEngine:
         v = S @ nu
         self._move(q, v)
         drift = self._rows(self._mujoco.mj_jacDot) @ v
-        drift += self._turning(v)
-        for name, rate in self._following(q, v):
+        drift += self._turning_drift(v)
+        for name, rate in self._follower_rates(q, v):
             drift[self._rows_of[name]] -= rate.drift
         Sdot_nu = _solve(rows, -drift)
         M = self._inertia()
@@ -158,18 +158,18 @@ class MujocoEngine:
         the left, and its forward speed; else one each of the base's velocity along its own axes.
         """
         rows = np.zeros((self._constraints + self._robot.dof, self._robot.nv))
-        for at, direction, _, J in self._directed(kind):
+        for at, direction, _, J in self._directed_rows(kind):
             rows[at] += direction @ J
         return rows
 
-    def _turning(self, v: Array) -> Array:
+    def _turning_drift(self, v: Array) -> Array:
         """Return what the turning of the directions adds to the rate of :meth:`_rows` times v."""
         drift = np.zeros(self._constraints + self._robot.dof)
-        for at, direction, turn, J in self._directed(self._mujoco.mj_jac):
+        for at, direction, turn, J in self._directed_rows(self._mujoco.mj_jac):
             drift[at] += (turn @ v) * np.cross(-DOWN, direction) @ (J @ v)
         return drift
 
-    def _directed(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
+    def _directed_rows(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
         """Yield a row, its direction (3,), the turning of it (nv,), J or J̇ (3, nv) of its point."""
         drive, R = self._drive, self._data.xmat[self._root].reshape(3, 3)
         turn, first = np.eye(self._robot.nv)[2], self._constraints
@@ -211,15 +211,15 @@ class MujocoEngine:
         point = self._data.xpos[self._root] + R @ np.array([*place, 0.0])
         return self._jacobian(kind, point, self._root)[0]
 
-    def _following(self, q: Array, v: Array) -> Iterator[tuple[str, Rate]]:
+    def _follower_rates(self, q: Array, v: Array) -> Iterator[tuple[str, JointRate]]:
         """Yield the swivels that follow others, and their rates as rows of v (nv,)."""
         drive, identity = self._drive, np.eye(self._robot.nv)
-        rates = {s.joint: Rate(identity[self._joints[s.joint]], 0.0) for s in drive.swivels}
+        rates = {s.joint: JointRate(identity[self._joints[s.joint]], 0.0) for s in drive.swivels}
         positions = {name: self._robot.joint_position(q, name) for name in rates}
         for swivel in drive.followers:
-            yield swivel.joint, following(self._tree, drive, swivel, positions, v, rates)
+            yield swivel.joint, follower_rate(self._tree, drive, swivel, positions, v, rates)
 
-    def _numbered(self) -> dict[str, int]:
+    def _row_numbers(self) -> dict[str, int]:
         """Return the rows of A by what they are of: after the wheels, P, swivels and mimics."""
         drive = self._drive
         names = ["P"] if drive.has_axle else []
@@ -278,9 +278,11 @@ def _solve(rows: Array, wanted: Array) -> Array:
     Raises:
         RpctlError: It has none, or many.
     """
-    solution, _, rank, _ = np.linalg.lstsq(rows, wanted, rcond=CONTRADICTION)
-    solution += np.linalg.lstsq(rows, wanted - rows @ solution, rcond=CONTRADICTION)[0]
+    solution, _, rank, _ = np.linalg.lstsq(rows, wanted, rcond=CONTRADICTION_TOLERANCE)
+    solution += np.linalg.lstsq(rows, wanted - rows @ solution, rcond=CONTRADICTION_TOLERANCE)[0]
     gap = np.abs(rows @ solution - wanted).max()
-    if rank < rows.shape[1] or gap > CONTRADICTION * max(1.0, float(np.abs(solution).max())):
+    if rank < rows.shape[1] or gap > CONTRADICTION_TOLERANCE * max(
+        1.0, float(np.abs(solution).max())
+    ):
         raise RpctlError("rolling wheels and quasi-velocities do not determine one motion")
     return np.asarray(solution)

@@ -19,15 +19,19 @@ from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.density import inertial_element
+from rpctl.equivalence.file_reading import FileReading, read
 from rpctl.equivalence.raw_file import RawFile, document
-from rpctl.equivalence.reading import Reading, read
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-OWN = "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
+NAME_PREFIX = (
+    "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
+)
 GRAVITY = (0.0, 0.0, -9.81)  # m/s², as Pinocchio's default
-ROUNDING = 1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
-LEAST = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
+LAMINA_TOLERANCE = (
+    1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
+)
+MIN_INERTIA = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
 
 
 class EngineRefused(RpctlError):
@@ -51,14 +55,14 @@ class Inertial:
         """Return why MuJoCo refuses it, or nothing."""
         a, b, c = np.linalg.eigvalsh(self.inertia)
         moments = f"(principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²)"
-        if a < -ROUNDING * abs(c):
+        if a < -LAMINA_TOLERANCE * abs(c):
             return f"inertia is not positive definite {moments}"
-        if c - a - b > ROUNDING * abs(c):
+        if c - a - b > LAMINA_TOLERANCE * abs(c):
             return f"inertia breaks the triangle rule {moments}"
         return ""
 
 
-NOTHING = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+MASSLESS = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 class MujocoModel:
@@ -85,7 +89,7 @@ class MujocoModel:
     def __init__(
         self,
         robot: Robot,
-        reading: Reading | None = None,
+        reading: FileReading | None = None,
         release: Callable[[Any, Any], None] | None = None,
     ) -> None:
         self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
@@ -97,21 +101,21 @@ class MujocoModel:
         self._freeze(spec)
         for head, poses in _rigid_bodies(self._raw, robot.locked).items():
             self._give_inertia(spec, head, poses)
-        (release or self._slide)(spec, spec.body(OWN + self._raw.root))
+        (release or self._add_planar_base)(spec, spec.body(NAME_PREFIX + self._raw.root))
         self.mjm = self._compiled(spec)
-        self.root = int(self.mjm.body(OWN + self._raw.root).id)
+        self.root = int(self.mjm.body(NAME_PREFIX + self._raw.root).id)
         self.joints = {
             joint.name: int(self.mjm.joint(joint.name).dofadr[0])
             for joint in self._raw.joints
             if joint.type != "fixed" and joint.name not in robot.locked
         }
 
-    def _slide(self, spec: Any, root: Any) -> None:
+    def _add_planar_base(self, spec: Any, root: Any) -> None:
         """Let the root link slide along x and y and turn about z."""
         kinds = self._mujoco.mjtJoint
-        root.add_joint(name=f"{OWN}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
-        root.add_joint(name=f"{OWN}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
-        root.add_joint(name=f"{OWN}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
+        root.add_joint(name=f"{NAME_PREFIX}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
+        root.add_joint(name=f"{NAME_PREFIX}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
+        root.add_joint(name=f"{NAME_PREFIX}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
 
     def _compiled(self, spec: Any) -> Any:
         """Return the model with inertias as they are given."""
@@ -123,14 +127,14 @@ class MujocoModel:
         try:
             return spec.compile()
         except ValueError as error:
-            reason = " ".join(str(error).replace(OWN, "").split())
+            reason = " ".join(str(error).replace(NAME_PREFIX, "").split())
             raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
 
     def _freeze(self, spec: Any) -> None:
         """Move the bodies behind locked joints to where these are locked."""
         for name, position in self._robot.locked.items():
             joint = self._raw.joint[name]
-            body = spec.body(OWN + joint.child)
+            body = spec.body(NAME_PREFIX + joint.child)
             if joint.type == "prismatic":
                 body.pos = body.pos + self._rotation(body.quat) @ (position * joint.axis)
                 continue
@@ -144,7 +148,7 @@ class MujocoModel:
 
         Where MuJoCo would refuse one of them, the whole body's inertia is given to the head.
         """
-        bodies = {link: self._read(spec.body(OWN + link)) for link in poses}
+        bodies = {link: self._read(spec.body(NAME_PREFIX + link)) for link in poses}
         faults = {link: body.fault() for link, body in bodies.items() if body.fault()}
         if faults:
             lines = self._robot.description.link
@@ -152,15 +156,15 @@ class MujocoModel:
             whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
             self._require(whole, named, tuple(poses))
             self.refused += named
-            self.fused += tuple(_fusion(link, head) for link in faults)
-            bodies = {link: whole if link == head else NOTHING for link in poses}
+            self.fused += tuple(_fusion_note(link, head) for link in faults)
+            bodies = {link: whole if link == head else MASSLESS for link in poses}
         for link, body in bodies.items():
-            self._write(spec.body(OWN + link), body)
+            self._write(spec.body(NAME_PREFIX + link), body)
 
     def _require(self, whole: Inertial, named: tuple[str, ...], links: tuple[str, ...]) -> None:
         """Refuse a moving body that is unphysical as a whole."""
         fault = whole.fault()
-        if not fault and np.linalg.eigvalsh(whole.inertia)[0] < LEAST:
+        if not fault and np.linalg.eigvalsh(whole.inertia)[0] < MIN_INERTIA:
             fault = "a principal moment is 0"
         if fault:
             raise EngineRefused(
@@ -204,7 +208,7 @@ def _bare_urdf(robot: Robot) -> str:
     estimated = robot.description.estimated_links
     for link in source.findall("link"):
         name = link.get("name")
-        copy = etree.SubElement(bare, "link", name=OWN + name)
+        copy = etree.SubElement(bare, "link", name=NAME_PREFIX + name)
         copy.extend(deepcopy(link.findall("inertial")[:1]))
         if name in estimated:
             copy.append(inertial_element(robot.description.link[name]))
@@ -213,7 +217,7 @@ def _bare_urdf(robot: Robot) -> str:
         kind = "fixed" if name in robot.locked else joint.get("type")
         copy = etree.SubElement(bare, "joint", name=name, type=kind)
         for end in ("parent", "child"):
-            etree.SubElement(copy, end, link=OWN + joint.find(end).get("link"))
+            etree.SubElement(copy, end, link=NAME_PREFIX + joint.find(end).get("link"))
         for tag in ("origin", "axis"):
             copy.extend(deepcopy(joint.findall(tag)[:1]))
         if joint.find("axis") is None:
@@ -224,17 +228,17 @@ def _bare_urdf(robot: Robot) -> str:
 def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
     """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
     bodies = {raw.root: {raw.root: np.eye(4)}}
-    edge = [(raw.root, raw.root)]
-    while edge:
-        link, head = edge.pop()
+    stack = [(raw.root, raw.root)]
+    while stack:
+        link, head = stack.pop()
         for joint in raw.below[link]:
             if joint.type != "fixed" and joint.name not in locked:
                 bodies[joint.child] = {joint.child: np.eye(4)}
-                edge.append((joint.child, joint.child))
+                stack.append((joint.child, joint.child))
             else:
                 pose = joint.motion(locked.get(joint.name, 0.0))
                 bodies[head][joint.child] = bodies[head][link] @ pose
-                edge.append((joint.child, head))
+                stack.append((joint.child, head))
     return bodies
 
 
@@ -249,7 +253,7 @@ def _sum(bodies: list[Inertial]) -> Inertial:
     return Inertial(mass, com, inertia)
 
 
-def _fusion(link: str, head: str) -> str:
+def _fusion_note(link: str, head: str) -> str:
     if link == head:
         return f'link "{link}" is made one body with the links fixed to it'
     return f'link "{link}" is made one body with "{head}", to which it is fixed'

@@ -19,22 +19,22 @@ from rpctl.drive.drive import Drive, Swivel
 from rpctl.equivalence.tree import SwivelPart, Tree
 
 
-class Rate(NamedTuple):
+class JointRate(NamedTuple):
     """A joint's rate as a row of u (n,), and its drift."""
 
     row: Array
     drift: Any
 
 
-class Base(NamedTuple):
+class BaseRates(NamedTuple):
     """The root link's twist J ν, the drift of its components, and the rates of joints."""
 
     J: Array  # (3, n)
     drift: Array  # (3,)
-    rates: dict[str, Rate]
+    rates: dict[str, JointRate]
 
 
-def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array) -> Base:
+def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array) -> BaseRates:
     """Return how a base moves when its wheels roll.
 
     Args:
@@ -47,12 +47,13 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
     identity = scalars.identity(n)
     own = len(drive.base_speeds) - len(drive.steered)
     rates = {
-        swivel.joint: Rate(identity[own + i], 0 * nu[0]) for i, swivel in enumerate(drive.steered)
+        swivel.joint: JointRate(identity[own + i], 0 * nu[0])
+        for i, swivel in enumerate(drive.steered)
     }
     for swivel in drive.swivels:
         if swivel.role == "mimic":
             leader, factor = tree.leader(swivel.joint)
-            rates[swivel.joint] = Rate(factor * rates[leader].row, 0 * nu[0])
+            rates[swivel.joint] = JointRate(factor * rates[leader].row, 0 * nu[0])
     J, drift = scalars.zeros((3, n)), scalars.zeros(3)
     if drive.steered:
         J, drift = _steered_twist(tree, drive, positions, nu, rates)
@@ -63,17 +64,21 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
         J[:, :3] = identity[:3, :3]
     for swivel in drive.swivels:
         if swivel.role == "caster":
-            rates[swivel.joint] = _dragged(tree, swivel.joint, positions, nu, J, drift)
+            rates[swivel.joint] = _caster_rate(tree, swivel.joint, positions, nu, J, drift)
         elif swivel.role == "follower":
-            rates[swivel.joint] = following(tree, drive, swivel, positions, nu, rates)
+            rates[swivel.joint] = follower_rate(tree, drive, swivel, positions, nu, rates)
     for wheel in drive.wheels:
         if wheel.swivel is not None:
-            rates[wheel.joint] = _spun(tree, wheel.joint, positions, nu, J, drift, rates)
-    return Base(J, drift, rates)
+            rates[wheel.joint] = _wheel_rate(tree, wheel.joint, positions, nu, J, drift, rates)
+    return BaseRates(J, drift, rates)
 
 
 def _steered_twist(
-    tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array, rates: Mapping[str, Rate]
+    tree: Tree,
+    drive: Drive,
+    positions: Mapping[str, Any],
+    nu: Array,
+    rates: Mapping[str, JointRate],
 ) -> tuple[Array, Array]:
     """Return J (3, n) and the drift of T from K T = U ν.
 
@@ -93,13 +98,13 @@ def _steered_twist(
         d = tree.heading(part, positions)
         row = lateral(d, part.pivot) + part.trail * _turn(tree)
         angle_row = part.sign * rates[swivel.joint].row
-        slope = -(angle_row @ nu) * rolling(d, part.pivot)
+        row_rate = -(angle_row @ nu) * rolling(d, part.pivot)
         if swivel.shares is None:
             K.append(row)
             U.append(-part.trail * angle_row)
-            K_dot.append(slope)
+            K_dot.append(row_rate)
         else:
-            K[-1], K_dot[-1] = K[-1] + row, K_dot[-1] + slope
+            K[-1], K_dot[-1] = K[-1] + row, K_dot[-1] + row_rate
             U[-1] = U[-1] - part.trail * angle_row
     first = tree.swivels[drive.steered[0].joint]
     speed = tree.scalars.identity(n)[0]
@@ -116,64 +121,64 @@ def _steered_twist(
     inverse = _inverse(K)
     J = inverse @ np.array(U)
     T = J @ nu
-    return J, inverse @ np.array([-(slope @ T) for slope in K_dot])
+    return J, inverse @ np.array([-(row_rate @ T) for row_rate in K_dot])
 
 
-def _dragged(
+def _caster_rate(
     tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, J: Array, drift: Array
-) -> Rate:
+) -> JointRate:
     """Return the rate of a caster: l·T + trail (ω + φ̇) = 0 at its contact."""
     part = tree.swivels[joint]
     d = tree.heading(part, positions)
     row, trail = lateral(d, part.pivot), part.sign * part.trail
     turned = -(row @ J + part.trail * J[2]) / trail
-    slope = -part.sign * (turned @ nu) * rolling(d, part.pivot)
-    return Rate(turned, -(row @ drift + part.trail * drift[2] + slope @ (J @ nu)) / trail)
+    row_rate = -part.sign * (turned @ nu) * rolling(d, part.pivot)
+    return JointRate(turned, -(row @ drift + part.trail * drift[2] + row_rate @ (J @ nu)) / trail)
 
 
-def _spun(
+def _wheel_rate(
     tree: Tree,
     joint: str,
     positions: Mapping[str, Any],
     nu: Array,
     J: Array,
     drift: Array,
-    rates: Mapping[str, Rate],
-) -> Rate:
+    rates: Mapping[str, JointRate],
+) -> JointRate:
     """Return the rate of a wheel on a swivel: its place's speed along its heading, over r."""
     wheel = tree.wheels[joint]
     swivel = str(wheel.swivel)
     part, turned = tree.swivels[swivel], rates[swivel]
     d = tree.heading(part, positions)
     row, angle_row = rolling(d, part.pivot), part.sign * turned.row
-    slope = (angle_row @ nu) * lateral(d, part.pivot)
+    row_rate = (angle_row @ nu) * lateral(d, part.pivot)
     spin = row @ J - wheel.left * (J[2] + angle_row)
-    change = row @ drift + slope @ (J @ nu) - wheel.left * (drift[2] + part.sign * turned.drift)
-    return Rate(spin / wheel.lever, change / wheel.lever)
+    change = row @ drift + row_rate @ (J @ nu) - wheel.left * (drift[2] + part.sign * turned.drift)
+    return JointRate(spin / wheel.lever, change / wheel.lever)
 
 
-def following(
+def follower_rate(
     tree: Tree,
     drive: Drive,
     swivel: Swivel,
     positions: Mapping[str, Any],
     nu: Array,
-    rates: Mapping[str, Rate],
-) -> Rate:
+    rates: Mapping[str, JointRate],
+) -> JointRate:
     """Return the rate of a swivel that heads along the velocity V which N = l₁ × l₂ gives it.
 
     φ = atan2(V_y, V_x), so φ̇ = V × V̇/|V|²; V̇ and the drift of V̈ come from those of N.
     """
-    rows, slopes = [], []  # l, and k with the row of φ̇
+    rows, derivatives = [], []  # l, and k with the row of φ̇
     if drive.has_axle:
         rows.append(lateral(tree.forward, tree.point))
-        slopes.append((rolling(tree.forward, tree.point), tree.scalars.zeros(len(nu))))
+        derivatives.append((rolling(tree.forward, tree.point), tree.scalars.zeros(len(nu))))
     for one in drive.steered:
         part = tree.swivels[one.joint]
         d = tree.heading(part, positions)
         rows.append(lateral(d, part.pivot))
-        slopes.append((rolling(d, part.pivot), part.sign * rates[one.joint].row))
-    (l1, l2), ((k1, row1), (k2, row2)) = rows, slopes
+        derivatives.append((rolling(d, part.pivot), part.sign * rates[one.joint].row))
+    (l1, l2), ((k1, row1), (k2, row2)) = rows, derivatives
     rate1, rate2 = row1 @ nu, row2 @ nu
     N = np.cross(l1, l2)
     first, second = -np.cross(k1, l2), -np.cross(l1, k2)  # of Ṅ, by φ̇₁ and by φ̇₂
@@ -184,7 +189,7 @@ def following(
     row = (_cross(V, A) * row1 + _cross(V, B) * row2) / square
     V_dot = rate1 * A + rate2 * B
     drift = (_cross(V, D) - 2 * (V @ V_dot) * (row @ nu)) / square
-    return Rate(row / part.sign, drift / part.sign)
+    return JointRate(row / part.sign, drift / part.sign)
 
 
 def rolling(d: Array, place: Array) -> Array:

@@ -147,12 +147,12 @@ class RawFile:
             start: The link.
         """
         found = {start or self.root: np.eye(4)}
-        edge = list(found)
-        while edge:
-            link = edge.pop()
+        stack = list(found)
+        while stack:
+            link = stack.pop()
             for joint in self.below[link]:
                 found[joint.child] = found[link] @ joint.motion(positions.get(joint.name, 0.0))
-                edge.append(joint.child)
+                stack.append(joint.child)
         return found
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-CONTACT = "MuJoCo, rolling on a plane"  # what the contact trial compares with
+CONTACT_ORACLE = "MuJoCo, rolling on a plane"  # what the contact trial compares with
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Check:
         return bool(self.residual <= self.limit)
 
     @property
-    def share(self) -> float:
+    def limit_ratio(self) -> float:
         """Residual over limit."""
         return self.residual / self.limit
 

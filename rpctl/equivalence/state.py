@@ -15,7 +15,7 @@ class State:
     """A random state, reproducible from a seed and an index.
 
     ``push`` is normal: the accelerations (rad/s² or m/s²) that each actuator alone would give its
-    own joint, besides what :func:`rpctl.equivalence.trial.efforts` adds to hold the robot.
+    own joint, besides what :func:`rpctl.equivalence.forced_state.efforts` adds to hold the robot.
     """
 
     q: Array  # (nq,) joints inside their limits

@@ -11,8 +11,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel, Wheel
+from rpctl.equivalence.file_reading import FileReading, read
 from rpctl.equivalence.raw_file import RawInertial
-from rpctl.equivalence.reading import Reading, read
 from rpctl.robot.model import Robot
 
 
@@ -72,7 +72,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Hinge:
+class TreeJoint:
     """A joint: its origin in the parent's frame, its unit axis, and what it follows."""
 
     name: str
@@ -86,7 +86,7 @@ class Hinge:
 
 
 @dataclass(frozen=True)
-class Rolling:
+class WheelPart:
     """A wheel: its radius, its centre along the axle, and where its contact stands still (3,).
 
     ``shift`` (3,) is where it grips, seen from itself, in the root link's axes. Of a wheel on a
@@ -128,7 +128,7 @@ class Tree:
         reading: Its file; read anew if None.
     """
 
-    def __init__(self, robot: Robot, scalars: Scalars, reading: Reading | None = None) -> None:
+    def __init__(self, robot: Robot, scalars: Scalars, reading: FileReading | None = None) -> None:
         self.scalars = scalars
         self.reading = reading = reading or read(robot)
         self._mimics = {joint.name: joint.mimic for joint in reading.joints if joint.mimic}
@@ -136,7 +136,7 @@ class Tree:
         for name in robot.description.estimated_links:
             inertials[name] = _estimate(robot, name)
         self.bodies = {n: self._body(n, each) for n, each in inertials.items() if _resists(each)}
-        self.below: dict[str, list[Hinge]] = {name: [] for name in inertials}
+        self.below: dict[str, list[TreeJoint]] = {name: [] for name in inertials}
         for joint in reading.joints:
             self.below[joint.parent].append(self._hinge(joint))
         hinges = [hinge for below in self.below.values() for hinge in below]
@@ -166,14 +166,14 @@ class Tree:
         leader, factor = self._leader(joint)
         return leader, self.scalars.number(factor, "number", "")
 
-    def _wheel(self, drive: Drive, wheel: Wheel, axle: Array) -> Rolling:
+    def _wheel(self, drive: Drive, wheel: Wheel, axle: Array) -> WheelPart:
         """Return a wheel's rolling; ``axle`` (3,) is in the root link's frame."""
         number, left = self.scalars.number, drive.heading + 0.5 * math.pi
         name, forward = wheel.joint, 1.0
         if wheel.swivel is not None:
             forward = wheel.direction[0] * axle[1] - wheel.direction[1] * axle[0]
         grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left), 0.0)
-        return Rolling(
+        return WheelPart(
             radius=number(wheel.radius, "length", f"radius of {name}"),
             offset=number(wheel.offset, "length", f"offset of {name}"),
             direction=self.scalars.numbers((*wheel.direction, 0.0), "direction", ""),
@@ -207,7 +207,7 @@ class Tree:
             inertia=numbers(inertia, "inertia", f"inertia of {name}"),
         )
 
-    def _hinge(self, joint: Any) -> Hinge:
+    def _hinge(self, joint: Any) -> TreeJoint:
         numbers = self.scalars.numbers
         origin = np.eye(4) if joint.origin is None else joint.origin
         axis = np.zeros(3)
@@ -215,7 +215,7 @@ class Tree:
             axis = np.asarray(joint.axis, dtype=float)
             axis = axis / np.linalg.norm(axis)
         leader, factor = self._leader(joint.name)
-        return Hinge(
+        return TreeJoint(
             name=joint.name,
             kind=joint.type,
             child=joint.child,

@@ -11,13 +11,13 @@ import numpy as np
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.geometry import DECLARED, SHAPES, Geometry
+from rpctl.equivalence.file_reading import FileReading, read, shared
+from rpctl.equivalence.forced_state import find_rounding_scales, force_state
 from rpctl.equivalence.gibbs_appell import GibbsAppell
-from rpctl.equivalence.measure import EXACT
-from rpctl.equivalence.reading import Reading, read, shared
-from rpctl.equivalence.row import CONTACT, Check, Skipped
+from rpctl.equivalence.residuals import EXACT_TOLERANCE
+from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
+from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state
-from rpctl.equivalence.trial import find_sizes, make_trial
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
@@ -90,7 +90,7 @@ def verify(
         shared=shared(robot, reading),
         idealised=tuple(each.sentence for each in idealisations(robot)),
     )
-    return _on_the_ground(robot, certificate) if contact else certificate
+    return _with_contact_trial(robot, certificate) if contact else certificate
 
 
 def _worst(
@@ -105,7 +105,7 @@ def _worst(
         state = draw_state(derivations.dynamics.robot, seed, sample)
         for check in _compare(derivations, state):
             known = found.get((check.name, check.against))
-            if known is None or check.share > known.share:
+            if known is None or check.limit_ratio > known.limit_ratio:
                 found[check.name, check.against] = replace(check, sample=sample)
         if progress is not None:
             progress(sample + 1)
@@ -120,28 +120,28 @@ def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
     """
     dynamics, oracle, mujoco = derivations.dynamics, derivations.oracle, derivations.mujoco
     yield from _computed("full tree", checks.full_tree, dynamics.robot, oracle, state)
-    terms = sizes = trial = None
+    terms = scales = trial = None
     try:
         terms = oracle.reduced(state.q, state.nu)
     except BREAKDOWNS as error:
         yield _broken_down("Gibbs-Appell equations", error)
     try:
-        sizes = find_sizes(dynamics, state, None if terms is None else terms.h_size)
-        trial = make_trial(dynamics, state, sizes)
+        scales = find_rounding_scales(dynamics, state, None if terms is None else terms.h_size)
+        trial = force_state(dynamics, state, scales)
     except BREAKDOWNS as error:
         yield _broken_down("reduced dynamics", error)
-    if terms is not None and sizes is not None:
-        yield from _computed("comparison", checks.reduced, dynamics, oracle, terms, sizes, state)
-    if sizes is not None:
-        yield from _computed("Coriolis terms", checks.coriolis, dynamics, sizes, state)
+    if terms is not None and scales is not None:
+        yield from _computed("comparison", checks.reduced, dynamics, oracle, terms, scales, state)
+    if scales is not None:
+        yield from _computed("Coriolis terms", checks.coriolis, dynamics, scales, state)
     yield from _computed("M", checks.definite, dynamics, state)
     if trial is not None:
         yield from _computed("multipliers", checks.multipliers, dynamics, trial)
         yield from _computed("consistency", checks.consistent, dynamics, trial)
         yield from _computed("motion", checks.motion, dynamics, state)
     yield from _computed(SHAPES, derivations.geometry.at, state)
-    if mujoco is not None and sizes is not None:
-        yield from _computed(checks.MUJOCO, checks.engine, dynamics, mujoco, sizes, state)
+    if mujoco is not None and scales is not None:
+        yield from _computed(checks.MUJOCO, checks.engine, dynamics, mujoco, scales, state)
 
 
 def _computed(
@@ -156,11 +156,11 @@ def _computed(
 
 def _broken_down(group: str, error: Exception) -> Check:
     """Return the row that says why a group of comparisons broke down; it fails."""
-    return Check("computed", group, np.inf, EXACT, entry=str(error))
+    return Check("computed", group, np.inf, EXACT_TOLERANCE, entry=str(error))
 
 
 def _engine(
-    robot: Robot, reading: Reading, engines: Sequence[str]
+    robot: Robot, reading: FileReading, engines: Sequence[str]
 ) -> tuple[MujocoEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
     for name in engines:
@@ -179,12 +179,12 @@ def _engine(
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 
 
-def _on_the_ground(robot: Robot, certificate: Certificate) -> Certificate:
+def _with_contact_trial(robot: Robot, certificate: Certificate) -> Certificate:
     """Return a certificate with the trial on the ground, or the row that says why there is none."""
-    from rpctl.equivalence.contact.trial import NAME, contact_trial
+    from rpctl.equivalence.contact.trial import CHECK_NAME, contact_trial
     from rpctl.equivalence.mujoco_engine import installed
 
-    trial = contact_trial(robot) if installed() else Skipped(NAME, CONTACT, ABSENT)
+    trial = contact_trial(robot) if installed() else Skipped(CHECK_NAME, CONTACT_ORACLE, ABSENT)
     if isinstance(trial, Skipped):
         return replace(certificate, skipped=(*certificate.skipped, trial))
     return replace(certificate, contact=trial)

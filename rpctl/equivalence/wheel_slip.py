@@ -19,7 +19,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
-from rpctl.equivalence.file_drive import ONE_LINE, ROUNDING
+from rpctl.equivalence.file_drive import LENGTH_ROUNDING_M, MAX_AXLE_OFFSET
 from rpctl.equivalence.raw_file import TURNING, RawFile
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -58,7 +58,7 @@ class FileMotion:
 
 
 @dataclass(frozen=True)
-class Rolling:
+class WheelMotion:
     """A wheel in motion.
 
     Attributes:
@@ -68,7 +68,7 @@ class Rolling:
         left: To the left of that (3,).
         slip: Velocity (3,) of its lowest point, m/s.
         speed: Of its centre, m/s.
-        rim: Its rate times its radius, m/s.
+        rim_speed: Its rate times its radius, m/s.
     """
 
     wheel: Wheel
@@ -77,7 +77,7 @@ class Rolling:
     left: Array
     slip: Array
     speed: float
-    rim: float
+    rim_speed: float
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,14 @@ class Slip:
 
     Attributes:
         speed: The robot's speed, m/s.
-        held: Slip where the ground holds, by wheel and direction, relative to the speed.
-        designed: Slip that the drive's model lets be, likewise.
+        constrained: Slip where the ground holds, by wheel and direction, relative to the speed.
+        by_design: Slip that the drive's model lets be, likewise.
         base: The base's own quasi-velocities as the file's places make them, by name.
     """
 
     speed: float
-    held: Mapping[str, float]
-    designed: Mapping[str, float]
+    constrained: Mapping[str, float]
+    by_design: Mapping[str, float]
     base: Mapping[str, float]
 
 
@@ -106,26 +106,30 @@ def slip(motion: FileMotion) -> Slip:
     """
     drive, wheels = motion.drive, [_rolling(motion, wheel) for wheel in motion.drive.wheels]
     speed = max((each.speed for each in wheels), default=0.0)
-    held: dict[str, float] = {}
-    designed: dict[str, float] = {}
+    constrained: dict[str, float] = {}
+    by_design: dict[str, float] = {}
     for each in wheels:
-        held[f"{each.wheel.joint}, {_rolls(drive, each)}"] = float(_along(drive, each) @ each.slip)
+        constrained[f"{each.wheel.joint}, {_rolls(drive, each)}"] = float(
+            _along(drive, each) @ each.slip
+        )
         if not _has_rollers(drive, each.wheel):
-            found = held if _held_sideways(drive, each) else designed
+            found = constrained if _held_sideways(drive, each) else by_design
             found[f"{each.wheel.joint}, sideways"] = float(each.left @ each.slip)
-    held |= _on_average(drive, wheels)
+    constrained |= _on_average(drive, wheels)
     if drive.has_axle:
-        held["P, sideways"] = float(_left(drive) @ motion.velocity(motion.raw.root, _point(drive)))
+        constrained["P, sideways"] = float(
+            _left(drive) @ motion.velocity(motion.raw.root, _point(drive))
+        )
     scale = 1.0 / speed if speed else 1.0
     return Slip(
         speed=speed,
-        held={key: scale * abs(size) for key, size in held.items()},
-        designed={key: scale * abs(size) for key, size in designed.items()},
+        constrained={key: scale * abs(size) for key, size in constrained.items()},
+        by_design={key: scale * abs(size) for key, size in by_design.items()},
         base=_base_speeds(motion, wheels),
     )
 
 
-def _base_speeds(motion: FileMotion, wheels: Sequence[Rolling]) -> dict[str, float]:
+def _base_speeds(motion: FileMotion, wheels: Sequence[WheelMotion]) -> dict[str, float]:
     """Return the base's own quasi-velocities: v, of P or the first steered wheels; vx, vy; ω."""
     drive, (vx, vy, turn) = motion.drive, motion.twist
     ahead = np.cross(_left(drive), UP)
@@ -136,11 +140,11 @@ def _base_speeds(motion: FileMotion, wheels: Sequence[Rolling]) -> dict[str, flo
         angle = first.heading + first.sign * motion.positions[first.joint]
         ahead = np.array([math.cos(angle), math.sin(angle), 0.0])
         carried = [each for each in wheels if each.wheel.swivel == first.joint]
-        values["v"] = np.mean([np.sign(each.ahead @ ahead) * each.rim for each in carried])
+        values["v"] = np.mean([np.sign(each.ahead @ ahead) * each.rim_speed for each in carried])
     return {name: float(values[name]) for name in drive.base_speeds if name in values}
 
 
-def _rolling(motion: FileMotion, wheel: Wheel) -> Rolling:
+def _rolling(motion: FileMotion, wheel: Wheel) -> WheelMotion:
     joint = motion.raw.joint[wheel.joint]
     pose = motion.poses[joint.child]
     axle = pose[:3, :3] @ joint.axis
@@ -151,14 +155,14 @@ def _rolling(motion: FileMotion, wheel: Wheel) -> Rolling:
     if wheel.shift and wheel.swivel is None:  # a declared track: it grips so far to its left
         slipping = slipping - motion.twist[2] * wheel.shift * np.cross(_left(motion.drive), UP)
     ahead = np.cross(axle, UP) / np.linalg.norm(np.cross(axle, UP))
-    return Rolling(
+    return WheelMotion(
         wheel=wheel,
         centre=centre,
         ahead=ahead,
         left=np.cross(UP, ahead),
         slip=slipping,
         speed=float(np.linalg.norm(motion.velocity(joint.parent, centre)[:2])),
-        rim=motion.rates[wheel.joint] * wheel.radius,
+        rim_speed=motion.rates[wheel.joint] * wheel.radius,
     )
 
 
@@ -166,19 +170,19 @@ def _has_rollers(drive: Drive, wheel: Wheel) -> bool:
     return drive.type in ("mecanum", "omni") and wheel.swivel is None and not wheel.slides
 
 
-def _rolls(drive: Drive, each: Rolling) -> str:
+def _rolls(drive: Drive, each: WheelMotion) -> str:
     on_roller = drive.type == "mecanum" and _has_rollers(drive, each.wheel)
     return "along its roller" if on_roller else "forward"
 
 
-def _along(drive: Drive, each: Rolling) -> Array:
+def _along(drive: Drive, each: WheelMotion) -> Array:
     """Return the direction (3,) in which the ground holds a wheel, whatever else slides."""
     if drive.type == "mecanum" and _has_rollers(drive, each.wheel):
         return np.array([*each.wheel.direction, 0.0])
     return each.ahead
 
 
-def _held_sideways(drive: Drive, each: Rolling) -> bool:
+def _held_sideways(drive: Drive, each: WheelMotion) -> bool:
     """Return whether the ground holds a wheel sideways, by itself."""
     if each.wheel.slides:
         return False
@@ -186,10 +190,10 @@ def _held_sideways(drive: Drive, each: Rolling) -> bool:
         return not _sharing(drive, each.wheel.swivel)
     arm = each.centre - _point(drive)
     abreast = abs(float(arm @ np.cross(_left(drive), UP)))
-    return abreast <= ONE_LINE * float(np.linalg.norm(arm[:2])) + ROUNDING
+    return abreast <= MAX_AXLE_OFFSET * float(np.linalg.norm(arm[:2])) + LENGTH_ROUNDING_M
 
 
-def _on_average(drive: Drive, wheels: Sequence[Rolling]) -> dict[str, float]:
+def _on_average(drive: Drive, wheels: Sequence[WheelMotion]) -> dict[str, float]:
     """Return the mean sideways velocity of swivels that share a lateral force, m/s."""
     groups: dict[tuple[str, ...], dict[str, float]] = {}
     for each in wheels:

@@ -32,6 +32,6 @@ def cap(name: str) -> int:
     return int(text)
 
 
-def raised(name: str) -> str:
+def how_to_raise(name: str) -> str:
     """Return how to raise a cap, as the end of a message."""
     return f"if it is meant, set RPCTL_{name} in the environment (rpctl.files.caps.{name})"

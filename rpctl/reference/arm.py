@@ -11,17 +11,19 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-DRAWS = 1500  # postures that are looked at for a comfortable one
+POSTURE_DRAWS = 1500  # postures that are looked at for a comfortable one
 SEED = 0  # of these draws: the same robot has the same posture every time
-INNER = 0.7  # of each joint's range, about its middle: where they are drawn from
-HEIGHT = 0.08  # m; how near to a wanted height a comfortable posture holds the end effector
-TURN = 0.3  # m/rad: what an angle counts beside a distance
+DRAWN_RANGE = 0.7  # of each joint's range, about its middle: where they are drawn from
+HEIGHT_TOLERANCE = (
+    0.08  # m; how near to a wanted height a comfortable posture holds the end effector
+)
+METRES_PER_RADIAN = 0.3  # m/rad: what an angle counts beside a distance
 IK_STEPS = 12  # of Newton's method; it starts near and needs three
-STRIDE = 0.2  # of half a joint's range: the longest of these steps
-IK_EXACT = 1e-10  # m: below, it has converged
-BRISK = 1.0  # s; joints that pass less than half their range in it count as slow
-CLOSE = 0.02  # weight of a joint at its limit, of one amid its range
-DAMPING = 1e-9  # of the largest eigenvalue: for arms that cannot move along every axis
+MAX_IK_STEP = 0.2  # of half a joint's range: the longest of these steps
+IK_TOLERANCE = 1e-10  # m: below, it has converged
+BRISK_TIME = 1.0  # s; joints that pass less than half their range in it count as slow
+LIMIT_JOINT_WEIGHT = 0.02  # weight of a joint at its limit, of one amid its range
+IK_DAMPING = 1e-9  # of the largest eigenvalue: for arms that cannot move along every axis
 
 
 class Arm:
@@ -68,15 +70,15 @@ class Arm:
         """The middle of the joints' ranges (n,)."""
         return 0.5 * (self.upper + self.lower)
 
-    def full(self, positions: Array) -> Array:
+    def all_joints(self, positions: Array) -> Array:
         """Return positions of all joints of the robot (n_joints,), those of others at home."""
         joints = self.robot.home.copy()
         joints[self.joints] = positions
         return joints
 
-    def place(self, pose: Array, positions: Array) -> pin.SE3:
+    def end_effector_pose(self, pose: Array, positions: Array) -> pin.SE3:
         """Return the end effector's pose in the world."""
-        q = self.robot.configuration_at(pose, self.full(positions))
+        q = self.robot.configuration_at(pose, self.all_joints(positions))
         return self.robot.end_effector_pose(self._data, q)
 
     def jacobian(self, pose: Array, positions: Array) -> tuple[pin.SE3, Array, Array]:
@@ -86,7 +88,7 @@ class Arm:
             Its pose; its velocity and turning rate (6,) in the world's axes by the rates of P's
             pose x, y, θ (6, 3); and by the joints' rates (6, n).
         """
-        q = self.robot.configuration_at(pose, self.full(positions))
+        q = self.robot.configuration_at(pose, self.all_joints(positions))
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         whole = pin.computeFrameJacobian(self.robot.model, self._data, q, self._frame, frame)
         found = self._data.oMf[self._frame] = pin.updateFramePlacement(
@@ -98,7 +100,7 @@ class Arm:
         base[:2, 2] = pose[1] - y, x - pose[0]
         return found, base, whole @ self._columns
 
-    def reach(self, pose: Array, near: Array, position: Array, rotation: Array | None) -> Array:
+    def solve_ik(self, pose: Array, near: Array, position: Array, rotation: Array | None) -> Array:
         """Return the positions (n,), nearest to ``near``, that take the end effector to a place.
 
         Newton's method with the least steps relative to the joints' ranges; a smooth place, pose
@@ -112,30 +114,32 @@ class Arm:
         """
         positions = near.copy()
         room = 1.0 - np.clip((near - self.middle) / self.half_range, -1.0, 1.0) ** 2
-        brisk = np.minimum(self.half_range, self.velocity * BRISK)
-        weight = brisk**2 * (room + CLOSE)  # slow joints and those near their limits move least
+        brisk_range = np.minimum(self.half_range, self.velocity * BRISK_TIME)
+        weight = brisk_range**2 * (
+            room + LIMIT_JOINT_WEIGHT
+        )  # slow joints and those near their limits move least
         for _ in range(IK_STEPS):
             found, _, jacobian = self.jacobian(pose, positions)
-            miss, rows = error(found, jacobian, position, rotation)
-            if np.abs(miss).max() < IK_EXACT:
+            miss, rows = pose_error(found, jacobian, position, rotation)
+            if np.abs(miss).max() < IK_TOLERANCE:
                 break
             square = (rows * weight) @ rows.T
-            damping = DAMPING * np.trace(square) * np.eye(len(miss))
+            damping = IK_DAMPING * np.trace(square) * np.eye(len(miss))
             pull = np.linalg.lstsq(square + damping, miss, rcond=None)[0]  # few joints: singular
             step = weight * (rows.T @ pull)
-            step /= max(1.0, float(np.abs(step / self.half_range).max()) / STRIDE)
+            step /= max(1.0, float(np.abs(step / self.half_range).max()) / MAX_IK_STEP)
             positions = np.clip(positions + step, self.lower, self.upper)
         return positions
 
-    def comfortable(self, height: float | None) -> Array:
+    def comfortable_posture(self, height: float | None) -> Array:
         """Return a posture (n,) far from limits and singularities, the end effector ahead.
 
         Of seeded random postures, the one of the largest manipulability; for a base that drives,
         times how straight ahead of P the end effector is, and how near to a height (m).
         """
         rng = np.random.default_rng(SEED)
-        draws = self.middle + INNER * self.half_range * rng.uniform(
-            -1, 1, (DRAWS, len(self.joints))
+        draws = self.middle + DRAWN_RANGE * self.half_range * rng.uniform(
+            -1, 1, (POSTURE_DRAWS, len(self.joints))
         )
         scores = [self._comfort(positions, height) for positions in np.vstack([self.home, draws])]
         return np.vstack([self.home, draws])[int(np.argmax(scores))]
@@ -146,13 +150,13 @@ class Arm:
         score = float(np.prod(values[values > 1e-3 * values[0]])) if values.size else 0.0
         x, y, z = found.translation
         if height is not None:
-            score *= math.exp(-0.5 * ((z - height) / HEIGHT) ** 2)
+            score *= math.exp(-0.5 * ((z - height) / HEIGHT_TOLERANCE) ** 2)
         if self.robot.drive.base_speeds:
             score *= max(x, 0.0) / max(math.hypot(x, y), 1e-9) * min(1.0, max(x, 0.0) / 0.3)
         return score
 
 
-def error(
+def pose_error(
     found: pin.SE3, jacobian: Array, position: Array, rotation: Array | None
 ) -> tuple[Array, Array]:
     """Return how far a place is away (m, angles in m too) and how motion closes the gap.
@@ -166,5 +170,5 @@ def error(
     miss = position - found.translation
     if rotation is None:
         return miss, jacobian[:3]
-    turn = TURN * pin.log3(rotation @ found.rotation.T)
-    return np.concatenate([miss, turn]), np.vstack([jacobian[:3], TURN * jacobian[3:]])
+    turn = METRES_PER_RADIAN * pin.log3(rotation @ found.rotation.T)
+    return np.concatenate([miss, turn]), np.vstack([jacobian[:3], METRES_PER_RADIAN * jacobian[3:]])

@@ -15,14 +15,14 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.findings import Fault, excerpt, parse_numbers
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.caps import cap, raised
+from rpctl.files.caps import cap, how_to_raise
 
-BASE, HEADING = ("x", "y"), "theta"
-PLACE, TURN = ("ee_x", "ee_y", "ee_z"), ("ee_qx", "ee_qy", "ee_qz", "ee_qw")
-POSES = (*BASE, HEADING, *PLACE, *TURN)
-FEWEST = 6  # rows that a quintic spline takes
-UNIT = 1e-3  # how far a quaternion's length may be from 1
-ABSURD = 1e6  # m, rad or s: no row of a robot's motion reaches it
+BASE_COLUMNS, HEADING = ("x", "y"), "theta"
+EE_COLUMNS, QUATERNION = ("ee_x", "ee_y", "ee_z"), ("ee_qx", "ee_qy", "ee_qz", "ee_qw")
+POSE_COLUMNS = (*BASE_COLUMNS, HEADING, *EE_COLUMNS, *QUATERNION)
+MIN_ROWS = 6  # rows that a quintic spline takes
+QUATERNION_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1
+MAX_ABSOLUTE = 1e6  # m, rad or s: no row of a robot's motion reaches it
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,9 @@ def read_text(path: str | Path) -> str:
         with Path(path).open("rb") as file:
             data = file.read(cap("MAX_BYTES") + 1)
         if len(data) > cap("MAX_BYTES"):
-            raise refusal(path, [(None, f"over {cap('MAX_BYTES')} bytes; {raised('MAX_BYTES')}")])
+            raise refusal(
+                path, [(None, f"over {cap('MAX_BYTES')} bytes; {how_to_raise('MAX_BYTES')}")]
+            )
         return data.decode("utf-8-sig")
     except OSError as error:
         fault = f"{error.strerror or error}; give a reference file"
@@ -98,7 +100,7 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
             if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#"):
                 rows.append((reader.line_num, [cell.strip() for cell in row]))
             if len(rows) > most + 1:
-                fault = f"over {most} rows; thin it out, or {raised('MAX_ROWS')}"
+                fault = f"over {most} rows; thin it out, or {how_to_raise('MAX_ROWS')}"
                 raise refusal(path, [(reader.line_num, fault)])
     except csv.Error as error:
         fault = f"not CSV: {error}; separate numbers by commas"
@@ -111,10 +113,10 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
         raise refusal(path, [(header, fault) for fault in faults])
     values, lines, bad = _values(rows, names)
     bad += _time_faults(values, lines, names.index("t"))
-    if set(TURN) <= set(names):
-        bad += _turn_faults(values, lines, [names.index(name) for name in TURN])
-    if not bad and len(rows) < FEWEST:
-        bad.append((lines[-1] if lines else header, f"{len(rows)} rows; give {FEWEST} or more"))
+    if set(QUATERNION) <= set(names):
+        bad += _quaternion_faults(values, lines, [names.index(name) for name in QUATERNION])
+    if not bad and len(rows) < MIN_ROWS:
+        bad.append((lines[-1] if lines else header, f"{len(rows)} rows; give {MIN_ROWS} or more"))
     if bad:
         raise refusal(path, sorted(bad))
     columns = dict(zip(names, values.T, strict=True))
@@ -123,7 +125,7 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
 
 
 def _header_faults(names: list[str], joints: Sequence[str]) -> list[str]:
-    known = ("t", *POSES, *joints)
+    known = ("t", *POSE_COLUMNS, *joints)
     faults = []
     for name in dict.fromkeys(names):
         if name not in known:
@@ -134,12 +136,12 @@ def _header_faults(names: list[str], joints: Sequence[str]) -> list[str]:
             faults.append(f'column "{excerpt(name)}" comes {names.count(name)} times; keep one')
     if "t" not in names:
         faults.append("no column t; add the time in s")
-    for group in (BASE, PLACE, TURN):
+    for group in (BASE_COLUMNS, EE_COLUMNS, QUATERNION):
         missing = [name for name in group if name not in names]
         if missing and len(missing) < len(group):
             there = next(name for name in group if name in names)
             faults.append(f"column {', '.join(missing)} is missing beside {there}; add it")
-    for name, needed in ((HEADING, BASE), (TURN[0], PLACE)):
+    for name, needed in ((HEADING, BASE_COLUMNS), (QUATERNION[0], EE_COLUMNS)):
         if name in names and needed[0] not in names:
             faults.append(f"column {name} needs {', '.join(needed)} beside it; add them")
     if not faults and len(names) == 1:
@@ -168,7 +170,7 @@ def _values(
                 continue
             if number is None:
                 faults.append((line, f"{name} is empty; give a number or leave the row out"))
-            elif abs(number) > ABSURD:
+            elif abs(number) > MAX_ABSOLUTE:
                 faults.append((line, f"{name} is {number:g}, which is absurd; use s, m and rad"))
             else:
                 numbers.append(number)
@@ -189,10 +191,15 @@ def _time_faults(values: Array, lines: list[int], column: int) -> list[tuple[int
     return faults
 
 
-def _turn_faults(values: Array, lines: list[int], columns: list[int]) -> list[tuple[int, str]]:
+def _quaternion_faults(
+    values: Array, lines: list[int], columns: list[int]
+) -> list[tuple[int, str]]:
     lengths = np.linalg.norm(values[:, columns], axis=1)
     return [
-        (line, f"the quaternion {', '.join(TURN)} has length {length:.4g}; scale it to length 1")
+        (
+            line,
+            f"the quaternion {', '.join(QUATERNION)} has length {length:.4g}; scale it to length 1",
+        )
         for line, length in zip(lines, lengths, strict=True)
-        if abs(length - 1.0) > UNIT
+        if abs(length - 1.0) > QUATERNION_TOLERANCE
     ]

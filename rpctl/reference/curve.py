@@ -15,12 +15,12 @@ from rpctl.errors import RpctlError
 from rpctl.reference.paths import Path, PathPoint, planar
 
 DEGREE = 5  # the fourth derivative is continuous
-PIECES = 4  # of the spline between two waypoints
-SAMPLES = 24  # a piece between two waypoints, where bending is measured
-STIFFNESS = 0.3  # of the mean distance: over this length curvature changes
-ROUNDS = 60  # in which the bend is shifted from where it is too sharp
-NEAR = 1e-6  # m; waypoints nearer than this are one
-SHARPEST = math.radians(170.0)  # a turn beyond is a cusp
+SPANS_PER_LEG = 4  # of the spline between two waypoints
+SAMPLES_PER_LEG = 24  # a piece between two waypoints, where bending is measured
+STIFFNESS_LENGTH = 0.3  # of the mean distance: over this length curvature changes
+REWEIGHTING_STEPS = 60  # in which the bend is shifted from where it is too sharp
+COINCIDENT = 1e-6  # m; waypoints nearer than this are one
+MAX_TURN = math.radians(170.0)  # a turn beyond is a cusp
 
 
 class Waypoint(NamedTuple):
@@ -39,13 +39,13 @@ def check_waypoints(waypoints: Sequence[Waypoint]) -> list[str]:
     faults = [
         f"waypoint {i} repeats waypoint {i - 1}; leave one of them out"
         for i, leg in enumerate(legs, start=2)
-        if abs(leg) < NEAR
+        if abs(leg) < COINCIDENT
     ]
     for i, (come, go) in enumerate(pairwise(legs), start=2):
-        if min(abs(come), abs(go)) < NEAR:
+        if min(abs(come), abs(go)) < COINCIDENT:
             continue
         turn = abs(math.remainder(np.angle(go) - np.angle(come), 2.0 * math.pi))
-        if turn > SHARPEST:
+        if turn > MAX_TURN:
             faults.append(
                 f"waypoint {i} turns the path back by {math.degrees(turn):.0f} degrees; "
                 "lead it round by further waypoints"
@@ -87,21 +87,23 @@ def _fit(
     waypoints: Sequence[Waypoint], s: Array, radius: float
 ) -> tuple[BSpline, tuple[float, float] | None]:
     """Return the spline, and where it is too sharp (s, radius) if it is."""
-    inner = np.concatenate([np.linspace(a, b, PIECES, endpoint=False) for a, b in pairwise(s)])
+    inner = np.concatenate(
+        [np.linspace(a, b, SPANS_PER_LEG, endpoint=False) for a, b in pairwise(s)]
+    )
     knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE + 1, s[-1])])
     count = len(knots) - DEGREE - 1
-    unit = BSpline(knots, np.eye(count), DEGREE)
-    grid = np.linspace(s[:-1], s[1:], SAMPLES, endpoint=False).T.ravel()
+    basis = BSpline(knots, np.eye(count), DEGREE)
+    grid = np.linspace(s[:-1], s[1:], SAMPLES_PER_LEG, endpoint=False).T.ravel()
     grid = np.append(grid, s[-1])
-    share = np.gradient(grid)
-    slope, bend, twist = (unit.derivative(order)(grid) for order in (1, 2, 3))
-    stiff = (STIFFNESS * s[-1] / (len(s) - 1)) ** 2
-    fixed, values = _conditions(waypoints, s, unit)
+    quadrature = np.gradient(grid)
+    slope, bend, twist = (basis.derivative(order)(grid) for order in (1, 2, 3))
+    stiff = (STIFFNESS_LENGTH * s[-1] / (len(s) - 1)) ** 2
+    fixed, values = _conditions(waypoints, s, basis)
     weight = np.ones(len(grid))
     least, found, where = -1.0, None, 0.0
-    for _ in range(ROUNDS):
-        cost = bend.T @ ((weight * share)[:, None] * bend)
-        cost += stiff * twist.T @ (share[:, None] * twist)
+    for _ in range(REWEIGHTING_STEPS):
+        cost = bend.T @ ((weight * quadrature)[:, None] * bend)
+        cost += stiff * twist.T @ (quadrature[:, None] * twist)
         system = np.block([[cost, fixed.T], [fixed, np.zeros((len(fixed), len(fixed)))]])
         right = np.vstack([np.zeros((count, 2)), values])
         c = np.linalg.solve(system, right)[:count]
@@ -119,10 +121,10 @@ def _fit(
     return spline, (where, least) if least < max(radius, 1e-3) else None
 
 
-def _conditions(waypoints: Sequence[Waypoint], s: Array, unit: BSpline) -> tuple[Array, Array]:
+def _conditions(waypoints: Sequence[Waypoint], s: Array, basis: BSpline) -> tuple[Array, Array]:
     """Return the linear conditions on the coefficients: places, and headings at unit speed."""
-    rows, values = list(unit(s)), [(w.x, w.y) for w in waypoints]
-    for waypoint, slope in zip(waypoints, unit.derivative()(s), strict=True):
+    rows, values = list(basis(s)), [(w.x, w.y) for w in waypoints]
+    for waypoint, slope in zip(waypoints, basis.derivative()(s), strict=True):
         if waypoint.heading is not None:
             rows.append(slope)
             values.append((math.cos(waypoint.heading), math.sin(waypoint.heading)))

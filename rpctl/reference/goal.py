@@ -14,7 +14,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 
 DEGREE = 5
-NEAR = 1e-6  # m; points nearer than this are one
+COINCIDENT = 1e-6  # m; points nearer than this are one
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Goal:
         points = self.position(np.linspace(self.start, self.end, 400))
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
-    def told(self, s: float) -> str:
+    def label(self, s: float) -> str:
         """Return s in words."""
         return f"t = {s - self.start:.3g} s" if self.timed else f"{s:.3g} m of the path on"
 
@@ -68,7 +68,7 @@ def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
     places = np.array(points, dtype=np.float64)
     legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
     for number, leg in enumerate(legs, start=1):
-        if leg < NEAR:
+        if leg < COINCIDENT:
             raise RpctlError(f"point {number + 1} repeats point {number}; leave one of them out")
         if leg < 2.0 * corner:
             raise RpctlError(

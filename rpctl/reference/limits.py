@@ -12,12 +12,12 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, is_number
-from rpctl.reference.motion import EASE
+from rpctl.reference.motion import TURNING_RADIUS_FACTOR
 from rpctl.reference.time_law import Bound
 from rpctl.robot.model import BASE_NV, Robot
 
-SHARE = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
-RISE = 0.5  # s; a joint takes at least this long to its velocity limit
+VELOCITY_LIMIT_FRACTION = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
+SPEED_RISE_TIME = 0.5  # s; a joint takes at least this long to its velocity limit
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Limits:
 
     def steerable(self, robot: Robot) -> Limits:
         """Return limits whose turning radius a robot can steer, with room for corrections."""
-        least = EASE * turning_radius(robot.drive, robot.description.joint)
+        least = TURNING_RADIUS_FACTOR * turning_radius(robot.drive, robot.description.joint)
         return replace(self, turning_radius=max(self.turning_radius, least))
 
     def base(self, robot: Robot, direction: Array) -> list[Bound]:
@@ -96,9 +96,9 @@ class Limits:
 
 def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:
     """Return the bounds of the joints from their derivatives by s, (N, n_joints) each."""
-    limits = (SHARE * joint.velocity for joint in robot.joints)
+    limits = (VELOCITY_LIMIT_FRACTION * joint.velocity for joint in robot.joints)
     return [
-        Bound(slope[:, i], bend[:, i], limit, limit / RISE)
+        Bound(slope[:, i], bend[:, i], limit, limit / SPEED_RISE_TIME)
         for i, limit in enumerate(limits)
         if math.isfinite(limit)
     ]
@@ -109,7 +109,7 @@ def _wheel_bounds(robot: Robot, twist: Array) -> list[Bound]:
     root = twist @ robot.root_velocity.T
     bounds = []
     for wheel, rate in zip(robot.drive.wheels, wheel_rates(robot), strict=True):
-        limit = SHARE * robot.description.joint[wheel.joint].velocity
+        limit = VELOCITY_LIMIT_FRACTION * robot.description.joint[wheel.joint].velocity
         rates = np.abs(twist @ rate)
         if wheel.swivel is not None:  # it heads along its pivot's velocity
             x, y = next(s.pivot for s in robot.drive.swivels if s.joint == wheel.swivel)

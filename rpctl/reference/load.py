@@ -12,24 +12,24 @@ from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
 from rpctl.reference.arm import Arm
 from rpctl.reference.csv_file import read_table, refusal
 from rpctl.reference.curve import Waypoint, curve_through
+from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, arm_bounds
 from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
-from rpctl.reference.reach import plan_reach
 from rpctl.reference.recorded import reference_from_table
 from rpctl.reference.time_law import time_law
-from rpctl.reference.timed import Curves, TimedPath, along, constant
-from rpctl.reference.toml_file import CORNER, read_path_file
+from rpctl.reference.timed_path import Curves, TimedPath, along, constant
+from rpctl.reference.toml_file import DEFAULT_CORNER, read_path_file
 from rpctl.robot.model import Robot
 
-GRID = 0.01  # m of a path between the points where limits are looked at
-FINEST, COARSEST = 3000, 300  # such points
+LIMIT_SPACING = 0.01  # m of a path between the points where limits are looked at
+MAX_LIMIT_POINTS, MIN_LIMIT_POINTS = 3000, 300  # such points
 
 SLALOM = ((0.0, 0.0, 0.0), (1.5, 0.6), (2.6, -0.5), (4.0, 0.2), (3.6, 1.7), (1.8, 1.9), (0.2, 1.2))
 SLALOM_RADIUS = 0.6  # m; of its tightest bend, about: it grows where a robot cannot steer so
-SIDE = 1.5  # m; of the end effector's square on a base that drives
-FIXED_SHARE = 0.15  # of how far a fixed arm holds its end effector: the side of its square
-MADE = ("waypoints", "ee-square")
+SQUARE_SIDE = 1.5  # m; of the end effector's square on a base that drives
+FIXED_ARM_SIDE_RATIO = 0.15  # of how far a fixed arm holds its end effector: the side of its square
+PLANNED_REFERENCES = ("waypoints", "ee-square")
 
 
 def load_reference(robot: Robot, source: str) -> Reference:
@@ -51,13 +51,15 @@ def load_reference(robot: Robot, source: str) -> Reference:
             source, lambda: along_goal(robot, polyline(asked.points, asked.corner), asked.limits)
         )
     if source == "waypoints":
-        room = max(1.0, Limits().steerable(robot).turning_radius / SLALOM_RADIUS)
-        rows = [(room * x, room * y, *heading) for x, y, *heading in SLALOM]
+        scale = max(1.0, Limits().steerable(robot).turning_radius / SLALOM_RADIUS)
+        rows = [(scale * x, scale * y, *heading) for x, y, *heading in SLALOM]
         return along_waypoints(robot, [Waypoint(*row) for row in rows], Limits())
     if source == "ee-square":
         return along_goal(robot, _square(robot), Limits())
     if source not in BASE_PATHS:
-        raise UnknownNameError("reference", source, (*BASE_PATHS, *MADE, "FILE.csv", "FILE.toml"))
+        raise UnknownNameError(
+            "reference", source, (*BASE_PATHS, *PLANNED_REFERENCES, "FILE.csv", "FILE.toml")
+        )
     return reference_by_name(robot, source)
 
 
@@ -72,8 +74,8 @@ def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits)
     limits = limits.steerable(robot)
     path, end = curve_through(waypoints, limits.turning_radius)
     s = _grid(0.0, end)
-    clock = time_law(s, limits.base(robot, along(path, s)))
-    return TimedPath(path, constant(robot.home, 0.0, end), clock)
+    timing = time_law(s, limits.base(robot, along(path, s)))
+    return TimedPath(path, constant(robot.home, 0.0, end), timing)
 
 
 def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
@@ -83,32 +85,32 @@ def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
         RpctlError: The end effector cannot follow.
     """
     limits = limits.steerable(robot)
-    reach = plan_reach(robot, goal, limits)
+    plan = plan_reach(robot, goal, limits)
     s = _grid(goal.start, goal.end)
-    place, joints = goal.position, reach.joints
+    place, joints = goal.position, plan.joints
     bounds = [
-        *limits.base(robot, along(reach.path, s)),
+        *limits.base(robot, along(plan.path, s)),
         *limits.end_effector(place(s, 1), place(s, 2)),
         *arm_bounds(robot, joints(s, 1), joints(s, 2)),
     ]
-    return TimedPath(reach.path, Curves(joints), time_law(s, bounds))
+    return TimedPath(plan.path, Curves(joints), time_law(s, bounds))
 
 
 def _square(robot: Robot) -> Goal:
     """Return a level square that begins where a comfortable arm holds the end effector."""
     arm = Arm(robot)
-    start = arm.place(np.zeros(3), arm.comfortable(None)).translation
-    side, shift = SIDE, 0.0
+    start = arm.end_effector_pose(np.zeros(3), arm.comfortable_posture(None)).translation
+    side, shift = SQUARE_SIDE, 0.0
     if not robot.drive.base_speeds:
-        side = FIXED_SHARE * float(np.linalg.norm(start))
+        side = FIXED_ARM_SIDE_RATIO * float(np.linalg.norm(start))
         shift = -0.5 * side
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]) * side + shift
     corners[:, 2] = 0.0
-    return polyline((start + corners).tolist(), min(CORNER, 0.25 * side))
+    return polyline((start + corners).tolist(), min(DEFAULT_CORNER, 0.25 * side))
 
 
 def _grid(start: float, end: float) -> Array:
-    count = int(np.clip((end - start) / GRID, COARSEST, FINEST))
+    count = int(np.clip((end - start) / LIMIT_SPACING, MIN_LIMIT_POINTS, MAX_LIMIT_POINTS))
     return np.linspace(start, end, count + 1)
 
 

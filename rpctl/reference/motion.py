@@ -16,10 +16,10 @@ from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
 from rpctl.robot.model import Robot
 
-SPEED_SHARE = 0.5  # of a joint's velocity limit: what an arm reference uses at most
-RANGE_SHARE = 0.8  # of the way to the nearer limit: how far an arm reference swings at most
-SLIDE_SWING = 0.15  # m; the largest swing of a sliding joint
-TURN_SWING = 0.4  # rad; the largest swing of a turning joint
+SPEED_FRACTION = 0.5  # of a joint's velocity limit: what an arm reference uses at most
+RANGE_FRACTION = 0.8  # of the way to the nearer limit: how far an arm reference swings at most
+MAX_PRISMATIC_SWING = 0.15  # m; the largest swing of a sliding joint
+MAX_REVOLUTE_SWING = 0.4  # rad; the largest swing of a turning joint
 WAVE_PERIODS = (10.0, 8.0, 12.5)  # s; taken in turn, so that neighbouring joints move apart
 
 
@@ -54,13 +54,17 @@ class Waves:
     amplitude: Array = field(repr=False)  # (n_joints,)
     rate: Array = field(repr=False)  # (n_joints,) rad/s
 
-    def __call__(self, tick: paths.Tick) -> tuple[Array, Array, Array]:
+    def __call__(self, path_time: paths.PathTime) -> tuple[Array, Array, Array]:
         """Return positions, rates and accelerations (n_joints,) each."""
-        sin, cos = np.sin(self.rate * tick.s), np.cos(self.rate * tick.s)
+        sin, cos = np.sin(self.rate * path_time.s), np.cos(self.rate * path_time.s)
         slope = self.amplitude * self.rate * cos
         bend = -self.amplitude * self.rate**2 * sin
         position = self.centre + self.amplitude * sin
-        return position, slope * tick.rate, bend * tick.rate**2 + slope * tick.acceleration
+        return (
+            position,
+            slope * path_time.rate,
+            bend * path_time.rate**2 + slope * path_time.acceleration,
+        )
 
 
 def waves(robot: Robot) -> Waves:
@@ -75,8 +79,8 @@ def waves(robot: Robot) -> Waves:
 
 def _swing(joint: Joint, home: float, rate: float) -> float:
     room = min(home - joint.lower, joint.upper - home)
-    widest = SLIDE_SWING if joint.kind == "prismatic" else TURN_SWING
-    return max(0.0, min(widest, RANGE_SHARE * room, SPEED_SHARE * joint.velocity / rate))
+    widest = MAX_PRISMATIC_SWING if joint.kind == "prismatic" else MAX_REVOLUTE_SWING
+    return max(0.0, min(widest, RANGE_FRACTION * room, SPEED_FRACTION * joint.velocity / rate))
 
 
 @dataclass(frozen=True)
@@ -97,10 +101,10 @@ class PathReference:
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the reference at time ``t`` (s)."""
-        arm = self.arm(paths.soft_clock(t, 1.0, self.ramp))
+        arm = self.arm(paths.ramped_time(t, 1.0, self.ramp))
         if self.path is None:
             return ReferenceState(np.zeros(3), np.zeros(3), np.zeros(3), *arm)
-        s, ds, dds = paths.soft_clock(t, self.rate, self.ramp)
+        s, ds, dds = paths.ramped_time(t, self.rate, self.ramp)
         point = self.path(s)
         along, bend, twice = point.direction
         return ReferenceState(
@@ -112,12 +116,14 @@ class PathReference:
         )
 
 
-RAMP = 3.0  # s
-LAP = 20.0  # s; a closed path is run through once in this time, soft start included
-LAP_RATE = 2.0 * math.pi / (LAP - 0.5 * RAMP)
+RAMP_TIME = 3.0  # s
+LAP_TIME = 20.0  # s; a closed path is run through once in this time, soft start included
+LAP_RATE = 2.0 * math.pi / (LAP_TIME - 0.5 * RAMP_TIME)
 LINE_RATE = 0.3  # m/s
-BENDS = 101  # places at which a path's curvature is looked at
-EASE = 1.5  # times the tightest bend that the robot can steer: room for corrections
+CURVATURE_SAMPLES = 101  # places at which a path's curvature is looked at
+TURNING_RADIUS_FACTOR = (
+    1.5  # times the tightest bend that the robot can steer: room for corrections
+)
 
 # Name: path, and its pace at full speed.
 BASE_PATHS: dict[str, tuple[Callable[[], paths.Path], float]] = {
@@ -143,7 +149,7 @@ def reference_by_name(robot: Robot, name: str) -> PathReference:
         raise UnknownNameError("reference", name, BASE_PATHS)
     make, rate = BASE_PATHS[name]
     if not robot.drive.base_speeds:
-        return PathReference(None, rate, waves(robot), RAMP)
+        return PathReference(None, rate, waves(robot), RAMP_TIME)
     if name == "spin" and robot.drive.has_axle and robot.drive.steered:
         raise RpctlError(
             f"{robot.name} cannot follow a spin: a {robot.drive.type} base does not turn on the "
@@ -152,12 +158,12 @@ def reference_by_name(robot: Robot, name: str) -> PathReference:
     growth = _growth(robot, make())
     # As the size grows, the pace falls: the acceleration into the bends stays what it was.
     path = paths.scaled(make(), growth)
-    return PathReference(path, rate / math.sqrt(growth), waves(robot), RAMP)
+    return PathReference(path, rate / math.sqrt(growth), waves(robot), RAMP_TIME)
 
 
 def _growth(robot: Robot, path: paths.Path) -> float:
     """Return how many times larger a closed path has to be for a robot to steer along it."""
     radius = turning_radius(robot.drive, robot.description.joint)
-    along = (path(s).direction[0] for s in np.linspace(0.0, 2.0 * math.pi, BENDS))
+    along = (path(s).direction[0] for s in np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES))
     bend = max(abs(turn) / abs(speed) if speed else 0.0 for speed, _, turn in along)
-    return max(1.0, EASE * bend * radius)
+    return max(1.0, TURNING_RADIUS_FACTOR * bend * radius)

@@ -125,7 +125,7 @@ def _cross(a: complex, b: complex) -> float:
     return (a.conjugate() * b).imag
 
 
-class Tick(NamedTuple):
+class PathTime(NamedTuple):
     """Path parameter at a time, and its first two derivatives by time."""
 
     s: float
@@ -133,7 +133,7 @@ class Tick(NamedTuple):
     acceleration: float
 
 
-def soft_clock(t: float, rate: float, ramp: float) -> Tick:
+def ramped_time(t: float, rate: float, ramp: float) -> PathTime:
     """Return s(t) whose rate rises from 0 to ``rate`` in ``ramp`` seconds, then stays.
 
     The rise is a quintic: rate, acceleration and jerk start and end at zero, so no effort jumps.
@@ -144,9 +144,9 @@ def soft_clock(t: float, rate: float, ramp: float) -> Tick:
         ramp: Duration of the rise, s; 0 for none.
     """
     if t >= ramp:
-        return Tick(rate * (t - 0.5 * ramp), rate, 0.0)
+        return PathTime(rate * (t - 0.5 * ramp), rate, 0.0)
     u = t / ramp
-    return Tick(
+    return PathTime(
         s=rate * ramp * u**4 * (2.5 + u * (u - 3.0)),
         rate=rate * u**3 * (10.0 + u * (6.0 * u - 15.0)),
         acceleration=rate / ramp * 30.0 * u**2 * (1.0 - u) ** 2,

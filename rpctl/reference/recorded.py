@@ -10,25 +10,37 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from rpctl.arrays import Array
-from rpctl.reference.csv_file import BASE, HEADING, PLACE, POSES, TURN, Table
+from rpctl.reference.csv_file import (
+    BASE_COLUMNS,
+    EE_COLUMNS,
+    HEADING,
+    POSE_COLUMNS,
+    QUATERNION,
+    Table,
+)
+from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
-from rpctl.reference.paths import Path, PathPoint, Tick, soft_clock
-from rpctl.reference.reach import plan_reach
-from rpctl.reference.timed import Curves, TimedPath, still
+from rpctl.reference.paths import Path, PathPoint, PathTime, ramped_time
+from rpctl.reference.timed_path import Curves, TimedPath, still
 from rpctl.robot.model import Robot
 
 DEGREE = 5
-REST = 2e-3  # a second, in m or rad: data that begin or end slower do so at rest
-MOVING = 0.02  # m/s: from here on the way of P tells its heading
-SLIDING = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
-SLIDING_SHARE = 0.05  # ... or this share of its speed
-TURNING_ARM = 0.3  # m/rad: what turning counts beside travelling
-EDGE = 1.0  # s; data that begin or end in motion are started and stopped over so much of them
-CATCH_UP = (20.0, -45.0, 36.0, -10.0)  # of u⁴..u⁷: 0 with three derivatives at 0; 1, 1, 0, 0 at 1
+REST_RATE = 2e-3  # a second, in m or rad: data that begin or end slower do so at rest
+MOVING_SPEED = 0.02  # m/s: from here on the way of P tells its heading
+MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
+MAX_SIDEWAYS_RATIO = 0.05  # ... or this share of its speed
+METRES_PER_RADIAN = 0.3  # m/rad: what turning counts beside travelling
+EDGE_TIME = 1.0  # s; data that begin or end in motion are started and stopped over so much of them
+CATCH_UP_COEFFICIENTS = (
+    20.0,
+    -45.0,
+    36.0,
+    -10.0,
+)  # of u⁴..u⁷: 0 with three derivatives at 0; 1, 1, 0, 0 at 1
 
 
-class EdgeClock(NamedTuple):
+class EdgeTimeLaw(NamedTuple):
     """s(t) = t, but at rest where data begin or end in motion.
 
     A start in motion is caught up with in ``edge`` seconds: s = edge f(t/edge), f of degree 7,
@@ -46,22 +58,22 @@ class EdgeClock(NamedTuple):
         """Time after which it stays, s."""
         return self.end + self.edge if self.soft_end else self.end
 
-    def __call__(self, t: float) -> Tick:
+    def __call__(self, t: float) -> PathTime:
         """Return s and its derivatives by time at ``t`` (s)."""
         left = self.duration - t
         if t <= 0.0 or left <= 0.0:
-            return Tick(0.0 if t <= 0.0 else self.end, 0.0, 0.0)
+            return PathTime(0.0 if t <= 0.0 else self.end, 0.0, 0.0)
         if self.soft_start and t < self.edge:
-            f, rate, bend = _catch_up(t / self.edge)
-            return Tick(self.edge * f, rate, bend / self.edge)
+            f, rate, bend = _catch_up_profile(t / self.edge)
+            return PathTime(self.edge * f, rate, bend / self.edge)
         if self.soft_end and left < 2.0 * self.edge:
-            s, rate, change = soft_clock(left, 1.0, 2.0 * self.edge)
-            return Tick(self.end - s, rate, -change)
-        return Tick(t, 1.0, 0.0)
+            s, rate, change = ramped_time(left, 1.0, 2.0 * self.edge)
+            return PathTime(self.end - s, rate, -change)
+        return PathTime(t, 1.0, 0.0)
 
 
-def _catch_up(u: float) -> tuple[float, float, float]:
-    a, b, c, d = CATCH_UP
+def _catch_up_profile(u: float) -> tuple[float, float, float]:
+    a, b, c, d = CATCH_UP_COEFFICIENTS
     return (
         u**4 * (a + u * (b + u * (c + u * d))),
         u**3 * (4 * a + u * (5 * b + u * (6 * c + u * 7 * d))),
@@ -69,7 +81,7 @@ def _catch_up(u: float) -> tuple[float, float, float]:
     )
 
 
-class Track(NamedTuple):
+class FittedSpline(NamedTuple):
     """A spline through rows, and whether it begins and ends in motion."""
 
     spline: BSpline
@@ -77,7 +89,7 @@ class Track(NamedTuple):
     ends_moving: bool
 
 
-def through(t: Array, values: Array) -> Track:
+def fit_spline(t: Array, values: Array) -> FittedSpline:
     """Return the quintic spline through values (K, n) at times (K,).
 
     Where the data begin or end at rest it has zero velocity and acceleration there.
@@ -86,9 +98,11 @@ def through(t: Array, values: Array) -> Track:
     ends, moving = [], []
     for at in (t[0], t[-1]):
         rates = free(at, 1), free(at, 2)
-        moving.append(bool(np.linalg.norm(rates[0]) > REST))
+        moving.append(bool(np.linalg.norm(rates[0]) > REST_RATE))
         ends.append([(i, r if moving[-1] else 0.0 * r) for i, r in enumerate(rates, start=1)])
-    return Track(make_interp_spline(t, values, k=DEGREE, bc_type=(ends[0], ends[1])), *moving)
+    return FittedSpline(
+        make_interp_spline(t, values, k=DEGREE, bc_type=(ends[0], ends[1])), *moving
+    )
 
 
 def reference_from_table(robot: Robot, table: Table, limits: Limits) -> TimedPath:
@@ -102,38 +116,43 @@ def reference_from_table(robot: Robot, table: Table, limits: Limits) -> TimedPat
         RpctlError: The end effector cannot follow.
     """
     _check_fit(robot, table)
-    tracks = []
+    fits = []
     path: Path | None = None if robot.drive.base_speeds else still(np.zeros(3))
-    facing = None
-    if BASE[0] in table.columns:
-        track = _base_track(robot, table)
-        tracks.append(track)
-        path, facing = _spline_path(track.spline), _facing(robot, track.spline, table.t)
-    if PLACE[0] in table.columns:
+    travel_direction = None
+    if BASE_COLUMNS[0] in table.columns:
+        fitted = _fit_base(robot, table)
+        fits.append(fitted)
+        path, travel_direction = (
+            _spline_path(fitted.spline),
+            _travel_direction(robot, fitted.spline, table.t),
+        )
+    if EE_COLUMNS[0] in table.columns:
         goal, found = _goal(table)
-        tracks.append(found)
-        reach = plan_reach(robot, goal, limits, path)
-        path, joints = reach.path, reach.joints
+        fits.append(found)
+        plan = plan_reach(robot, goal, limits, path)
+        path, joints = plan.path, plan.joints
     else:
-        found = _joint_track(robot, table)
-        tracks.append(found)
+        found = _fit_joints(robot, table)
+        fits.append(found)
         path, joints = path or still(np.zeros(3)), found.spline
     end = float(table.t[-1])
-    starts, ends = any(k.starts_moving for k in tracks), any(k.ends_moving for k in tracks)
-    clock = EdgeClock(end, starts, ends, min(EDGE, 0.4 * end))
-    return TimedPath(path, Curves(joints), clock, facing)
+    starts, ends = any(k.starts_moving for k in fits), any(k.ends_moving for k in fits)
+    time_law = EdgeTimeLaw(end, starts, ends, min(EDGE_TIME, 0.4 * end))
+    return TimedPath(path, Curves(joints), time_law, travel_direction)
 
 
 def _check_fit(robot: Robot, table: Table) -> None:
     faults = []
-    if BASE[0] in table.columns and not robot.drive.base_speeds:
-        faults.append(f"{robot.name} has a fixed base; leave out {', '.join((*BASE, HEADING))}")
-    if PLACE[0] in table.columns:
+    if BASE_COLUMNS[0] in table.columns and not robot.drive.base_speeds:
+        faults.append(
+            f"{robot.name} has a fixed base; leave out {', '.join((*BASE_COLUMNS, HEADING))}"
+        )
+    if EE_COLUMNS[0] in table.columns:
         if robot.end_effector is None:
             faults.append(f"{robot.name} has no arm, so no end effector; leave out its columns")
-        if named := [name for name in table.columns if name not in POSES]:
+        if named := [name for name in table.columns if name not in POSE_COLUMNS]:
             faults.append(
-                f"{PLACE[0]} and {named[0]} both say where the arm is; leave one of them out"
+                f"{EE_COLUMNS[0]} and {named[0]} both say where the arm is; leave one of them out"
             )
     if faults:
         raise table.refuse([(table.header, fault) for fault in faults])
@@ -151,41 +170,43 @@ def _check_fit(robot: Robot, table: Table) -> None:
         raise table.refuse(beyond)
 
 
-def _joint_track(robot: Robot, table: Table) -> Track:
+def _fit_joints(robot: Robot, table: Table) -> FittedSpline:
     values = np.tile(robot.home, (len(table.t), 1))
     for column, joint in enumerate(robot.joints):
         if joint.name in table.columns:
             values[:, column] = table.columns[joint.name]
             if joint.kind == "continuous":
                 values[:, column] = np.unwrap(values[:, column])
-    return through(table.t, values)
+    return fit_spline(table.t, values)
 
 
-def _goal(table: Table) -> tuple[Goal, Track]:
-    found = through(table.t, table.stack(PLACE))
+def _goal(table: Table) -> tuple[Goal, FittedSpline]:
+    found = fit_spline(table.t, table.stack(EE_COLUMNS))
     turn = None
-    if TURN[0] in table.columns:
-        turns = table.stack(TURN)
-        turns *= np.cumprod(np.where(_aligned(turns), 1.0, -1.0))[:, None]
+    if QUATERNION[0] in table.columns:
+        turns = table.stack(QUATERNION)
+        turns *= np.cumprod(np.where(_same_hemisphere(turns), 1.0, -1.0))[:, None]
         turn = make_interp_spline(table.t, turns, k=DEGREE)
     return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
 
 
-def _aligned(turns: Array) -> Array:
+def _same_hemisphere(turns: Array) -> Array:
     """Return whether each quaternion (K, 4) is on its forerunner's side: q and −q turn alike."""
     return np.concatenate([[True], np.einsum("ki,ki->k", turns[1:], turns[:-1]) >= 0.0])
 
 
-def _base_track(robot: Robot, table: Table) -> Track:
-    t, place = table.t, table.stack(BASE)
-    rate = through(t, place).spline(t, 1)
+def _fit_base(robot: Robot, table: Table) -> FittedSpline:
+    t, place = table.t, table.stack(BASE_COLUMNS)
+    rate = fit_spline(t, place).spline(t, 1)
     given = table.columns.get(HEADING)
     heading = _headings(rate) if given is None else np.unwrap(given)
-    found = through(t, np.column_stack([place, heading]))
+    found = fit_spline(t, np.column_stack([place, heading]))
     if robot.drive.has_axle:
         rate = found.spline(t, 1)
         sideways = rate[:, 1] * np.cos(heading) - rate[:, 0] * np.sin(heading)
-        allowed = np.maximum(SLIDING, SLIDING_SHARE * np.hypot(rate[:, 0], rate[:, 1]))
+        allowed = np.maximum(
+            MAX_SIDEWAYS_SPEED, MAX_SIDEWAYS_RATIO * np.hypot(rate[:, 0], rate[:, 1])
+        )
         faults = [
             (table.lines[row], f"at t = {t[row]:g} s {robot.name} would have to slide sideways at "
              f"{abs(sideways[row]):.2g} m/s; turn theta into the way, or leave theta out")
@@ -202,7 +223,7 @@ def _headings(rate: Array) -> Array:
     The first is forward; a way that turns back by more than a right angle is driven in reverse.
     """
     speed = np.hypot(rate[:, 0], rate[:, 1])
-    moving = np.flatnonzero(speed > min(MOVING, 0.5 * speed.max()))
+    moving = np.flatnonzero(speed > min(MOVING_SPEED, 0.5 * speed.max()))
     if not len(moving):
         return np.zeros(len(rate))
     angles = np.unwrap(np.arctan2(rate[moving, 1], rate[moving, 0]), period=math.pi)
@@ -226,7 +247,7 @@ def _spline_path(spline: BSpline) -> Path:
     return at
 
 
-def _facing(robot: Robot, spline: BSpline, t: Array) -> Callable[[float], Array] | None:
+def _travel_direction(robot: Robot, spline: BSpline, t: Array) -> Callable[[float], Array] | None:
     """Return a direction of travel that does not vanish where the data stand still.
 
     A base that cannot slide moves along (cos φ, 0, sin φ / ℓ): φ is a spline through the rows
@@ -236,9 +257,9 @@ def _facing(robot: Robot, spline: BSpline, t: Array) -> Callable[[float], Array]
         return None
     rate, heading = spline(t, 1), spline(t)[:, 2]
     speed = rate[:, 0] * np.cos(heading) + rate[:, 1] * np.sin(heading)
-    turning = TURNING_ARM * rate[:, 2]
+    turning = METRES_PER_RADIAN * rate[:, 2]
     pace = np.hypot(speed, turning)
-    moving = np.flatnonzero(pace > min(MOVING, 0.5 * pace.max()))
+    moving = np.flatnonzero(pace > min(MOVING_SPEED, 0.5 * pace.max()))
     angle = np.zeros(len(t))
     if len(moving):
         found = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
@@ -248,8 +269,8 @@ def _facing(robot: Robot, spline: BSpline, t: Array) -> Callable[[float], Array]
     def at(s: float) -> Array:
         phi, slope, bend = (float(order) for order in orders(s))
         cos, sin = math.cos(phi), math.sin(phi)
-        lean = np.array([cos, 0.0, sin / TURNING_ARM])
-        across = np.array([-sin, 0.0, cos / TURNING_ARM])
+        lean = np.array([cos, 0.0, sin / METRES_PER_RADIAN])
+        across = np.array([-sin, 0.0, cos / METRES_PER_RADIAN])
         return np.array([lean, across * slope, across * bend - lean * slope**2])
 
     return at

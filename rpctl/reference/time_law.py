@@ -13,13 +13,13 @@ from scipy.sparse import coo_array
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
-from rpctl.reference.paths import Tick
+from rpctl.reference.paths import PathTime
 
 DEGREE = 5
-SMOOTHING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
-SAMPLES = 4  # a knot interval, where the limits are looked at once more
-GUARD = 1.002  # limits are looked at in points, and lie between
-FASTEST = 100.0  # of the path's range a second, where nothing limits it
+KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
+SAMPLES_PER_KNOT = 4  # a knot interval, where the limits are looked at once more
+SLOWDOWN_GUARD = 1.002  # limits are looked at in points, and lie between
+UNLIMITED_RATE = 100.0  # of the path's range a second, where nothing limits it
 
 
 class Bound(NamedTuple):
@@ -31,24 +31,24 @@ class Bound(NamedTuple):
     acceleration: float = math.inf
 
 
-class Clock:
+class SplineTimeLaw:
     """s(t): a spline in time, at rest at both ends and beyond them."""
 
     def __init__(self, s: BSpline) -> None:
         self._s, self._rate, self._acceleration = s, s.derivative(1), s.derivative(2)
         self.duration = float(s.t[len(s.c)])
 
-    def __call__(self, t: float) -> Tick:
+    def __call__(self, t: float) -> PathTime:
         """Return s and its derivatives by time at ``t`` (s)."""
         t = min(max(t, 0.0), self.duration)
-        return Tick(float(self._s(t)), float(self._rate(t)), float(self._acceleration(t)))
+        return PathTime(float(self._s(t)), float(self._rate(t)), float(self._acceleration(t)))
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Return s and its derivatives at many times (K,)."""
         return self._s(t), self._rate(t), self._acceleration(t)
 
 
-def fastest(s: Array, bounds: Sequence[Bound]) -> Array:
+def max_squared_rate(s: Array, bounds: Sequence[Bound]) -> Array:
     """Return the largest ṡ² (N,) that bounds allow along a path, from rest to rest.
 
     In x = ṡ², with s̈ = ½ dx/ds, every bound is linear, and the largest of two profiles that keep
@@ -61,7 +61,7 @@ def fastest(s: Array, bounds: Sequence[Bound]) -> Array:
     Raises:
         RpctlError: No motion keeps the limits.
     """
-    top = np.full(len(s), (FASTEST * (s[-1] - s[0])) ** 2)
+    top = np.full(len(s), (UNLIMITED_RATE * (s[-1] - s[0])) ** 2)
     for bound in bounds:
         steep = np.abs(bound.slope) > 1e-12
         top[steep] = np.minimum(top[steep], (bound.speed / bound.slope[steep]) ** 2)
@@ -100,7 +100,7 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
     return coo_array((values, (rows, columns)), shape=shape).tocsr(), np.concatenate(rights)
 
 
-def time_law(s: Array, bounds: Sequence[Bound]) -> Clock:
+def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
     """Return the clock of a path that keeps to bounds.
 
     The fastest motion's accelerations jump; as the coefficients of a uniform quintic spline its
@@ -114,16 +114,16 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> Clock:
     Raises:
         RpctlError: No motion keeps the limits.
     """
-    rate = np.sqrt(fastest(s, bounds))
+    rate = np.sqrt(max_squared_rate(s, bounds))
     pace = 0.5 * (rate[1:] + rate[:-1])
     times = np.concatenate([[0.0], np.cumsum(np.diff(s) / np.maximum(pace, 1e-12))])
-    count = max(2, math.ceil(times[-1] / SMOOTHING))
+    count = max(2, math.ceil(times[-1] / KNOT_SPACING))
     samples = _positions(np.linspace(0.0, times[-1], count + 1), times, s, rate)
     ends = np.ones(DEGREE - 1)
     values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
     knots = (np.arange(len(values) + DEGREE + 1) - DEGREE) * times[-1] / count
-    stretch = GUARD * _excess(Clock(BSpline(knots, values, DEGREE)), s, bounds)
-    return Clock(BSpline(knots * max(1.0, stretch), values, DEGREE))
+    stretch = SLOWDOWN_GUARD * _slowdown(SplineTimeLaw(BSpline(knots, values, DEGREE)), s, bounds)
+    return SplineTimeLaw(BSpline(knots * max(1.0, stretch), values, DEGREE))
 
 
 def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
@@ -138,10 +138,10 @@ def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
     return s[index] + weight * (s[index + 1] - s[index])
 
 
-def _excess(clock: Clock, s: Array, bounds: Sequence[Bound]) -> float:
+def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float:
     """Return how much slower a clock must run to keep the bounds; below 1 it keeps them."""
-    count = SAMPLES * max(2, round(clock.duration / SMOOTHING))
-    at, rate, acceleration = clock.at(np.linspace(0.0, clock.duration, count))
+    count = SAMPLES_PER_KNOT * max(2, round(timing.duration / KNOT_SPACING))
+    at, rate, acceleration = timing.at(np.linspace(0.0, timing.duration, count))
     worst = 0.0
     for bound in bounds:
         slope, bend = np.interp(at, s, bound.slope), np.interp(at, s, bound.bend)

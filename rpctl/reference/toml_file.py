@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.errors import RpctlError, is_number
-from rpctl.files.caps import cap, raised
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.reference.csv_file import read_text, refusal
 from rpctl.reference.curve import Waypoint, check_waypoints
 from rpctl.reference.limits import Limits, limits_from
@@ -19,8 +19,8 @@ if sys.version_info >= (3, 11):
 else:  # the standard library has it from 3.11 on
     import tomli as tomllib
 
-FAR = 1e4  # m: no waypoint is farther
-CORNER = 0.15  # m
+MAX_COORDINATE = 1e4  # m: no waypoint is farther
+DEFAULT_CORNER = 0.15  # m
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def read_path_file(path: str | Path) -> PathFile:
         faults.append("give either waypoints = [[x, y], ...] or end_effector = [[x, y, z], ...]")
     waypoints = _rows(faults, data, "waypoints", "waypoint", (2, 3), "[x, y] or [x, y, heading]")
     points = _rows(faults, data, "end_effector", "point", (3,), "[x, y, z]")
-    corner = data.get("corner", CORNER)
-    if not is_number(corner) or not 0.0 < corner < FAR:
+    corner = data.get("corner", DEFAULT_CORNER)
+    if not is_number(corner) or not 0.0 < corner < MAX_COORDINATE:
         faults.append(f"corner is {corner!r}; give a positive number of metres")
     limits = Limits()
     table = data.get("limits", {})
@@ -89,11 +89,13 @@ def _rows(
         faults.append(f"{key} needs two {label}s or more; write {key} = [{form}, ...]")
         return []
     if len(rows) > most:
-        faults.append(f"{len(rows)} {label}s; {most} are the most; {raised('MAX_WAYPOINTS')}")
+        faults.append(f"{len(rows)} {label}s; {most} are the most; {how_to_raise('MAX_WAYPOINTS')}")
         return []
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, list) or len(row) not in lengths or not all(map(is_number, row)):
             faults.append(f"{label} {number} is {row!r}; write {form} in m and rad")
-        elif any(abs(value) > FAR for value in row):
-            faults.append(f"{label} {number} is {row!r}, farther than {FAR:g} m; use metres")
+        elif any(abs(value) > MAX_COORDINATE for value in row):
+            faults.append(
+                f"{label} {number} is {row!r}, farther than {MAX_COORDINATE:g} m; use metres"
+            )
     return [] if faults else [tuple(map(float, row)) for row in rows]

@@ -15,14 +15,16 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.description.records import Description, Joint
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.caps import cap, raised
+from rpctl.files.caps import cap, how_to_raise
 
-SINGULAR = 1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
+MIN_SCALED_EIGENVALUE = (
+    1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
+)
 POSTURES = 3  # configurations at which M is tried: the neutral one and random ones
-SEED = 20210601  # of the random ones
-REACH = 1.0  # m or rad; how far from neutral an unlimited joint is tried
-WAY_OUT = "--density KG_PER_M3"
-MAX_TOLD = 300  # characters of what an engine prints that a message repeats
+POSTURE_SEED = 20210601  # of the random ones
+UNLIMITED_REACH = 1.0  # m or rad; how far from neutral an unlimited joint is tried
+DENSITY_OPTION = "--density KG_PER_M3"
+MAX_ENGINE_MESSAGE = 300  # characters of what an engine prints that a message repeats
 
 
 def check(description: Description, locked: Mapping[str, float]) -> None:
@@ -35,7 +37,7 @@ def check(description: Description, locked: Mapping[str, float]) -> None:
     Raises:
         DescriptionError: Too many joints move, joints move no mass, or names clash.
     """
-    _require_few(description, locked)
+    _require_few_joints(description, locked)
     _require_mass(description, locked)
     _require_own_names(description, locked)
 
@@ -50,11 +52,11 @@ def build(description: Description, locked: Mapping[str, float]) -> pin.Model:
     Raises:
         DescriptionError: Its forces do not tell its motion, or Pinocchio refuses it.
     """
-    with _captured_stderr() as told:
+    with _captured_stderr() as captured:
         try:
             model = _model(description, locked)
         except Exception as error:  # whatever the engine raises, the file is to blame
-            reason = f"{error} {told()}".strip()[:MAX_TOLD]
+            reason = f"{error} {captured()}".strip()[:MAX_ENGINE_MESSAGE]
             text = f"Pinocchio refuses this robot: {reason}; correct or simplify it"
             raise DescriptionError(description.path, [Finding("error", None, text)]) from None
     _require_unique(description, model)
@@ -88,26 +90,26 @@ def _captured_stderr() -> Iterator[Callable[[], str]]:
         return
     with tempfile.TemporaryFile() as file:
 
-        def told() -> str:
+        def captured() -> str:
             file.seek(0)
-            return " ".join(file.read(4 * MAX_TOLD).decode("utf-8", "replace").split())
+            return " ".join(file.read(4 * MAX_ENGINE_MESSAGE).decode("utf-8", "replace").split())
 
         os.dup2(file.fileno(), 2)
         try:
-            yield told
+            yield captured
         finally:
             os.dup2(kept, 2)
             os.close(kept)
 
 
-def _require_few(description: Description, locked: Mapping[str, float]) -> None:
+def _require_few_joints(description: Description, locked: Mapping[str, float]) -> None:
     """Refuse more degrees of freedom than Pinocchio's memory allows."""
     free = [j for j in description.joints if j.moving and j.name not in locked]
     most = cap("MAX_MOVING_JOINTS")
     if len(free) > most:
         text = (
             f"{len(free)} moving joints, where {most} are the limit (memory grows with their "
-            f"cube); freeze some with --lock, or {raised('MAX_MOVING_JOINTS')}"
+            f"cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}"
         )
         raise DescriptionError(description.path, [Finding("error", free[most].line, text)])
 
@@ -134,7 +136,7 @@ def _require_mass(description: Description, locked: Mapping[str, float]) -> None
     if not any(link.mass for link in description.links):
         root = description.link[description.root]
         text = "no link has a mass; give the links <inertial> elements, or estimate them with "
-        faults.append(Finding("error", root.line, f"{text}{WAY_OUT}"))
+        faults.append(Finding("error", root.line, f"{text}{DENSITY_OPTION}"))
     carries = _carries_mass(description)
     for joint in description.joints:
         if not joint.moving or joint.name in locked or carries[joint.child]:
@@ -143,7 +145,7 @@ def _require_mass(description: Description, locked: Mapping[str, float]) -> None
         lacking = "has no <inertial>" if first.mass is None else "has no mass"
         fix = "give its <inertial> (mass, centre of mass, inertia)"
         if first.mass is None and (first.collisions or first.visuals):
-            fix = f"{fix}, estimate it with {WAY_OUT}"
+            fix = f"{fix}, estimate it with {DENSITY_OPTION}"
         text = f'link "{first.name}" {lacking}, yet joint "{joint.name}" moves it; {fix}'
         faults.append(Finding("error", first.line, f"{text}, or freeze it: --lock {joint.name}"))
     if faults:
@@ -152,10 +154,10 @@ def _require_mass(description: Description, locked: Mapping[str, float]) -> None
 
 def _carries_mass(description: Description) -> dict[str, bool]:
     """Return, by link, whether it or anything below it has a mass."""
-    order, edge = [], [description.root]
-    while edge:
-        order.append(edge.pop())
-        edge.extend(joint.child for joint in description.child_joints[order[-1]])
+    order, stack = [], [description.root]
+    while stack:
+        order.append(stack.pop())
+        stack.extend(joint.child for joint in description.child_joints[order[-1]])
     carries: dict[str, bool] = {}
     for name in reversed(order):
         below = (carries[joint.child] for joint in description.child_joints[name])
@@ -178,7 +180,7 @@ def _require_dynamics(description: Description, model: pin.Model) -> None:
     Raises:
         DescriptionError: Naming the joint that can move without a force.
     """
-    data, rng = model.createData(), np.random.default_rng(SEED)
+    data, rng = model.createData(), np.random.default_rng(POSTURE_SEED)
     for q in _postures(description, model, rng):
         v = rng.normal(size=model.nv)
         M = pin.crba(model, data, q)
@@ -188,7 +190,7 @@ def _require_dynamics(description: Description, model: pin.Model) -> None:
             raise _no_dynamics(description, model, index)
         scale = 1.0 / np.sqrt(diagonal)
         values, vectors = np.linalg.eigh(scale[:, None] * M * scale)
-        if not values[0] > SINGULAR:
+        if not values[0] > MIN_SCALED_EIGENVALUE:
             raise _no_dynamics(description, model, int(np.abs(vectors[:, 0]).argmax()))
         rates = pin.aba(model, data, q, v, np.zeros(model.nv))
         if not np.isfinite(rates).all():
@@ -212,8 +214,16 @@ def _postures(
 
 
 def _reach(joint: Joint) -> tuple[float, float]:
-    low = joint.lower if math.isfinite(joint.lower) else min(-REACH, joint.upper - REACH)
-    high = joint.upper if math.isfinite(joint.upper) else max(REACH, joint.lower + REACH)
+    low = (
+        joint.lower
+        if math.isfinite(joint.lower)
+        else min(-UNLIMITED_REACH, joint.upper - UNLIMITED_REACH)
+    )
+    high = (
+        joint.upper
+        if math.isfinite(joint.upper)
+        else max(UNLIMITED_REACH, joint.lower + UNLIMITED_REACH)
+    )
     return low, max(low, high)
 
 

@@ -72,7 +72,7 @@ def facts(robot: Robot) -> dict[str, Any]:
 def meanings(robot: Robot) -> dict[str, str]:
     """Return what each quasi-velocity is, in words, with its unit."""
     drive = robot.drive
-    told = {
+    labels = {
         "vx": "speed of the root link's origin along its x axis, m/s",
         "vy": "speed of the root link's origin along its y axis, m/s",
         "v": "forward speed of P, m/s",
@@ -80,10 +80,10 @@ def meanings(robot: Robot) -> dict[str, str]:
     }
     if drive.steered and not drive.has_axle:
         first = [drive.wheels[i].joint for i in drive.carried(drive.steered[0])]
-        told["v"] = f"rolling speed of {' and '.join(first)} on average, m/s"
+        labels["v"] = f"rolling speed of {' and '.join(first)} on average, m/s"
         if len(first) == 1:
-            told["v"] = f"rolling speed of {first[0]}, m/s"
-    told |= {swivel.joint: "steering rate, rad/s" for swivel in drive.steered}
+            labels["v"] = f"rolling speed of {first[0]}, m/s"
+    labels |= {swivel.joint: "steering rate, rad/s" for swivel in drive.steered}
     for joint in robot.joints:
-        told[joint.name] = "rate, m/s" if joint.kind == "prismatic" else "rate, rad/s"
-    return {name: told[name] for name in robot.quasi_velocities}
+        labels[joint.name] = "rate, m/s" if joint.kind == "prismatic" else "rate, rad/s"
+    return {name: labels[name] for name in robot.quasi_velocities}

@@ -9,12 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from rpctl.description.records import Joint
-from rpctl.drive.steering import regular
+from rpctl.drive.steering import is_regular
 from rpctl.robot.idealisation import Idealisation, listed
 from rpctl.robot.idealised_wheels import wheel_idealisations
 from rpctl.robot.model import Robot
 
-LOOKS = 360  # positions of a steered joint's range that are looked at; edges are bisected
+STEERING_SAMPLES = (
+    360  # positions of a steered joint's range that are looked at; edges are bisected
+)
 BISECTIONS = 40  # halvings of an edge between two looks: to rounding
 
 
@@ -36,7 +38,7 @@ def _steering(robot: Robot) -> Iterator[Idealisation]:
     for swivel in robot.drive.steered:
         joint = robot.description.joint[swivel.joint]
         low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
-        gaps = _irregular(robot, joint.name, low, high)
+        gaps = _singular_ranges(robot, joint.name, low, high)
         if not gaps:
             continue
         share = 100.0 * sum(end - begin for begin, end in gaps) / (high - low)
@@ -53,11 +55,11 @@ def _steering(robot: Robot) -> Iterator[Idealisation]:
         )
 
 
-def _irregular(robot: Robot, name: str, low: float, high: float) -> list[tuple[float, float]]:
+def _singular_ranges(robot: Robot, name: str, low: float, high: float) -> list[tuple[float, float]]:
     """Return the ranges (rad) of a steered joint within which steering is near a singular one."""
 
     def inside(position: float) -> bool:
-        return not regular(robot.drive, {name: position})
+        return not is_regular(robot.drive, {name: position})
 
     def edge(out: float, within: float) -> float:
         for _ in range(BISECTIONS):
@@ -65,10 +67,10 @@ def _irregular(robot: Robot, name: str, low: float, high: float) -> list[tuple[f
             out, within = (out, middle) if inside(middle) else (middle, within)
         return within
 
-    looks = np.linspace(low, high, LOOKS + 1).tolist()
+    grid = np.linspace(low, high, STEERING_SAMPLES + 1).tolist()
     gaps: list[tuple[float, float]] = []
     begin = low if inside(low) else None
-    for before, after in pairwise(looks):
+    for before, after in pairwise(grid):
         if inside(after) and begin is None:
             begin = edge(before, after)
         elif begin is not None and not inside(after):

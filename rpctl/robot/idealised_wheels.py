@@ -12,14 +12,16 @@ from rpctl.arrays import Array
 from rpctl.description.mesh_paths import MeshPaths
 from rpctl.drive.drive import Swivel
 from rpctl.drive.evidence import lines_of
-from rpctl.drive.wheel_size import ROLES, Size, is_round, told_sizes, wheel_parts
-from rpctl.drive.wheels import Candidate, root_axis
+from rpctl.drive.wheel_size import SHAPE_ROLES, WheelSize, is_round, shape_sizes, wheel_parts
+from rpctl.drive.wheels import WheelCandidate, root_axis
 from rpctl.robot.idealisation import Idealisation, listed
 from rpctl.robot.model import Robot
 
-ANGLE = 1e-4  # rad; smaller ones are the rounding of a file's angles
-LENGTH = 1e-5  # m; shorter ones are the rounding of a file's places
-CORNERS = 5e-3  # of the radius: so near to it the bounds of a circle of 32 corners are
+ANGLE_ROUNDING = 1e-4  # rad; smaller ones are the rounding of a file's angles
+LENGTH_ROUNDING_M = 1e-5  # m; shorter ones are the rounding of a file's places
+MESH_RADIUS_TOLERANCE = (
+    5e-3  # of the radius: so near to it the bounds of a circle of 32 corners are
+)
 
 
 def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
@@ -33,7 +35,7 @@ def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
     if robot.drive.type != "omni":
         yield from _heading(robot, rolling)
     if robot.drive.has_axle:
-        yield from _scatter(robot, rolling)
+        yield from _axle_scatter(robot, rolling)
     yield from _standing(robot, wheels)
     for swivel in robot.drive.swivels:
         carried = [wheels[index] for index in robot.drive.carried(swivel)]
@@ -42,7 +44,7 @@ def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
     yield from _sliding(robot, wheels)
 
 
-def _placed(robot: Robot, index: int) -> Candidate:
+def _placed(robot: Robot, index: int) -> WheelCandidate:
     """Return a wheel of the drive where the file has it, in the root link's frame."""
     record, description = robot.drive.wheels[index], robot.description
     joint = description.joint[record.joint]
@@ -50,45 +52,45 @@ def _placed(robot: Robot, index: int) -> Candidate:
     axle = pose[:3, :3] @ joint.axis
     swivel = None if record.swivel is None else description.joint[record.swivel]
     place = (pose[:3, 3], axle, pose[:3, :3], swivel)
-    return Candidate(joint, *place, record.radius, record.source, record.offset, False, "")
+    return WheelCandidate(joint, *place, record.radius, record.source, record.offset, False, "")
 
 
-def _between(axle: Array, heading: float) -> float:
+def _axle_angle(axle: Array, heading: float) -> float:
     """Return the angle, seen from above, between an axle and the one across a heading, rad."""
     along = axle[0] * math.cos(heading) + axle[1] * math.sin(heading)
     across = axle[1] * math.cos(heading) - axle[0] * math.sin(heading)
     return math.atan2(abs(along), abs(across))
 
 
-def _told(angle: float) -> str:
+def _degrees(angle: float) -> str:
     return f"{math.degrees(angle):.3g}°"
 
 
-def _heading(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+def _heading(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield by how much axles of wheels that the root link holds are off their mean."""
     if not wheels:
         return
     angle, worst = max(
-        ((_between(wheel.axle, robot.drive.heading), wheel) for wheel in wheels),
+        ((_axle_angle(wheel.axle, robot.drive.heading), wheel) for wheel in wheels),
         key=lambda item: item[0],
     )
-    if angle > ANGLE:
+    if angle > ANGLE_ROUNDING:
         yield Idealisation(
             "heading",
             math.degrees(angle),
             "°",
             f"the heading is across the mean of {len(wheels)} axles that are not parallel: "
-            f"{listed(worst.joint)} is {_told(angle)} ({1e3 * angle:.3g} mrad) off it",
+            f"{listed(worst.joint)} is {_degrees(angle)} ({1e3 * angle:.3g} mrad) off it",
         )
 
 
-def _scatter(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+def _axle_scatter(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield how far wheels taken for one axle are apart across it, and axles from P."""
     drive, lines = robot.drive, lines_of(wheels)
     ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
     for line in lines:
         apart = float(np.ptp([float(wheel.centre[:2] @ ahead) for wheel in line]))
-        if apart > LENGTH:
+        if apart > LENGTH_ROUNDING_M:
             yield Idealisation(
                 "axle scatter",
                 1e3 * apart,
@@ -97,7 +99,7 @@ def _scatter(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
                 f"their centres are {1e3 * apart:.3g} mm apart along the heading",
             )
     places = [abs(float((wheel.centre[:2] - drive.point) @ ahead)) for wheel in wheels]
-    if len(lines) > 1 and max(places) > LENGTH:
+    if len(lines) > 1 and max(places) > LENGTH_ROUNDING_M:
         furthest = wheels[int(np.argmax(places))]
         yield Idealisation(
             "axles apart",
@@ -109,7 +111,7 @@ def _scatter(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
         )
 
 
-def _standing(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+def _standing(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield how far contacts are off the plane of the ground, and axles off the level."""
     if not wheels:
         return
@@ -117,7 +119,7 @@ def _standing(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
         ((abs(wheel.bottom - robot.drive.ground), wheel) for wheel in wheels),
         key=lambda item: item[0],
     )
-    if gap > LENGTH:
+    if gap > LENGTH_ROUNDING_M:
         side = "above" if worst.bottom > robot.drive.ground else "below"
         yield Idealisation(
             "contact height",
@@ -130,36 +132,36 @@ def _standing(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
         ((math.asin(min(1.0, abs(float(wheel.axle[2])))), wheel) for wheel in wheels),
         key=lambda item: item[0],
     )
-    if lean > ANGLE:
+    if lean > ANGLE_ROUNDING:
         yield Idealisation(
             "axle lean",
             math.degrees(lean),
             "°",
             f"wheels touch the ground straight below their centres, as if their axles were level: "
-            f"that of {listed(worst.joint)} leans {_told(lean)}",
+            f"that of {listed(worst.joint)} leans {_degrees(lean)}",
         )
 
 
-def _swivel(robot: Robot, swivel: Swivel, wheels: list[Candidate]) -> Iterator[Idealisation]:
+def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield what is idealised of a swivel: its axis, its trail, and its wheels' directions."""
     description, locked = robot.description, dict(robot.locked)
     joint = description.joint[swivel.joint]
     pose = description.pose(joint.parent, locked) @ joint.origin
     axis = root_axis(description, locked, joint)
     lean = math.atan2(math.hypot(axis[0], axis[1]), abs(float(axis[2])))
-    if lean > ANGLE:
+    if lean > ANGLE_ROUNDING:
         shift = abs(float(pose[2, 3]) - robot.drive.ground) * math.tan(lean)
         yield Idealisation(
             "swivel lean",
             math.degrees(lean),
             "°",
-            f"the axis of {listed(joint)} leans {_told(lean)} and is taken to be upright: it would "
-            f"meet the ground {1e3 * shift:.3g} mm from below its origin",
+            f"the axis of {listed(joint)} leans {_degrees(lean)} and is taken to be upright: it "
+            f"would meet the ground {1e3 * shift:.3g} mm from below its origin",
         )
     ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading)])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
     trail = float(ahead @ (contact - pose[:2, 3]))
-    if abs(trail - swivel.trail) > LENGTH:
+    if abs(trail - swivel.trail) > LENGTH_ROUNDING_M:
         yield Idealisation(
             "trail",
             1e3 * trail,
@@ -169,20 +171,20 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[Candidate]) -> Iterator[I
             "axis",
         )
     angle, worst = max(
-        ((_between(wheel.axle, swivel.heading), wheel) for wheel in wheels),
+        ((_axle_angle(wheel.axle, swivel.heading), wheel) for wheel in wheels),
         key=lambda item: item[0],
     )
-    if angle > ANGLE:
+    if angle > ANGLE_ROUNDING:
         yield Idealisation(
             "swivel heading",
             math.degrees(angle),
             "°",
             f"all wheels of {listed(joint)} are taken to roll as its first one does: the axle of "
-            f"{listed(worst.joint)} is {_told(angle)} off",
+            f"{listed(worst.joint)} is {_degrees(angle)} off",
         )
 
 
-class _Other(NamedTuple):
+class _OtherRadius(NamedTuple):
     """A radius that shapes tell besides the one used; wheels alike are told of together."""
 
     role: str
@@ -193,13 +195,13 @@ class _Other(NamedTuple):
     rolls: bool  # whether either is a collision's
 
 
-def _sizes(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
+def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield where shapes tell other radii than the one used, are off the axle, and how wide."""
     paths = MeshPaths(robot.description.path, robot.description.package_dirs)
-    widest, others = 0.0, dict[tuple[object, ...], list[tuple[Candidate, _Other]]]()
+    widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, _OtherRadius]]]()
     for wheel in wheels:
-        sizes = told_sizes(robot.description, robot.locked, wheel.joint, paths)
-        drawn = _plainly(robot, wheel)
+        sizes = shape_sizes(robot.description, robot.locked, wheel.joint, paths)
+        drawn = _unambiguous_roles(robot, wheel)
         for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
             others.setdefault(other[:2] + other[3:], []).append((wheel, other))
         for _, size in sizes:
@@ -218,30 +220,34 @@ def _sizes(robot: Robot, wheels: list[Candidate]) -> Iterator[Idealisation]:
         )
 
 
-def _plainly(robot: Robot, wheel: Candidate) -> set[str]:
+def _unambiguous_roles(robot: Robot, wheel: WheelCandidate) -> set[str]:
     """Return the roles of shapes that are all round or meshes: rollers and lugs hide the reach."""
     parts = wheel_parts(robot.description, robot.locked, wheel.joint)
     hidden = {p.role for p in parts if p.shape.kind != "mesh" and not is_round(p, wheel.joint.axis)}
-    return set(ROLES) - hidden
+    return set(SHAPE_ROLES) - hidden
 
 
-def _others(wheel: Candidate, sizes: list[tuple[str, Size]]) -> Iterator[_Other]:
+def _others(wheel: WheelCandidate, sizes: list[tuple[str, WheelSize]]) -> Iterator[_OtherRadius]:
     """Yield the widest radius of each role, where it is not the one used."""
     used = wheel.radius or 0.0
     by_collision = any(role == "collision" for role, _ in sizes)
-    for role in ROLES:
-        told = [size for its_role, size in sizes if its_role == role]
-        if not told:
+    for role in SHAPE_ROLES:
+        role_sizes = [size for its_role, size in sizes if its_role == role]
+        if not role_sizes:
             continue
-        size = max(told, key=lambda size: size.radius or 0.0)
+        size = max(role_sizes, key=lambda size: size.radius or 0.0)
         radius = size.radius or 0.0
-        slack = CORNERS * used if "mesh" in size.source + wheel.source else LENGTH
+        slack = (
+            MESH_RADIUS_TOLERANCE * used
+            if "mesh" in size.source + wheel.source
+            else LENGTH_ROUNDING_M
+        )
         if abs(radius - used) > slack:
             source = wheel.source.split(", line")[0]
-            yield _Other(role, radius, size.source, used, source, by_collision)
+            yield _OtherRadius(role, radius, size.source, used, source, by_collision)
 
 
-def _radius(other: _Other, names: str) -> Idealisation:
+def _radius(other: _OtherRadius, names: str) -> Idealisation:
     rolls = "simulators roll on the collision" if other.rolls else "there is no round collision"
     return Idealisation(
         "radius",
@@ -252,8 +258,8 @@ def _radius(other: _Other, names: str) -> Idealisation:
     )
 
 
-def _off_axle(wheel: Candidate, size: Size) -> Iterator[Idealisation]:
-    if size.aside > LENGTH:
+def _off_axle(wheel: WheelCandidate, size: WheelSize) -> Iterator[Idealisation]:
+    if size.aside > LENGTH_ROUNDING_M:
         yield Idealisation(
             "eccentric wheel",
             1e3 * size.aside,
@@ -263,7 +269,7 @@ def _off_axle(wheel: Candidate, size: Size) -> Iterator[Idealisation]:
         )
 
 
-def _sliding(robot: Robot, wheels: Iterable[Candidate]) -> Iterator[Idealisation]:
+def _sliding(robot: Robot, wheels: Iterable[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield which wheels slide sideways without friction."""
     sliding = [
         wheel.joint

@@ -15,7 +15,7 @@ from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import Drive
-from rpctl.drive.drive_file import TYPES, DriveSpec, read_drive
+from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
@@ -84,8 +84,10 @@ def _load(
         _refuse_doubts(path, findings)
     check(description, locked)
     if not isinstance(drive, Drive):
-        told = entry.drive if drive is None and entry else drive
-        drive = detect(description, locked, None if told is None else _specification(told))
+        drive_source = entry.drive if drive is None and entry else drive
+        drive = detect(
+            description, locked, None if drive_source is None else _specification(drive_source)
+        )
         if strict:
             _refuse_doubts(path, [Finding("warning", None, doubt) for doubt in drive.doubts])
     else:
@@ -116,13 +118,13 @@ def _load(
     )
 
 
-def _specification(told: str | Path) -> DriveSpec:
+def _specification(drive_source: str | Path) -> DriveSpec:
     """Return what the name of a type, or a drive file, says of the drive."""
-    if isinstance(told, str) and not Path(told).suffix and "/" not in told:
-        if told not in TYPES:
-            raise UnknownNameError("drive", told, TYPES)
-        return DriveSpec(told)
-    return read_drive(told)
+    if isinstance(drive_source, str) and not Path(drive_source).suffix and "/" not in drive_source:
+        if drive_source not in DRIVE_TYPES:
+            raise UnknownNameError("drive", drive_source, DRIVE_TYPES)
+        return DriveSpec(drive_source)
+    return read_drive(drive_source)
 
 
 def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
-from rpctl.drive.steering import SteeringLimits, follow, regular, steering_limits
+from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
 from rpctl.errors import Finding, RpctlError, UnknownNameError
 
 BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
@@ -144,15 +144,15 @@ class Robot:
         """
         q: Array = pin.neutral(self.model)
         q[:BASE_NQ] = x, y, math.cos(theta), math.sin(theta)
-        told = {**self.locked, **(joints or {})}
+        given = {**self.locked, **(joints or {})}
         for name, position in (joints or {}).items():
             self.set_joint(q, name, position)
         for joint in self.mimics:
             if joint.mimic is not None:
                 multiplier, offset = joint.mimic.multiplier, joint.mimic.offset
-                followed = told.get(joint.mimic.joint, 0.0)
+                followed = given.get(joint.mimic.joint, 0.0)
                 self.set_joint(q, joint.name, multiplier * followed + offset)
-        for name, position in follow(self.drive, told).items():
+        for name, position in follower_positions(self.drive, given).items():
             self.set_joint(q, name, position)
         return q
 
@@ -231,7 +231,7 @@ class Robot:
         x, y = rng.uniform(-10.0, 10.0, 2)
         names = tuple(self.model.names[2:])
         positions = {name: self._draw(name, rng) for name in names}
-        while not regular(self.drive, positions):
+        while not is_regular(self.drive, positions):
             positions |= {s.joint: self._draw(s.joint, rng) for s in self.drive.steered}
         return self.configuration(x, y, float(rng.uniform(-math.pi, math.pi)), positions)
 

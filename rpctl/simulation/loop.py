@@ -14,27 +14,27 @@ from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.dynamics.contact import FRICTION, find_contacts
+from rpctl.dynamics.ground_reaction import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.rates import steering
+from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.model import Robot
+from rpctl.simulation.log import Recorder, describe, run_facts
 from rpctl.simulation.periods import (
     CONTROL_PERIOD,
     delay_note,
     duration_note,
-    lasting_periods,
+    whole_periods,
 )
 from rpctl.simulation.plant import Plant, advance
-from rpctl.simulation.record import Recorder, describe, facts
 from rpctl.simulation.run import Run
 
-DURATION = 20.0  # s, of a reference without an end
-SETTLE = 1.0  # s, after the end of one that has it
-LOST = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
+DEFAULT_DURATION_S = 20.0  # s, of a reference without an end
+SETTLING_S = 1.0  # s, after the end of one that has it
+DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
 
 def track(
@@ -85,16 +85,16 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
-    told = name or (reference if isinstance(reference, str) else type(reference).__name__)
+    reference_name = name or (reference if isinstance(reference, str) else type(reference).__name__)
     if isinstance(reference, str):
         reference = load_reference(robot, reference)
-    lasts = lasting(reference) if duration is None else duration
-    steps = lasting_periods(lasts, control_period)
+    run_duration = default_duration(reference) if duration is None else duration
+    steps = whole_periods(run_duration, control_period)
     require_positive("plant_step", plant_step)
     kinematic, dynamic = kinematic or UnifiedKinematic(), dynamic or PaperDynamic()
     plant = plant or Plant()
     settings = {
-        "reference": told,
+        "reference": reference_name,
         "duration": steps * control_period,
         "initial_error": [float(x) for x in initial_error],
         "kinematic": describe(kinematic),
@@ -107,24 +107,24 @@ def track(
     notes += delay_note(plant.delay, control_period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, friction)
-    believed, bias = plant.believed_dynamics(dynamics), plant.bias(robot)
+    controller_dynamics, bias = plant.controller_dynamics(dynamics), plant.bias(robot)
     recorder = Recorder(dynamics, contacts, bias)
     q, nu, work = _start(robot, reference(0.0), initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    kinematic_law = started(kinematic, believed, control_period, rest)
-    dynamic_law = started(dynamic, believed, control_period, rest)
-    began = time.perf_counter()
+    kinematic_law = started(kinematic, controller_dynamics, control_period, rest)
+    dynamic_law = started(dynamic, controller_dynamics, control_period, rest)
+    started_at = time.perf_counter()
     sent = plant.pipeline(rest.tau, control_period)
     for k in range(steps + 1):
         t = k * control_period
         state = reference(t)
         e = tracking_error(robot, state, q)
-        command = kinematic_law(believed, reference, t, q, nu)
-        efforts = as_efforts(dynamic_law(believed, q, nu, command))
+        command = kinematic_law(controller_dynamics, reference, t, q, nu)
+        efforts = as_efforts(dynamic_law(controller_dynamics, q, nu, command))
         sent.append(efforts.tau)
         tau = sent.popleft()
         recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
-        if not np.abs(nu).max() < LOST:
+        if not np.abs(nu).max() < DIVERGED_SPEED:
             raise DivergedError(
                 f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the "
                 "horizons"
@@ -132,19 +132,19 @@ def track(
         if watch is not None:
             shown = time.perf_counter()
             watch(t, q, state)
-            began += time.perf_counter() - shown
+            started_at += time.perf_counter() - shown
         if k < steps:
             q, nu, done = advance(dynamics, q, nu, tau + bias, control_period, plant_step)
             work += done
         if progress is not None:
             progress(k, steps)
-    wall_time = time.perf_counter() - began
+    wall_time = time.perf_counter() - started_at
     report = getattr(kinematic_law, "report", None)
     if report is not None:  # a law that counts has more to tell than its settings
         settings["kinematic_report"] = report()
     return Run(
         **recorder.arrays(),
-        **facts(robot, contacts),
+        **run_facts(robot, contacts),
         friction=friction,
         settings=settings,
         notes=notes,
@@ -153,9 +153,9 @@ def track(
     )
 
 
-def lasting(reference: Reference) -> float:
+def default_duration(reference: Reference) -> float:
     """Return how long (s) to track a reference: a second longer than it moves, or 20 s."""
-    return float(getattr(reference, "duration", DURATION - SETTLE) + SETTLE)
+    return float(getattr(reference, "duration", DEFAULT_DURATION_S - SETTLING_S) + SETTLING_S)
 
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:

@@ -11,10 +11,12 @@ import math
 from rpctl.errors import require_positive
 
 CONTROL_PERIOD = 0.002  # s, where none is asked for
-WHOLE = 1e-6  # of a period: as near to a whole number, a quotient of two decimals is one
+WHOLE_PERIOD_TOLERANCE = (
+    1e-6  # of a period: as near to a whole number, a quotient of two decimals is one
+)
 
 
-def lasting_periods(duration: float, control_period: float) -> int:
+def whole_periods(duration: float, control_period: float) -> int:
     """Return how many control periods (s) lie within a duration (s); one at least.
 
     Raises:
@@ -22,17 +24,17 @@ def lasting_periods(duration: float, control_period: float) -> int:
     """
     require_positive("duration", duration)
     require_positive("control_period", control_period)
-    return max(1, math.floor(duration / control_period + WHOLE))
+    return max(1, math.floor(duration / control_period + WHOLE_PERIOD_TOLERANCE))
 
 
 def delay_periods(delay: float, control_period: float) -> int:
     """Return the number of control periods (s) nearest to a delay (s); halves count up."""
-    return math.floor(delay / control_period + 0.5 + WHOLE)
+    return math.floor(delay / control_period + 0.5 + WHOLE_PERIOD_TOLERANCE)
 
 
 def duration_note(asked: float, control_period: float) -> tuple[str, ...]:
     """Return the note that a run ends before the duration asked for (s), or none."""
-    periods = lasting_periods(asked, control_period)
+    periods = whole_periods(asked, control_period)
     if _whole(asked, control_period, periods):
         return ()
     return (
@@ -53,4 +55,4 @@ def delay_note(asked: float, control_period: float) -> tuple[str, ...]:
 
 
 def _whole(time: float, control_period: float, periods: int) -> bool:
-    return abs(time / control_period - periods) <= WHOLE
+    return abs(time / control_period - periods) <= WHOLE_PERIOD_TOLERANCE

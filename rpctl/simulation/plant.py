@@ -26,12 +26,12 @@ class Plant:
         tau_bias: Efforts (N·m or N) by actuator that push besides the controller's.
         delay: Time from a measurement to the efforts it leads to, s; the nearest whole number of
             control periods is simulated, halves up, and logged.
-        believed: The robot whose dynamics the controller computes with; None: the simulated one.
+        controller_model: The robot that the controller computes with; None: the simulated one.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
     delay: float = 0.0
-    believed: Robot | None = None
+    controller_model: Robot | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -52,21 +52,21 @@ class Plant:
                 raise UnknownNameError("actuator", name, robot.actuators)
         return np.array([self.tau_bias.get(name, 0.0) for name in robot.actuators])
 
-    def believed_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
+    def controller_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics that the controller computes with.
 
         Raises:
             RpctlError: The robot believed has other coordinates than the simulated one.
         """
-        if self.believed is None:
+        if self.controller_model is None:
             return dynamics
         for names in ("quasi_velocities", "actuators"):
-            if getattr(self.believed, names) != getattr(dynamics.robot, names):
+            if getattr(self.controller_model, names) != getattr(dynamics.robot, names):
                 raise RpctlError(
-                    f"the robot believed, {self.believed.name}, has other {names} than "
+                    f"the robot believed, {self.controller_model.name}, has other {names} than "
                     f"{dynamics.robot.name}; vary its masses or limits only"
                 )
-        return ReducedDynamics(self.believed)
+        return ReducedDynamics(self.controller_model)
 
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
@@ -76,8 +76,8 @@ class Plant:
         """Return the settings, to be kept with a run: the delay as it is simulated."""
         delay = delay_periods(self.delay, control_period) * control_period
         biases = {f"bias of {name}": float(bias) for name, bias in self.tau_bias.items()}
-        believed = None if self.believed is None else self.believed.name
-        return {**biases, "delay": delay, "believed": believed}
+        controller_model = None if self.controller_model is None else self.controller_model.name
+        return {**biases, "delay": delay, "believed": controller_model}
 
 
 def advance(

@@ -21,9 +21,14 @@ from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 
 SCHEMA = 3
-OLDER = 2  # it lacks what others than the arm's joints do, and the notes; they are empty then
-META = "meta"  # the one entry of the file that is text: JSON
-RANGES = ("load_range", "slip_range")  # entries that older files lack, and that may be NaN or inf
+OLDER_SCHEMA = (
+    2  # it lacks what others than the arm's joints do, and the notes; they are empty then
+)
+META_ENTRY = "meta"  # the one entry of the file that is text: JSON
+OPTIONAL_ENTRIES = (
+    "load_range",
+    "slip_range",
+)  # entries that older files lack, and that may be NaN or inf
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,7 +190,7 @@ class Run:
             else:
                 meta[item.name] = value
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, allow_pickle=False, **{META: json.dumps(meta)}, **arrays)
+        np.savez_compressed(buffer, allow_pickle=False, **{META_ENTRY: json.dumps(meta)}, **arrays)
         return write_atomically(path, buffer.getvalue())
 
     @staticmethod
@@ -198,22 +203,22 @@ class Run:
         try:
             with Path(path).open("rb") as file:
                 stored = np.load(file, allow_pickle=False)
-                if not isinstance(stored, NpzFile) or META not in stored:
+                if not isinstance(stored, NpzFile) or META_ENTRY not in stored:
                     raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
-                meta = json.loads(str(stored[META]))
-                arrays = {name: stored[name] for name in stored if name != META}
+                meta = json.loads(str(stored[META_ENTRY]))
+                arrays = {name: stored[name] for name in stored if name != META_ENTRY}
         except OSError as error:
             raise RunFileError(f"{path}: {error.strerror or error}; give a run.npz") from None
         except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
             raise RunFileError(f"{path}: damaged or not a run of rpctl ({error})") from None
         schema = meta.pop("schema", None) if isinstance(meta, dict) else None
-        if schema not in (OLDER, SCHEMA):
+        if schema not in (OLDER_SCHEMA, SCHEMA):
             raise RunFileError(
-                f"{path}: schema {schema}, this rpctl reads {OLDER} and {SCHEMA}; track the robot "
-                "again"
+                f"{path}: schema {schema}, this rpctl reads {OLDER_SCHEMA} and {SCHEMA}; track the "
+                "robot again"
             )
         values = {**meta, **arrays}
-        return _checked(path, _completed(values) if schema == OLDER else values)
+        return _checked(path, _completed(values) if schema == OLDER_SCHEMA else values)
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
@@ -249,7 +254,7 @@ def _completed(values: dict[str, Any]) -> dict[str, Any]:
 
 def _checked(path: str | Path, values: dict[str, Any]) -> Run:
     """Return a run from what a file holds, shapes and names checked."""
-    for name in RANGES:
+    for name in OPTIONAL_ENTRIES:
         values.setdefault(name, np.empty((np.size(values.get("t", ())), 0)))
     names = {item.name: item.type for item in fields(Run)}
     missing, extra = names.keys() - values.keys(), values.keys() - names.keys()
@@ -264,7 +269,7 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         if (kind == "Array") != isinstance(value, np.ndarray):
             raise RunFileError(f'{path}: entry "{name}" is of the wrong kind')
         if isinstance(value, np.ndarray):
-            finite = name in RANGES or np.isfinite(value).all()
+            finite = name in OPTIONAL_ENTRIES or np.isfinite(value).all()
             if value.dtype != np.float64 or not finite:
                 raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
             value.setflags(write=False)

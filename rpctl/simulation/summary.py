@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.ground import ground
 from rpctl.simulation.run import Run
+from rpctl.simulation.slip_and_tip import ground
 
-KINDS = {"lower": "lower position", "upper": "upper position"}  # in words
-SLACK = 1e-9  # of a limit: touching it is not breaking it
+LIMIT_NAMES = {"lower": "lower position", "upper": "upper position"}  # in words
+LIMIT_TOLERANCE = 1e-9  # of a limit: touching it is not breaking it
 
 
 def summarize(run: Run) -> dict[str, Any]:
@@ -20,7 +20,7 @@ def summarize(run: Run) -> dict[str, Any]:
     Errors are distances in m, joint errors in each joint's unit; ``settled`` figures are the
     largest over the second half. ``limits_violated`` lists every limit of the URDF that was
     broken, as :func:`violations` does, and ``limits_bound`` every one that the dynamic law had to
-    heed, as :func:`bound` does. A robot without an arm has None for its end
+    heed, as :func:`binding_limits` does. A robot without an arm has None for its end
     effector; one without effort limits has None for ``max_effort_ratio``. What a kinematic law
     counts is in ``kinematic_report``, None for a law that counts nothing. What the ground does is
     in the keys of :func:`ground`.
@@ -55,7 +55,7 @@ def summarize(run: Run) -> dict[str, Any]:
         "max_effort_ratio": float(peaks.max()) if limited.any() else None,
         "max_effort_joint": run.actuators[int(peaks.argmax())] if limited.any() else None,
         "limits_violated": violations(run),
-        "limits_bound": bound(run),
+        "limits_bound": binding_limits(run),
         **ground(run),
         "kinematic_report": run.settings.get("kinematic_report"),
         "energy_residual": _energy_residual(run),
@@ -80,22 +80,22 @@ def violations(run: Run) -> list[dict[str, Any]]:
     for name, position, lower, upper in zip(
         run.joint_names, run.joints.T, run.lower_limits, run.upper_limits, strict=True
     ):
-        found += _beyond(run, name, position, lower, upper)
+        found += _position_violations(run, name, position, lower, upper)
     for name, position, (lower, upper) in zip(
         run.steering_names, run.steering.T, run.steering_limits, strict=True
     ):
-        found += _beyond(run, name, position, lower, upper)
+        found += _position_violations(run, name, position, lower, upper)
     for name, position, rate, (lower, upper, fastest) in zip(
         run.other_names, run.others.T, run.other_rates.T, run.other_limits, strict=True
     ):
         if name not in run.actuators:
             found += _violation(run, name, "velocity", np.abs(rate), fastest)
         if name not in run.steering_names:
-            found += _beyond(run, name, position, lower, upper)
+            found += _position_violations(run, name, position, lower, upper)
     return found
 
 
-def bound(run: Run) -> list[dict[str, Any]]:
+def binding_limits(run: Run) -> list[dict[str, Any]]:
     """Return the limits that bound the efforts: which, when and where first, for how long.
 
     ``first_place`` is where P was (x, y), m; ``told`` says it all in one sentence.
@@ -104,7 +104,7 @@ def bound(run: Run) -> list[dict[str, Any]]:
     for (joint, kind), active in zip(run.bound_limits, run.active_limits.T, strict=True):
         first, duration = int(np.argmax(active)), float(active.mean() * run.t[-1])
         x, y = run.base[first, :2].tolist()
-        at, kind_told = float(run.t[first]), KINDS.get(kind, kind)
+        at, limit_name = float(run.t[first]), LIMIT_NAMES.get(kind, kind)
         found.append(
             {
                 "joint": joint,
@@ -112,14 +112,14 @@ def bound(run: Run) -> list[dict[str, Any]]:
                 "first_time": at,
                 "first_place": [x, y],
                 "duration": duration,
-                "told": f"{joint} {kind_told} limit bound from {at:.3g} s, at ({x:.2f}, {y:.2f}) "
+                "told": f"{joint} {limit_name} limit bound from {at:.3g} s, at ({x:.2f}, {y:.2f}) "
                 f"m, {duration:.2g} s in all",
             }
         )
     return found
 
 
-def _beyond(
+def _position_violations(
     run: Run, joint: str, position: Array, lower: float, upper: float
 ) -> list[dict[str, Any]]:
     """Return the position limits that a joint broke."""
@@ -130,7 +130,7 @@ def _beyond(
 
 
 def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[dict[str, Any]]:
-    broken = value > limit + SLACK * max(abs(limit), 1.0)
+    broken = value > limit + LIMIT_TOLERANCE * max(abs(limit), 1.0)
     if not broken.any():
         return []
     return [

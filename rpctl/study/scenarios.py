@@ -11,22 +11,22 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference
-from rpctl.reference.rates import steering
+from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses, set_limits
-from rpctl.simulation.loop import lasting
+from rpctl.simulation.loop import default_duration
 from rpctl.simulation.plant import Plant
 
-ARM_SHARE = 0.7  # of the arm's mass: what the controller takes it for
-BIAS_SHARE = 0.05  # of the first wheel's effort limit
-BIAS = 1.0  # N·m, where it has none
-DELAY = 0.02  # s
-EFFORT_SHARE = 0.5  # of what holding still leaves of each effort limit
-LOOK_EVERY = 0.1  # s: at a reference, for what holding still takes
+ARM_MASS_RATIO = 0.7  # of the arm's mass: what the controller takes it for
+BIAS_RATIO = 0.05  # of the first wheel's effort limit
+DEFAULT_BIAS_NM = 1.0  # N·m, where it has none
+DELAY_S = 0.02  # s
+EFFORT_LIMIT_RATIO = 0.5  # of what holding still leaves of each effort limit
+HOLDING_SAMPLE_S = 0.1  # s: at a reference, for what holding still takes
 
 
 class Case(NamedTuple):
@@ -41,36 +41,36 @@ class Scenario:
     """A kind of trouble.
 
     Attributes:
-        told: What it is, in a line.
+        summary: What it is, in a line.
         make: The case of a robot on a reference.
     """
 
-    told: str
+    summary: str
     make: Callable[[Robot, Reference], Case]
 
 
 def _light_arm(robot: Robot) -> Case:
     if not robot.joints:
         raise RpctlError(f"{robot.name} has no arm")
-    believed = robot
+    controller_model = robot
     for joint in robot.joints:
-        believed = scale_masses(believed, glob.escape(joint.name), ARM_SHARE)
-    return Case(robot, Plant(believed=believed))
+        controller_model = scale_masses(controller_model, glob.escape(joint.name), ARM_MASS_RATIO)
+    return Case(robot, Plant(controller_model=controller_model))
 
 
 def _wheel_bias(robot: Robot) -> Case:
     wheels = {wheel.joint for wheel in robot.drive.wheels}
     for name, limit in zip(robot.actuators, robot.effort_limits, strict=True):
         if name in wheels:
-            bias = BIAS_SHARE * float(limit) if np.isfinite(limit) else BIAS
+            bias = BIAS_RATIO * float(limit) if np.isfinite(limit) else DEFAULT_BIAS_NM
             return Case(robot, Plant(tau_bias={name: bias}))
     raise RpctlError(f"{robot.name} has no driven wheel")
 
 
 def _half_limits(robot: Robot, reference: Reference) -> Case:
     """Halve what is left of the effort limits beyond the most that the reference takes at rest."""
-    limits, holding = robot.effort_limits, _holding(robot, reference)
-    left = limits - EFFORT_SHARE * np.maximum(limits - holding, 0.0)
+    limits, holding_efforts = robot.effort_limits, _holding_efforts(robot, reference)
+    left = limits - EFFORT_LIMIT_RATIO * np.maximum(limits - holding_efforts, 0.0)
     efforts = {
         glob.escape(name): float(limit)
         for name, limit in zip(robot.actuators, left, strict=True)
@@ -79,11 +79,11 @@ def _half_limits(robot: Robot, reference: Reference) -> Case:
     return Case(set_limits(robot, effort=efforts), Plant())
 
 
-def _holding(robot: Robot, reference: Reference) -> Array:
+def _holding_efforts(robot: Robot, reference: Reference) -> Array:
     """Return the largest efforts (n_act,) that hold the robot still anywhere on a reference."""
     dynamics, still = ReducedDynamics(robot), np.zeros(robot.dof)
     found = []
-    for t in np.arange(0.0, lasting(reference), LOOK_EVERY).tolist():
+    for t in np.arange(0.0, default_duration(reference), HOLDING_SAMPLE_S).tolist():
         state = reference(t)
         q = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
         found.append(np.abs(dynamics.efforts(q, dynamics.bias(q, still))))
@@ -102,7 +102,7 @@ SCENARIOS = {
     ),
     "delay": Scenario(
         "20 ms from a measurement to the efforts it leads to",
-        lambda robot, _: Case(robot, Plant(delay=DELAY)),
+        lambda robot, _: Case(robot, Plant(delay=DELAY_S)),
     ),
     "half-limits": Scenario(
         "half of each effort limit, beyond what holding still takes; references stay",
@@ -112,7 +112,7 @@ SCENARIOS = {
 
 
 @dataclass(frozen=True)
-class Controller:
+class LawPair:
     """A kinematic and a dynamic law, by name."""
 
     kinematic: str
@@ -123,28 +123,28 @@ class Controller:
         return f"{self.kinematic}+{self.dynamic}"
 
 
-PAPER = Controller("paper", "paper")
-OURS = Controller("end-effector", "integral")  # what rpctl proposes for a robot with an arm
-OURS_ARMLESS = Controller("horizon", "integral")  # the same without an end effector to keep
+PAPER = LawPair("paper", "paper")
+PROPOSED = LawPair("end-effector", "integral")  # what rpctl proposes for a robot with an arm
+PROPOSED_ARMLESS = LawPair("horizon", "integral")  # the same without an end effector to keep
 # The dynamic laws tell apart where limits bind or the model is wrong: one kinematic law shows that.
-PAIRS = (
+LAW_PAIRS = (
     PAPER,
-    Controller("unified", "paper"),
-    Controller("unified", "bounded"),
-    Controller("unified", "integral"),
-    OURS,
-    OURS_ARMLESS,
-    Controller("kanayama", "paper"),
-    Controller("feedback-linearization", "paper"),
+    LawPair("unified", "paper"),
+    LawPair("unified", "bounded"),
+    LawPair("unified", "integral"),
+    PROPOSED,
+    PROPOSED_ARMLESS,
+    LawPair("kanayama", "paper"),
+    LawPair("feedback-linearization", "paper"),
 )
 
 
-def proposed(robot: Robot) -> Controller:
+def proposed(robot: Robot) -> LawPair:
     """Return the controller that rpctl proposes for a robot."""
-    return OURS if robot.joints else OURS_ARMLESS
+    return PROPOSED if robot.joints else PROPOSED_ARMLESS
 
 
-def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[Controller]:
+def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[LawPair]:
     """Return the controllers that are asked for.
 
     Args:
@@ -155,7 +155,7 @@ def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[Co
     Raises:
         UnknownNameError: There is no such law.
     """
-    chosen: list[Controller] = []
+    chosen: list[LawPair] = []
     for name in laws or KINEMATIC_LAWS:
         kinematic, _, own = name.partition("+")
         if kinematic not in KINEMATIC_LAWS:
@@ -163,9 +163,9 @@ def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[Co
         wanted = own or dynamic
         if wanted is not None and wanted not in DYNAMIC_LAWS:
             raise UnknownNameError("dynamic law", wanted, DYNAMIC_LAWS)
-        pairs = [pair for pair in PAIRS if pair.kinematic == kinematic]
+        pairs = [pair for pair in LAW_PAIRS if pair.kinematic == kinematic]
         if wanted is not None:
-            pairs = [Controller(kinematic, wanted)]
-        chosen += pairs or [Controller(kinematic, "bounded")]
-    order = {pair: place for place, pair in enumerate(PAIRS)}
-    return sorted(dict.fromkeys(chosen), key=lambda pair: order.get(pair, len(PAIRS)))
+            pairs = [LawPair(kinematic, wanted)]
+        chosen += pairs or [LawPair(kinematic, "bounded")]
+    order = {pair: place for place, pair in enumerate(LAW_PAIRS)}
+    return sorted(dict.fromkeys(chosen), key=lambda pair: order.get(pair, len(LAW_PAIRS)))

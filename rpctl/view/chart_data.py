@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
-from rpctl.view.charts import Chart, Line, charts
+from rpctl.view.charts import Chart, ChartLine, charts
 
 MAX_POINTS = 2000  # of one line: a screen has no more columns
-FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
-SAME = 1e-9  # s: times that differ by less are the same
-DECADES = 6.0  # that an error's axis shows at most
+ERROR_FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
+SAME_TIME_S = 1e-9  # s: times that differ by less are the same
+MAX_DECADES = 6.0  # that an error's axis shows at most
 
 Thin = Callable[[Array], Array]
 
@@ -41,7 +41,7 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
     if len(runs) == 1:
         found = [(c.title, c.note, [("", c, thins)]) for c in charts(runs[0])]
     else:
-        found = _transposed(runs, names, thins)
+        found = _by_line(runs, names, thins)
     return {
         "x": packed(times),
         "charts": [
@@ -60,11 +60,11 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
 Variants = list[tuple[str, Chart, list[Thin]]]
 
 
-def _transposed(
+def _by_line(
     runs: Sequence[Run], names: Sequence[str], thins: list[Thin]
 ) -> list[tuple[str, str, Variants]]:
     """Return for each chart its lines to choose from, each with a line for every run."""
-    gathered: dict[str, dict[str, list[tuple[Chart, Line, int]]]] = {}
+    gathered: dict[str, dict[str, list[tuple[Chart, ChartLine, int]]]] = {}
     for k, run in enumerate(runs):
         for chart in charts(run):
             for line in chart.lines:
@@ -83,7 +83,7 @@ def _transposed(
     return result
 
 
-def _axis_unit(chart: Chart, line: Line) -> str:
+def _axis_unit(chart: Chart, line: ChartLine) -> str:
     return chart.unit if chart.limits else line.unit
 
 
@@ -98,7 +98,7 @@ def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
     return entry
 
 
-def _line(line: Line, thin: Thin) -> dict[str, Any]:
+def _line(line: ChartLine, thin: Thin) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "label": line.label,
         "unit": line.unit,
@@ -116,34 +116,34 @@ def _line(line: Line, thin: Thin) -> dict[str, Any]:
 
 def _decades(lines: list[Array]) -> list[float]:
     """Return the range of an error's axis: its largest value, and what it settles at."""
-    top = 2.0 * max(*(float(np.abs(v).max()) for v in lines), 10.0 * FLOOR)
+    top = 2.0 * max(*(float(np.abs(v).max()) for v in lines), 10.0 * ERROR_FLOOR)
     settled = min(float(np.median(np.abs(v[-max(1, len(v) // 5) :]))) for v in lines)
-    bottom = max(min(0.2 * max(settled, FLOOR), 1e-2 * top), top / 10.0**DECADES)
+    bottom = max(min(0.2 * max(settled, ERROR_FLOOR), 1e-2 * top), top / 10.0**MAX_DECADES)
     return [bottom, top]
 
 
-def _axis(clocks: list[Array]) -> tuple[Array, list[Thin]]:
+def _axis(time_axes: list[Array]) -> tuple[Array, list[Thin]]:
     """Return the times (n,) that all lines share, and how each run's lines come to them.
 
     A short run keeps its samples. Of a longer one, and of runs sampled at other times, each
     stretch of time gives its least and its largest value, in order, so that no peak is lost;
     after the end of a run its lines are NaN.
     """
-    first = clocks[0]
-    alike = all(len(t) == len(first) and np.array_equal(t, first) for t in clocks)
+    first = time_axes[0]
+    alike = all(len(t) == len(first) and np.array_equal(t, first) for t in time_axes)
     if alike and len(first) <= MAX_POINTS:
-        return first, [lambda values: values for _ in clocks]
-    end = max(float(t[-1]) for t in clocks)
-    gap = max(float(np.diff(t).max()) for t in clocks if len(t) > 1)
+        return first, [lambda values: values for _ in time_axes]
+    end = max(float(t[-1]) for t in time_axes)
+    gap = max(float(np.diff(t).max()) for t in time_axes if len(t) > 1)
     count = max(1, min(MAX_POINTS // 2, int(end / (2.0 * gap))))
     edges = np.linspace(0.0, end, count + 1)
     times = np.linspace(0.0, end, 2 * count)
-    return times, [_extremes(t, edges) for t in clocks]
+    return times, [_extremes(t, edges) for t in time_axes]
 
 
 def _extremes(t: Array, edges: Array) -> Thin:
     """Return what takes the extremes of the values between each edge and the next."""
-    starts = np.searchsorted(t, edges[:-1] - SAME)
+    starts = np.searchsorted(t, edges[:-1] - SAME_TIME_S)
     starts = starts[starts < len(t)]
 
     def thin(values: Array) -> Array:

@@ -9,12 +9,17 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 
-BASE_SPEEDS = {"v": ("v", "m/s"), "vx": ("vx", "m/s"), "vy": ("vy", "m/s"), "omega": ("ω", "rad/s")}
-SLIPPING = 3.0  # that a grip's line shows at most: beyond, the wheel slips or is in the air
+BASE_SPEED_LABELS = {
+    "v": ("v", "m/s"),
+    "vx": ("vx", "m/s"),
+    "vy": ("vy", "m/s"),
+    "omega": ("ω", "rad/s"),
+}
+GRIP_SHOWN_MAX = 3.0  # that a grip's line shows at most: beyond, the wheel slips or is in the air
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class ChartLine:
     """One line of a chart.
 
     Attributes:
@@ -54,7 +59,7 @@ class Chart:
 
     title: str
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[ChartLine, ...]
     limits: tuple[float, ...] = ()
     errors: bool = False
     note: str = ""
@@ -72,7 +77,7 @@ def has_base(run: Run) -> bool:
     return any(_of_base(run, name) for name in run.quasi_velocities)
 
 
-def short(joint: str) -> str:
+def short_name(joint: str) -> str:
     """Return a joint's name without what all joints' names end in."""
     return joint.removesuffix("_joint")
 
@@ -82,10 +87,10 @@ def _base_error(run: Run) -> Chart | None:
         return None
     x1, x2, x3 = run.e[:, :3].T
     lines = (
-        Line("distance", "m", np.hypot(x1, x2), 3, shown=False),
-        Line("longitudinal x₁", "m", x1, 0),
-        Line("lateral x₂", "m", x2, 1),
-        Line("heading x₃", "rad", x3, 2),
+        ChartLine("distance", "m", np.hypot(x1, x2), 3, shown=False),
+        ChartLine("longitudinal x₁", "m", x1, 0),
+        ChartLine("lateral x₂", "m", x2, 1),
+        ChartLine("heading x₃", "rad", x3, 2),
     )
     return Chart("Base error", "m, rad", lines, errors=True)
 
@@ -94,13 +99,16 @@ def _tip_error(run: Run) -> Chart | None:
     if not run.ee.shape[1]:
         return None
     distance = np.linalg.norm(run.ee_ref - run.ee, axis=1)
-    lines = Line("position", "m", distance, 1), Line("orientation", "rad", run.ee_angle, 4)
+    lines = (
+        ChartLine("position", "m", distance, 1),
+        ChartLine("orientation", "rad", run.ee_angle, 4),
+    )
     return Chart("End-effector error", "m, rad", lines, errors=True)
 
 
 def _joint_errors(run: Run) -> Chart:
     lines = tuple(
-        Line(short(name), unit, error, _colour(run, name))
+        ChartLine(short_name(name), unit, error, _colour(run, name))
         for name, unit, error in zip(run.joint_names, run.units, run.e[:, 3:].T, strict=True)
     )
     return Chart("Joint errors", _units(lines), lines, errors=True)
@@ -108,15 +116,15 @@ def _joint_errors(run: Run) -> Chart:
 
 def _speeds(run: Run) -> list[Chart]:
     """Return the quasi-velocities with their reference: of the base, the arm, and the rest."""
-    groups: dict[str, list[Line]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
+    groups: dict[str, list[ChartLine]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
     for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
         if _of_base(run, name):
-            label, unit = BASE_SPEEDS[name]
+            label, unit = BASE_SPEED_LABELS[name]
             title, colour = "Base speeds", len(groups["Base speeds"])
         else:
-            label, unit, colour = short(name), f"{_unit(run, name)}/s", _colour(run, name)
+            label, unit, colour = short_name(name), f"{_unit(run, name)}/s", _colour(run, name)
             title = "Joint speeds" if name in run.joint_names else "Other speeds"
-        groups[title].append(Line(label, unit, actual, colour, reference=wanted))
+        groups[title].append(ChartLine(label, unit, actual, colour, reference=wanted))
     return [
         Chart(title, _units(lines), tuple(lines), note="dashed: reference")
         for title, lines in groups.items()
@@ -125,14 +133,16 @@ def _speeds(run: Run) -> list[Chart]:
 
 def _efforts(run: Run) -> list[Chart]:
     """Return the efforts as shares of their limits, and for each unit those without limits."""
-    limited: list[Line] = []
-    free: dict[str, list[Line]] = {"N·m": [], "N": []}
+    limited: list[ChartLine] = []
+    free: dict[str, list[ChartLine]] = {"N·m": [], "N": []}
     for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
         unit, colour = "N" if _unit(run, name) == "m" else "N·m", _colour(run, name)
         if np.isfinite(limit) and limit > 0.0:
-            limited.append(Line(short(name), unit, 100.0 * tau / limit, colour, 0.01 * limit))
+            limited.append(
+                ChartLine(short_name(name), unit, 100.0 * tau / limit, colour, 0.01 * limit)
+            )
         else:
-            free[unit].append(Line(short(name), unit, tau, colour))
+            free[unit].append(ChartLine(short_name(name), unit, tau, colour))
     found = [Chart("Efforts", "% of limit", tuple(limited), (-100.0, 100.0), note="dashed: limits")]
     return found + [
         Chart(f"Efforts without limits, {unit}", unit, tuple(lines)) for unit, lines in free.items()
@@ -142,13 +152,13 @@ def _efforts(run: Run) -> list[Chart]:
 def _margins(run: Run) -> list[Chart]:
     if not run.tip_margin.size:
         return []
-    tip = Line("zero-moment point to edge", "m", run.tip_margin, 0)
+    tip = ChartLine("zero-moment point to edge", "m", run.tip_margin, 0)
     top = grip_top(run)
     used, band = 100.0 * np.minimum(run.slip_ratio, top), None
     if run.slip_range.size:
         least, most = 100.0 * run.slip_range.T
         band = np.minimum(least, 100.0 * top), np.where(most > 100.0 * top, np.inf, most)
-    grip = Line("force / (friction · load)", "%", used, 1, band=band)
+    grip = ChartLine("force / (friction · load)", "%", used, 1, band=band)
     most = max(float(run.slip_ratio.max()), float(np.nanmax(run.slip_range, initial=0.0)))
     beyond = f" (drawn up to {100.0 * top:.0f})" if most > top else ""
     slips = f"friction {run.friction:g}, slips above 100{beyond}"
@@ -160,9 +170,9 @@ def _margins(run: Run) -> list[Chart]:
 
 def grip_top(run: Run) -> float:
     """Return how far a grip's axis reaches: to all that is needed, unless that is far too much."""
-    needed = [1.0, min(float(run.slip_ratio.max()), SLIPPING)]
+    needed = [1.0, min(float(run.slip_ratio.max()), GRIP_SHOWN_MAX)]
     most = float(np.nanmax(run.slip_range, initial=0.0))
-    return max(*needed, most if most <= SLIPPING else 0.0)
+    return max(*needed, most if most <= GRIP_SHOWN_MAX else 0.0)
 
 
 def _shading(run: Run) -> str:
@@ -174,7 +184,7 @@ def _loads(run: Run) -> Chart:
     if run.load_range.size:
         bands = [(low, high) for low, high in run.load_range.transpose(1, 2, 0)]
     lines = tuple(
-        Line(short(name), "N", load, k, band=band)
+        ChartLine(short_name(name), "N", load, k, band=band)
         for k, (name, load, band) in enumerate(
             zip(run.contacts, run.contact_load.T, bands, strict=False)
         )
@@ -184,7 +194,7 @@ def _loads(run: Run) -> Chart:
 
 def _of_base(run: Run, name: str) -> bool:
     """Return whether a quasi-velocity is the base's, and not that of a joint which is called so."""
-    return name in BASE_SPEEDS and name not in run.joint_names
+    return name in BASE_SPEED_LABELS and name not in run.joint_names
 
 
 def _unit(run: Run, joint: str) -> str:
@@ -192,7 +202,7 @@ def _unit(run: Run, joint: str) -> str:
     return run.units[run.joint_names.index(joint)] if joint in run.joint_names else "rad"
 
 
-def _units(lines: tuple[Line, ...] | list[Line]) -> str:
+def _units(lines: tuple[ChartLine, ...] | list[ChartLine]) -> str:
     return ", ".join(dict.fromkeys(line.unit for line in lines))
 
 

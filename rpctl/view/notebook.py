@@ -14,23 +14,23 @@ import numpy as np
 from rpctl.errors import RpctlError
 from rpctl.simulation.run import Run
 from rpctl.view.pages.page import asset, policy
-from rpctl.view.pages.player import player
+from rpctl.view.pages.scene_page import player
 from rpctl.view.scene.scene import build_scene
 
 ASPECT = 16.0 / 9.0
-WIDTH = 960  # pixels, at most
-FRAME = Template(
+MAX_WIDTH_PX = 960  # pixels, at most
+IFRAME = Template(
     "<p>$summary</p>"
     '<iframe title="$title" sandbox="allow-scripts" srcdoc="$page" style="width: 100%; '
     'max-width: ${width}px; aspect-ratio: $aspect; border: 1px solid #d5d9de; border-radius: 8px">'
     "</iframe>"
 )
-PACKED = Template(
+PACKED_PAGE = Template(
     '<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" '
     'content="$policy"><script type="text/plain" id="packed">$packed</script>'
     "<script>$script</script>"
 )
-BAR = """<div class="bar" role="group" aria-label="Timeline">
+CONTROLS = """<div class="bar" role="group" aria-label="Timeline">
 <button type="button" id="play"></button>
 <input type="range" id="slider" min="0" value="0" step="any" aria-label="Time">
 <output id="clock" for="slider"></output>
@@ -42,22 +42,22 @@ def show(run: Run) -> str:
 
     Where the robot cannot be loaded any more, the reason stands in the place of the scene.
     """
-    summary = escape(_line(run))
+    summary = escape(_summary_line(run))
     try:
         scene = build_scene(run.load_robot(), run)
     except RpctlError as error:
         return f"<p>{summary}</p><p>The scene cannot be drawn: {escape(str(error))}</p>"
-    page = player(scene, run.robot, ASPECT, asset("notebook.js"), BAR)
-    return FRAME.substitute(
+    page = player(scene, run.robot, ASPECT, asset("notebook.js"), CONTROLS)
+    return IFRAME.substitute(
         summary=summary,
         title=escape(run.robot),
         page=escape(pack(page)),
-        width=WIDTH,
+        width=MAX_WIDTH_PX,
         aspect=f"{ASPECT:.4f}",
     )
 
 
-def _line(run: Run) -> str:
+def _summary_line(run: Run) -> str:
     """Return what the run is, and how well it ended, in one line."""
     errors = []
     if run.drive["wheels"]:
@@ -74,4 +74,4 @@ def pack(page: str) -> str:
     script = asset("unpack.js")
     inner = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
     packed = base64.b64encode(zlib.compress(page.encode(), level=9)).decode()
-    return PACKED.substitute(policy=policy(script, *inner), packed=packed, script=script)
+    return PACKED_PAGE.substitute(policy=policy(script, *inner), packed=packed, script=script)

@@ -19,9 +19,9 @@ from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.qp import QuadraticProgram, Solver
-from rpctl.control.horizon.sample import Reading, look_ahead
+from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.reference.motion import reference_by_name
-from rpctl.reference.rates import reference_rates
+from rpctl.reference.quasi_velocities import reference_rates
 
 NOW = 5.0  # s
 OFF = (0.1, -0.1, 0.2)  # of the closed loop's start: limits bind for a second or so
@@ -38,11 +38,13 @@ def program(robot: Robot, off: tuple[float, ...]) -> QuadraticProgram:
     run, q, nu = law_and_state(robot, off)
     model = run.model
     times = np.asarray(NOW + model.dt * np.arange(model.steps + 1))
-    reading = Reading(times, np.ones(model.steps + 1))
-    target = look_ahead(model, reference_by_name(robot, "eight"), reading, model.posture(q))
+    time_scaling = TimeScaling(times, np.ones(model.steps + 1))
+    target = look_ahead(
+        model, reference_by_name(robot, "eight"), time_scaling, model.joint_positions(q)
+    )
     still = np.zeros((model.steps, robot.dof))
     motion = model.predict(q, nu, still)
-    return run.write(motion, target)
+    return run.build_qp(motion, target)
 
 
 @pytest.mark.benchmark(group="horizon law of TIAGo, N = 20")

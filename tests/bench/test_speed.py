@@ -21,11 +21,11 @@ from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.dynamic import dynamic_by_name
 from rpctl.control.law import started
-from rpctl.control.laws import kinematic_by_name
+from rpctl.control.registry import kinematic_by_name
 from rpctl.dynamics.motion import rk4_step
 from rpctl.reference.motion import reference_by_name
 from rpctl.robot import catalog
-from rpctl.study.scenarios import Controller, controllers
+from rpctl.study.scenarios import LawPair, controllers
 
 State = tuple[ReducedDynamics, Array, Array, Array]
 
@@ -96,7 +96,7 @@ def test_forward_of_each_drive(
 
 @pytest.mark.benchmark(group="control sample of TIAGo")
 @pytest.mark.parametrize("pair", controllers(), ids=str)
-def test_control_sample(benchmark: BenchmarkFixture, tiago: Robot, pair: Controller) -> None:
+def test_control_sample(benchmark: BenchmarkFixture, tiago: Robot, pair: LawPair) -> None:
     """Both laws of each controller that ``rpctl compare`` compares, off their reference."""
     dynamics, reference = ReducedDynamics(tiago), reference_by_name(tiago, "eight")
     kinematic = started(kinematic_by_name(pair.kinematic), dynamics, 0.002)

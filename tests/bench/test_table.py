@@ -8,23 +8,23 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from rpctl import Robot
-from rpctl.study.scenarios import OURS, PAPER
-from rpctl.study.standings import verdicts
-from rpctl.study.study import Bench, grid, run_grid
+from rpctl.study.benchmark import Benchmark, grid, run_grid
+from rpctl.study.scenarios import PAPER, PROPOSED
+from rpctl.study.verdicts import verdicts
 
 NOTHING = 1e-3  # m: what is left of the lateral error on a line
 
 
 @pytest.mark.benchmark(group="benchmark table")
 def test_table(benchmark: BenchmarkFixture, paper: Robot) -> None:
-    cells = grid(["nominal", "wheel-bias"], ["line", "spin", "circle"], [PAPER, OURS])
+    cells = grid(["nominal", "wheel-bias"], ["line", "spin", "circle"], [PAPER, PROPOSED])
     once: Any = benchmark.pedantic
-    rows = once(run_grid, (Bench(paper, 12.0), cells), rounds=1)
+    rows = once(run_grid, (Benchmark(paper, 12.0), cells), rounds=1)
     for row in rows:
-        if row.cell.controller == OURS:
+        if row.cell.controller == PROPOSED:
             assert row.figures is not None
             assert not row.figures.violations
             assert row.cell.reference != "line" or row.figures.final_lateral < NOTHING
-    found = verdicts(rows, OURS)
+    found = verdicts(rows, PROPOSED)
     assert len(found) == 12
     assert [verdict for verdict in found if verdict.worse_than_paper] == []

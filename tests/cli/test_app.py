@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from rpctl.cli.app import app
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.view.film.browser import NAMES
+from rpctl.view.film.browser import BROWSER_NAMES
 from tests.robots import SET_A, platform, write
 
 runner = CliRunner()
@@ -39,16 +39,16 @@ def run_json(*words: str, code: int = 0) -> Any:
 
 
 def test_inspect_tells_what_tiago_is() -> None:
-    told = run_json("inspect", "tiago")
-    assert told["name"] == "tiago"
-    assert told["dof"] == 12
-    assert told["mass"] == pytest.approx(65.894, abs=1e-3)
-    assert told["drive"]["type"] == "differential"
-    assert [w["joint"] for w in told["drive"]["wheels"]] == told["actuators"][:2]
-    assert [w["radius"] for w in told["drive"]["wheels"]] == [0.0985, 0.0985]
-    assert told["drive"]["track"] == pytest.approx(0.4044)
-    assert told["quasi_velocities"][:2] == ["v", "omega"]
-    assert {"severity", "line", "message"} == told["findings"][0].keys()
+    output = run_json("inspect", "tiago")
+    assert output["name"] == "tiago"
+    assert output["dof"] == 12
+    assert output["mass"] == pytest.approx(65.894, abs=1e-3)
+    assert output["drive"]["type"] == "differential"
+    assert [w["joint"] for w in output["drive"]["wheels"]] == output["actuators"][:2]
+    assert [w["radius"] for w in output["drive"]["wheels"]] == [0.0985, 0.0985]
+    assert output["drive"]["track"] == pytest.approx(0.4044)
+    assert output["quasi_velocities"][:2] == ["v", "omega"]
+    assert {"severity", "line", "message"} == output["findings"][0].keys()
     code, out, _ = run("inspect", "tiago")
     assert code == 0
     for word in ("differential", "0.0985", "0.4044", "65.89", "torso_lift_joint", "prismatic"):
@@ -56,14 +56,14 @@ def test_inspect_tells_what_tiago_is() -> None:
 
 
 def test_inspect_locks() -> None:
-    told = run_json("inspect", "tiago", "--lock", "head_*", "--lock", "torso_lift_joint=0.2")
-    assert told["dof"] == 9
-    assert told["locked"]["torso_lift_joint"] == 0.2
+    output = run_json("inspect", "tiago", "--lock", "head_*", "--lock", "torso_lift_joint=0.2")
+    assert output["dof"] == 9
+    assert output["locked"]["torso_lift_joint"] == 0.2
 
 
 def test_limits_that_are_not_there_are_null(tmp_path: Path) -> None:
-    told = run_json("inspect", str(write(tmp_path, platform(SET_A))))
-    assert told["drive"]["wheels"][0]["effort"] is None
+    output = run_json("inspect", str(write(tmp_path, platform(SET_A))))
+    assert output["drive"]["wheels"][0]["effort"] is None
 
 
 def test_strict_takes_warnings_as_errors(tmp_path: Path) -> None:
@@ -83,9 +83,9 @@ def test_density_estimates_what_the_file_lacks(tmp_path: Path) -> None:
     assert code == 2
     assert 'link "left_wheel" has no <inertial>' in err
     assert "--density KG_PER_M3" in err
-    told = run_json("inspect", str(path), "--density", "1000")
-    assert told["estimated_links"] == ["left_wheel"]
-    assert told["mass"] == pytest.approx(30 + 1 + 1000 * 0.04 * math.pi * 0.15**2)
+    output = run_json("inspect", str(path), "--density", "1000")
+    assert output["estimated_links"] == ["left_wheel"]
+    assert output["mass"] == pytest.approx(30 + 1 + 1000 * 0.04 * math.pi * 0.15**2)
     assert "estimated" in run("inspect", str(path), "--density", "1000")[1]
     assert run_json("verify", str(path), "--density", "1000", "--samples", "2")["passed"]
     code, _, err = run("verify", str(path), "--density", "-1")
@@ -93,9 +93,9 @@ def test_density_estimates_what_the_file_lacks(tmp_path: Path) -> None:
 
 
 def test_verify_tells_each_check() -> None:
-    told = run_json("verify", "paper", "--samples", "3", "--seed", "5")
-    assert (told["passed"], told["samples"], told["seed"]) == (True, 3, 5)
-    assert all(check["passed"] for check in told["checks"])
+    output = run_json("verify", "paper", "--samples", "3", "--seed", "5")
+    assert (output["passed"], output["samples"], output["seed"]) == (True, 3, 5)
+    assert all(check["passed"] for check in output["checks"])
     code, out, _ = run("verify", "paper", "--samples", "2")
     assert code == 0
     assert "verified" in out
@@ -104,8 +104,8 @@ def test_verify_tells_each_check() -> None:
 def test_verify_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
     inertia = ReducedDynamics.inertia
     monkeypatch.setattr(ReducedDynamics, "inertia", lambda self, q: 1.001 * inertia(self, q))
-    told = run_json("verify", "paper", "--samples", "1", code=1)
-    assert not told["passed"]
+    output = run_json("verify", "paper", "--samples", "1", code=1)
+    assert not output["passed"]
     code, out, _ = run("verify", "paper", "--samples", "1")
     assert code == 1
     assert "not verified" in out
@@ -114,18 +114,18 @@ def test_verify_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_track_writes_everything(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "run"
     words = ("track", "paper", "--duration", "0.5", "--initial-error", "0.1,-0.1,0.1")
-    told = run_json(*words, "--out", str(out))
+    output = run_json(*words, "--out", str(out))
     assert sorted(p.name for p in out.iterdir()) == [
         "report.html", "run.npz", "summary.json", "tracking.png",
     ]  # fmt: skip
-    assert json.loads((out / "summary.json").read_text()) == told
-    assert told["report"] == str(out / "report.html")
-    assert told["limits_violated"] == []
+    assert json.loads((out / "summary.json").read_text()) == output
+    assert output["report"] == str(out / "report.html")
+    assert output["limits_violated"] == []
     for key in (
         "rms_base_error", "final_base_error", "final_lateral_error", "rms_end_effector_error",
         "final_end_effector_error", "max_effort_ratio", "wall_time", "realtime_factor",
     ):  # fmt: skip
-        assert isinstance(told[key], float), key
+        assert isinstance(output[key], float), key
 
 
 def test_track_takes_a_table_and_names_the_folder_after_it(
@@ -135,8 +135,8 @@ def test_track_takes_a_table_and_names_the_folder_after_it(
     rows = "\n".join(f"{0.1 * k},{0.02 * k},0" for k in range(9))
     (tmp_path / "way.csv").write_text(f"t,x,y\n{rows}\n")
     words = ("track", "paper", "--reference", str(tmp_path / "way.csv"), "--samples", "0")
-    told = run_json(*words, "--duration", "0.5")
-    assert told["report"] == "runs/paper-way/report.html"
+    output = run_json(*words, "--duration", "0.5")
+    assert output["report"] == "runs/paper-way/report.html"
     (tmp_path / "way.csv").write_text(f"t,x,y\n{rows}\n0.9,oops,0\n")
     code, _, err = run(*words)
     assert code == 2
@@ -152,10 +152,10 @@ def test_track_tells_people(tmp_path: Path) -> None:
 
 def test_track_says_where_a_run_ends_that_was_asked_for_longer(tmp_path: Path) -> None:
     words = ("track", "paper", "--duration", "0.0215", "--samples", "0", "--out", str(tmp_path))
-    told = run_json(*words)
+    output = run_json(*words)
     note = "a duration of 0.0215 s is no whole number of control periods of 0.002 s: the run ends"
-    assert told["notes"][0] == f"{note} at 0.02 s"
-    assert told["duration"] == pytest.approx(0.02)
+    assert output["notes"][0] == f"{note} at 0.02 s"
+    assert output["duration"] == pytest.approx(0.02)
     assert f"{note} at 0.02 s" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert note in " ".join(run(*words)[1].split())
 
@@ -178,7 +178,7 @@ def test_track_asks_for_a_browser_before_it_simulates(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no chromium on PATH")
+@pytest.mark.skipif(not any(map(shutil.which, BROWSER_NAMES)), reason="no chromium on PATH")
 def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
     run("track", "paper", "--duration", "0.2", "--samples", "0", "--png", "--out", str(tmp_path))
     assert (tmp_path / "scene.png").stat().st_size > 10_000
@@ -197,24 +197,24 @@ def test_a_robots_name_cannot_lead_out_of_the_runs(
 
 def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     words = ("track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0")
-    told = run_json(*words, "--out", str(tmp_path), code=1)
-    assert told["max_effort_ratio"] > 1
-    assert {broken["limit"] for broken in told["limits_violated"]} >= {"effort"}
+    output = run_json(*words, "--out", str(tmp_path), code=1)
+    assert output["max_effort_ratio"] > 1
+    assert {broken["limit"] for broken in output["limits_violated"]} >= {"effort"}
 
 
 @pytest.mark.parametrize("dynamic", ["bounded", "integral"])
 def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
     words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
     words += ["--dynamic", dynamic, "--out", str(tmp_path)]
-    told = run_json(*words)
-    assert told["limits_violated"] == []
-    assert told["limits_bound"][0]["told"] in run(*words)[1]
-    assert "effort limit bound from 0 s" in told["limits_bound"][0]["told"]
-    assert told["limits_bound"][0]["told"] in (tmp_path / "report.html").read_text()
+    output = run_json(*words)
+    assert output["limits_violated"] == []
+    assert output["limits_bound"][0]["told"] in run(*words)[1]
+    assert "effort limit bound from 0 s" in output["limits_bound"][0]["told"]
+    assert output["limits_bound"][0]["told"] in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "output"),
     [
         (("inspect", "tiag0"), "did you mean"),
         (("inspect", "none.urdf"), "none.urdf: error: No such file or directory"),
@@ -246,10 +246,10 @@ def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
         (("fly",), "No such command"),
     ],
 )
-def test_wrong_input_exits_2_with_one_message(words: tuple[str, ...], told: str) -> None:
+def test_wrong_input_exits_2_with_one_message(words: tuple[str, ...], output: str) -> None:
     code, out, err = run(*words)
     assert code == 2
-    assert told in " ".join(err.replace("│", " ").split())
+    assert output in " ".join(err.replace("│", " ").split())
     assert "Traceback" not in out + err
 
 

@@ -22,18 +22,18 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.row import Check
 from rpctl.errors import Finding
 from rpctl.robot.facts import facts
-from rpctl.study.scenarios import OURS, PAPER, Controller
-from rpctl.study.study import Cell, Figures, Row, figures
+from rpctl.study.benchmark import Cell, Figures, Row, figures
+from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
 from tests.golden import COUNT, TRICYCLE
 from tests.robots import write
 from tests.vehicles import vehicle
 
-KANAYAMA = Controller("kanayama", "paper")
-Told = Callable[[], list[str]]
+KANAYAMA = LawPair("kanayama", "paper")
+Printed = Callable[[], list[str]]
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+def printed(monkeypatch: pytest.MonkeyPatch) -> Printed:
     """Return what gives the lines that were printed, without the spaces of columns."""
     console = Console(width=160, record=True, file=io.StringIO(), highlight=False)
     for module in (show, cli_compare):
@@ -45,7 +45,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
     return lines
 
 
-def test_summary_of_a_run(golden: Run, told: Told) -> None:
+def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     tau, rates = np.array(golden.tau), np.array(golden.rates)
     tau[2:4, 3], rates[4, 4] = -25.0, 0.75
     summary = summarize(replace(golden, tau=tau, rates=rates))
@@ -58,7 +58,7 @@ def test_summary_of_a_run(golden: Run, told: Told) -> None:
         "slide": (0.04, 0.03, 0.01, 0.005, 0.02, 0.01),
     }
     milli = {key: 1e3 * math.sqrt(sum(x * x for x in row) / 6) for key, row in rms.items()}
-    assert told() == [
+    assert printed() == [
         "tracking error rms final largest in 2nd half",
         f"base {milli['base']:.3f} mm 50.000 mm 130.000 mm",
         f"end effector {milli['tip']:.3f} mm 30.000 mm 70.000 mm",
@@ -100,19 +100,19 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
     assert "\x1b[1;31mswing_joint" not in text  # 16 N·m of 16
 
 
-def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, told: Told) -> None:
+def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, printed: Printed) -> None:
     none = np.empty((COUNT, 0))
     bare = replace(
         golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none
     )
     more = {"notes": [], "report": "r", "report_bytes": 0}
     show.show_summary({**summarize(bare), **more}, Path("out"))
-    assert not [line for line in told() if line.startswith(("end effector", "ground"))]
+    assert not [line for line in printed() if line.startswith(("end effector", "ground"))]
 
 
-def test_a_robot_and_its_limits(tricycle: Robot, told: Told) -> None:
+def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
     show.show_robot(tricycle)
-    text = told()
+    text = printed()
     for line in (
         "drive tricycle",
         "track 0.6 m; P, the middle of the axle, at (-0.1, 0) m",
@@ -155,37 +155,39 @@ def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
         assert rows["root link"] == "forward at -90°, 0.25 m above the ground"
 
 
-def test_reasons_and_findings_name_what_they_are_about(tricycle: Robot, told: Told) -> None:
+def test_reasons_and_findings_name_what_they_are_about(tricycle: Robot, printed: Printed) -> None:
     both = [{"joint": "a", "why": "is round"}, {"joint": "b", "why": "is round"}]
     assert [*show._reasons(both)] == ["[dim]each is round[/]"]
     more = [*both, {"joint": "c", "why": "is said to be"}]
     assert [*show._reasons(more)] == ["[dim]a, b is round[/]", "[dim]c is said to be[/]"]
     findings = (Finding("warning", 7, "it is odd"), Finding("info", None, "it is fine"))
     show.show_robot(replace(tricycle, findings=findings))
-    assert told()[-2:] == ["warning golden.urdf:7: it is odd", "info golden.urdf: it is fine"]
+    assert printed()[-2:] == ["warning golden.urdf:7: it is odd", "info golden.urdf: it is fine"]
 
 
-def test_a_certificate_tells_its_worst(told: Told) -> None:
+def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
     exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
     good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near))
     show.show_certificate(good)
-    text = told()
+    text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
     assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
     assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
     assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
     show.show_certificate(replace(good, checks=(exact, bad)))
-    assert told()[-1].startswith("✗ not verified: rolling against A; 2 checks over 5 random states")
+    assert printed()[-1].startswith(
+        "✗ not verified: rolling against A; 2 checks over 5 random states"
+    )
 
 
-def test_a_caster_trails_behind(tmp_path: Path, told: Told) -> None:
+def test_a_caster_trails_behind(tmp_path: Path, printed: Printed) -> None:
     """The log of a swivel has its contact ahead; people are told how far it lies behind."""
     robot = rpctl.load(write(tmp_path, vehicle("casters")))
     trails = {s.joint: s.trail for s in robot.drive.swivels}
     assert trails["caster_2"] == pytest.approx(-0.07, abs=5e-3)
     show.show_robot(robot)
-    (row,) = (line for line in told() if line.startswith("caster_2 caster"))
+    (row,) = (line for line in printed() if line.startswith("caster_2 caster"))
     assert "-0.3, 0 m 70" in row
 
 
@@ -193,17 +195,17 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
     drive = replace(tricycle.drive, heading=0.25 * math.pi)
     known = facts(replace(tricycle, drive=drive))
     assert known["mass"] == pytest.approx(27.0)
-    told = known["drive"]
-    assert told["heading_deg"] == pytest.approx(45.0)
-    assert told["track"] == pytest.approx(0.6)
-    assert told["point"] == pytest.approx((-0.1, 0.0))
-    assert told["ground"] == pytest.approx(-0.05)
-    wheels = {wheel["joint"]: wheel for wheel in told["wheels"]}
+    printed = known["drive"]
+    assert printed["heading_deg"] == pytest.approx(45.0)
+    assert printed["track"] == pytest.approx(0.6)
+    assert printed["point"] == pytest.approx((-0.1, 0.0))
+    assert printed["ground"] == pytest.approx(-0.05)
+    wheels = {wheel["joint"]: wheel for wheel in printed["wheels"]}
     assert wheels["left_wheel_joint"]["radius"] == pytest.approx(0.1)
     limits = [(wheels[f"{w}_wheel_joint"]["effort"], wheels[f"{w}_wheel_joint"]["velocity"])
               for w in ("left", "right")]  # fmt: skip
     assert limits == [(40.0, 5.0), (math.inf, math.inf)]
-    (swivel,) = told["swivels"]
+    (swivel,) = printed["swivels"]
     assert swivel["pivot"] == pytest.approx((0.7, 0.0))
     swing, slide = known["joints"]
     keys = ("name", "type", "lower", "upper", "velocity", "effort")
@@ -271,25 +273,25 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
     )
 
 
-def row(law: Controller, base: float, tip: float | None, *broken: str) -> Row:
+def row(law: LawPair, base: float, tip: float | None, *broken: str) -> Row:
     """Return a row, errors in m: the final ones are half of the others."""
     half = None if tip is None else 0.5 * tip
     figures = Figures(base, 0.5 * base, 0.25 * base, tip, half, 0.75, 0.125, broken, 4e-5, 9e-5)
     return Row(Cell("nominal", "line", law), figures, None)
 
 
-def test_table_of_a_benchmark(told: Told, tmp_path: Path) -> None:
-    failed = Row(Cell("nominal", "line", Controller("mpc", "paper")), None, "it turns on the spot")
+def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
+    failed = Row(Cell("nominal", "line", LawPair("mpc", "paper")), None, "it turns on the spot")
     rows = [
         row(PAPER, 0.004, 0.006),
-        row(OURS, 0.003, 0.008),
+        row(PROPOSED, 0.003, 0.008),
         row(KANAYAMA, 0.001, None, "a upper"),
     ]
-    cli_compare.show([*rows, failed], OURS, tmp_path)
-    text = told()
+    cli_compare.show_comparison([*rows, failed], PROPOSED, tmp_path)
+    text = printed()
     for line in (
         "line paper+paper 4.00 2.00 6.00 3.00 75 % 12 % 0 40 90",
-        f"{OURS} 3.00 1.50 8.00 4.00 75 % 12 % 0 40 90",
+        f"{PROPOSED} 3.00 1.50 8.00 4.00 75 % 12 % 0 40 90",
         "kanayama+paper 1.00 0.50 - - 75 % 12 % 1 40 90",
         "mpc+paper - - - - - - - - -",
         "kanayama+paper, line: broke a upper",
@@ -306,9 +308,9 @@ def test_table_of_a_benchmark(told: Told, tmp_path: Path) -> None:
 
 
 def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:
-    told: list[dict[str, Any]] = [row(OURS, 0.003, 0.008, "a upper", "b effort").to_dict()]
-    (read,) = csv.DictReader(cli_compare._csv(told).splitlines())
-    for found in (read, told[0]):
+    printed: list[dict[str, Any]] = [row(PROPOSED, 0.003, 0.008, "a upper", "b effort").to_dict()]
+    (read,) = csv.DictReader(cli_compare._csv(printed).splitlines())
+    for found in (read, printed[0]):
         assert float(found["rms_base"]) == 0.003
         assert float(found["final_base"]) == 0.0015
         assert float(found["final_lateral"]) == 0.00075
@@ -320,4 +322,4 @@ def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:
         assert float(found["sample_time_99"]) == 9e-5
     assert read["violations"] == "a upper; b effort"
     assert (read["scenario"], read["reference"]) == ("nominal", "line")
-    assert (read["kinematic"], read["dynamic"]) == (OURS.kinematic, OURS.dynamic)
+    assert (read["kinematic"], read["dynamic"]) == (PROPOSED.kinematic, PROPOSED.dynamic)

@@ -35,8 +35,8 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Console:
 def inspect_json(path: Path, *words: str) -> dict[str, Any]:
     result = runner.invoke(app, ["inspect", str(path), "--json", *words])
     assert result.exit_code == 0, result.stderr
-    told: dict[str, Any] = json.loads(result.stdout)
-    return told
+    output: dict[str, Any] = json.loads(result.stdout)
+    return output
 
 
 def test_a_car(tmp_path: Path, page: Console) -> None:
@@ -71,14 +71,14 @@ def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
     path = write(tmp_path, text)
     robot = rpctl.load(path)
     show.show_robot(robot)
-    told = inspect_json(path)["idealised"]
-    assert [(each["what"], round(each["value"], 9), each["unit"]) for each in told] == [
+    output = inspect_json(path)["idealised"]
+    assert [(each["what"], round(each["value"], 9), each["unit"]) for each in output] == [
         ("contact height", 2.0, "mm"),
         ("thin wheels", 40.0, "mm"),
     ]
     certificate = rpctl.verify(robot, samples=1, engines=())
     show.show_certificate(certificate)
-    assert list(certificate.idealised) == [each["sentence"] for each in told]
+    assert list(certificate.idealised) == [each["sentence"] for each in output]
     assert certificate.to_dict()["idealised"] == list(certificate.idealised)
     shown = " ".join(page.export_text().split())
     for sentence in certificate.idealised:
@@ -110,12 +110,12 @@ def test_it_keeps_to_the_page(tmp_path: Path, page: Console, kind: str) -> None:
      ("tricycle", "forward speed of P, m/s")],
 )  # fmt: skip
 def test_json_says_what_v_is(tmp_path: Path, kind: str, speed: str) -> None:
-    told = inspect_json(write(tmp_path, vehicle(kind)))
-    assert told["meanings"]["v"] == speed
-    assert list(told["meanings"]) == told["quasi_velocities"]
-    assert told["drive"]["evidence"]
-    swivels = {swivel["joint"]: swivel for swivel in told["drive"]["swivels"]}
-    for wheel in told["drive"]["wheels"]:
+    output = inspect_json(write(tmp_path, vehicle(kind)))
+    assert output["meanings"]["v"] == speed
+    assert list(output["meanings"]) == output["quasi_velocities"]
+    assert output["drive"]["evidence"]
+    swivels = {swivel["joint"]: swivel for swivel in output["drive"]["swivels"]}
+    for wheel in output["drive"]["wheels"]:
         assert wheel["why"].startswith("turns without limits about a level axle")
         assert wheel["swivel"] is None or wheel["swivel"] in swivels
     assert all(swivel["role"] and swivel["why"] for swivel in swivels.values())

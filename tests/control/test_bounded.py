@@ -183,7 +183,7 @@ def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
 
 def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot) -> None:
     """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
-    plant = Plant(believed=scale_masses(tiago, "arm_*", 0.7))
+    plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
     run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
     beyond = run.lower_limits[0] - run.joints[:, 0]
     assert run.joint_names[0] == "torso_lift_joint"

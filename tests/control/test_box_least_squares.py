@@ -7,13 +7,13 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from rpctl.arrays import Array
-from rpctl.control.box_least_squares import FLOOR, Box, Rated, nearest
+from rpctl.control.box_least_squares import MIN_KAPPA, Box, WithRate, nearest
 
 STEP = 1e-6
 
 
-def still(value: Array) -> Rated:
-    return Rated(value, np.zeros_like(value))
+def still(value: Array) -> WithRate:
+    return WithRate(value, np.zeros_like(value))
 
 
 def box(size: float) -> Box:
@@ -32,8 +32,8 @@ def test_a_pull_without_bound_gives_bounded_least_squares(
     for _ in range(20):
         G, y, posture = rng.normal(size=(3, 7)), rng.normal(size=3), 0.05 * rng.normal(size=7)
         z = solve(G, y, posture, size, 1e9)
-        stacked = np.vstack([np.eye(7), G / np.sqrt(FLOOR)])
-        right = np.concatenate([posture, y / np.sqrt(FLOOR)])
+        stacked = np.vstack([np.eye(7), G / np.sqrt(MIN_KAPPA)])
+        right = np.concatenate([posture, y / np.sqrt(MIN_KAPPA)])
         expected = lsq_linear(stacked, right, (-size, size), method="bvls", tol=1e-15).x
         np.testing.assert_allclose(z, expected, atol=1e-6)
         bound += int(np.count_nonzero(np.abs(z) == size))
@@ -90,8 +90,8 @@ def test_the_derivative(
         "upper": (np.full(7, size), 0.1 * rng.normal(size=7)),
     }
 
-    def at(time: float) -> Rated:
-        now = {key: Rated(value + time * rate, rate) for key, (value, rate) in data.items()}
+    def at(time: float) -> WithRate:
+        now = {key: WithRate(value + time * rate, rate) for key, (value, rate) in data.items()}
         limits = Box(now["lower"], now["upper"])
         return nearest(now["G"], now["y"], now["posture"], limits, strongest)
 

@@ -24,17 +24,17 @@ from rpctl import (
 )
 from rpctl.cli.app import app
 from rpctl.control.command import KinematicLaw
-from rpctl.control.config import Circumstances, Config, Limits, read_config, write_config
+from rpctl.control.config import Config, LimitOverrides, RunSettings, read_config, write_config
 from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.control.settings import from_table, to_table
 from rpctl.errors import DescriptionError, UnknownNameError
 
 FULL = Config(
     Kanayama(kx=2.0, ky=9.0),
     IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
-    Circumstances("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
-    Limits(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
+    RunSettings("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
+    LimitOverrides(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
 )
 
 

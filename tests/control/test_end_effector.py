@@ -23,13 +23,13 @@ from rpctl import (
     summarize,
 )
 from rpctl.arrays import Array
-from rpctl.control.box_least_squares import Box, Rated
+from rpctl.control.box_least_squares import Box, WithRate
 from rpctl.control.command import KinematicLaw
 from rpctl.control.end_effector import EndEffector, EndEffectorLaw
 from rpctl.control.error import tracking_error
-from rpctl.control.frame_motion import end_effector_frame, jacobian, reference_motion
+from rpctl.control.frame_kinematics import end_effector_frame, jacobian, reference_motion
 from rpctl.control.law import Startable, started
-from rpctl.control.laws import kinematic_by_name
+from rpctl.control.registry import kinematic_by_name
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
 from tests.robots import SET_B, platform, write
@@ -174,7 +174,7 @@ def test_on_a_line_the_arm_makes_up_for_what_the_base_never_reaches(tiago: Robot
 
 def unbounded(_: EndEffectorLaw, robot: Robot, *others: Array) -> Box:
     wide = np.full(len(robot.joints), np.inf)
-    return Box(Rated(-wide, 0.0 * robot.home), Rated(wide, 0.0 * robot.home))
+    return Box(WithRate(-wide, 0.0 * robot.home), WithRate(wide, 0.0 * robot.home))
 
 
 def test_limits_hold_where_the_end_effector_would_break_them(

@@ -16,23 +16,23 @@ from rpctl.control.error import Tracking, error_rate
 from rpctl.control.twist import Twist
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.paths import eight
-from tests.control.unicycle import NOTHING, Motion, along, steady
+from tests.control.unicycle import NO_JOINTS, StateOverTime, along, steady
 
 LAW = FeedbackLinearization(kp=2.0, kd=3.0)
 
 
 def ask(law: FeedbackLinearization, state: ReferenceState, e: Array, v: float) -> Twist:
     """Return what the law asks of a robot with the speed v."""
-    return law.unicycle(Tracking(state, e, error_rate(e, state, np.array([v, 0, 0.3]), NOTHING)))
+    return law.unicycle(Tracking(state, e, error_rate(e, state, np.array([v, 0, 0.3]), NO_JOINTS)))
 
 
-def drive(law: FeedbackLinearization, motion: Motion, x: Array, times: Array) -> Array:
+def drive(law: FeedbackLinearization, motion: StateOverTime, x: Array, times: Array) -> Array:
     """Return errors and speed (K, 4) of a base that takes v̇_d and ω_d without delay."""
 
     def rate(t: float, x: Array) -> Array:
         state, (value, change) = motion(t), ask(law, motion(t), x[:3], x[3])
         twist = np.array([x[3], 0.0, value[2]])
-        return np.append(error_rate(x[:3], state, twist, NOTHING), change[0])
+        return np.append(error_rate(x[:3], state, twist, NO_JOINTS), change[0])
 
     solution = solve_ivp(rate, (0.0, times[-1]), x, t_eval=times, rtol=1e-11, atol=1e-12)
     return np.asarray(solution.y.T)
@@ -91,7 +91,7 @@ def test_a_spin_is_refused(paper: Robot) -> None:
 
 def test_without_a_direction_the_law_stands(paper: Robot) -> None:
     """Only ω̇_d then does not know v̈_r."""
-    state = reference_by_name(paper, "eight")(6.0)._replace(joint_rates=NOTHING)
+    state = reference_by_name(paper, "eight")(6.0)._replace(joint_rates=NO_JOINTS)
     e = np.array([0.1, 0.2, 0.3])
     known, blind = (ask(LAW, s, e, 0.5) for s in (state, state._replace(direction=None)))
     np.testing.assert_array_equal(known.value, blind.value)

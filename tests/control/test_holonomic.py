@@ -11,7 +11,7 @@ from rpctl import PaperKinematic, ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.error import observe
 from rpctl.reference.motion import ReferenceState, reference_by_name
-from rpctl.reference.rates import reference_rates
+from rpctl.reference.quasi_velocities import reference_rates
 
 LAW = PaperKinematic(horizon=0.4)
 STEP = 1e-6

@@ -94,16 +94,16 @@ def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
 def test_at_rest_it_knows_what_its_model_does_not(tiago: Robot) -> None:
     """TIAGo stands still; the model has its arm a third too light. Unless told, it sags first."""
     light, still = scale_masses(tiago, "arm_*", 0.7), np.zeros(tiago.dof)
-    dynamics, believed = ReducedDynamics(tiago), ReducedDynamics(light)
+    dynamics, controller_model = ReducedDynamics(tiago), ReducedDynamics(light)
     start = tiago.configuration_at(np.zeros(3), tiago.home)
     rest = Rest(start, dynamics.efforts(start, dynamics.bias(start, still)))
 
     def fastest(known: Rest | None) -> float:
-        law = IntegralDynamic().start(believed, 0.002, known)
+        law = IntegralDynamic().start(controller_model, 0.002, known)
         q, nu = start, still
         rates = []
         for _ in range(100):
-            tau = law(believed, q, nu, Command(still, still)).tau
+            tau = law(controller_model, q, nu, Command(still, still)).tau
             q, nu, _ = advance(dynamics, q, nu, tau, 0.002, 0.002)
             rates.append(np.abs(nu).max())
         return float(max(rates))

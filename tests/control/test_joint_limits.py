@@ -9,7 +9,13 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot, scale_limits
 from rpctl.arrays import Array
-from rpctl.control.joint_limits import APPROACH, BRAKE_SHARE, ROOM, JointBounds, JointLimits
+from rpctl.control.joint_limits import (
+    APPROACH_TIME,
+    BRAKE_FRACTION,
+    LIMIT_MARGIN,
+    JointBounds,
+    JointLimits,
+)
 from rpctl.control.law import Limit
 
 PERIOD, H1 = 0.002, 0.15
@@ -36,13 +42,13 @@ def bounds_at(dynamics: ReducedDynamics, x: float, rate: float) -> tuple[JointBo
 def ends(dynamics: ReducedDynamics) -> Array:
     """Return the joint's limits (2,), m, less the room that is kept free of them."""
     joint = dynamics.robot.description.joint[NAME]
-    room = ROOM * (joint.upper - joint.lower)
+    room = LIMIT_MARGIN * (joint.upper - joint.lower)
     return np.array([joint.lower + room, joint.upper - room])
 
 
 def stop(gap: float, brake: float) -> float:
     """Return √(2a (g − ½ a h1²)), with the share of the brake that is counted on."""
-    a = BRAKE_SHARE * brake
+    a = BRAKE_FRACTION * brake
     assert gap > a * H1**2
     return math.sqrt(2.0 * a * (gap - 0.5 * a * H1**2))
 
@@ -52,8 +58,8 @@ def test_a_joint_may_be_as_fast_as_it_can_still_be_braked(quick: ReducedDynamics
     lower, upper = ends(quick)
     x = lower + 0.45 * (upper - lower)
     bounds, index = bounds_at(quick, x, 0.0)
-    assert bounds.upper[index] == pytest.approx(stop(upper - x, DOWN) / APPROACH)
-    assert bounds.lower[index] == pytest.approx(-stop(x - lower, UP) / APPROACH)
+    assert bounds.upper[index] == pytest.approx(stop(upper - x, DOWN) / APPROACH_TIME)
+    assert bounds.lower[index] == pytest.approx(-stop(x - lower, UP) / APPROACH_TIME)
     assert bounds.by_lower[index]
     assert bounds.by_upper[index]
 
@@ -63,10 +69,10 @@ def test_near_a_limit_the_gap_closes_as_an_exponential(quick: ReducedDynamics) -
     lower, upper = ends(quick)
     gap, rate = 0.01, 0.05
     bounds, index = bounds_at(quick, upper - gap, rate)
-    ahead = gap - APPROACH * rate
-    assert bounds.upper[index] == pytest.approx((ahead / H1 - rate) / APPROACH)
+    ahead = gap - APPROACH_TIME * rate
+    assert bounds.upper[index] == pytest.approx((ahead / H1 - rate) / APPROACH_TIME)
     bounds, index = bounds_at(quick, lower + gap, -rate)
-    assert bounds.lower[index] == pytest.approx(-(ahead / H1 - rate) / APPROACH)
+    assert bounds.lower[index] == pytest.approx(-(ahead / H1 - rate) / APPROACH_TIME)
 
 
 def test_no_more_is_asked_than_the_efforts_give(quick: ReducedDynamics) -> None:
@@ -89,11 +95,11 @@ def test_a_limit_has_its_name(quick: ReducedDynamics) -> None:
 def test_a_slow_joint_is_bound_by_its_rate(paper: Robot) -> None:
     """(1 − room) times the velocity limit either way, and the limit is called so."""
     dynamics = ReducedDynamics(scale_limits(paper, velocity=0.02))
-    fastest = (1.0 - ROOM) * dynamics.robot.description.joint[NAME].velocity
+    fastest = (1.0 - LIMIT_MARGIN) * dynamics.robot.description.joint[NAME].velocity
     limits = JointLimits(dynamics, PERIOD, H1)
     rate = 0.5 * fastest
     bounds, index = bounds_at(dynamics, float(ends(dynamics).mean()), rate)
-    assert bounds.upper[index] == pytest.approx((fastest - rate) / APPROACH)
-    assert bounds.lower[index] == pytest.approx((-fastest - rate) / APPROACH)
+    assert bounds.upper[index] == pytest.approx((fastest - rate) / APPROACH_TIME)
+    assert bounds.lower[index] == pytest.approx((-fastest - rate) / APPROACH_TIME)
     assert limits.limit(index, bounds, True) == Limit(NAME, "velocity")
     assert limits.limit(index, bounds, False) == Limit(NAME, "velocity")

@@ -10,7 +10,7 @@ import pytest
 from rpctl import Kanayama, RpctlError
 from rpctl.arrays import Array
 from rpctl.control.error import error_rate
-from tests.control.unicycle import NOTHING, asked, follow, slopes, steady
+from tests.control.unicycle import NO_JOINTS, asked, follow, jacobian, steady
 
 LAW = Kanayama()
 
@@ -24,7 +24,7 @@ def test_the_lyapunov_function_falls_as_published(rng: np.random.Generator) -> N
     for _ in range(20):
         (v, omega), e = rng.normal(size=2), rng.normal(size=3)
         reference = steady(v, omega)
-        e_dot = error_rate(e, reference, asked(LAW.unicycle, reference, e), NOTHING)
+        e_dot = error_rate(e, reference, asked(LAW.unicycle, reference, e), NO_JOINTS)
         gradient = np.array([e[0], e[1], math.sin(e[2]) / LAW.ky])
         expected = -LAW.kx * e[0] ** 2 - abs(v) * LAW.ktheta * math.sin(e[2]) ** 2 / LAW.ky
         assert gradient @ e_dot == pytest.approx(expected, abs=1e-12)
@@ -42,7 +42,7 @@ def test_it_converges_forward_and_backward(v: float) -> None:
 def test_the_gains_damp_critically(v: float) -> None:
     """On a line x2 and x3 share a double pole at −√Ky |v|."""
     pole = -math.sqrt(LAW.ky) * abs(v)
-    found = np.poly(slopes(LAW.unicycle, steady(v, 0.0)))
+    found = np.poly(jacobian(LAW.unicycle, steady(v, 0.0)))
     np.testing.assert_allclose(found, np.poly([-LAW.kx, pole, pole]), rtol=1e-6)
 
 

@@ -12,9 +12,9 @@ import pytest
 import rpctl
 from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.base import BaseLaw
 from rpctl.control.law import started
-from rpctl.control.laws import KINEMATIC_LAWS, kinematic_by_name
+from rpctl.control.registry import KINEMATIC_LAWS, kinematic_by_name
+from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import reference_by_name
 

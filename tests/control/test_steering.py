@@ -13,11 +13,11 @@ from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, summariz
 from rpctl.arrays import Array
 from rpctl.control.error import observe
 from rpctl.control.holonomic import holonomic
-from rpctl.control.steering import base_command, towards
+from rpctl.control.steering import base_command, steering_targets
 from rpctl.control.twist import Twist
 from rpctl.drive.steering import turning_radius
 from rpctl.reference.motion import ReferenceState, reference_by_name
-from rpctl.reference.rates import direction, reference_rates, steering
+from rpctl.reference.quasi_velocities import direction, reference_rates, steering
 from tests.robots import write
 from tests.vehicles import vehicle
 
@@ -81,7 +81,7 @@ def test_the_angles_asked_for_change_as_their_rates_say(
             tracking = observe(dynamics, reference(t + s), at, nu)  # noqa: B023
             unicycle = UnifiedKinematic().unicycle(tracking)
             twist = unicycle if robot.drive.has_axle else holonomic(tracking, 0.6)
-            return towards(dynamics, tracking.state, twist)
+            return steering_targets(dynamics, tracking.state, twist)
 
         slope = (asked(STEP)[0] - asked(-STEP)[0]) / (2 * STEP)
         np.testing.assert_allclose(slope, asked(0.0)[1], atol=1e-6 * (1 + np.abs(slope).max()))

@@ -11,7 +11,14 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.steering import BRAKE, BRISK, ROOM, SHARE, _most, base_command
+from rpctl.control.steering import (
+    ANGLE_MARGIN,
+    BRAKE_TIME,
+    RATE_FRACTION,
+    STEERING_HORIZON_RATIO,
+    _max_deviation,
+    base_command,
+)
 from rpctl.control.twist import Twist
 from rpctl.drive.steering import steering_limits, turning_radius
 from rpctl.reference.motion import ReferenceState
@@ -22,7 +29,7 @@ H = 0.6  # s, of the law
 RANGE = 'lower="-1.2" upper="1.2"'  # of every limited joint that the vehicles have
 LIMITS = f'{RANGE} effort="40" velocity="6"'
 SPEED = np.array([0.5, 0.0, 0.0])
-AHEAD = ReferenceState(np.zeros(3), SPEED, np.zeros(3), *np.zeros((3, 1)))
+AXLE_MAX_DEVIATION = ReferenceState(np.zeros(3), SPEED, np.zeros(3), *np.zeros((3, 1)))
 
 
 def bicycle(folder: Path, lower: float, upper: float, velocity: float = 6.0) -> Robot:
@@ -38,7 +45,9 @@ def asked(robot: Robot, angle: float, rate: float, omega: float) -> Array:
     q = robot.configuration(joints={"steer": angle})
     nu = np.array([0.5, rate, 0.0])
     twist = Twist(SPEED + np.array([0.0, 0.0, omega]), np.zeros(3))
-    return np.array([part[1] for part in base_command(dynamics, AHEAD, q, nu, twist, H)])
+    return np.array(
+        [part[1] for part in base_command(dynamics, AXLE_MAX_DEVIATION, q, nu, twist, H)]
+    )
 
 
 @pytest.mark.parametrize(("omega", "limit"), [(-20.0, 0.7), (20.0, -0.4)])
@@ -47,8 +56,8 @@ def test_it_comes_to_rest_a_margin_before_its_limit(
 ) -> None:
     """(limit − margin − δ)/brake on the way out, and what is beyond comes back as δ always does."""
     robot = bicycle(tmp_path, -0.4, 0.7)
-    end, side, rate = limit - math.copysign(ROOM, limit), math.copysign(1.0, limit), 0.1
-    for gap, time in ((0.2, BRAKE), (0.001, BRAKE), (-0.01, SHARE * H)):
+    end, side, rate = limit - math.copysign(ANGLE_MARGIN, limit), math.copysign(1.0, limit), 0.1
+    for gap, time in ((0.2, BRAKE_TIME), (0.001, BRAKE_TIME), (-0.01, STEERING_HORIZON_RATIO * H)):
         got = asked(robot, end - side * gap, side * rate, omega)
         np.testing.assert_allclose(got, [side * gap / time, -side * rate / time], atol=1e-12)
 
@@ -59,14 +68,16 @@ def test_it_turns_no_faster_than_a_share_of_its_limit(
 ) -> None:
     robot = bicycle(tmp_path, -0.4, 0.7, velocity=0.5)
     got = asked(robot, 0.0, 0.1, omega)
-    np.testing.assert_allclose(got, [math.copysign(BRISK * 0.5, limit), 0.0], atol=1e-12)
+    np.testing.assert_allclose(got, [math.copysign(RATE_FRACTION * 0.5, limit), 0.0], atol=1e-12)
 
 
 def test_within_its_limits_it_is_of_first_order(tmp_path: Path) -> None:
     """Where the twist is the reference's, ahead: δ̇_d = −δ/h_s, δ̈_d = −δ̇/h_s."""
     robot = bicycle(tmp_path, -0.4, 0.7)
     got = asked(robot, 0.03, 0.1, 0.0)
-    np.testing.assert_allclose(got, [-0.03 / (SHARE * H), -0.1 / (SHARE * H)], atol=1e-12)
+    np.testing.assert_allclose(
+        got, [-0.03 / (STEERING_HORIZON_RATIO * H), -0.1 / (STEERING_HORIZON_RATIO * H)], atol=1e-12
+    )
 
 
 def car(folder: Path, left: str, right: str) -> Robot:
@@ -114,6 +125,6 @@ def test_the_tightest_bend_is_that_of_the_side_that_steers_less(tmp_path: Path) 
 def test_how_far_off_the_reference_wheels_may_point(tmp_path: Path) -> None:
     """With an axle up to 45°; without one a share of how far P is from the line of the two that
     lead, 0.3 m here, in lengths of how far the furthest of them is, 0.5 m."""
-    assert _most(ReducedDynamics(bicycle(tmp_path, -0.4, 0.7))) == 1.0
+    assert _max_deviation(ReducedDynamics(bicycle(tmp_path, -0.4, 0.7))) == 1.0
     corners = rpctl.load(write(tmp_path, vehicle("steered")))
-    assert _most(ReducedDynamics(corners)) == pytest.approx(0.8 * 0.3 / 0.5)
+    assert _max_deviation(ReducedDynamics(corners)) == pytest.approx(0.8 * 0.3 / 0.5)

@@ -14,7 +14,7 @@ from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.paths import eight
-from tests.control.unicycle import NOTHING, along, asked, follow, sampled_step, slopes, steady
+from tests.control.unicycle import NO_JOINTS, along, asked, follow, jacobian, sampled_step, steady
 
 LAW = UnifiedKinematic(horizon=0.4, beta=1.5, bend=0.1, weight=0.01)
 PAPER = PaperKinematic(0.4, 1.5)
@@ -63,7 +63,7 @@ def test_poles_are_those_of_the_gains(
     turning = law.beta * omega**2 / math.hypot(omega, law.bend * v) if omega else 0.0
     block = np.linalg.eigvals([[-turning, v], [-k2, -k3]])
     expected = np.poly([-1.0 / horizon, *block])
-    found = np.poly(slopes(law.unicycle, steady(v, omega)))
+    found = np.poly(jacobian(law.unicycle, steady(v, omega)))
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     if v or omega:
         assert block.real.max() < 0.0
@@ -135,7 +135,7 @@ def test_nothing_jumps_when_a_motion_starts(paper: Robot) -> None:
     """From standstill on the share of the lateral error is that of the curve to come."""
     reference = reference_by_name(paper, "circle")
     law = UnifiedKinematic()
-    still, soon = (reference(t)._replace(joint_rates=NOTHING) for t in (0.0, 1e-3))
+    still, soon = (reference(t)._replace(joint_rates=NO_JOINTS) for t in (0.0, 1e-3))
     first = asked(law.unicycle, still, FAR)
     np.testing.assert_allclose(first, asked(law.unicycle, soon, FAR), atol=1e-6)
     blind = asked(law.unicycle, still._replace(direction=None), FAR)
@@ -145,7 +145,7 @@ def test_nothing_jumps_when_a_motion_starts(paper: Robot) -> None:
 def test_without_a_bend_the_sign_is_the_papers(rng: np.random.Generator) -> None:
     """And without speed the turn is: both laws then are one."""
     state, e = steady(0.0, 0.7), rng.normal(size=3)
-    tracking = Tracking(state, e, error_rate(e, state, rng.normal(size=3), NOTHING))
+    tracking = Tracking(state, e, error_rate(e, state, rng.normal(size=3), NO_JOINTS))
     ours, theirs = (law.unicycle(tracking) for law in (UnifiedKinematic(0.4, 1.5, bend=0.0), PAPER))
     np.testing.assert_allclose(ours.value, theirs.value, atol=1e-12)
     np.testing.assert_allclose(ours.rate, theirs.rate, atol=1e-12)

@@ -14,36 +14,38 @@ from rpctl.control.twist import Twist
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path
 
-NOTHING = np.empty(0)
-Unicycle = Callable[[Tracking], Twist]
-Motion = Callable[[float], ReferenceState]
+NO_JOINTS = np.empty(0)
+TwistLaw = Callable[[Tracking], Twist]
+StateOverTime = Callable[[float], ReferenceState]
 
 
 def steady(v: float, omega: float) -> ReferenceState:
     """Return a reference of constant speeds; the pose does not matter to the errors."""
     twist = np.array([v, 0.0, omega])
-    return ReferenceState(np.zeros(3), twist, np.zeros(3), NOTHING, NOTHING, NOTHING)
+    return ReferenceState(np.zeros(3), twist, np.zeros(3), NO_JOINTS, NO_JOINTS, NO_JOINTS)
 
 
-def along(path: Path, rate: float) -> Motion:
+def along(path: Path, rate: float) -> StateOverTime:
     """Return a base path as a motion of steady pace from the first moment on."""
 
     def at(t: float) -> ReferenceState:
         point = path(rate * t)
         twist, bend, _ = point.direction
-        return ReferenceState(point.pose, twist * rate, bend * rate**2, NOTHING, NOTHING, NOTHING)
+        return ReferenceState(
+            point.pose, twist * rate, bend * rate**2, NO_JOINTS, NO_JOINTS, NO_JOINTS
+        )
 
     return at
 
 
-def asked(law: Unicycle, reference: ReferenceState, e: Array) -> Array:
+def asked(law: TwistLaw, reference: ReferenceState, e: Array) -> Array:
     """Return the twist (3,) that a law asks of a base at rest."""
-    return law(Tracking(reference, e, error_rate(e, reference, np.zeros(3), NOTHING))).value
+    return law(Tracking(reference, e, error_rate(e, reference, np.zeros(3), NO_JOINTS))).value
 
 
 def follow(
-    law: Unicycle,
-    reference: ReferenceState | Motion,
+    law: TwistLaw,
+    reference: ReferenceState | StateOverTime,
     e: Array,
     times: Array,
     accuracy: tuple[float, float] = (1e-11, 1e-13),
@@ -55,23 +57,23 @@ def follow(
 
     def rate(t: float, x: Array) -> Array:
         state = reference(t) if callable(reference) else reference
-        return error_rate(x, state, asked(law, state, x), NOTHING)
+        return error_rate(x, state, asked(law, state, x), NO_JOINTS)
 
     rtol, atol = accuracy
     solution = solve_ivp(rate, (0.0, times[-1]), e, t_eval=times, rtol=rtol, atol=atol)
     return np.asarray(solution.y.T)
 
 
-def slopes(law: Unicycle, reference: ReferenceState, step: float = 1e-6) -> Array:
+def jacobian(law: TwistLaw, reference: ReferenceState, step: float = 1e-6) -> Array:
     """Return the Jacobian (3, 3) of ė on the reference, by central differences."""
 
     def rate(x: Array) -> Array:
-        return error_rate(x, reference, asked(law, reference, x), NOTHING)
+        return error_rate(x, reference, asked(law, reference, x), NO_JOINTS)
 
     return np.column_stack([(rate(e) - rate(-e)) / (2.0 * step) for e in step * np.eye(3)])
 
 
-def sampled_step(law: Unicycle, reference: ReferenceState, e: Array, period: float) -> Array:
+def sampled_step(law: TwistLaw, reference: ReferenceState, e: Array, period: float) -> Array:
     """Return the error one period on, the law's speeds held (exact circular arcs)."""
     v_d, _, omega_d = asked(law, reference, e)
     actual = _arc(np.zeros(3), v_d, omega_d, period)

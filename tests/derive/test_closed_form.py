@@ -78,11 +78,11 @@ def test_it_is_as_short_as_the_design_s(short: ClosedForm) -> None:
 
 
 def test_it_names_what_the_design_names(short: ClosedForm) -> None:
-    told = {str(symbol): str(value) for symbol, value in short.definitions}
-    assert told["Omega1"] == "omega + theta1_dot"
-    assert told["rho1"] == "eta1 - 1/5"
-    assert told["p1"] == "2*rho1 + 1"
-    assert told["J1"] == "2*rho1**2 + 21/50"
+    values = {str(symbol): str(value) for symbol, value in short.definitions}
+    assert values["Omega1"] == "omega + theta1_dot"
+    assert values["rho1"] == "eta1 - 1/5"
+    assert values["p1"] == "2*rho1 + 1"
+    assert values["J1"] == "2*rho1**2 + 21/50"
 
 
 def test_the_parameters_form_is_the_design_s(paper: Robot) -> None:
@@ -180,7 +180,7 @@ def test_budgets_stop_what_the_joint_count_lets_through(
     with pytest.raises(RpctlError, match="no closed form that one would read"):
         derive(mixed_chain)
     assert time.monotonic() - start < 20.0
-    monkeypatch.setattr(equations, "MAX_TIME", 0.0)
+    monkeypatch.setattr(equations, "MAX_TIME_S", 0.0)
     with pytest.raises(RpctlError, match="no closed form that one would read"):
         derive(rpctl.load("paper"))
 

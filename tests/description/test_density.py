@@ -128,14 +128,14 @@ def test_an_open_mesh_is_taken_as_its_hull_and_told(tmp_path: Path) -> None:
     mesh.export(tmp_path / "open.stl")
     path = shaped(tmp_path, '<mesh filename="open.stl"/>')
     robot = rpctl.load(path, density=RHO)
-    (told,) = (f for f in robot.findings if f.severity == "warning")
-    assert 'mesh "open.stl" of link "arm" is not watertight; its convex hull' in told.message
-    assert told.line == robot.description.link["arm"].collisions[0].line
+    (expected,) = (f for f in robot.findings if f.severity == "warning")
+    assert 'mesh "open.stl" of link "arm" is not watertight; its convex hull' in expected.message
+    assert expected.line == robot.description.link["arm"].collisions[0].line
     assert robot.description.link["arm"].mass == pytest.approx(RHO * 0.006, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("mesh", "told"),
+    ("mesh", "expected"),
     [
         ("none.stl", "no such file"),
         ("../../etc/passwd", "refused"),
@@ -143,13 +143,13 @@ def test_an_open_mesh_is_taken_as_its_hull_and_told(tmp_path: Path) -> None:
         ("noise.stl", "not readable|holds no triangles"),
     ],
 )
-def test_a_mesh_that_gives_no_estimate_is_told(mesh: str, told: str, tmp_path: Path) -> None:
+def test_a_mesh_that_gives_no_estimate_is_told(mesh: str, expected: str, tmp_path: Path) -> None:
     trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(tmp_path / "flat.stl")
     (tmp_path / "noise.stl").write_bytes(b"\x00" * 100)
     path = shaped(tmp_path, f'<mesh filename="{mesh}"/>')
     robot = rpctl.load(path, density=RHO)
     messages = [f.message for f in robot.findings if "gives no estimate" in f.message]
-    assert any(part in messages[0] for part in told.split("|"))
+    assert any(part in messages[0] for part in expected.split("|"))
     assert robot.description.link["arm"].mass is None
 
 
@@ -186,9 +186,12 @@ def test_every_engine_sees_the_estimate(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError) as caught:
         rpctl.load(path)
     line = text[: text.index('<link name="finger">')].count("\n") + 1
-    told = str(caught.value)
-    assert f'{path}:{line}: error: link "finger" has no <inertial>' in told
-    assert "give its <inertial> (mass, centre of mass, inertia), estimate it with --density" in told
+    expected = str(caught.value)
+    assert f'{path}:{line}: error: link "finger" has no <inertial>' in expected
+    assert (
+        "give its <inertial> (mass, centre of mass, inertia), estimate it with --density"
+        in expected
+    )
     robot = rpctl.load(path, density=RHO)
     assert robot.mass == pytest.approx(32 + RHO * (0.006 + 0.005 * math.pi))
     shoulder = robot.model.inertias[robot.model.getJointId("shoulder")]
@@ -224,8 +227,8 @@ def test_estimates_are_marked_in_certificate_and_report(tmp_path: Path) -> None:
 def test_a_massless_mover_is_doubted_where_others_have_a_mass(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(BASE.replace(ARM, ""), encoding="utf-8")
-    (told,) = rpctl.load(path).findings
-    assert 'link "arm" moves but has no <inertial>; it is taken as massless' in told.message
+    (expected,) = rpctl.load(path).findings
+    assert 'link "arm" moves but has no <inertial>; it is taken as massless' in expected.message
     messages = [f.message for f in rpctl.load(path, density=RHO).findings]
     assert any("no shape to estimate it from" in message for message in messages)
 

@@ -96,7 +96,7 @@ def test_lines_are_those_of_what_expand_prints(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         ("${1/0}", "division by zero when evaluating expression '1/0'"),
         ("${open('/etc/passwd')}", "name 'open' is not defined"),
@@ -119,7 +119,7 @@ def test_lines_are_those_of_what_expand_prints(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_expanded_is_told(
-    content: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    content: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = small(tmp_path, content)
     write(tmp_path / "out.xacro", ROOT.format(""))
@@ -129,7 +129,7 @@ def test_what_cannot_be_expanded_is_told(
         rpctl.load(path)
     message = str(caught.value)
     assert "error: " in message
-    assert told in message
+    assert expected in message
     assert message.isprintable()
     assert message.startswith(str(path.parent))
 

@@ -57,12 +57,12 @@ def outcome(path: Path) -> str:
         with patience(PATIENCE):
             robot = rpctl.load(path)
     except RpctlError as error:
-        told = str(error)
+        text_of_error = str(error)
         assert error.exit_code == 2
-        assert str(path) in told
-        assert told.isprintable() or "\n" in told
-        assert len(told) < 100_000
-        assert "Traceback" not in told
+        assert str(path) in text_of_error
+        assert text_of_error.isprintable() or "\n" in text_of_error
+        assert len(text_of_error) < 100_000
+        assert "Traceback" not in text_of_error
         return type(error).__name__
     model, rng = robot.model, np.random.default_rng(0)
     data, q = model.createData(), robot.random_configuration(rng)
@@ -135,8 +135,8 @@ NAMES = st.sampled_from((*ATTRIBUTES, "a"))
 
 
 def _markup(tag: str, attributes: dict[str, str], content: list[str]) -> str:
-    told = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items())
-    return f"<{tag}{told}>{''.join(content)}</{tag}>"
+    text_of_error = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items())
+    return f"<{tag}{text_of_error}>{''.join(content)}</{tag}>"
 
 
 ELEMENTS = st.recursive(

@@ -9,7 +9,7 @@ import pytest
 import rpctl
 from rpctl.description.urdf import read
 from rpctl.errors import DescriptionError, Finding
-from tests.description.corpus import BASE, CASES, Case
+from tests.description.corpus import BASE, CASES, UrdfCase
 
 
 def findings(path: Path) -> tuple[Finding, ...]:
@@ -32,19 +32,19 @@ def test_the_corpus_is_large() -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_what_is_wrong_is_told_at_its_line(case: Case, tmp_path: Path) -> None:
+def test_what_is_wrong_is_told_at_its_line(case: UrdfCase, tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_bytes(case.data)
-    told = findings(path)
-    matching = [f for f in told if case.told in f.message]
-    assert [(f.severity, f.line) for f in matching] == [(case.severity, case.line)], told
+    found = findings(path)
+    matching = [f for f in found if case.message in f.message]
+    assert [(f.severity, f.line) for f in matching] == [(case.severity, case.line)], found
     if case.severity == "error":
         with pytest.raises(DescriptionError) as caught:
             rpctl.load(path)
         place = f"{path}:{case.line}" if case.line else str(path)
         assert f"{place}: error: {matching[0].message}" in str(caught.value).splitlines()
     else:
-        assert all(f.severity != "error" for f in told)
+        assert all(f.severity != "error" for f in found)
     if case.severity == "warning":
         with pytest.raises(DescriptionError):
             rpctl.load(path, strict=True)

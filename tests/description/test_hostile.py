@@ -112,13 +112,13 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_are_refused_soon(name: str, tmp_path: Path) -> None:
-    text, told = HOSTILE[name]
+    text, expected = HOSTILE[name]
     path = tmp_path / "hostile.urdf"
     path.write_text(text, encoding="utf-8")
     with patience(PATIENCE), pytest.raises(RpctlError) as caught:
         rpctl.load(path)
     assert caught.value.exit_code == 2
-    assert told in str(caught.value)
+    assert expected in str(caught.value)
     assert str(path) in str(caught.value)
     assert SECRET not in str(caught.value)
     assert len(str(caught.value)) < 10_000
@@ -179,12 +179,12 @@ def test_paths_that_lead_nowhere_are_told(name: str) -> None:
 def test_caps_can_be_raised_and_lowered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "r.urdf"
     path.write_text(BASE, encoding="utf-8")
-    for name, told in (
+    for name, expected in (
         ("MAX_LINKS", "5 links, where 4 are the limit"),
         ("MAX_BYTES", "the file is over 4 bytes"),
     ):
         monkeypatch.setenv(f"RPCTL_{name}", "4")
-        with pytest.raises(DescriptionError, match=f"{told}.*RPCTL_{name}"):
+        with pytest.raises(DescriptionError, match=f"{expected}.*RPCTL_{name}"):
             rpctl.load(path)
         monkeypatch.delenv(f"RPCTL_{name}")
     monkeypatch.setenv("RPCTL_MAX_MOVING_JOINTS", "2")

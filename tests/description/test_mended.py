@@ -106,7 +106,8 @@ def test_tags_over_several_lines_are_told_at_their_first(tmp_path: Path) -> None
     with pytest.raises(rpctl.RpctlError) as caught:
         load(tmp_path / "r.urdf", text.replace(MARK, "").encode())
     places = [
-        told.removeprefix(str(tmp_path)).split(":")[1] for told in str(caught.value).splitlines()
+        message_text.removeprefix(str(tmp_path)).split(":")[1]
+        for message_text in str(caught.value).splitlines()
     ]
     assert places == ["7", str(line)]
 
@@ -116,7 +117,7 @@ def test_all_is_told_at_once_errors_first(tmp_path: Path) -> None:
     text = text.replace('rgba="1 0 0 1"', 'rgba="1 0 0 9"')
     with pytest.raises(rpctl.RpctlError) as caught:
         load(tmp_path / "r.urdf", text.encode())
-    assert [told.split(": ")[1] for told in str(caught.value).splitlines()] == [
+    assert [message_text.split(": ")[1] for message_text in str(caught.value).splitlines()] == [
         "error", "error", "warning",
     ]  # fmt: skip
 
@@ -128,16 +129,16 @@ def test_names_cannot_break_the_message(tmp_path: Path) -> None:
     )
     with pytest.raises(rpctl.RpctlError) as caught:
         load(tmp_path / "r.urdf", text.encode())
-    (told,) = str(caught.value).splitlines()
-    assert told.isprintable()
-    assert r"a\nb" in told
-    assert len(told) < 1500
+    (message_text,) = str(caught.value).splitlines()
+    assert message_text.isprintable()
+    assert r"a\nb" in message_text
+    assert len(message_text) < 1500
 
 
 def test_many_faults_are_counted(tmp_path: Path) -> None:
     text = PLAIN.replace("</robot>", "<link/>\n" * 400 + "</robot>")
     with pytest.raises(rpctl.RpctlError) as caught:
         load(tmp_path / "r.urdf", text.encode())
-    told = str(caught.value).splitlines()
-    assert len(told) == 51
-    assert told[-1].endswith("and 350 more")
+    message_text = str(caught.value).splitlines()
+    assert len(message_text) == 51
+    assert message_text[-1].endswith("and 350 more")

@@ -27,7 +27,7 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "expected"),
     [
         ("none.stl", "no such file; put it there"),
         ("package://bot/none.stl", "no such file"),
@@ -45,12 +45,12 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
         ("a" * 5000 + ".stl", "refused: no file has such a name"),
     ],
 )  # fmt: skip
-def test_meshes_out_of_reach_are_told(name: str, told: str, tmp_path: Path) -> None:
+def test_meshes_out_of_reach_are_told(name: str, expected: str, tmp_path: Path) -> None:
     path = with_mesh(tmp_path, name)
     (finding,) = rpctl.load(path).findings
     assert (finding.severity, finding.line) == ("warning", LINE)
     assert finding.message.startswith('mesh "')
-    assert any(part in finding.message for part in told.split("|"))
+    assert any(part in finding.message for part in expected.split("|"))
     with pytest.raises(DescriptionError, match=f":{LINE}: error: mesh"):
         rpctl.load(path, strict=True)
 
@@ -88,8 +88,8 @@ def test_a_folder_whose_name_begins_alike_is_another(tmp_path: Path) -> None:
 def test_textures_out_of_reach_are_told(texture: str, fine: bool, tmp_path: Path) -> None:
     path = with_mesh(tmp_path, "a.dae")
     (path.parent / "a.dae").write_text(DAE.format(texture))
-    told = [f.message for f in rpctl.load(path).findings]
-    assert told == [] if fine else "lies out of reach and is left out" in told[0]
+    expected = [f.message for f in rpctl.load(path).findings]
+    assert expected == [] if fine else "lies out of reach and is left out" in expected[0]
 
 
 @pytest.mark.parametrize("image", ["{}", "<ref>{}</ref>"])

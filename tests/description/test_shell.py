@@ -61,7 +61,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str]] = {
 @pytest.mark.parametrize("suffix", [".urdf", ".xacro"])
 @pytest.mark.parametrize("name", ODD)
 def test_what_is_no_robot_is_told(name: str, suffix: str, tmp_path: Path) -> None:
-    make, told = ODD[name]
+    make, expected = ODD[name]
     path = tmp_path / f"robot{suffix}"
     make(path)
     code, out, err = rpctl("inspect", path)
@@ -69,7 +69,7 @@ def test_what_is_no_robot_is_told(name: str, suffix: str, tmp_path: Path) -> Non
     assert err.startswith(f"{path}:")
     assert "error: " in err
     if suffix == ".urdf" or name not in ("an empty file", "a program", "random bytes"):
-        assert told in err  # the rest is xacro's to refuse
+        assert expected in err  # the rest is xacro's to refuse
     assert len(err.splitlines()) == 1
 
 

@@ -19,9 +19,9 @@ def message(tmp_path: Path, text: str) -> str:
     path = write(tmp_path, text)
     with pytest.raises(DescriptionError) as caught:
         read(path)
-    told = str(caught.value)
-    assert all(line.startswith(f"{path}") for line in told.splitlines())
-    return told
+    expected = str(caught.value)
+    assert all(line.startswith(f"{path}") for line in expected.splitlines())
+    return expected
 
 
 def test_a_good_file_reads_as_written(tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_a_good_file_reads_as_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "told"),
+    ("before", "after", "expected"),
     [
         ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 'axis of joint "left_joint" is zero'),
         ('axis xyz="0 1 0"', 'axis xyz="0 1"', "has 2 numbers; give 3"),
@@ -57,13 +57,13 @@ def test_a_good_file_reads_as_written(tmp_path: Path) -> None:
     ],
 )
 def test_faults_are_named_with_their_line(
-    tmp_path: Path, before: str, after: str, told: str
+    tmp_path: Path, before: str, after: str, expected: str
 ) -> None:
     assert before in GOOD
     bad = GOOD.replace(before, after, 1)
     findings = message(tmp_path, bad).splitlines()
     first = GOOD[: GOOD.index(before)].count("\n") + 1
-    lines = [int(finding.split(":")[1]) for finding in findings if told in finding]
+    lines = [int(finding.split(":")[1]) for finding in findings if expected in finding]
     # The line is the attribute's own, or that of the element around it.
     assert any(first - 4 <= line <= first for line in lines)
 
@@ -77,13 +77,13 @@ def test_a_cycle_is_named(tmp_path: Path) -> None:
         """<link name="x"/><joint name="j" type="fixed">
       <parent link="left_wheel"/><child link="x"/></joint></robot>""",
     )
-    told = message(tmp_path, looped)
-    assert 'link "left_wheel" is in a cycle' in told
-    assert 'link "x" is in a cycle' in told
+    expected = message(tmp_path, looped)
+    assert 'link "left_wheel" is in a cycle' in expected
+    assert 'link "x" is in a cycle' in expected
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("", "the file is empty"),
         ("wheels: 2", "not XML"),
@@ -100,8 +100,8 @@ def test_a_cycle_is_named(tmp_path: Path) -> None:
         ("<robot><link name='a'/><link name='b'/></robot>", "2 root links"),
     ],
 )
-def test_other_files_are_told_apart(tmp_path: Path, text: str, told: str) -> None:
-    assert told in message(tmp_path, text)
+def test_other_files_are_told_apart(tmp_path: Path, text: str, expected: str) -> None:
+    assert expected in message(tmp_path, text)
 
 
 def test_several_faults_show_at_once(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("type = ", "not TOML"),
         ('type = "tank"', "type is 'tank'; use one of differential"),
@@ -63,11 +63,11 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
         ('type = "fixed"\n[wheel]\njoint = "a"', "write [[wheel]] before each"),
     ],
 )
-def test_faults_are_named(tmp_path: Path, text: str, told: str) -> None:
+def test_faults_are_named(tmp_path: Path, text: str, expected: str) -> None:
     path = file(tmp_path, text)
     with pytest.raises(DescriptionError) as caught:
         read_drive(path)
-    assert told in str(caught.value)
+    assert expected in str(caught.value)
     assert str(caught.value).startswith(str(path))
 
 

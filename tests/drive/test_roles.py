@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from rpctl.description.urdf import read
-from rpctl.drive.near_misses import still_wheels
-from tests.drive.wild import TRANSMISSION, Files, axles, body, xml
+from rpctl.drive.near_misses import wheels_on_fixed_joints
+from tests.drive.drive_cases import TRANSMISSION, Files, axles, body, xml
 from tests.robots import write
 from tests.vehicles import Parts, rear_axle, vehicle
 
@@ -30,8 +30,8 @@ def test_names_alone_make_no_wheel_of_what_is_drawn_otherwise(files: Files) -> N
     for name, shapes in drawn.items():
         parts.link(f"{name}_wheel", 1.0, shapes)
         parts.joint(f"{name}_joint", "fixed", ("base", f"{name}_wheel"), "0 0.3 0.1", "0 0 1")
-    told = still_wheels(read(write(files.folder, xml(parts))), {})
-    assert [text.split('"')[1] for text in told] == ["meshed_joint"]
+    sentences = wheels_on_fixed_joints(read(write(files.folder, xml(parts))), {})
+    assert [text.split('"')[1] for text in sentences] == ["meshed_joint"]
 
 
 def test_a_size_that_nothing_tells_is_the_height_over_the_ground(files: Files) -> None:
@@ -80,11 +80,11 @@ def test_the_track_is_that_of_the_axle_with_the_most_wheels(files: Files) -> Non
 
 
 def test_it_is_said_who_told_the_type(files: Files) -> None:
-    told = "differential, for the drive file or option says so"
+    sentences = "differential, for the drive file or option says so"
     parts = body()
     rear_axle(parts)
-    assert told not in files.load(parts).drive.evidence
-    assert files.load(parts, "differential").drive.evidence[0] == told
+    assert sentences not in files.load(parts).drive.evidence
+    assert files.load(parts, "differential").drive.evidence[0] == sentences
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.drive.rows import angle_of, lateral_row, rolling_row
 from rpctl.drive.steering import (
-    follow,
+    follower_positions,
     free_twist,
     heading_along,
-    regular,
+    is_regular,
     steer,
     steering_limits,
 )
@@ -109,10 +109,10 @@ def test_steering_is_regular_short_of_a_right_angle(tmp_path: Path) -> None:
     """Of a bicycle N = (L cos δ, 0, sin δ): regular while |cos δ| > 0.1."""
     drive = load(tmp_path, "bicycle").drive
     for delta in (0.0, 1.0, 1.46, -1.46):
-        assert regular(drive, {"steer": delta})
+        assert is_regular(drive, {"steer": delta})
     for delta in (1.48, -1.48, 0.5 * math.pi, 1.66):
-        assert not regular(drive, {"steer": delta})
-    assert regular(drive, {"steer": math.pi})
+        assert not is_regular(drive, {"steer": delta})
+    assert is_regular(drive, {"steer": math.pi})
 
 
 def test_steering_is_regular_short_of_the_line_of_pivots(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_steering_is_regular_short_of_the_line_of_pivots(tmp_path: Path) -> None
         cos, sin = math.cos(delta), math.sin(delta)
         least = 0.1 * 0.5 * math.sqrt(1.0 + (2.0 * (0.4 * sin - 0.3 * cos)) ** 2)
         turned = {"fl_steer": delta, "rl_steer": delta}
-        assert regular(drive, turned) == (0.75 * abs(cos) > least)
+        assert is_regular(drive, turned) == (0.75 * abs(cos) > least)
 
 
 def test_a_follower_may_turn_no_faster_than_it_can(tmp_path: Path) -> None:
@@ -138,4 +138,6 @@ def test_a_follower_may_turn_no_faster_than_it_can(tmp_path: Path) -> None:
     limits = steering_limits(robot.drive, robot.description.joint)
     assert (limits.lower[0], limits.upper[0]) == pytest.approx((-0.5, 0.6))
     assert limits.fastest[0] == pytest.approx(3.0 / gain, rel=0.01)
-    assert follow(robot.drive, {"steer_left": left})["steer_right"] == pytest.approx(-right)
+    assert follower_positions(robot.drive, {"steer_left": left})["steer_right"] == pytest.approx(
+        -right
+    )

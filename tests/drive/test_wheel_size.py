@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.drive.wild import Files, body
+from tests.drive.drive_cases import Files, body
 from tests.vehicles import Parts
 
 LYING = f'rpy="{pi / 2} 0 0"'  # a cylinder along y

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from rpctl import ReducedDynamics
-from tests.drive.wild import (
+from tests.drive.drive_cases import (
     Files,
     axles,
     body,
@@ -23,11 +23,11 @@ from tests.vehicles import Parts, caster, rear_axle
 def test_drive_wheels_on_fixed_joints(files: Files) -> None:
     parts = body()
     rear_axle(parts)
-    told = files.refusal(xml(parts).replace('"continuous"', '"fixed"'))
-    assert "wheels are held by fixed joints; make" in told
+    refusal_text = files.refusal(xml(parts).replace('"continuous"', '"fixed"'))
+    assert "wheels are held by fixed joints; make" in refusal_text
     for name in ("rear_left", "rear_right"):
         line = rf'"{name}" \(line \d+\) type="continuous" with <axis xyz="0 1 0"/>'
-        assert re.search(line, told)
+        assert re.search(line, refusal_text)
 
 
 def test_drive_wheels_on_fixed_joints_among_casters_that_turn(files: Files) -> None:
@@ -37,9 +37,9 @@ def test_drive_wheels_on_fixed_joints_among_casters_that_turn(files: Files) -> N
     casters = Parts([])
     for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]):
         caster(casters, f"caster_{k}", x, y, 0.05, twin=False)
-    told = files.refusal(fixed + "".join(casters.xml) + "</robot>")
-    assert "wheels on swivels: caster_0 (caster), caster_1 (caster)" in told
-    assert 'make "rear_left" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in told
+    refusal_text = files.refusal(fixed + "".join(casters.xml) + "</robot>")
+    assert "wheels on swivels: caster_0 (caster), caster_1 (caster)" in refusal_text
+    assert 'make "rear_left" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in refusal_text
 
 
 def test_fixed_wheels_of_meshes_are_known_by_their_names(files: Files) -> None:
@@ -48,8 +48,10 @@ def test_fixed_wheels_of_meshes_are_known_by_their_names(files: Files) -> None:
     meshed(parts, "right_wheel_joint", "0 -0.3 0.1")
     parts.link("mast", 1.0)
     parts.joint("mast_joint", "revolute", ("base", "mast"), "0 0 0.5", "0 0 1")
-    told = files.refusal(xml(parts).replace('"continuous"', '"fixed"'))
-    assert 'make "left_wheel_joint" (line 1) type="continuous" with its axle as <axis>' in told
+    refusal_text = files.refusal(xml(parts).replace('"continuous"', '"fixed"'))
+    assert (
+        'make "left_wheel_joint" (line 1) type="continuous" with its axle as <axis>' in refusal_text
+    )
 
 
 def test_round_parts_that_are_fixed_are_no_wheels(files: Files) -> None:
@@ -74,12 +76,12 @@ def test_the_default_axis(files: Files, cylinders: bool) -> None:
     bad = re.sub(r'<axis xyz="0 -?1 0"/>', "", good)
     if not cylinders:
         bad = re.sub(r"<collision><origin rpy.*?</collision>", "", bad)
-    told = files.refusal(bad)
+    refusal_text = files.refusal(bad)
     reason = (
         "turn across their cylinders' axles" if cylinders else "across the line that joins them"
     )
-    assert reason in told
-    axes = dict(re.findall(r'"(rear_\w+)"[^<]*<axis xyz="([^"]*)"/>', told))
+    assert reason in refusal_text
+    axes = dict(re.findall(r'"(rear_\w+)"[^<]*<axis xyz="([^"]*)"/>', refusal_text))
     assert axes == {"rear_left": "0 1 0", "rear_right": "0 1 0"}
     assert files.load(good).drive.heading == pytest.approx(0.0)
 
@@ -91,8 +93,8 @@ def test_the_default_axis_on_four_wheels_is_no_drive_sideways(files: Files) -> N
     front = Parts([])
     rear_axle(front, x=0.25)
     parts.xml += [part.replace("rear", "front") for part in front.xml]
-    told = files.refusal(re.sub(r'<axis xyz="0 -?1 0"/>', "", xml(parts)), "skid-steer")
-    assert told.count('<axis xyz="0 1 0"/>') == 4
+    refusal_text = files.refusal(re.sub(r'<axis xyz="0 -?1 0"/>', "", xml(parts)), "skid-steer")
+    assert refusal_text.count('<axis xyz="0 1 0"/>') == 4
 
 
 def test_a_suspension_is_to_be_locked(files: Files) -> None:
@@ -103,9 +105,9 @@ def test_a_suspension_is_to_be_locked(files: Files) -> None:
         ends = ("base", f"{side}_arm")
         parts.joint(f"{side}_spring", "prismatic", ends, f"0 {y} 0.1", "0 0 1", limits)
         parts.wheel(f"{side}_wheel", f"{side}_arm", "0 0 0")
-    told = files.refusal(parts)
-    assert "left_wheel, right_wheel hang on joints that move, a suspension" in told
-    assert "--lock left_spring --lock right_spring" in told
+    refusal_text = files.refusal(parts)
+    assert "left_wheel, right_wheel hang on joints that move, a suspension" in refusal_text
+    assert "--lock left_spring --lock right_spring" in refusal_text
     robot = files.load(parts, lock=["*_spring"])
     assert robot.drive.type == "differential"
     assert robot.drive.doubts == ()
@@ -150,9 +152,12 @@ def test_wheels_that_mimic_others(files: Files) -> None:
 def test_one_wheel_is_none(files: Files) -> None:
     parts = body()
     rear_axle(parts)
-    told = files.refusal(xml(parts).replace('"continuous"', '"fixed"', 1))
-    assert '"rear_right": no other joint turns about a level axle: one alone is no wheel' in told
-    assert 'make "rear_left" (line 1) type="continuous"' in told
+    refusal_text = files.refusal(xml(parts).replace('"continuous"', '"fixed"', 1))
+    assert (
+        '"rear_right": no other joint turns about a level axle: one alone is no wheel'
+        in refusal_text
+    )
+    assert 'make "rear_left" (line 1) type="continuous"' in refusal_text
 
 
 def test_an_axle_a_millimetre_lower_than_the_radius(files: Files) -> None:
@@ -187,9 +192,9 @@ def test_meshes_that_are_not_there_on_a_root_in_the_middle_of_the_body(files: Fi
     parts = body(0.0)
     meshed(parts, "left", "0 0.3 -0.1")
     meshed(parts, "right", "0 -0.3 -0.1")
-    told = files.refusal(parts)
-    assert 'the radius of wheel "left_link" is not known' in told
-    start = told.partition("(--drive FILE):\n")[2]
+    refusal_text = files.refusal(parts)
+    assert 'the radius of wheel "left_link" is not known' in refusal_text
+    start = refusal_text.partition("(--drive FILE):\n")[2]
     assert files.load(parts, start.replace("# radius", "radius")).drive.wheels[0].radius == 0.1
 
 

@@ -9,8 +9,8 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics
-from rpctl.dynamics.contact import find_contacts
-from tests.drive.wild import (
+from rpctl.dynamics.ground_reaction import find_contacts
+from tests.drive.drive_cases import (
     TRANSMISSION,
     Files,
     body,
@@ -66,8 +66,8 @@ def test_an_arm_of_continuous_joints_is_no_wheel(files: Files) -> None:
 
 
 def test_nothing_moves(files: Files) -> None:
-    told = files.refusal(body())
-    assert told.endswith(
+    refusal_text = files.refusal(body())
+    assert refusal_text.endswith(
         "no known drive: no joint could carry a wheel; it needs continuous joints about level "
         'axles that reach the ground, held by the root link "base"; make the wheels\' joints '
         'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
@@ -108,13 +108,13 @@ def test_a_drive_file_tells_the_role(files: Files) -> None:
     parts = body()
     rear_axle(parts)
     caster(parts, "pivot", 0.4, 0.0, 0.05, twin=False)
-    said = 'type = "{}"\n[[swivel]]\njoint = "pivot"\nrole = "{}"\n'
-    drive = files.load(parts, said.format("tricycle", "steered")).drive
+    drive_file = 'type = "{}"\n[[swivel]]\njoint = "pivot"\nrole = "{}"\n'
+    drive = files.load(parts, drive_file.format("tricycle", "steered")).drive
     assert drive.base_speeds == ("v", "pivot")
     assert drive.swivels[0].why == "the drive file says so"
-    assert files.load(parts, said.format("differential", "caster"), strict=True).dof == 2
-    told = files.refusal(parts, said.format("differential", "steered"))
-    assert "no differential drive: it takes one pair of wheels on one axle" in told
+    assert files.load(parts, drive_file.format("differential", "caster"), strict=True).dof == 2
+    refusal_text = files.refusal(parts, drive_file.format("differential", "steered"))
+    assert "no differential drive: it takes one pair of wheels on one axle" in refusal_text
 
 
 def test_a_powered_caster(files: Files) -> None:
@@ -235,18 +235,18 @@ def test_effort_limits_tell_what_is_driven(files: Files) -> None:
 
 
 def test_driven_flags(files: Files) -> None:
-    said = 'type = "tricycle"\n'
+    drive_file = 'type = "tricycle"\n'
     for name, yes in (("front", "true"), ("rear_left", "false"), ("rear_right", "false")):
-        said += f'[[wheel]]\njoint = "{name}"\ndriven = {yes}\n'
-    assert files.load(tricycle(), said).actuators == ("front", "steer")
-    said += '[[swivel]]\njoint = "steer"\ndriven = false\n'
-    assert files.load(tricycle(), said).actuators == ("front",)
+        drive_file += f'[[wheel]]\njoint = "{name}"\ndriven = {yes}\n'
+    assert files.load(tricycle(), drive_file).actuators == ("front", "steer")
+    drive_file += '[[swivel]]\njoint = "steer"\ndriven = false\n'
+    assert files.load(tricycle(), drive_file).actuators == ("front",)
 
 
 def test_hubs_that_mimic_what_is_no_swivel(files: Files) -> None:
-    told = files.refusal(hubs('<mimic joint="cabin_joint" multiplier="0.1"/>'))
-    assert 'the swivel "left_hub" mimics "cabin_joint", which steers no wheel' in told
-    assert "take its <mimic> out" in told
+    refusal_text = files.refusal(hubs('<mimic joint="cabin_joint" multiplier="0.1"/>'))
+    assert 'the swivel "left_hub" mimics "cabin_joint", which steers no wheel' in refusal_text
+    assert "take its <mimic> out" in refusal_text
     assert files.load(hubs("")).drive.type == "car-like"
 
 
@@ -255,8 +255,11 @@ def test_wheels_that_all_steer_do_not_mimic(files: Files) -> None:
     text, mimic = vehicle("steered"), '<mimic joint="fl_steer" multiplier="-1"/>'
     rear = text.index('<joint name="rl_steer"')
     end = text.index("</joint>", rear)
-    told = files.refusal(text[:end] + mimic + text[end:])
-    assert 'the swivel "rl_steer" mimics "fl_steer", but no multiple keeps all wheels on' in told
+    refusal_text = files.refusal(text[:end] + mimic + text[end:])
+    assert (
+        'the swivel "rl_steer" mimics "fl_steer", but no multiple keeps all wheels on'
+        in refusal_text
+    )
 
 
 def test_a_mimic_of_a_mimic(files: Files) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics
-from tests.drive.wild import (
+from tests.drive.drive_cases import (
     Files,
     axles,
     rolling_speeds,
@@ -28,8 +28,8 @@ def test_six_wheels_skid(files: Files) -> None:
 
 def test_skid_steer_with_an_effective_track_and_centre(files: Files) -> None:
     """φ̇ r = v ∓ ω track/2, and the centre of rotation alone does not slide sideways."""
-    told = 'type = "skid-steer"\ntrack = 0.9\npoint = [0.05, 0.02]\n'
-    robot = files.load(axles(0.25, -0.25), told)
+    drive_text = 'type = "skid-steer"\ntrack = 0.9\npoint = [0.05, 0.02]\n'
+    robot = files.load(axles(0.25, -0.25), drive_text)
     assert robot.drive.track == 0.9
     assert robot.drive.point == (0.05, 0.02)
     v, omega = 0.5, 0.8
@@ -47,7 +47,7 @@ def test_rollers_of_mecanum_wheels(files: Files) -> None:
     default = files.load(axles(0.25, -0.25), "mecanum")
     lies = {"axle0_left": -1, "axle0_right": 1, "axle1_left": 1, "axle1_right": -1}
 
-    def said(angle: float) -> str:
+    def roller_drive_file(angle: float) -> str:
         wheels = (
             f'[[wheel]]\njoint = "{name}"\nroller_deg = {sign * angle}\n'
             for name, sign in lies.items()
@@ -55,10 +55,10 @@ def test_rollers_of_mecanum_wheels(files: Files) -> None:
         return 'type = "mecanum"\n' + "".join(wheels)
 
     nu = [0.3, 0.2, -0.5]
-    assert rolling_speeds(files.load(axles(0.25, -0.25), said(45)), nu) == pytest.approx(
-        rolling_speeds(default, nu)
-    )
-    robot = files.load(axles(0.25, -0.25), said(30))
+    assert rolling_speeds(
+        files.load(axles(0.25, -0.25), roller_drive_file(45)), nu
+    ) == pytest.approx(rolling_speeds(default, nu))
+    robot = files.load(axles(0.25, -0.25), roller_drive_file(30))
     for wheel in robot.drive.wheels:
         x, y = (0.25 if "0" in wheel.joint else -0.25), (0.3 if "left" in wheel.joint else -0.3)
         forward, left = 0.3 + 0.5 * y, 0.2 - 0.5 * x
@@ -67,9 +67,9 @@ def test_rollers_of_mecanum_wheels(files: Files) -> None:
 
 
 def test_four_wheels_and_no_word(files: Files) -> None:
-    told = files.refusal(axles(0.25, -0.25))
-    assert "nothing in a URDF tells skid-steer from mecanum wheels" in told
-    start = told.partition("(--drive FILE):\n")[2]
+    drive_text = files.refusal(axles(0.25, -0.25))
+    assert "nothing in a URDF tells skid-steer from mecanum wheels" in drive_text
+    start = drive_text.partition("(--drive FILE):\n")[2]
     assert "# radius = 0.1  # m" in start
     assert files.load(axles(0.25, -0.25), start).drive.type == "skid-steer"
     named = xml(axles(0.25, -0.25)).replace('_link"', '_mecanum"')
@@ -87,7 +87,7 @@ def test_free_steering_of_a_car(files: Files) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "reason"),
+    ("drive_text", "reason"),
     [
         (
             'type = "car-like"\n[[wheel]]\njoint = "frnt"',
@@ -119,8 +119,10 @@ def test_free_steering_of_a_car(files: Files) -> None:
         ('type = "omni"', "no omni drive: it takes three or more wheels, held by the root link"),
     ],
 )
-def test_a_drive_file_is_checked_with_the_same_care(files: Files, told: str, reason: str) -> None:
-    assert reason in files.refusal(tricycle(), told)
+def test_a_drive_file_is_checked_with_the_same_care(
+    files: Files, drive_text: str, reason: str
+) -> None:
+    assert reason in files.refusal(tricycle(), drive_text)
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "skid-steer", "mecanum"])

@@ -13,7 +13,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.dynamics.contact import (
+from rpctl.dynamics.ground_reaction import (
     Contacts,
     GroundReaction,
     find_contacts,

@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.steering import Steering
+from rpctl.control.horizon.steered_twist import Steering
 from rpctl.dynamics.basis import selection
 from rpctl.dynamics.rolling import constraint, constraint_drift
 from rpctl.errors import SingularBasisError
@@ -192,7 +192,7 @@ def test_the_horizons_maps_are_rows_of_the_basis(
     dynamics, steering = ReducedDynamics(robot), Steering(robot)
     count = len(drive.steered)
     angles, speeds = rng.uniform(-0.5, 0.5, (4, count)), rng.normal(size=(4, 1 + count))
-    maps, slopes = steering.maps(angles), steering.slopes(angles, speeds)
+    maps, jacobian = steering.maps(angles), steering.jacobian(angles, speeds)
     names = [swivel.joint for swivel in drive.steered]
     for k in range(4):
         q = robot.configuration(joints=dict(zip(names, angles[k].tolist(), strict=True)))
@@ -201,4 +201,4 @@ def test_the_horizons_maps_are_rows_of_the_basis(
     for i, step in enumerate(STEP * np.eye(count)):
         ahead, behind = (steering.maps(angles + s * step) @ speeds[:, :, None] for s in (1, -1))
         rate = (ahead - behind)[:, :, 0] / (2 * STEP)
-        np.testing.assert_allclose(slopes[:, :, i], rate, atol=1e-7)
+        np.testing.assert_allclose(jacobian[:, :, i], rate, atol=1e-7)

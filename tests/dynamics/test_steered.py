@@ -16,7 +16,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.drive.steering import follow
+from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.motion import rk4_step
 from rpctl.errors import SingularBasisError
 from tests import random_vehicles
@@ -88,7 +88,9 @@ def test_followers_keep_to_the_centre(tmp_path: Path, kind: str, rng: np.random.
         v = ReducedDynamics(robot).basis(q) @ nu
         now = {s.joint: robot.joint_position(q, s.joint) for s in robot.drive.steered}
         ahead, behind = (
-            follow(robot.drive, {n: a + s * v[robot.velocity_index(n)] for n, a in now.items()})
+            follower_positions(
+                robot.drive, {n: a + s * v[robot.velocity_index(n)] for n, a in now.items()}
+            )
             for s in (step, -step)
         )
         for swivel in robot.drive.followers:

@@ -10,7 +10,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics
-from rpctl.dynamics.contact import find_contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.supports import find_supports
 from tests.robots import CASTER, SET_A, ball, platform, write
 

@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.dynamics.contact import find_contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
@@ -152,9 +152,9 @@ def test_efforts_are_those_of_where_it_is(
 def test_what_the_steering_leaves_undriven_is_named(tmp_path: Path) -> None:
     """A bicycle whose handlebar nothing turns: its speed is driven, its steering is not."""
     path = write(tmp_path, vehicle("bicycle"))
-    said = 'type = "bicycle"\n[[swivel]]\njoint = "steer"\ndriven = false\n'
-    told = write(tmp_path, said, "drive.toml")
-    robot = rpctl.load(path, drive=told)
+    drive_text = 'type = "bicycle"\n[[swivel]]\njoint = "steer"\ndriven = false\n'
+    drive_path = write(tmp_path, drive_text, "drive.toml")
+    robot = rpctl.load(path, drive=drive_path)
     with pytest.raises(rpctl.RpctlError, match="no actuator drives steer of bicycle"):
         ReducedDynamics(robot).efforts(robot.configuration(), np.zeros(robot.dof))
 

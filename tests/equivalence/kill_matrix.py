@@ -32,15 +32,15 @@ from rpctl.equivalence.mujoco_engine import MujocoEngine
 from rpctl.equivalence.row import Check
 from rpctl.equivalence.wheel_slip import FileMotion, Slip
 from tests.equivalence import mutations, shared_faults
-from tests.equivalence.planting import Plant, in_function, in_method, rolling_of
+from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of
 from tests.random_robots import generate
 from tests.robots import write
 
-Row = tuple[str, str]  # a check's name, and against what
+CheckKey = tuple[str, str]  # a check's name, and against what
 SEED = 59  # of a robot with slanted frames, wheels beside their joints, a mimic, R and P joints
 SAMPLES = 2
 GENERAL = "general"  # a differential drive of general numbers with five arm joints
-FEW = 4  # rows that a probe trips at most
+MAX_ROWS_TRIPPED = 4  # rows that a probe trips at most
 SMALL = 1e-6  # relative: a million times the limit of a comparison to rounding
 VISIBLE = 1e-4  # relative, m/s or 1/s: a hundred times the limit of one by differences
 TINY = 1e-11  # relative: ten times the limit of a comparison to rounding
@@ -55,28 +55,28 @@ def victim(name: str) -> Robot:
         return rpctl.load(write(Path(folder), text))
 
 
-def tripped(robot: Robot, plant: Plant) -> tuple[Check, ...]:
+def tripped(robot: Robot, inject: Injection) -> tuple[Check, ...]:
     """Return the rows that fail with a fault planted."""
-    with plant(robot) as mutant:
+    with inject(robot) as mutant:
         proof = rpctl.verify(mutant, samples=SAMPLES)
     return tuple(check for check in proof.checks if not check.passed)
 
 
-def of_robot(change: Callable[[Robot], Robot]) -> Plant:
+def of_robot(change: Callable[[Robot], Robot]) -> Injection:
     """Return the plant of a fault that makes another robot."""
 
     @contextmanager
-    def plant(robot: Robot) -> Iterator[Robot]:
+    def inject(robot: Robot) -> Iterator[Robot]:
         yield change(robot)
 
-    return plant
+    return inject
 
 
-def in_class(owner: type, name: str, change: Callable[..., Any]) -> Plant:
+def in_class(owner: type, name: str, change: Callable[..., Any]) -> Injection:
     """Plant ``change(result, *arguments)`` in place of what a method returns."""
 
     @contextmanager
-    def plant(robot: Robot) -> Iterator[Robot]:
+    def inject(robot: Robot) -> Iterator[Robot]:
         original = getattr(owner, name)
         setattr(owner, name, lambda *arguments: change(original(*arguments), *arguments))
         try:
@@ -84,14 +84,14 @@ def in_class(owner: type, name: str, change: Callable[..., Any]) -> Plant:
         finally:
             setattr(owner, name, original)
 
-    return plant
+    return inject
 
 
-def in_module(module: ModuleType, name: str, change: Callable[..., Any]) -> Plant:
+def in_module(module: ModuleType, name: str, change: Callable[..., Any]) -> Injection:
     """Plant ``change(result)`` in place of what a function returns, in one module alone."""
 
     @contextmanager
-    def plant(robot: Robot) -> Iterator[Robot]:
+    def inject(robot: Robot) -> Iterator[Robot]:
         original = getattr(module, name)
         setattr(module, name, lambda *arguments: change(original(*arguments)))
         try:
@@ -99,7 +99,7 @@ def in_module(module: ModuleType, name: str, change: Callable[..., Any]) -> Plan
         finally:
             setattr(module, name, original)
 
-    return plant
+    return inject
 
 
 def scaled(factor: float) -> Callable[..., Any]:
@@ -107,7 +107,7 @@ def scaled(factor: float) -> Callable[..., Any]:
     return lambda result, *arguments: result * factor
 
 
-def result_of(function: Callable[..., Any], change: Callable[..., Any]) -> Plant:
+def result_of(function: Callable[..., Any], change: Callable[..., Any]) -> Injection:
     """Plant ``change(result)`` in place of what a function returns."""
     return in_function(function, lambda original, *arguments: change(original(*arguments)))
 
@@ -187,18 +187,18 @@ def negative(robot: Robot) -> Robot:
     return dataclasses.replace(robot, description=description, model=model)
 
 
-FAULTS: dict[str, tuple[str, Plant]] = {
-    **{name: (GENERAL, plant) for name, plant in mutations.MUTATIONS.items()},
+FAULTS: dict[str, tuple[str, Injection]] = {
+    **{name: (GENERAL, inject) for name, inject in mutations.MUTATIONS.items()},
     **{
-        f"shared: {name}": (fault.victim, of_robot(fault.plant))
+        f"shared: {name}": (fault.victim, of_robot(fault.inject))
         for name, fault in shared_faults.FAULTS.items()
     },
     "steered A: pivots": ("car", rolling_of(pivots(lambda x, y: (x + SMALL, y - SMALL)))),
-    "steered Ȧv: lost": ("tricycle", in_class(rolling.Rolling, "drift", lost)),
+    "steered Ȧv: lost": ("tricycle", in_class(rolling.RollingConstraints, "drift", lost)),
     "following A: pivots": ("swerve", rolling_of(pivots(lambda x, y: (x * (1 + SMALL), y)))),
-    "following Ȧv: lost": ("swerve", in_class(rolling.Rolling, "drift", lost)),
+    "following Ȧv: lost": ("swerve", in_class(rolling.RollingConstraints, "drift", lost)),
     "caster A: trails": ("casters", rolling_of(trails)),
-    "caster Ȧv: lost": ("casters", in_class(rolling.Rolling, "drift", lost)),
+    "caster Ȧv: lost": ("casters", in_class(rolling.RollingConstraints, "drift", lost)),
     "roller A: directions": ("mecanum", rolling_of(directions)),
     "omni A: directions": ("omni", rolling_of(directions)),
     "file: an inertia below zero": (GENERAL, of_robot(negative)),
@@ -229,7 +229,7 @@ def heavier(
     return bias + (1.0 + TINY) * (original(dynamics, q, nu, a) - bias)
 
 
-PROBES: dict[str, tuple[str, Plant]] = {
+PROBES: dict[str, tuple[str, Injection]] = {
     "record: ground": (GENERAL, of_robot(lower)),
     "slip: wheels 3 % fast": (GENERAL, in_class(FileMotion, "velocity", dragged)),
     "slip: base speeds": (GENERAL, result_of(wheel_slip.slip, faster)),
@@ -261,10 +261,10 @@ PROBES: dict[str, tuple[str, Plant]] = {
 def main() -> None:
     """Print each fault, how many rows it trips, and which; then the rows that nothing trips."""
     robots: dict[str, Robot] = {}
-    rows: dict[Row, int] = {}
-    for name, (who, plant) in (*FAULTS.items(), *PROBES.items()):
+    rows: dict[CheckKey, int] = {}
+    for name, (who, inject) in (*FAULTS.items(), *PROBES.items()):
         robot = robots.setdefault(who, victim(who))
-        found = tripped(robot, plant)
+        found = tripped(robot, inject)
         for check in found:
             key = check.name, check.against
             rows[key] = min(rows.get(key, 99), len(found))

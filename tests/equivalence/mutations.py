@@ -14,8 +14,8 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics import rolling
 from rpctl.dynamics.basis import selection
-from tests.equivalence.planting import (
-    Plant,
+from tests.equivalence.fault_injection import (
+    Injection,
     in_body,
     in_function,
     in_method,
@@ -167,7 +167,7 @@ def rounder(inertia: pin.Inertia, placement: pin.SE3) -> pin.Inertia:
     return pin.Inertia(inertia.mass, inertia.lever, inertia.inertia * (1.0 + SMALL))
 
 
-MUTATIONS: dict[str, Plant] = {
+MUTATIONS: dict[str, Injection] = {
     "h: Coriolis sign": in_method("bias", coriolis(-1.0)),
     "h: Coriolis 1e-6 larger": in_method("bias", coriolis(1.0 + SMALL)),
     "M: an entry 1e-6 smaller": in_method("inertia", scaled((0, 0), 1.0 - SMALL)),

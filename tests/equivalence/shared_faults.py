@@ -26,13 +26,13 @@ class Fault:
     """A fault: the robot of the catalogue that has it, and what it does to it."""
 
     victim: str
-    plant: Callable[[Robot], Robot]
+    inject: Callable[[Robot], Robot]
 
 
 def wheels(change: Callable[[Wheel], dict[str, Any]], count: int = 99) -> Callable[[Robot], Robot]:
     """Return the change of the records of a robot's first ``count`` wheels."""
 
-    def plant(robot: Robot) -> Robot:
+    def inject(robot: Robot) -> Robot:
         first = [
             dataclasses.replace(w, **change(w)) if k < count else w
             for k, w in enumerate(robot.drive.wheels)
@@ -41,44 +41,44 @@ def wheels(change: Callable[[Wheel], dict[str, Any]], count: int = 99) -> Callab
             robot, drive=dataclasses.replace(robot.drive, wheels=tuple(first))
         )
 
-    return plant
+    return inject
 
 
 def swivels(change: Callable[[Swivel], dict[str, Any]]) -> Callable[[Robot], Robot]:
     """Return the change of the record of a robot's first swivel."""
 
-    def plant(robot: Robot) -> Robot:
+    def inject(robot: Robot) -> Robot:
         first, *rest = robot.drive.swivels
         first = dataclasses.replace(first, **change(first))
         return dataclasses.replace(
             robot, drive=dataclasses.replace(robot.drive, swivels=(first, *rest))
         )
 
-    return plant
+    return inject
 
 
 def drive(change: Callable[[Drive], dict[str, Any]]) -> Callable[[Robot], Robot]:
     """Return the change of a robot's drive."""
 
-    def plant(robot: Robot) -> Robot:
+    def inject(robot: Robot) -> Robot:
         return dataclasses.replace(
             robot, drive=dataclasses.replace(robot.drive, **change(robot.drive))
         )
 
-    return plant
+    return inject
 
 
 def rewritten(pattern: str, new: str | Callable[[re.Match[str]], str]) -> Callable[[Robot], Robot]:
     """Return the change of the XML that Pinocchio reads: of every match of a pattern."""
 
-    def plant(robot: Robot) -> Robot:
+    def inject(robot: Robot) -> Robot:
         xml, count = re.subn(pattern, new, robot.description.xml)
         assert count, pattern
         description = dataclasses.replace(robot.description, xml=xml)
         model = build(description, robot.locked)
         return dataclasses.replace(robot, description=description, model=model)
 
-    return plant
+    return inject
 
 
 def _turned(wheel: Wheel, degrees: float) -> dict[str, Any]:
@@ -124,7 +124,7 @@ FAULTS = {
 
 def caught(fault: Fault, robot: Robot) -> tuple[Check, ...]:
     """Return the rows that fail for a robot with the fault."""
-    proof = rpctl.verify(fault.plant(robot), samples=SAMPLES)
+    proof = rpctl.verify(fault.inject(robot), samples=SAMPLES)
     return tuple(check for check in proof.checks if not check.passed)
 
 

@@ -72,9 +72,9 @@ def test_an_engine_that_is_not_installed_never_passes(
     assert row.note.startswith("not installed: pip install")
     assert "MuJoCo" not in {check.against for check in proof.checks}
     assert proof.passed
-    told = proof.to_dict()
-    assert all(check["passed"] for check in told["checks"])
-    assert told["skipped"] == [{"name": row.name, "against": "MuJoCo", "note": row.note}]
+    as_dict = proof.to_dict()
+    assert all(check["passed"] for check in as_dict["checks"])
+    assert as_dict["skipped"] == [{"name": row.name, "against": "MuJoCo", "note": row.note}]
 
 
 def test_an_engine_that_refuses_says_why(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,9 +106,9 @@ def test_a_sample_does_not_depend_on_how_many_there_are(paper: Robot) -> None:
 
 
 def test_it_is_plain_json(paper: Robot) -> None:
-    told = json.loads(json.dumps(verify(paper, samples=2, seed=3).to_dict(), allow_nan=False))
-    assert (told["passed"], told["samples"], told["seed"]) == (True, 2, 3)
-    assert {"name", "residual", "limit", "passed"} <= told["checks"][0].keys()
+    as_dict = json.loads(json.dumps(verify(paper, samples=2, seed=3).to_dict(), allow_nan=False))
+    assert (as_dict["passed"], as_dict["samples"], as_dict["seed"]) == (True, 2, 3)
+    assert {"name", "residual", "limit", "passed"} <= as_dict["checks"][0].keys()
 
 
 def test_nothing_proves_nothing(paper: Robot) -> None:
@@ -153,7 +153,7 @@ def not_a_number(original: Method) -> Method:
 
 
 @pytest.mark.parametrize(
-    ("method", "plant", "caught_by"),
+    ("method", "inject", "caught_by"),
     [
         ("bias", flip_coriolis, {"reduced bias h"}),
         ("basis", slip, {"rolling wheels S ν", "reduced inertia M"}),
@@ -165,10 +165,10 @@ def test_planted_errors_are_caught(
     mixed_chain: Robot,
     monkeypatch: pytest.MonkeyPatch,
     method: str,
-    plant: Callable[[Method], Method],
+    inject: Callable[[Method], Method],
     caught_by: set[str],
 ) -> None:
-    monkeypatch.setattr(ReducedDynamics, method, plant(getattr(ReducedDynamics, method)))
+    monkeypatch.setattr(ReducedDynamics, method, inject(getattr(ReducedDynamics, method)))
     proof = verify(mixed_chain, samples=3)
     assert not proof.passed
     assert caught_by <= {check.name for check in proof.checks if not check.passed}

@@ -12,9 +12,9 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
 from rpctl.equivalence import checks
-from rpctl.equivalence.measure import DIFFERENCE
+from rpctl.equivalence.forced_state import find_rounding_scales
+from rpctl.equivalence.residuals import DIFFERENCE_TOLERANCE
 from rpctl.equivalence.state import State
-from rpctl.equivalence.trial import find_sizes
 from tests.robots import SET_A, platform, write
 
 PLANTED = 1e-3  # kg/s, in the entry of C that v has with itself
@@ -39,12 +39,12 @@ def test_skewness_is_relative_to_the_larger_of_c_and_a_small_robots_own_size(
     dynamics = ReducedDynamics(rpctl.load(write(tmp_path, platform(SET_A | {"d": 0.0}))))
     robot, nu = dynamics.robot, np.array([v, 0.5 * v])
     state = State(robot.configuration(), np.zeros(robot.nv), nu, np.zeros(2), np.zeros(2))
-    sizes = find_sizes(dynamics, state, None)
+    scales = find_rounding_scales(dynamics, state, None)
     monkeypatch.setattr(pin, "computeCoriolisMatrix", computed)
-    rows = {row.name: row for row in checks.coriolis(dynamics, sizes, state)}
+    rows = {row.name: row for row in checks.coriolis(dynamics, scales, state)}
     heaviest = SET_A["m_c"] + 2.0 * SET_A["m_w"] + 2.0 * SET_A["I_s"] / SET_A["r"] ** 2
     floor = min(1.0, heaviest * v)
     row = rows["Ṁ − 2C skew-symmetric"]
     assert row.residual == pytest.approx(4.0 * PLANTED / floor, rel=1e-6)
     assert row.entry == "v, v"
-    assert row.limit == DIFFERENCE
+    assert row.limit == DIFFERENCE_TOLERANCE

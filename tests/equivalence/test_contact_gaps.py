@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rpctl import ReducedDynamics, Robot
-from rpctl.dynamics.contact import find_contacts
+from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.equivalence import mujoco_engine
-from rpctl.equivalence.contact.gaps import gaps
-from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
+from rpctl.equivalence.contact.comparison import gaps
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
 
 if not mujoco_engine.installed():
     pytest.skip("MuJoCo is optional", allow_module_level=True)
@@ -21,15 +21,17 @@ if not mujoco_engine.installed():
 G = 9.81
 
 
-def moved(motion: Motion, **added: Any) -> Motion:
+def moved(motion: ContactMotion, **added: Any) -> ContactMotion:
     """Return a motion to which something is added at its last sample."""
     parts = {name: values.copy() for name, values in vars(motion).items()}
     for name, amount in added.items():
         parts[name][-1] += amount
-    return Motion(**parts)
+    return ContactMotion(**parts)
 
 
-def rows_of(robot: Robot, reduced: Motion, engine: Motion, joints: tuple[str, ...]) -> list[Gap]:
+def rows_of(
+    robot: Robot, reduced: ContactMotion, engine: ContactMotion, joints: tuple[str, ...]
+) -> list[Gap]:
     contacts = find_contacts(ReducedDynamics(robot))
     assert contacts is not None
     return list(gaps(robot, contacts, joints, reduced, engine))

@@ -108,7 +108,7 @@ def test_a_mecanum_base_slides_across_its_rollers_only(tmp_path: Path) -> None:
         model.advance({}, 1)
     model.advance(dict.fromkeys(joints, 0.0), 1)
     for contact in model._data.contact:
-        wheel = model._loose[int(contact.geom2)]
+        wheel = model._one_directional[int(contact.geom2)]
         along = model._held(wheel)
         np.testing.assert_allclose(contact.frame[3:6], along, atol=1e-12)
         np.testing.assert_allclose(contact.frame[6:], np.cross([0.0, 0.0, 1.0], along), atol=1e-12)
@@ -121,8 +121,8 @@ def test_a_mimic_joint_follows_in_mujoco(tmp_path: Path) -> None:
       <joint name="{name}_joint" type="revolute"><parent link="base"/><child link="{name}"/>
       <origin xyz="0.2 0 0.4"/><axis xyz="0 0 1"/>{mimic}
       <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
-    follow = '<mimic joint="first_joint" multiplier="-0.5" offset="0.2"/>'
-    extra = arm.format(name="first", mimic="") + arm.format(name="second", mimic=follow)
+    follower_positions = '<mimic joint="first_joint" multiplier="-0.5" offset="0.2"/>'
+    extra = arm.format(name="first", mimic="") + arm.format(name="second", mimic=follower_positions)
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6) + extra)))
     model = ContactModel(robot)
     model.start(robot.configuration(joints={"first_joint": 0.4}))
@@ -150,8 +150,8 @@ def test_a_tie_rod_is_a_spring_between_two_knuckles() -> None:
     assert model.joint(follower)[0] == pytest.approx(right)
     data.qpos[dofs[follower] + 1] += 0.01
     data.qvel[dofs[leader]], data.qvel[dofs[follower]] = 0.2, 0.05
-    model._pull_ties()
-    pull = model._swinging[follower] * 300.0 * (300.0 * 0.01 + 2.0 * (0.05 - slope * 0.2))
+    model._apply_tie_rods()
+    pull = model._follower_inertia[follower] * 300.0 * (300.0 * 0.01 + 2.0 * (0.05 - slope * 0.2))
     expected = np.zeros(len(data.qfrc_applied))
     expected[dofs[leader]], expected[dofs[follower]] = slope * pull, -pull
     np.testing.assert_allclose(data.qfrc_applied, expected, atol=1e-5 * pull)

@@ -10,12 +10,12 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.dynamics.contact import find_contacts
+from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.equivalence.contact import plan as contact_plan
 from rpctl.robot.vary import set_limits
 
 
-def planned(robot: Robot) -> contact_plan.Plan:
+def planned(robot: Robot) -> contact_plan.ContactPlan:
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
     assert contacts is not None

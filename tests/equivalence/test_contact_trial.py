@@ -24,7 +24,7 @@ from rpctl.equivalence import verify as verify_module
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact import model as contact_model
 from rpctl.equivalence.contact import trial as contact_trial
-from rpctl.equivalence.contact.record import ContactTrial, Motion
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial
 from rpctl.equivalence.row import Skipped
 from rpctl.robot.vary import set_limits
 
@@ -177,7 +177,7 @@ def test_a_wrong_model_of_any_drive_is_noticed(
 @pytest.mark.slow
 def test_a_car_needs_its_tie_rod(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each front wheel's drag turns its knuckle, and only the rod holds the two against it."""
-    monkeypatch.setattr(contact_model, "TIE", 1e-6)
+    monkeypatch.setattr(contact_model, "TIE_ROD_BANDWIDTH", 1e-6)
     assert {"path", "joint torques"} <= broken(rolled(rpctl.load("car"))).keys()
 
 
@@ -231,7 +231,7 @@ def test_the_trial_decides_over_the_certificate(trial: ContactTrial) -> None:
 
 def test_trials_are_equal_where_their_rows_are(trial: ContactTrial) -> None:
     """Whatever else moved: arrays are not asked, for they have no one answer."""
-    still = Motion(*(np.zeros_like(values) for values in vars(trial.engine).values()))
+    still = ContactMotion(*(np.zeros_like(values) for values in vars(trial.engine).values()))
     t, footprint = 2.0 * trial.t, 2.0 * trial.footprint
     other = dataclasses.replace(trial, engine=still, reduced=still, t=t, footprint=footprint)
     assert trial == other
@@ -239,13 +239,15 @@ def test_trials_are_equal_where_their_rows_are(trial: ContactTrial) -> None:
 
 
 def test_json_holds_bands_and_short_paths(trial: ContactTrial) -> None:
-    told = json.loads(json.dumps(trial.to_dict(), allow_nan=False))
-    assert [check["name"] for check in told["checks"]] == [check.name for check in trial.checks]
-    assert told["checks"][0]["band"] == pytest.approx(3.5e-3, rel=1e-3)
-    assert told["checks"][0]["unit"] == "m"
-    assert len(told["t"]) == len(told["paths"]["mujoco"]) == len(told["paths"]["reduced"]) == 101
-    np.testing.assert_allclose(told["paths"]["mujoco"][-1], trial.engine.pose[-1], atol=1e-6)
-    np.testing.assert_allclose(told["paths"]["reduced"][50], trial.reduced.pose[100], atol=1e-6)
+    loaded = json.loads(json.dumps(trial.to_dict(), allow_nan=False))
+    assert [check["name"] for check in loaded["checks"]] == [check.name for check in trial.checks]
+    assert loaded["checks"][0]["band"] == pytest.approx(3.5e-3, rel=1e-3)
+    assert loaded["checks"][0]["unit"] == "m"
+    assert (
+        len(loaded["t"]) == len(loaded["paths"]["mujoco"]) == len(loaded["paths"]["reduced"]) == 101
+    )
+    np.testing.assert_allclose(loaded["paths"]["mujoco"][-1], trial.engine.pose[-1], atol=1e-6)
+    np.testing.assert_allclose(loaded["paths"]["reduced"][50], trial.reduced.pose[100], atol=1e-6)
 
 
 def test_verify_makes_the_trial_when_asked(

@@ -12,9 +12,9 @@ from rpctl import ReducedDynamics, Robot, draw_state
 from rpctl.dynamics.motion import rk4_step
 from rpctl.equivalence import energy
 from rpctl.equivalence.energy import energy_rate, power_balance
-from rpctl.equivalence.trial import efforts, find_sizes, make_trial
-from tests.equivalence.nasty import NASTY
-from tests.equivalence.planting import in_method
+from rpctl.equivalence.forced_state import efforts, find_rounding_scales, force_state
+from tests.equivalence.fault_injection import in_method
+from tests.equivalence.ill_scaled import NASTY
 
 PERCENT = in_method("energy", lambda original, *arguments: 1.01 * original(*arguments))
 
@@ -29,11 +29,11 @@ def test_a_hundredth_more_energy_has_its_residual(tmp_path: Path, name: str, sam
     robot = rpctl.load(name) if name == "mixed_chain" else NASTY[name](tmp_path)
     dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, sample)
     q, nu = state.q, state.nu
-    trial = make_trial(dynamics, state, find_sizes(dynamics, state, None))
-    terms = nu * (dynamics.actuation(q) @ trial.tau)
+    forced = force_state(dynamics, state, find_rounding_scales(dynamics, state, None))
+    terms = nu * (dynamics.actuation(q) @ forced.tau)
     kinetic = 0.5 * nu @ dynamics.inertia(q) @ nu
     with PERCENT(robot):
-        found = energy_rate(dynamics, trial)
+        found = energy_rate(dynamics, forced)
         total = abs(dynamics.energy(q, nu))
     scale = max(min(1.0, kinetic), np.abs(terms).sum(), total)
     assert found.residual == pytest.approx(0.01 * abs(terms.sum()) / scale, rel=1e-3)
@@ -79,8 +79,8 @@ def test_a_motion_too_fast_for_the_step_is_followed_in_shorter_ones(tmp_path: Pa
     robot = NASTY["chain of 100"](tmp_path)
     dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
     tau = efforts(dynamics, state.q, 0.1 * state.nu, 0.1 * state.push)
-    pair = energy._pair(dynamics, state.q, 0.1 * state.nu, tau, energy.POWER_STEP)
-    assert pair.error > energy.POWER_ERROR
+    pair = energy._pair(dynamics, state.q, 0.1 * state.nu, tau, energy.MAX_POWER_STEP_S)
+    assert pair.error > energy.MAX_STEP_ERROR
     assert power_balance(dynamics, state).residual < 1e-9
 
 
@@ -89,9 +89,9 @@ def test_the_first_step_of_a_fast_robot_turns_its_joints_little(tmp_path: Path) 
     dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
     tau = efforts(dynamics, state.q, state.nu, state.push)
     rates = np.abs(dynamics.basis(state.q) @ state.nu).sum()
-    rates += energy.POWER_STEP * np.abs(dynamics.forward(state.q, state.nu, tau)).sum()
+    rates += energy.MAX_POWER_STEP_S * np.abs(dynamics.forward(state.q, state.nu, tau)).sum()
     step = energy._first_step(dynamics, state.q, state.nu, tau)
-    assert step == pytest.approx(energy.POWER_TURN / rates, rel=1e-12)
-    assert step < 0.1 * energy.POWER_STEP
+    assert step == pytest.approx(energy.MAX_FIRST_TURN / rates, rel=1e-12)
+    assert step < 0.1 * energy.MAX_POWER_STEP_S
     still = energy._first_step(dynamics, state.q, 0.0 * state.nu, 0.0 * tau)
-    assert still <= energy.POWER_STEP
+    assert still <= energy.MAX_POWER_STEP_S

@@ -15,7 +15,7 @@ from rpctl import Robot
 from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.file_drive import measure, with_declared
 from rpctl.equivalence.raw_file import read_file
-from tests.drive.wild import Files, axles, body, xml
+from tests.drive.drive_cases import Files, axles, body, xml
 from tests.robots import write
 from tests.vehicles import KINDS, Parts, vehicle
 
@@ -186,10 +186,10 @@ def test_a_mesh_is_as_high_as_the_wider_of_its_extents(files: Files) -> None:
 def test_larger_declared_wheels_lower_the_ground_by_their_mean(files: Files) -> None:
     """One wheel of four is declared 2 cm larger, and P 5 cm ahead."""
     names = [f"axle{k}_{side}" for k in (0, 1) for side in ("left", "right")]
-    told = 'type = "skid-steer"\npoint = [0.05, 0.0]\n'
-    told += "".join(f'[[wheel]]\njoint = "{name}"\n' for name in names)
-    told = told.replace(f'joint = "{names[2]}"', f'joint = "{names[2]}"\nradius = 0.12')
-    robot = files.load(axles(0.25, -0.25), told)
+    drive_text = 'type = "skid-steer"\npoint = [0.05, 0.0]\n'
+    drive_text += "".join(f'[[wheel]]\njoint = "{name}"\n' for name in names)
+    drive_text = drive_text.replace(f'joint = "{names[2]}"', f'joint = "{names[2]}"\nradius = 0.12')
+    robot = files.load(axles(0.25, -0.25), drive_text)
     drive = with_declared(measured(robot), robot.drive)
     near([wheel(drive, name).radius for name in names], (0.1, 0.1, 0.12, 0.1))
     near(drive.ground, -0.005)
@@ -199,10 +199,12 @@ def test_larger_declared_wheels_lower_the_ground_by_their_mean(files: Files) -> 
 
 def test_the_certificate_of_a_declared_track_holds_askew(files: Files) -> None:
     """The wheels grip a quarter wider than they stand: to the left of forward, not of x."""
-    told = 'type = "skid-steer"\ntrack = 0.75\n'
+    drive_text = 'type = "skid-steer"\ntrack = 0.75\n'
     for k in (0, 1):
-        told += "".join(f'[[wheel]]\njoint = "axle{k}_{side}"\n' for side in ("left", "right"))
-    proof = rpctl.verify(files.load(askew(xml(axles(0.25, -0.25))), told), samples=1)
+        drive_text += "".join(
+            f'[[wheel]]\njoint = "axle{k}_{side}"\n' for side in ("left", "right")
+        )
+    proof = rpctl.verify(files.load(askew(xml(axles(0.25, -0.25))), drive_text), samples=1)
     assert proof.passed, [check for check in proof.checks if not check.passed]
 
 

@@ -12,7 +12,7 @@ import sympy as sp
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.derive.casadi_scalar import CASADI, Element
+from rpctl.derive.casadi_scalar import CASADI, CasadiScalar
 from rpctl.equivalence import gibbs_appell
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.tree import Scalars
@@ -105,8 +105,8 @@ def test_casadi_symbols_give_the_same_numbers(mixed_chain: Robot, rng: np.random
     n, names = mixed_chain.dof, oracle.tree.moving
     speeds, angles = casadi.SX.sym("nu", n), casadi.SX.sym("q", len(names))
     u = np.empty(n, dtype=object)
-    u[:] = [Element.of(speeds[i]) for i in range(n)]
-    positions = {name: Element.of(angles[i]) for i, name in enumerate(names)}
+    u[:] = [CasadiScalar.of(speeds[i]) for i in range(n)]
+    positions = {name: CasadiScalar.of(angles[i]) for i, name in enumerate(names)}
     terms = oracle.terms(positions, u, *oracle.rolling_root(CASADI.identity(3), positions, u))
     M = casadi.vertcat(*(casadi.horzcat(*(entry.sx for entry in row)) for row in terms.M))
     h = casadi.vertcat(*(entry.sx for entry in terms.h))

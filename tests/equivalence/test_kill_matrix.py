@@ -14,11 +14,11 @@ from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from tests.equivalence.kill_matrix import (
     FAULTS,
-    FEW,
     GENERAL,
+    MAX_ROWS_TRIPPED,
     PROBES,
     SAMPLES,
-    Row,
+    CheckKey,
     tripped,
     victim,
 )
@@ -27,7 +27,7 @@ robot_of = cache(victim)
 BELOW_ZERO = "file: an inertia below zero"  # nothing else trips M's definiteness
 
 
-def rows(robot: Robot) -> set[Row]:
+def rows(robot: Robot) -> set[CheckKey]:
     return {(check.name, check.against) for check in rpctl.verify(robot, samples=1).checks}
 
 
@@ -46,25 +46,25 @@ def test_without_a_fault_it_passes(who: str) -> None:
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_trips_two_rows_or_more(name: str) -> None:
-    who, plant = FAULTS[name]
-    assert len({check.name for check in tripped(robot_of(who), plant)}) >= 2
+    who, inject = FAULTS[name]
+    assert len({check.name for check in tripped(robot_of(who), inject)}) >= 2
 
 
 def test_every_row_is_tripped_by_a_fault_that_trips_few_others() -> None:
     """A row that is compared with itself, or whose limit is 1e9 times too wide, trips on none."""
-    alone: set[Row] = set()
-    for who, plant in (*PROBES.values(), FAULTS[BELOW_ZERO]):
-        found = {(check.name, check.against) for check in tripped(robot_of(who), plant)}
+    alone: set[CheckKey] = set()
+    for who, inject in (*PROBES.values(), FAULTS[BELOW_ZERO]):
+        found = {(check.name, check.against) for check in tripped(robot_of(who), inject)}
         assert found
-        assert len(found) <= FEW
+        assert len(found) <= MAX_ROWS_TRIPPED
         alone |= found
     assert alone >= rows(robot_of(GENERAL)) | rows(robot_of("swerve"))
 
 
 def test_a_fault_leaves_nothing_behind() -> None:
     """Each is planted and taken out again: the same certificate as before."""
-    for who, plant in (*FAULTS.values(), *PROBES.values()):
-        with plant(robot_of(who)):
+    for who, inject in (*FAULTS.values(), *PROBES.values()):
+        with inject(robot_of(who)):
             pass
     assert rpctl.verify(robot_of(GENERAL), samples=SAMPLES).passed
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
-from rpctl.equivalence.measure import (
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.residuals import (
     DIFFERENCE_STEP,
     EPS,
-    EXACT,
+    EXACT_TOLERANCE,
     ROUNDINGS,
     allowed,
     difference_step,
@@ -21,13 +21,13 @@ from rpctl.equivalence.measure import (
     relative,
     worst,
 )
-from rpctl.equivalence.row import CONTACT, Check, Skipped
+from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 
 
 def test_a_limit_grows_with_the_products_and_no_other_way() -> None:
-    assert allowed(EXACT, 1.0, 1.0) == EXACT  # 30 EPS is 6.7e-15
-    assert allowed(EXACT, 1e4, 2.0) == pytest.approx(ROUNDINGS * EPS * 5e3, rel=1e-15)
-    assert allowed(EXACT, 1e4, 0.0) == EXACT
+    assert allowed(EXACT_TOLERANCE, 1.0, 1.0) == EXACT_TOLERANCE  # 30 EPS is 6.7e-15
+    assert allowed(EXACT_TOLERANCE, 1e4, 2.0) == pytest.approx(ROUNDINGS * EPS * 5e3, rel=1e-15)
+    assert allowed(EXACT_TOLERANCE, 1e4, 0.0) == EXACT_TOLERANCE
 
 
 def test_a_deviation_is_relative_to_the_largest_entry() -> None:
@@ -35,7 +35,7 @@ def test_a_deviation_is_relative_to_the_largest_entry() -> None:
     check = relative("M", "other", value, truth, ["a", "b"], limit=0.1)
     assert (check.residual, check.limit, check.entry) == (0.0625, 0.1, "b, a")
     assert check.passed
-    assert check.share == pytest.approx(0.625)
+    assert check.limit_ratio == pytest.approx(0.625)
     assert not relative("M", "other", value, truth, ["a", "b"], limit=0.0624).passed
     assert relative("M", "other", value, truth, ["a", "b"], limit=0.0625).passed
     wide = relative("M", "other", value, truth, ["a", "b"], limit=0.0, products=16.0)
@@ -51,14 +51,14 @@ def test_nothing_but_zeros_is_measured_as_it_is() -> None:
 
 @pytest.mark.parametrize("lost", [math.nan, math.inf, -math.inf])
 def test_a_deviation_that_is_no_number_is_the_worst(lost: float) -> None:
-    check = worst("h", "other", np.array([1e300, lost, 1.0]), EXACT, ["a", "b", "c"])
+    check = worst("h", "other", np.array([1e300, lost, 1.0]), EXACT_TOLERANCE, ["a", "b", "c"])
     assert (check.residual, check.entry, check.passed) == (math.inf, "b", False)
     assert check.to_dict()["residual"] is None
 
 
 def test_entries_beyond_the_names_have_their_number() -> None:
     gap = np.array([[0.0, 0.0, -3.0], [1.0, 2.0, 0.0]])
-    check = worst("A", "other", gap, EXACT, ["a", "b"])
+    check = worst("A", "other", gap, EXACT_TOLERANCE, ["a", "b"])
     assert (check.residual, check.entry) == (3.0, "a, 2")
 
 
@@ -90,9 +90,10 @@ def test_a_certificate_passes_with_all_its_rows() -> None:
 
 
 def rolled(residual: float) -> ContactTrial:
-    still = Motion(*(np.zeros((2, 3)) for _ in range(6)))
+    still = ContactMotion(*(np.zeros((2, 3)) for _ in range(6)))
     return ContactTrial(
-        checks=(Gap("path", CONTACT, residual, 1.0),), notes=("said of the trial",), contacts=(),
+        checks=(Gap("path", CONTACT_ORACLE, residual, 1.0),), notes=("said of the trial",),
+        contacts=(),
         determinate=True, joints=(), slides=(), footprint=np.zeros((0, 2)), t=np.zeros(2),
         reduced=still, engine=still,
     )  # fmt: skip
@@ -113,5 +114,5 @@ def test_all_notes_are_told() -> None:
     assert proof.notes == [
         ("other", "said of a row"),
         ("shapes", "said of numbers"),
-        (CONTACT, "said of the trial"),
+        (CONTACT_ORACLE, "said of the trial"),
     ]

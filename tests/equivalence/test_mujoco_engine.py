@@ -211,8 +211,10 @@ def test_mujoco_is_imported_only_when_an_engine_is_made() -> None:
         "import sys; from rpctl.equivalence import mujoco_engine as e; "
         "assert e.installed(); print(*sys.modules)"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "mujoco" not in told.stdout.split()
+    completed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert "mujoco" not in completed.stdout.split()
 
 
 def test_a_body_that_is_a_rod_as_a_whole_is_refused(tmp_path: Path) -> None:

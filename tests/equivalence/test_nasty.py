@@ -16,12 +16,12 @@ from rpctl import ReducedDynamics, Robot, draw_state
 from rpctl.arrays import Array
 from rpctl.dynamics import motion
 from rpctl.equivalence import checks
-from rpctl.equivalence.geometry import SHAPES
 from rpctl.equivalence.mujoco_engine import installed
 from rpctl.equivalence.row import Check
+from rpctl.equivalence.shape_checks import SHAPES
 from rpctl.errors import RpctlError
-from tests.equivalence.nasty import NASTY
-from tests.equivalence.planting import Plant, in_function, in_method, rolling_of
+from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of
+from tests.equivalence.ill_scaled import NASTY
 
 SMALL = 1e-6  # relative: a fault that the certificate of any robot must find
 CONSTANT = {  # limits of robots whose numbers are in scale; 1e-12 for the rows left out
@@ -85,7 +85,7 @@ MOTIONS = {"accelerations", "forward ∘ inverse"}
 
 
 @pytest.mark.parametrize(
-    ("name", "plant", "found"),
+    ("name", "inject", "found"),
     [
         ("chain of 60", ENERGY, ENERGIES),
         ("chain of 60", ACCELERATION, MOTIONS),
@@ -104,9 +104,11 @@ MOTIONS = {"accelerations", "forward ∘ inverse"}
         ("one wheel of two driven", ACCELERATION, MOTIONS),
     ],
 )
-def test_its_faults_are_found(tmp_path: Path, name: str, plant: Plant, found: set[str]) -> None:
+def test_its_faults_are_found(
+    tmp_path: Path, name: str, inject: Injection, found: set[str]
+) -> None:
     robot = NASTY[name](tmp_path)
-    with plant(robot) as faulty:
+    with inject(robot) as faulty:
         proof = rpctl.verify(faulty, samples=2)
     assert found <= {check.name for check in proof.checks if not check.passed}
 
@@ -166,8 +168,8 @@ def test_a_group_that_breaks_down_hides_no_other(
     whole = {(check.name, check.against) for check in rpctl.verify(paper, samples=1).checks}
     monkeypatch.setattr(checks, group, broken)
     proof = rpctl.verify(paper, samples=2)
-    (told,) = (check for check in proof.checks if not check.passed)
-    assert (told.name, told.against, told.entry) == ("computed", label, "no more")
+    (failed_row,) = (check for check in proof.checks if not check.passed)
+    assert (failed_row.name, failed_row.against, failed_row.entry) == ("computed", label, "no more")
     left = {(check.name, check.against) for check in proof.checks} - {("computed", label)}
     assert left < whole or count == 1
     assert len(whole - left) == count - 1
@@ -201,6 +203,6 @@ def test_a_motion_that_never_converges_fails(paper: Robot) -> None:
 
     with in_function(motion.rk4_step, shaken)(paper):
         proof = rpctl.verify(paper, samples=1)
-    (told,) = (check for check in proof.checks if not check.passed)
-    assert (told.name, told.against) == ("computed", "motion")
-    assert "no step of the motion" in told.entry
+    (failed_row,) = (check for check in proof.checks if not check.passed)
+    assert (failed_row.name, failed_row.against) == ("computed", "motion")
+    assert "no step of the motion" in failed_row.entry

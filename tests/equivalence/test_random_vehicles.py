@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from tests.random_vehicles import DRIVES, KINDS, TYPES, Vehicle, vehicle
+from tests.random_vehicles import DRIVE_FILES, DRIVE_TYPES, KINDS, Vehicle, vehicle
 from tests.robots import write
 
 
@@ -17,7 +17,7 @@ def check(folder: Path, kind: str, seed: int) -> None:
     """Write, load, verify; the file that fails stays in the test's folder."""
     text, built = vehicle(kind, seed)
     path = write(folder, text, f"{kind}_{seed}.urdf")
-    drive = write(folder, DRIVES[kind], f"{kind}.toml") if kind in DRIVES else None
+    drive = write(folder, DRIVE_FILES[kind], f"{kind}.toml") if kind in DRIVE_FILES else None
     robot = rpctl.load(path, drive=drive)
     check_drive(robot, kind, built)
     proof = rpctl.verify(robot, samples=2, seed=seed)
@@ -26,7 +26,7 @@ def check(folder: Path, kind: str, seed: int) -> None:
 
 def check_drive(robot: Robot, kind: str, built: Vehicle) -> None:
     drive, slack = robot.drive, 1e-12 + 2.0 * built.tilt
-    assert drive.type == TYPES.get(kind, kind)
+    assert drive.type == DRIVE_TYPES.get(kind, kind)
     assert {wheel.joint: wheel.radius for wheel in drive.wheels} == built.radii
     roles = {swivel.joint: swivel.role for swivel in drive.swivels}
     if kind == "steered":  # which two lead is the detection's to say

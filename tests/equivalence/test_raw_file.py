@@ -10,8 +10,8 @@ import pytest
 
 import rpctl
 from rpctl.equivalence import file_drive, file_wheels, raw_file, wheel_slip
+from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.raw_file import read_file
-from rpctl.equivalence.reading import read
 from rpctl.robot.catalog import names
 from tests.description.test_mended import FINE
 from tests.robots import SET_A, platform, write

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.equivalence.reading import read
+from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
@@ -20,10 +20,12 @@ def moved(
     positions: dict[str, float],
 ) -> Slip:  # fmt: skip
     reading = read(rpctl.load(write(folder, vehicle(kind))))
-    told = dict.fromkeys((wheel.joint for wheel in reading.drive.wheels), 0.0) | rates
+    joint_rates = dict.fromkeys((wheel.joint for wheel in reading.drive.wheels), 0.0) | rates
     at = dict.fromkeys((swivel.joint for swivel in reading.drive.swivels), 0.0) | positions
     return slip(
-        FileMotion(reading.raw, reading.drive, at, np.array(twist), told, reading.raw.poses(at))
+        FileMotion(
+            reading.raw, reading.drive, at, np.array(twist), joint_rates, reading.raw.poses(at)
+        )
     )
 
 
@@ -31,10 +33,10 @@ def test_a_single_wheel_at_p_is_held_sideways(tmp_path: Path) -> None:
     """P is its centre: no arm from P tells that it is abreast of it."""
     found = moved(tmp_path, "bicycle", (0.3, 0.4, 0.0), {}, {})
     assert found.speed == pytest.approx(0.5)
-    assert found.held["rear, sideways"] == pytest.approx(0.8)
-    assert found.held["rear, forward"] == pytest.approx(0.6)
-    assert found.held["P, sideways"] == pytest.approx(0.8)
-    assert not found.designed
+    assert found.constrained["rear, sideways"] == pytest.approx(0.8)
+    assert found.constrained["rear, forward"] == pytest.approx(0.6)
+    assert found.constrained["P, sideways"] == pytest.approx(0.8)
+    assert not found.by_design
 
 
 def test_what_shares_a_lateral_force_slides_on_average(tmp_path: Path) -> None:
@@ -42,10 +44,12 @@ def test_what_shares_a_lateral_force_slides_on_average(tmp_path: Path) -> None:
     at = {"steer_left": 0.4, "steer_right": -0.36}  # its axis points down
     found = moved(tmp_path, "parallel", (1.0, 0.0, 0.0), {}, at)
     mean = 0.5 * (math.sin(0.4) + math.sin(0.36))
-    assert found.held["steer_left and steer_right, sideways on average"] == pytest.approx(mean)
-    assert found.designed["front_left, sideways"] == pytest.approx(math.sin(0.4))
-    assert found.designed["front_right, sideways"] == pytest.approx(math.sin(0.36))
-    assert found.held["front_right, forward"] == pytest.approx(math.cos(0.36))
+    assert found.constrained["steer_left and steer_right, sideways on average"] == pytest.approx(
+        mean
+    )
+    assert found.by_design["front_left, sideways"] == pytest.approx(math.sin(0.4))
+    assert found.by_design["front_right, sideways"] == pytest.approx(math.sin(0.36))
+    assert found.constrained["front_right, forward"] == pytest.approx(math.cos(0.36))
 
 
 @pytest.mark.parametrize(
@@ -68,7 +72,7 @@ def test_a_robot_at_rest_slides_as_it_is(tmp_path: Path) -> None:
     """There is no speed to be relative to: a wheel that spins at 2 rad/s slides at .2 m/s."""
     found = moved(tmp_path, "bicycle", (0.0, 0.0, 0.0), {"rear": 2.0}, {})
     assert found.speed == 0.0
-    assert found.held["rear, forward"] == pytest.approx(0.2)
+    assert found.constrained["rear, forward"] == pytest.approx(0.2)
 
 
 def test_directions_of_a_cambered_wheel_are_unit_vectors(tmp_path: Path) -> None:
@@ -78,4 +82,4 @@ def test_directions_of_a_cambered_wheel_are_unit_vectors(tmp_path: Path) -> None
     still = dict.fromkeys((wheel.joint for wheel in reading.drive.wheels), 0.0)
     at = reading.raw.poses({})
     found = slip(FileMotion(reading.raw, reading.drive, {}, np.array([1.0, 0.0, 0.0]), still, at))
-    assert found.held["left_joint, forward"] == pytest.approx(1.0, rel=1e-12)
+    assert found.constrained["left_joint, forward"] == pytest.approx(1.0, rel=1e-12)

@@ -15,7 +15,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.end_effector import end_effector_reference
 from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
-from rpctl.reference.rates import reference_rates
+from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
 
 ROBOTS = names()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rpctl.reference.paths import Path, circle, eight, line, soft_clock, spin
+from rpctl.reference.paths import Path, circle, eight, line, ramped_time, spin
 
 PATHS = {
     "line": line(1.0),
@@ -44,13 +44,13 @@ def test_shapes() -> None:
 
 def test_the_clock_starts_softly_and_its_derivatives_are_exact() -> None:
     rate, ramp = 0.4, 3.0
-    start = soft_clock(0.0, rate, ramp)
+    start = ramped_time(0.0, rate, ramp)
     assert start == (0.0, 0.0, 0.0)
     for t in np.linspace(0.01, 6.0, 60):
-        now, ahead, behind = (soft_clock(x, rate, ramp) for x in (t, t + STEP, t - STEP))
+        now, ahead, behind = (ramped_time(x, rate, ramp) for x in (t, t + STEP, t - STEP))
         assert (ahead.s - behind.s) / (2 * STEP) == pytest.approx(now.rate, abs=1e-8)
         assert (ahead.rate - behind.rate) / (2 * STEP) == pytest.approx(now.acceleration, abs=1e-6)
     # Jerk, too, is zero at both ends, so that no effort has a kink.
     for t in (0.0, ramp):
-        assert soft_clock(abs(t - 1e-4), rate, ramp).acceleration == pytest.approx(0.0, abs=1e-6)
-    assert soft_clock(10.0, rate, 0.0) == (4.0, 0.4, 0.0)
+        assert ramped_time(abs(t - 1e-4), rate, ramp).acceleration == pytest.approx(0.0, abs=1e-6)
+    assert ramped_time(10.0, rate, 0.0) == (4.0, 0.4, 0.0)

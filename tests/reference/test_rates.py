@@ -10,7 +10,7 @@ import pytest
 
 import rpctl
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.rates import direction, reference_rates, steering
+from rpctl.reference.quasi_velocities import direction, reference_rates, steering
 from tests.robots import write
 from tests.vehicles import vehicle
 

@@ -12,12 +12,12 @@ import rpctl
 from rpctl import Robot, summarize
 from rpctl.errors import RpctlError
 from rpctl.reference.arm import Arm
-from rpctl.reference.base_motion import DEGREE, Driving
+from rpctl.reference.base_parametrisation import DEGREE, DrivingBase
+from rpctl.reference.end_effector_plan import END_EFFECTOR_TOLERANCE, plan_reach
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, wheel_rates
 from rpctl.reference.load import along_goal, load_reference
-from rpctl.reference.reach import TOLERANCE, plan_reach
-from rpctl.reference.timed import TimedPath, along
+from rpctl.reference.timed_path import TimedPath, along
 from tests.reference.differences import check_derivatives, check_rest
 
 ROBOTS = ["tiago", "paper", "mixed_chain", "mecanum", "skid_steer", "panda"]
@@ -41,12 +41,17 @@ def test_the_end_effector_draws_a_square(square: tuple[Robot, TimedPath]) -> Non
     robot, reference = square
     arm = Arm(robot)
     states = [reference(t) for t in np.linspace(0.0, reference.duration, 300)]
-    points = np.array([arm.place(s.pose, s.joints[arm.joints]).translation for s in states])
+    points = np.array(
+        [arm.end_effector_pose(s.pose, s.joints[arm.joints]).translation for s in states]
+    )
     low, side = points.min(axis=0), float(np.ptp(points[:, 0]))
-    assert np.ptp(points[:, 1]) == pytest.approx(side, abs=2 * TOLERANCE)
-    assert np.ptp(points[:, 2]) < TOLERANCE
+    assert np.ptp(points[:, 1]) == pytest.approx(side, abs=2 * END_EFFECTOR_TOLERANCE)
+    assert np.ptp(points[:, 2]) < END_EFFECTOR_TOLERANCE
     corners = low + side * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]])
-    assert off(polyline(corners.tolist(), min(0.15, 0.25 * side)), points) < TOLERANCE + 1e-3
+    assert (
+        off(polyline(corners.tolist(), min(0.15, 0.25 * side)), points)
+        < END_EFFECTOR_TOLERANCE + 1e-3
+    )
 
 
 def test_derivatives_and_rests(square: tuple[Robot, TimedPath]) -> None:
@@ -62,7 +67,7 @@ def test_limits_are_kept_and_nothing_slides(square: tuple[Robot, TimedPath]) -> 
     rates, place = wheel_rates(robot), []
     for t in np.linspace(0.0, reference.duration, 800):
         state = reference(t)
-        place.append(arm.place(state.pose, state.joints[arm.joints]).translation)
+        place.append(arm.end_effector_pose(state.pose, state.joints[arm.joints]).translation)
         assert math.hypot(*state.twist[:2]) <= limits.speed
         assert abs(state.twist[2]) <= limits.turning_speed
         assert np.abs(state.twist_dot[:2]).max() <= limits.acceleration
@@ -124,13 +129,13 @@ def test_base_motions_know_their_slopes() -> None:
     inner = np.linspace(0.0, 3.0, 6)
     knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE, 3.0)])
     for columns in ([0, 2], [0, 1, 2]):
-        base = Driving(s, knots, columns)
+        base = DrivingBase(s, knots, columns)
         z = np.random.default_rng(3).normal(size=base.size)
-        _, slopes = base.poses(z)
+        _, jacobian = base.poses(z)
         for i in range(base.size):
             step = 1e-6 * np.eye(base.size)[i]
             change = (base.poses(z + step)[0] - base.poses(z - step)[0]) / 2e-6
-            np.testing.assert_allclose(change, slopes[:, :, i], atol=1e-7)
+            np.testing.assert_allclose(change, jacobian[:, :, i], atol=1e-7)
         path, poses = base.path(z), base.poses(z)[0]
         np.testing.assert_allclose([path(x).pose for x in s], poses, atol=1e-9)
 
@@ -145,7 +150,7 @@ def test_jacobians_are_differences(name: str) -> None:
         for i in range(jacobian.shape[1]):
             step = 1e-6 * np.eye(jacobian.shape[1])[i]
             ahead, behind = (
-                arm.place(*((pose + d, q) if at == 0 else (pose, q + d))).translation
+                arm.end_effector_pose(*((pose + d, q) if at == 0 else (pose, q + d))).translation
                 for d in (step, -step)
             )
             np.testing.assert_allclose((ahead - behind) / 2e-6, jacobian[:3, i], atol=1e-7)
@@ -171,4 +176,6 @@ def test_a_file_gives_points(tmp_path: Path, paper: Robot) -> None:
     assert 28.0 < reference.duration < 31.0
     end = reference(100.0)
     arm = Arm(paper)
-    np.testing.assert_allclose(arm.place(end.pose, end.joints).translation, [4, 0, 0.7], atol=1e-6)
+    np.testing.assert_allclose(
+        arm.end_effector_pose(end.pose, end.joints).translation, [4, 0, 0.7], atol=1e-6
+    )

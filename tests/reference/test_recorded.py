@@ -17,8 +17,8 @@ from rpctl.reference.arm import Arm
 from rpctl.reference.csv_file import read_table
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, reference_by_name
-from rpctl.reference.recorded import EdgeClock
-from rpctl.reference.timed import TimedPath
+from rpctl.reference.recorded import EdgeTimeLaw
+from rpctl.reference.timed_path import TimedPath
 from tests.reference.differences import check_derivatives, check_rest
 from tests.robots import SET_A, platform, write
 
@@ -36,7 +36,7 @@ def written(
     arm, rows = Arm(robot), [",".join(columns)]
     for t in times:
         state = reference(t)
-        held = arm.place(state.pose, state.joints[arm.joints]).translation
+        held = arm.end_effector_pose(state.pose, state.joints[arm.joints]).translation
         values = dict(zip(("t", "x", "y", "theta"), (t, *state.pose), strict=True))
         values |= dict(zip(("ee_x", "ee_y", "ee_z"), held, strict=True))
         values |= {j.name: q for j, q in zip(robot.joints, state.joints, strict=True)}
@@ -83,19 +83,19 @@ def test_derivatives_and_rests(tiago: Robot, tmp_path: Path) -> None:
 
 
 def test_the_clock_is_smooth_and_on_time() -> None:
-    clock = EdgeClock(10.0, True, True, 1.0)
+    time_law = EdgeTimeLaw(10.0, True, True, 1.0)
     for t in (1e-9, 1.0, 9.0, 11.0 - 1e-9):
-        before, after = clock(t - 1e-7), clock(t + 1e-7)
+        before, after = time_law(t - 1e-7), time_law(t + 1e-7)
         np.testing.assert_allclose(after, before, atol=1e-5)
     for t in np.linspace(0.05, 10.95, 50):
-        rate = (clock(t + 1e-6).s - clock(t - 1e-6).s) / 2e-6
-        assert clock(t).rate == pytest.approx(rate, abs=1e-8)
-        change = (clock(t + 1e-6).rate - clock(t - 1e-6).rate) / 2e-6
-        assert clock(t).acceleration == pytest.approx(change, abs=1e-7)
-    assert clock(5.0) == (5.0, 1.0, 0.0)
-    assert clock(-1.0).s == 0.0
-    assert clock(11.0) == (10.0, 0.0, 0.0)
-    assert max(clock(t).rate for t in np.linspace(8.0, 11.0, 100)) <= 1.0  # it stops unhurriedly
+        rate = (time_law(t + 1e-6).s - time_law(t - 1e-6).s) / 2e-6
+        assert time_law(t).rate == pytest.approx(rate, abs=1e-8)
+        change = (time_law(t + 1e-6).rate - time_law(t - 1e-6).rate) / 2e-6
+        assert time_law(t).acceleration == pytest.approx(change, abs=1e-7)
+    assert time_law(5.0) == (5.0, 1.0, 0.0)
+    assert time_law(-1.0).s == 0.0
+    assert time_law(11.0) == (10.0, 0.0, 0.0)
+    assert max(time_law(t).rate for t in np.linspace(8.0, 11.0, 100)) <= 1.0  # it stops unhurriedly
 
 
 def table(path: Path, x: Array, y: Array, theta: Array | None = None, end: float = 10.0) -> str:
@@ -186,8 +186,8 @@ def test_an_end_effector_alone_has_a_base_planned(tiago: Robot, tmp_path: Path) 
     arm = Arm(tiago)
     for t in np.linspace(0.0, END - 1.0, 80):
         was, now = reference(t), back(t)
-        wanted = arm.place(was.pose, was.joints[arm.joints]).translation
-        found = arm.place(now.pose, now.joints[arm.joints]).translation
+        wanted = arm.end_effector_pose(was.pose, was.joints[arm.joints]).translation
+        found = arm.end_effector_pose(now.pose, now.joints[arm.joints]).translation
         assert np.linalg.norm(found - wanted) < 1e-3
         assert now.twist[1] == 0.0
         for joint, position, rate in zip(tiago.joints, now.joints, now.joint_rates, strict=True):
@@ -198,25 +198,25 @@ def test_an_end_effector_alone_has_a_base_planned(tiago: Robot, tmp_path: Path) 
 def test_an_orientation_is_met(tmp_path: Path) -> None:
     robot = rpctl.load("panda")
     arm, t = Arm(robot), np.linspace(0.0, 4.0, 81)
-    middle = arm.comfortable(None)
+    middle = arm.comfortable_posture(None)
     q = middle + 0.2 * np.outer(soft(81), np.ones(len(middle))) * arm.half_range
     import pinocchio as pin
 
-    poses = [arm.place(np.zeros(3), row) for row in q]
+    poses = [arm.end_effector_pose(np.zeros(3), row) for row in q]
     quaternions = [pin.Quaternion(pose.rotation).coeffs() for pose in poses]
     rows = np.column_stack([t, [pose.translation for pose in poses], quaternions])
     head = "t,ee_x,ee_y,ee_z,ee_qx,ee_qy,ee_qz,ee_qw"
     np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="", fmt="%.12g")
     back = read_back(robot, str(tmp_path / "a.csv"))
     for k in range(0, 81, 8):
-        found = arm.place(np.zeros(3), back(float(t[k])).joints[arm.joints])
+        found = arm.end_effector_pose(np.zeros(3), back(float(t[k])).joints[arm.joints])
         assert np.linalg.norm(pin.log6(found.actInv(poses[k])).vector) < 5e-3
 
 
 def test_too_fast_for_a_joint_is_told(tmp_path: Path) -> None:
     robot = rpctl.load("panda")
     arm = Arm(robot)
-    start = arm.place(np.zeros(3), arm.comfortable(None)).translation
+    start = arm.end_effector_pose(np.zeros(3), arm.comfortable_posture(None)).translation
     s = soft(41)
     rows = np.column_stack([0.005 * np.arange(41), start + np.outer(s, [0.0, 0.2, 0.1])])
     head = "t,ee_x,ee_y,ee_z"

@@ -14,7 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.robot.idealisation import Idealisation
 from rpctl.robot.idealised import idealisations
-from tests.drive.wild import Files, body, xml
+from tests.drive.drive_cases import Files, body, xml
 from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import Parts, caster, rear_axle, vehicle
 
@@ -24,16 +24,16 @@ LIMIT = '<limit lower="-1.2" upper="1.2" effort="40" velocity="6"/>'  # that Par
 MEMO = platform(SET_A)  # wheels of 0.15 m, 40 mm wide, at y = ±0.75 m
 
 
-def said(robot: Robot) -> dict[str, Idealisation]:
+def by_what(robot: Robot) -> dict[str, Idealisation]:
     """Return what is idealised by its kind, but for the wheels' width; each kind once."""
     found = [each for each in idealisations(robot) if each.what != THIN]
-    told = {each.what: each for each in found}
-    assert len(told) == len(found)
-    return told
+    drive_text = {each.what: each for each in found}
+    assert len(drive_text) == len(found)
+    return drive_text
 
 
 def only(robot: Robot) -> Idealisation:
-    (found,) = said(robot).values()
+    (found,) = by_what(robot).values()
     return found
 
 
@@ -76,11 +76,11 @@ def test_axles_that_are_not_parallel(tmp_path: Path) -> None:
     assert found.value == pytest.approx(0.8)
     assert "the mean of 2 axles that are not parallel" in found.sentence
     assert found.sentence.endswith("is 0.8° (14 mrad) off it")
-    one = said(toed(tmp_path, math.radians(0.8), 0.0))
+    one = by_what(toed(tmp_path, math.radians(0.8), 0.0))
     assert one["heading"].value == pytest.approx(0.4)
     # The wheels, 1.5 m apart, lie on a line that the mean axle crosses at 0.4°.
     assert one["axle scatter"].value == pytest.approx(1500.0 * math.sin(math.radians(0.4)))
-    assert not said(toed(tmp_path, 0.9e-4, -0.9e-4))
+    assert not by_what(toed(tmp_path, 0.9e-4, -0.9e-4))
     assert only(toed(tmp_path, 1.1e-4, -1.1e-4)).value == pytest.approx(math.degrees(1.1e-4))
 
 
@@ -91,7 +91,7 @@ def test_an_axle_that_leans(tmp_path: Path) -> None:
     assert found.value == pytest.approx(0.5)
     assert '"right_joint" (line' in found.sentence
     assert found.sentence.endswith("leans 0.5°")
-    assert not said(turned_axles(tmp_path, (0.0, 1.0, 0.9e-4), (0, 1, 0)))
+    assert not by_what(turned_axles(tmp_path, (0.0, 1.0, 0.9e-4), (0, 1, 0)))
 
 
 def test_wheels_nearly_on_one_axle(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_wheels_nearly_on_one_axle(tmp_path: Path) -> None:
     assert found.sentence.endswith("their centres are 3 mm apart along the heading")
     assert "left_joint" in found.sentence
     assert "right_joint" in found.sentence
-    assert not said(rpctl.load(write(tmp_path, MEMO.replace('xyz="0 0.75', 'xyz="9e-6 0.75'))))
+    assert not by_what(rpctl.load(write(tmp_path, MEMO.replace('xyz="0 0.75', 'xyz="9e-6 0.75'))))
 
 
 def test_wheels_that_end_at_two_heights(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_wheels_that_end_at_two_heights(tmp_path: Path) -> None:
     assert (found.what, found.unit) == ("contact height", "mm")
     assert found.value == pytest.approx(2.0)
     assert "2 mm below it" in found.sentence or "2 mm above it" in found.sentence
-    assert not said(rpctl.load(write(tmp_path, text.replace("0.154", "0.150015"))))
+    assert not by_what(rpctl.load(write(tmp_path, text.replace("0.154", "0.150015"))))
 
 
 def test_a_wheel_that_ends_below_the_others(files: Files) -> None:
@@ -120,7 +120,7 @@ def test_a_wheel_that_ends_below_the_others(files: Files) -> None:
     parts = body()
     rear_axle(parts)
     parts.wheel("stray", "base", "0.4 0 0.097")
-    found = said(files.load(parts))["contact height"]
+    found = by_what(files.load(parts))["contact height"]
     assert found.value == pytest.approx(2.0)
     assert found.sentence.endswith('"stray" (line 1) ends 2 mm below it')
 
@@ -132,9 +132,9 @@ def test_axles_that_share_one_constraint(tmp_path: Path) -> None:
     assert found.value == pytest.approx(0.45)
     assert "2 fixed axles share one lateral constraint, at P" in found.sentence
     assert "at 0.45 m/s for each rad/s" in found.sentence
-    assert not said(four_wheels(tmp_path, "mecanum"))
-    told = write(tmp_path, 'type = "skid-steer"\npoint = [-0.2, 0]\n', "drive.toml")
-    found = only(rpctl.load(tmp_path / "skid-steer.urdf", drive=told))
+    assert not by_what(four_wheels(tmp_path, "mecanum"))
+    drive_text = write(tmp_path, 'type = "skid-steer"\npoint = [-0.2, 0]\n', "drive.toml")
+    found = only(rpctl.load(tmp_path / "skid-steer.urdf", drive=drive_text))
     assert found.value == pytest.approx(0.7)
     assert "rear_" in found.sentence
 
@@ -160,18 +160,22 @@ def test_a_visual_radius_that_is_not_the_collisions(files: Files) -> None:
         'the radius of "left" (line 1), "right" (line 1) is 0.1 m (collision cylinder), that of '
         "the visual shape 0.11 m (visual cylinder, line 1); simulators roll on the collision"
     )
-    assert not said(files.load(cart(cylinder(0.1, "collision") + cylinder(0.1, "visual"))))
+    assert not by_what(files.load(cart(cylinder(0.1, "collision") + cylinder(0.1, "visual"))))
     text = xml(cart(shapes)).replace('radius="0.11"', 'radius="0.12"', 1)
     assert [each.value for each in idealisations(files.load(text))[:2]] == [0.12, 0.11]
     lugs = '<visual><geometry><box size="0.2 0.04 0.2"/></geometry></visual>'
-    assert not said(files.load(cart(shapes + lugs)))  # what is drawn reaches further than one knows
-    told = 'type = "differential"\n' + "".join(
+    assert not by_what(
+        files.load(cart(shapes + lugs))
+    )  # what is drawn reaches further than one knows
+    drive_text = 'type = "differential"\n' + "".join(
         f'[[wheel]]\njoint = "{name}"\nradius = 0.12\n' for name in ("left", "right")
     )
-    radii = {each.value: each.sentence for each in idealisations(files.load(cart(shapes), told))}
+    radii = {
+        each.value: each.sentence for each in idealisations(files.load(cart(shapes), drive_text))
+    }
     assert set(radii) == {0.1, 0.11}
     assert "is 0.12 m (drive file), that of the collision shape 0.1 m" in radii[0.1]
-    seen = files.load(cart(cylinder(0.1, "visual")), told)
+    seen = files.load(cart(cylinder(0.1, "visual")), drive_text)
     assert only(seen).sentence.endswith("there is no round collision")
 
 
@@ -182,7 +186,7 @@ def test_meshes_that_are_no_finer_than_their_corners(files: Files) -> None:
         disc.export(files.folder / f"{name}.stl")
     shape = '<visual><geometry><mesh filename="{}.stl"/></geometry></visual>'
     rolls = cylinder(0.1, "collision")
-    assert not said(files.load(cart(rolls + shape.format("near"))))
+    assert not by_what(files.load(cart(rolls + shape.format("near"))))
     assert only(files.load(cart(rolls + shape.format("far")))).value == pytest.approx(0.1006)
     (alone,) = idealisations(files.load(cart(shape.format("far"))))
     assert alone.what == THIN
@@ -194,7 +198,7 @@ def test_a_shape_that_is_off_the_axle(files: Files) -> None:
     assert [each.what for each in found] == ["eccentric wheel", "eccentric wheel", THIN]
     assert found[0].value == pytest.approx(3.0)
     assert "is centred 3 mm off its axle" in found[0].sentence
-    assert not said(files.load(cart(cylinder(0.1, "collision", x=9e-6))))
+    assert not by_what(files.load(cart(cylinder(0.1, "collision", x=9e-6))))
 
 
 def car(trail: float, axis: str = "0 0 1") -> Parts:
@@ -223,8 +227,8 @@ def test_trails_of_wheels_that_steer_together(files: Files) -> None:
 
 
 def test_the_trail_that_is_kept_is_not_said(tmp_path: Path) -> None:
-    assert not said(rpctl.load(write(tmp_path, vehicle("casters"))))
-    assert not said(rpctl.load(write(tmp_path, vehicle("tricycle"))))  # 30 mm
+    assert not by_what(rpctl.load(write(tmp_path, vehicle("casters"))))
+    assert not by_what(rpctl.load(write(tmp_path, vehicle("tricycle"))))  # 30 mm
 
 
 def test_a_swivel_that_leans(files: Files) -> None:
@@ -238,7 +242,7 @@ def test_a_swivel_that_leans(files: Files) -> None:
     for old, new in (("0.7 0.25 0.1", "0.7 0.25 -0.2"), ('"0.0 0.05 0"', '"0.0 0.05 0.3"')):
         assert old in below
         below = below.replace(old, new)
-    leaning = said(files.load(below))["swivel lean"]
+    leaning = by_what(files.load(below))["swivel lean"]
     assert "meet the ground 2 mm from below its origin" in leaning.sentence
 
 
@@ -259,7 +263,7 @@ def test_wheels_of_one_swivel_that_are_not_parallel(files: Files) -> None:
 def test_steering_that_no_sample_has(tmp_path: Path, limit: float | None) -> None:
     """A bicycle's hold on its base is cos δ: below a tenth from acos 0.1 on, 84.3°."""
     text = vehicle("bicycle")
-    assert not said(rpctl.load(write(tmp_path, text)))
+    assert not by_what(rpctl.load(write(tmp_path, text)))
     if limit is None:
         text = text.replace('"steer" type="revolute"', '"steer" type="continuous"')
     else:
@@ -339,4 +343,4 @@ def test_casters_say_nothing_of_what_they_keep(files: Files) -> None:
     parts = body()
     rear_axle(parts)
     caster(parts, "caster", 0.4, 0.0, 0.05, twin=True)
-    assert not said(files.load(xml(parts)))
+    assert not by_what(files.load(xml(parts)))

@@ -28,7 +28,7 @@ def changed(run: Run, name: str, sample: int | slice, column: int, value: float)
 
 
 def test_figures_of_a_run(golden: Run) -> None:
-    told = summarize(golden)
+    summary = summarize(golden)
     figures: dict[str, float] = {
         "rms_base_error": rms(5.0, 0.5, 0.5, 0.13, 0.1, 0.05),
         "final_base_error": 0.05,
@@ -46,11 +46,11 @@ def test_figures_of_a_run(golden: Run) -> None:
         "wall_time": 0.25,
         "realtime_factor": 2.0,
     }
-    assert {name: told[name] for name in figures} == pytest.approx(figures, rel=1e-12)
-    assert told["max_effort_joint"] == "swing_joint"
-    assert told["limits_violated"] == []
-    assert told["kinematic_report"] == {"softened": 3.0}
-    swing, slide = told["joint_errors"]
+    assert {name: summary[name] for name in figures} == pytest.approx(figures, rel=1e-12)
+    assert summary["max_effort_joint"] == "swing_joint"
+    assert summary["limits_violated"] == []
+    assert summary["kinematic_report"] == {"softened": 3.0}
+    swing, slide = summary["joint_errors"]
     assert (swing["joint"], swing["unit"]) == ("swing_joint", "rad")
     assert (slide["joint"], slide["unit"]) == ("slide_joint", "m")
     assert [swing[key] for key in ("rms", "final", "settled")] == pytest.approx(
@@ -59,7 +59,7 @@ def test_figures_of_a_run(golden: Run) -> None:
     assert [slide[key] for key in ("rms", "final", "settled")] == pytest.approx(
         [rms(0.04, 0.03, 0.01, 0.005, 0.02, 0.01), 0.01, 0.02]
     )
-    efforts = [(e["actuator"], e["peak"], e["limit"], e["ratio"]) for e in told["efforts"]]
+    efforts = [(e["actuator"], e["peak"], e["limit"], e["ratio"]) for e in summary["efforts"]]
     assert efforts == [
         ("left_wheel_joint", 30.0, 40.0, 0.75),
         ("right_wheel_joint", 50.0, np.inf, 0.0),
@@ -73,9 +73,9 @@ def test_the_second_half_of_an_odd_number_of_samples_has_the_middle_one(golden: 
     arrays: dict[str, Any] = {
         name: a[:5] for name, a in vars(golden).items() if isinstance(a, np.ndarray)
     }
-    told = summarize(replace(golden, **arrays))
-    assert told["settled_base_error"] == pytest.approx(0.5)
-    assert told["joint_errors"][1]["settled"] == pytest.approx(0.02)
+    summary = summarize(replace(golden, **arrays))
+    assert summary["settled_base_error"] == pytest.approx(0.5)
+    assert summary["joint_errors"][1]["settled"] == pytest.approx(0.02)
 
 
 # Array, its column, limit, and what is told of it: the joint and the kind of limit.
@@ -166,8 +166,8 @@ def test_where_there_is_no_limit_nothing_is_broken(golden: Run) -> None:
     free = changed(changed(free, "joints", 0, 0, 1e6), "joints", 0, 1, -1e6)
     assert violations(free) == []
     free = replace(free, effort_limits=(np.inf,) * 5)
-    told = summarize(free)
-    assert told["max_effort_ratio"] is told["max_effort_joint"] is None
+    summary = summarize(free)
+    assert summary["max_effort_ratio"] is summary["max_effort_joint"] is None
 
 
 def test_efforts_of_nothing_use_nothing_of_their_limits(golden: Run) -> None:
@@ -175,8 +175,8 @@ def test_efforts_of_nothing_use_nothing_of_their_limits(golden: Run) -> None:
     still = replace(
         golden, tau=np.zeros((COUNT, 5)), effort_limits=(np.inf, 40.0, 15.0, 20.0, 80.0)
     )
-    told = summarize(still)
-    assert (told["max_effort_ratio"], told["max_effort_joint"]) == (0.0, "right_wheel_joint")
+    summary = summarize(still)
+    assert (summary["max_effort_ratio"], summary["max_effort_joint"]) == (0.0, "right_wheel_joint")
 
 
 def test_limits_that_bound(golden: Run) -> None:
@@ -246,19 +246,19 @@ GROUND: list[tuple[tuple[float, ...], tuple[float, ...], dict[str, Any]]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("margins", "slips", "told"), GROUND)
+@pytest.mark.parametrize(("margins", "slips", "summary"), GROUND)
 def test_what_the_ground_does(
-    golden: Run, margins: tuple[float, ...], slips: tuple[float, ...], told: dict[str, Any]
+    golden: Run, margins: tuple[float, ...], slips: tuple[float, ...], summary: dict[str, Any]
 ) -> None:
     tip, slip = np.array(golden.tip_margin), np.array(golden.slip_ratio)
     tip[1:4], slip[1:4] = margins, slips
     found = summarize(replace(golden, tip_margin=tip, slip_ratio=slip))
-    assert {key: found[key] for key in told} == told
+    assert {key: found[key] for key in summary} == summary
 
 
 def test_a_split_of_the_load_that_is_assumed_is_told(golden: Run) -> None:
-    told = summarize(replace(golden, contacts=("a", "b", "c", "d")))["ground"]
-    assert told.endswith("friction 0.7 (4 contacts, taken as equally stiff)")
+    summary = summarize(replace(golden, contacts=("a", "b", "c", "d")))["ground"]
+    assert summary.endswith("friction 0.7 (4 contacts, taken as equally stiff)")
 
 
 def test_ground_without_a_balance(golden: Run) -> None:
@@ -272,8 +272,8 @@ def test_ground_without_a_balance(golden: Run) -> None:
 
 def test_without_an_arm_or_work_to_speak_of(golden: Run) -> None:
     nothing = np.empty((COUNT, 0))
-    told = summarize(replace(golden, end_effector=None, ee=nothing, ee_ref=nothing))
+    summary = summarize(replace(golden, end_effector=None, ee=nothing, ee_ref=nothing))
     keys = [f"{when}_end_effector_error" for when in ("rms", "final", "settled")]
-    assert [told[key] for key in keys] == [None] * 3
+    assert [summary[key] for key in keys] == [None] * 3
     rest = replace(golden, work=np.zeros(COUNT), energy=np.full(COUNT, 7.0))
     assert summarize(rest)["energy_residual"] == 0.0

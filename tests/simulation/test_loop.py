@@ -23,12 +23,12 @@ from rpctl import (
 from rpctl.arrays import Array
 from rpctl.control.command import Command
 from rpctl.control.law import DynamicLaw, Efforts, Rest
-from rpctl.dynamics.contact import find_contacts, ground_reaction
-from rpctl.dynamics.splits import find_ranges
+from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
+from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.errors import DivergedError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import reference_by_name
-from rpctl.simulation.loop import lasting
+from rpctl.simulation.loop import default_duration
 from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)
@@ -173,18 +173,18 @@ def test_a_run_ends_with_the_last_whole_period(paper: Robot, asked: float, ends:
     run = track(paper, "eight", asked)
     assert run.t[-1] == run.settings["duration"] == pytest.approx(ends)
     assert summarize(run)["duration"] == run.t[-1]
-    told = (
+    message = (
         f"a duration of {asked:g} s is no whole number of control periods of 0.002 s: the run ends "
         f"at {ends:g} s",
     )
-    assert run.notes == (() if asked == ends else told)
+    assert run.notes == (() if asked == ends else message)
 
 
 def test_a_duration_that_nobody_asked_for_says_nothing(paper: Robot, tmp_path: Path) -> None:
     path = tmp_path / "way.toml"
     path.write_text("waypoints = [[0, 0, 0], [0.1, 0]]")
     run = track(paper, str(path), control_period=0.05, plant_step=0.05)
-    lasts = lasting(load_reference(paper, str(path)))
+    lasts = default_duration(load_reference(paper, str(path)))
     assert run.notes == ()
     assert lasts - 0.05 < run.t[-1] <= lasts
     assert run.t[-1] == run.settings["duration"]
@@ -266,7 +266,7 @@ def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         ({"duration": 0.0}, "duration is 0; give a positive number"),
         ({"control_period": -1.0}, "control_period is -1"),
@@ -276,8 +276,8 @@ def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
         ({"reference": "square"}, "reference 'square' is not known"),
     ],
 )
-def test_wrong_settings_are_told(paper: Robot, wrong: dict[str, object], told: str) -> None:
-    with pytest.raises(RpctlError, match=told):
+def test_wrong_settings_are_told(paper: Robot, wrong: dict[str, object], message: str) -> None:
+    with pytest.raises(RpctlError, match=message):
         track(paper, **wrong)  # type: ignore[arg-type]
 
 

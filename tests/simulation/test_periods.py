@@ -8,7 +8,7 @@ from fractions import Fraction
 import pytest
 
 from rpctl import RpctlError
-from rpctl.simulation.periods import delay_note, delay_periods, duration_note, lasting_periods
+from rpctl.simulation.periods import delay_note, delay_periods, duration_note, whole_periods
 
 PERIODS = ("0.001", "0.002", "0.003", "0.005", "0.01", "0.7")
 
@@ -19,7 +19,7 @@ def test_they_count_as_decimals_do(period: str) -> None:
     for tenths in (*range(1, 400), 1_000_000, 36_000_005):
         time = Fraction(period) * Fraction(tenths, 10)
         whole = tenths % 10 == 0
-        periods = lasting_periods(float(time), float(period))
+        periods = whole_periods(float(time), float(period))
         assert periods == max(1, math.floor(time / Fraction(period)))
         assert (duration_note(float(time), float(period)) == ()) is whole
         assert delay_periods(float(time), float(period)) == (tenths + 5) // 10
@@ -37,6 +37,6 @@ def test_what_is_simulated_is_told() -> None:
 
 def test_what_is_no_time_is_told() -> None:
     with pytest.raises(RpctlError, match="duration is nan; give a positive number"):
-        lasting_periods(math.nan, 0.002)
+        whole_periods(math.nan, 0.002)
     with pytest.raises(RpctlError, match="control_period is 0; give a positive number"):
-        lasting_periods(1.0, 0.0)
+        whole_periods(1.0, 0.0)

@@ -53,16 +53,16 @@ def test_the_delay_logged_is_the_one_simulated(paper: Robot, delay: float, sampl
     run = track(paper, "eight", 0.03, OFF, dynamic=law, plant=Plant(delay=delay))
     np.testing.assert_array_equal(run.tau[samples:], sent[:-samples])
     assert run.settings["plant"]["delay"] == pytest.approx(samples * 0.002)
-    told = (
+    notes = (
         f"a delay of {delay:g} s is no whole number of control periods of 0.002 s: "
         f"{samples * 0.002:g} s are simulated",
     )
-    assert run.notes == (() if delay == 0.01 else told)
+    assert run.notes == (() if delay == 0.01 else notes)
 
 
 def test_the_controller_computes_with_the_robot_it_believes(tiago: Robot) -> None:
     light = scale_masses(tiago, "arm_*", 0.7)
-    run = track(tiago, "eight", 0.01, plant=Plant(believed=light))
+    run = track(tiago, "eight", 0.01, plant=Plant(controller_model=light))
     hold = ReducedDynamics(light).bias(run.q[0], run.nu[0])
     np.testing.assert_allclose(run.tau[0, 2:], hold[2:], atol=1e-9)
     assert run.settings["plant"]["believed"] == tiago.name
@@ -72,7 +72,7 @@ def test_what_does_not_fit_is_told(paper: Robot, tiago: Robot) -> None:
     with pytest.raises(UnknownNameError, match="actuator 'wheel' is not known"):
         track(paper, "eight", 0.1, plant=Plant(tau_bias={"wheel": 1.0}))
     with pytest.raises(RpctlError, match="has other quasi_velocities than paper"):
-        track(paper, "eight", 0.1, plant=Plant(believed=tiago))
+        track(paper, "eight", 0.1, plant=Plant(controller_model=tiago))
     with pytest.raises(RpctlError, match="delay is -1"):
         Plant(delay=-1.0)
     with pytest.raises(RpctlError, match="tau_bias of a is nan"):

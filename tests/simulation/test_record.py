@@ -13,7 +13,7 @@ import pytest
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, Run, UnifiedKinematic, track
 from rpctl.control.law import Efforts, Limit
-from rpctl.simulation.record import _plain, _slip, describe
+from rpctl.simulation.log import _constraint_residual, _json_value, describe
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
@@ -73,14 +73,14 @@ def test_the_log_is_read_only(pushed: Run) -> None:
 def test_slip_is_the_largest_either_way(sign: float) -> None:
     A, v = np.array([[1.0, 2.0], [0.0, 1.0]]), np.array([0.3, 0.15])
     dynamics = SimpleNamespace(constraint=lambda q: A)
-    slip = _slip(dynamics, np.zeros(1), sign * v)  # type: ignore[arg-type]
+    slip = _constraint_residual(dynamics, np.zeros(1), sign * v)  # type: ignore[arg-type]
     assert slip == pytest.approx(0.6)
 
 
 def test_settings_are_what_json_can_say() -> None:
-    told = _plain({1: (True, None, "a", 2, 0.5), "b": np.array([1.0, 2.0]), "c": np.int64(3)})
-    assert told == {"1": [True, None, "a", 2, 0.5], "b": [1.0, 2.0], "c": 3}
-    assert type(told["c"]) is int
+    plain = _json_value({1: (True, None, "a", 2, 0.5), "b": np.array([1.0, 2.0]), "c": np.int64(3)})
+    assert plain == {"1": [True, None, "a", 2, 0.5], "b": [1.0, 2.0], "c": 3}
+    assert type(plain["c"]) is int
 
 
 def test_laws_are_told_by_name_and_settings() -> None:

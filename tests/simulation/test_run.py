@@ -27,7 +27,7 @@ from rpctl.arrays import Array
 from rpctl.control.command import Command, KinematicLaw
 from rpctl.errors import RunFileError
 from rpctl.reference.motion import Reference
-from rpctl.simulation.run import META
+from rpctl.simulation.run import META_ENTRY
 from tests.robots import SET_A, platform, write
 
 
@@ -103,9 +103,11 @@ def altered(run: Run, path: Path, meta: Mapping[str, object], **arrays: Any) -> 
     run.save(path)
     with np.load(path, allow_pickle=False) as stored:
         entries = {name: stored[name] for name in stored}
-    told = json.loads(str(entries[META])) | meta
+    message = json.loads(str(entries[META_ENTRY])) | meta
     left_out = {name for name, value in meta.items() if value is None}
-    entries[META] = np.array(json.dumps({k: v for k, v in told.items() if k not in left_out}))
+    entries[META_ENTRY] = np.array(
+        json.dumps({k: v for k, v in message.items() if k not in left_out})
+    )
     entries.update(arrays)
     np.savez(path, **{name: value for name, value in entries.items() if value is not None})
     return path
@@ -130,8 +132,8 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
         ({}, {"contact_load": run.contact_load[:, :2]}, '"contact_load" does not fit its names'),
         ({}, {"nu": run.nu.astype(np.float32)}, '"nu" holds other than finite numbers'),
     )
-    for meta, arrays, told in cases:
-        with pytest.raises(RunFileError, match=told):
+    for meta, arrays, message in cases:
+        with pytest.raises(RunFileError, match=message):
             Run.load(altered(run, path, meta, **arrays))
 
 

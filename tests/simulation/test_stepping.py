@@ -16,7 +16,7 @@ from rpctl.dynamics.motion import Step
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import ReferenceState
 from rpctl.simulation import plant
-from rpctl.simulation.loop import lasting
+from rpctl.simulation.loop import default_duration
 from rpctl.simulation.plant import advance
 from tests.robots import SET_A, platform, write
 
@@ -65,8 +65,8 @@ def test_what_holds_it_holds_against_a_bias(paper: Robot) -> None:
 
 def test_how_long_a_reference_is_tracked() -> None:
     """A second longer than it moves; without an end 20 s."""
-    assert lasting(SimpleNamespace(duration=3.5)) == 4.5  # type: ignore[arg-type]
-    assert lasting(lambda t: ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 0)))) == 20.0
+    assert default_duration(SimpleNamespace(duration=3.5)) == 4.5  # type: ignore[arg-type]
+    assert default_duration(lambda t: ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 0)))) == 20.0
 
 
 def test_what_watches_is_not_the_simulations_time(paper: Robot) -> None:

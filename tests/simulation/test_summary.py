@@ -13,7 +13,7 @@ import pytest
 import rpctl
 from rpctl import Robot, Run, summarize, track
 from rpctl.files.writing import to_json
-from rpctl.simulation.summary import bound, violations
+from rpctl.simulation.summary import binding_limits, violations
 from tests.robots import SET_A, platform, write
 from tests.vehicles import Parts, vehicle
 
@@ -122,9 +122,9 @@ def test_joints_without_an_actuator_have_velocity_limits(tmp_path: Path) -> None
             '<limit velocity="30"/><parent link="steer_left_fork"/>',
         ),
     )
-    told = write(tmp_path, 'type = "car-like"\n[[swivel]]\njoint = "steer_right"\n'
+    expected = write(tmp_path, 'type = "car-like"\n[[swivel]]\njoint = "steer_right"\n'
                  "driven = false\n", "drive.toml")  # fmt: skip
-    run = track(rpctl.load(path, drive=told), "circle", 0.05)
+    run = track(rpctl.load(path, drive=expected), "circle", 0.05)
     assert not {"steer_right", "front_left"} & set(run.actuators)
     rates, steering = run.other_rates.copy(), run.steering.copy()
     rates[7, run.other_names.index("steer_right")] = 6.5
@@ -160,15 +160,15 @@ def test_limits_that_bound_are_told(run: Run) -> None:
     names = (("wheel_left_joint", "effort"), ("arm_prismatic_joint", "upper"))
     base = run.base.copy()
     base[100, :2] = 1.234, -0.5
-    wheel, slide = bound(
+    wheel, slide = binding_limits(
         dataclasses.replace(run, active_limits=active, bound_limits=names, base=base)
     )
     assert (wheel["joint"], wheel["limit"]) == names[0]
     assert wheel["first_time"] == pytest.approx(run.t[100])
     assert wheel["first_place"] == [1.234, -0.5]
     assert wheel["duration"] == pytest.approx(0.4, rel=0.01)
-    told = "wheel_left_joint effort limit bound from 0.2 s, at (1.23, -0.50) m, 0.4 s in all"
-    assert wheel["told"] == told
+    expected = "wheel_left_joint effort limit bound from 0.2 s, at (1.23, -0.50) m, 0.4 s in all"
+    assert wheel["told"] == expected
     assert slide["told"].startswith("arm_prismatic_joint upper position limit bound from 0.014 s")
 
 
@@ -191,8 +191,10 @@ def test_ground_beyond_its_margins(run: Run) -> None:
     margin[50:60], slip[25] = -0.05, 1.5
     figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
     assert figures["would_tip"] is figures["would_slip"] is True
-    told = "would tip over at 0.1 s, by 0.05 m at worst, and would slip at 0.05 s, needing up to "
-    assert figures["ground"] == told + "150 % of the grip at friction 0.7"
+    expected = (
+        "would tip over at 0.1 s, by 0.05 m at worst, and would slip at 0.05 s, needing up to "
+    )
+    assert figures["ground"] == expected + "150 % of the grip at friction 0.7"
     slip[30] = 400.0
     figures = summarize(dataclasses.replace(run, tip_margin=margin, slip_ratio=slip))
     assert "needing up to over 10 times the grip" not in figures["ground"]
@@ -240,7 +242,7 @@ def test_ground_where_the_split_is_not_known(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("least", "most", "certain", "told"),
+    ("least", "most", "certain", "expected"),
     [
         (0.12, 1.4, False, "could slip at 0.1 s, needing 12 to 140 % of the grip at"),
         (0.12, 40.0, False, "could slip at 0.1 s, needing 12 % to over 10 times the grip at"),
@@ -257,12 +259,12 @@ def test_ground_where_the_split_is_not_known(run: Run) -> None:
     ],
 )
 def test_slip_is_certain_or_possible(
-    run: Run, least: float, most: float, certain: bool, told: str
+    run: Run, least: float, most: float, certain: bool, expected: str
 ) -> None:
     figures = split(run, least, most, 0.2)
     assert figures["would_slip"] is certain
     assert figures["could_slip"] is True
-    assert told in figures["ground"]
+    assert expected in figures["ground"]
     ends = json.loads(to_json(figures["slip_ratio_range"]))
     assert ends == [None if end == np.inf else end for end in (least, most)]
 

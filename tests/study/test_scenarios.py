@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import rpctl
-from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.reference.motion import reference_by_name
-from rpctl.study.scenarios import PAIRS, SCENARIOS, Controller, controllers
+from rpctl.study.scenarios import LAW_PAIRS, SCENARIOS, LawPair, controllers
 from tests.robots import SET_A, platform, write
 
 LIFT = """<link name="load"><inertial><mass value="2"/>
@@ -37,15 +37,15 @@ def test_all_kinematic_laws_are_there_when_none_is_asked_for() -> None:
     """The pairs that are compared come first; a law of none of them has the bounded one."""
     found = controllers()
     assert {pair.kinematic for pair in found} == set(KINEMATIC_LAWS)
-    assert found[: len(PAIRS)] == list(PAIRS)
-    assert {pair.dynamic for pair in found[len(PAIRS) :]} <= {"bounded"}
+    assert found[: len(LAW_PAIRS)] == list(LAW_PAIRS)
+    assert {pair.dynamic for pair in found[len(LAW_PAIRS) :]} <= {"bounded"}
 
 
 def test_who_is_asked_for_twice_is_listed_once() -> None:
     """Unlisted pairs come last, in the order they were asked for."""
     asked = ["kanayama+integral", "paper+bounded", "paper", "paper"]
     assert controllers(asked) == [
-        Controller("paper", "paper"),
-        Controller("kanayama", "integral"),
-        Controller("paper", "bounded"),
+        LawPair("paper", "paper"),
+        LawPair("kanayama", "integral"),
+        LawPair("paper", "bounded"),
     ]

@@ -23,34 +23,36 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic
 from rpctl.cli.app import app
-from rpctl.control.laws import KINEMATIC_LAWS
+from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.errors import UnknownNameError
 from rpctl.reference.load import load_reference
+from rpctl.study.benchmark import Benchmark, Cell, Figures, Row, Stopwatch, figures, grid, run_grid
 from rpctl.study.scenarios import (
-    OURS,
-    PAIRS,
+    LAW_PAIRS,
     PAPER,
+    PROPOSED,
     SCENARIOS,
-    Controller,
+    LawPair,
     controllers,
     proposed,
 )
-from rpctl.study.standings import Verdict, verdicts
-from rpctl.study.study import Bench, Cell, Figures, Row, Stopwatch, figures, grid, run_grid
+from rpctl.study.verdicts import Verdict, verdicts
 from tests.robots import SET_A, platform, write
 
-KANAYAMA = Controller("kanayama", "paper")
-LINEARIZATION = Controller("feedback-linearization", "paper")
+KANAYAMA = LawPair("kanayama", "paper")
+LINEARIZATION = LawPair("feedback-linearization", "paper")
 
 
 def test_scenarios_are_what_they_say(paper: Robot) -> None:
     reference = load_reference(paper, "eight")
     cases = {name: scenario.make(paper, reference) for name, scenario in SCENARIOS.items()}
     assert cases["nominal"].plant == rpctl.Plant()
-    believed = cases["arm-mass"].plant.believed
-    assert believed is not None
+    controller_model = cases["arm-mass"].plant.controller_model
+    assert controller_model is not None
     masses = dict(zip(paper.model.names, (i.mass for i in paper.model.inertias), strict=True))
-    for name, inertia in zip(believed.model.names, believed.model.inertias, strict=True):
+    for name, inertia in zip(
+        controller_model.model.names, controller_model.model.inertias, strict=True
+    ):
         share = 0.7 if name.startswith("arm_") else 1.0
         assert inertia.mass == pytest.approx(share * masses[name]), name
     assert cases["wheel-bias"].plant.tau_bias == {"wheel_left_joint": 0.05 * 40.0}
@@ -75,27 +77,27 @@ def test_halved_limits_still_hold_the_arm_up(tiago: Robot) -> None:
 
 def test_a_robot_without_arm_or_wheels_says_so(tmp_path: Path) -> None:
     bare, fixed = rpctl.load(write(tmp_path, platform(SET_A))), rpctl.load("panda")
-    row = Bench(bare, 0.1)(Cell("arm-mass", "line", PAPER))
+    row = Benchmark(bare, 0.1)(Cell("arm-mass", "line", PAPER))
     assert (row.figures, row.failure) == (None, "platform has no arm")
-    assert Bench(fixed, 0.1)(Cell("wheel-bias", "eight", PAPER)).failure == (
+    assert Benchmark(fixed, 0.1)(Cell("wheel-bias", "eight", PAPER)).failure == (
         "panda has no driven wheel"
     )
     pushed = SCENARIOS["wheel-bias"].make(bare, load_reference(bare, "line")).plant.tau_bias
     assert list(pushed.values()) == [1.0]
-    found = Bench(bare, 0.1)(Cell("nominal", "line", proposed(bare))).figures
+    found = Benchmark(bare, 0.1)(Cell("nominal", "line", proposed(bare))).figures
     assert found is not None
     assert found.rms_end_effector is found.peak_effort is found.rms_effort is None
-    assert Bench(fixed, 0.1)(Cell("nominal", "eight", OURS)).figures is not None
+    assert Benchmark(fixed, 0.1)(Cell("nominal", "eight", PROPOSED)).figures is not None
 
 
 def test_controllers_by_name() -> None:
-    assert set(controllers()) >= {pair for pair in PAIRS if pair.kinematic in KINEMATIC_LAWS}
-    assert controllers(["unified"]) == [p for p in PAIRS if p.kinematic == "unified"]
+    assert set(controllers()) >= {pair for pair in LAW_PAIRS if pair.kinematic in KINEMATIC_LAWS}
+    assert controllers(["unified"]) == [p for p in LAW_PAIRS if p.kinematic == "unified"]
     assert controllers(["kanayama", "paper"], "integral") == [
-        Controller("kanayama", "integral"),
-        Controller("paper", "integral"),
+        LawPair("kanayama", "integral"),
+        LawPair("paper", "integral"),
     ]
-    assert controllers(["unified+bounded"], "paper") == [Controller("unified", "bounded")]
+    assert controllers(["unified+bounded"], "paper") == [LawPair("unified", "bounded")]
     for name in ("papr", "paper+papr"):
         with pytest.raises(UnknownNameError, match="did you mean paper"):
             controllers([name])
@@ -121,7 +123,7 @@ def test_a_timed_law_does_as_the_law_does(paper: Robot) -> None:
     laws = (UnifiedKinematic(), rpctl.IntegralDynamic())
     plain = rpctl.track(paper, "eight", 0.1, (0.1, 0.1, 0.1), *laws)
     timed = rpctl.track(
-        paper, "eight", 0.1, (0.1, 0.1, 0.1), watch.times(laws[0]), watch.times(laws[1])
+        paper, "eight", 0.1, (0.1, 0.1, 0.1), watch.time_law(laws[0]), watch.time_law(laws[1])
     )
     np.testing.assert_array_equal(plain.tau, timed.tau)
     assert len(watch.seconds) == 2 * len(timed.t)
@@ -134,12 +136,12 @@ def errors(rows: Sequence[Row]) -> list[tuple[float | None, str | None]]:
 
 def test_processes_find_what_one_does(paper: Robot) -> None:
     cells = grid(["nominal", "delay"], ["spin", "line"], [PAPER, LINEARIZATION])
-    told: list[tuple[int, int]] = []
-    alone = run_grid(Bench(paper, 0.05), cells)
-    shared = run_grid(Bench(paper, 0.05), cells, 2, lambda *done: told.append(done))
+    output: list[tuple[int, int]] = []
+    alone = run_grid(Benchmark(paper, 0.05), cells)
+    shared = run_grid(Benchmark(paper, 0.05), cells, 2, lambda *done: output.append(done))
     assert [row.cell for row in shared] == cells
     assert errors(shared) == errors(alone)
-    assert told == [(k, len(cells)) for k in range(1, len(cells) + 1)]
+    assert output == [(k, len(cells)) for k in range(1, len(cells) + 1)]
     refused = [row for row in shared if row.failure]
     assert [row.cell.controller for row in refused] == [LINEARIZATION] * 2
     assert refused[0].failure is not None
@@ -152,35 +154,35 @@ def test_a_process_that_is_killed_is_told(paper: Robot) -> None:
         for process in mp.active_children():
             process.kill()
 
-    cells = grid(["nominal"], ["line", "eight"], [PAPER, OURS, KANAYAMA])
+    cells = grid(["nominal"], ["line", "eight"], [PAPER, PROPOSED, KANAYAMA])
     with pytest.raises(RpctlError, match="killed; if memory ran out, take fewer --jobs"):
-        run_grid(Bench(paper, 0.5), cells, 2, kill)
+        run_grid(Benchmark(paper, 0.5), cells, 2, kill)
 
 
-def row(controller: Controller, base: float, tip: float | None = 1.0, *broken: str) -> Row:
+def row(controller: LawPair, base: float, tip: float | None = 1.0, *broken: str) -> Row:
     cell = Cell("nominal", "line", controller)
     return Row(cell, Figures(base, base, base, tip, tip, 0.5, 0.1, broken, 1e-5, 1e-4), None)
 
 
 def test_verdicts() -> None:
-    rows = [row(PAPER, 2.0), row(OURS, 1.005), row(KANAYAMA, 1.0)]
-    assert verdicts(rows, OURS) == [
+    rows = [row(PAPER, 2.0), row(PROPOSED, 1.005), row(KANAYAMA, 1.0)]
+    assert verdicts(rows, PROPOSED) == [
         Verdict("nominal", "line", "rms_base", 1.005, 2.0, 1.0, KANAYAMA),
         Verdict("nominal", "line", "rms_end_effector", 1.0, 1.0, 1.0, PAPER),
     ]
-    assert verdicts(rows, OURS)[0].won
-    assert not verdicts(rows, OURS)[0].worse_than_paper
-    worse = verdicts([row(PAPER, 1.0), row(OURS, 1.1)], OURS)[0]
+    assert verdicts(rows, PROPOSED)[0].won
+    assert not verdicts(rows, PROPOSED)[0].worse_than_paper
+    worse = verdicts([row(PAPER, 1.0), row(PROPOSED, 1.1)], PROPOSED)[0]
     assert (worse.won, worse.worse_than_paper) == (False, True)
 
 
 def test_who_breaks_a_limit_wins_nothing() -> None:
-    base, _ = verdicts([row(PAPER, 1.0, 1.0, "wheel effort"), row(OURS, 3.0)], OURS)
+    base, _ = verdicts([row(PAPER, 1.0, 1.0, "wheel effort"), row(PROPOSED, 3.0)], PROPOSED)
     assert (base.won, base.worse_than_paper, base.paper) == (True, False, None)
-    base, _ = verdicts([row(PAPER, 3.0), row(OURS, 1.0, 1.0, "wheel effort")], OURS)
+    base, _ = verdicts([row(PAPER, 3.0), row(PROPOSED, 1.0, 1.0, "wheel effort")], PROPOSED)
     assert (base.won, base.worse_than_paper, base.ours) == (False, True, None)
-    assert verdicts([row(PAPER, 1.0)], OURS) == []
-    assert len(verdicts([row(PAPER, 1.0, None), row(OURS, 1.0, None)], OURS)) == 1
+    assert verdicts([row(PAPER, 1.0)], PROPOSED) == []
+    assert len(verdicts([row(PAPER, 1.0, None), row(PROPOSED, 1.0, None)], PROPOSED)) == 1
 
 
 def compare(*words: str) -> Any:
@@ -193,19 +195,19 @@ def test_compare_writes_a_table_and_a_picture(tmp_path: Path) -> None:
     words += ["--laws", "paper,end-effector,feedback-linearization", "--out", str(out)]
     result = compare(*words, "--json")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert json.loads((out / "compare.json").read_text()) == told
+    output = json.loads(result.stdout)
+    assert json.loads((out / "compare.json").read_text()) == output
     assert sorted(path.name for path in out.iterdir()) == [
         "compare.csv", "compare.json", "compare.pdf", "compare.png",
     ]  # fmt: skip
-    assert told["controllers"] == [str(PAPER), str(OURS), str(LINEARIZATION)]
-    assert len(told["rows"]) == 6
-    assert told["rows"][0]["rms_base"] > 0.1
-    assert told["rows"][2]["rms_base"] is None
-    assert {verdict["reference"] for verdict in told["verdicts"]} == {"spin", "line"}
+    assert output["controllers"] == [str(PAPER), str(PROPOSED), str(LINEARIZATION)]
+    assert len(output["rows"]) == 6
+    assert output["rows"][0]["rms_base"] > 0.1
+    assert output["rows"][2]["rms_base"] is None
+    assert {verdict["reference"] for verdict in output["verdicts"]} == {"spin", "line"}
     table = list(csv.DictReader((out / "compare.csv").read_text().splitlines()))
     assert [each["reference"] for each in table] == ["spin"] * 3 + ["line"] * 3
-    assert float(table[0]["rms_base"]) == told["rows"][0]["rms_base"]
+    assert float(table[0]["rms_base"]) == output["rows"][0]["rms_base"]
     assert "turns on the spot" in table[2]["failure"]
     assert (out / "compare.png").read_bytes().startswith(b"\x89PNG")
     assert (out / "compare.pdf").read_bytes().startswith(b"%PDF")
@@ -215,7 +217,7 @@ def test_compare_writes_a_table_and_a_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "output"),
     [
         (("--laws", "papr"), "did you mean paper"),
         (("--dynamic", "x"), "dynamic law 'x' is not known"),
@@ -226,10 +228,10 @@ def test_compare_writes_a_table_and_a_picture(tmp_path: Path) -> None:
         (("--duration", "-1"), "duration is -1; give a positive number"),
     ],
 )
-def test_wrong_input_exits_2(words: tuple[str, ...], told: str, tmp_path: Path) -> None:
+def test_wrong_input_exits_2(words: tuple[str, ...], output: str, tmp_path: Path) -> None:
     result = compare(*words, "--out", str(tmp_path / "out"))
     assert result.exit_code == 2
-    assert told in result.stderr
+    assert output in result.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -273,5 +275,5 @@ def members(group: int) -> int:
 
 
 def test_its_runs_end_with_whole_control_periods(paper: Robot) -> None:
-    assert Bench(paper, 0.0215).duration == pytest.approx(0.02)
-    assert Bench(paper).duration is None
+    assert Benchmark(paper, 0.0215).duration == pytest.approx(0.02)
+    assert Benchmark(paper).duration is None

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from rpctl.arrays import Array
 
-TIGHT = 1e-12  # relative and absolute tolerance of the integration
+INTEGRATION_TOLERANCE = 1e-12  # relative and absolute tolerance of the integration
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,19 @@ class Textbook:
     def motion(self, x: Array, nu: Array, tau: Array, duration: float) -> tuple[Array, Array]:
         """Return x and ν after a time (s) under constant τ."""
 
-        def slope(_: float, state: Array) -> Array:
+        def state_rate(_: float, state: Array) -> Array:
             at, speed = state[: self.nx], state[self.nx :]
             return np.append(self.terms(at, speed)[3] @ speed, self.forward(at, speed, tau))
 
         start = np.append(x, nu)
-        found = solve_ivp(slope, (0.0, duration), start, "DOP853", rtol=TIGHT, atol=TIGHT)
+        found = solve_ivp(
+            state_rate,
+            (0.0, duration),
+            start,
+            "DOP853",
+            rtol=INTEGRATION_TOLERANCE,
+            atol=INTEGRATION_TOLERANCE,
+        )
         assert found.success
         return found.y[: self.nx, -1], found.y[self.nx :, -1]
 

@@ -22,7 +22,7 @@ FLAGS = [
     "--disable-background-networking",
 ]
 WINDOW = {"width": 900, "height": 600}
-PATIENCE = 60  # s that a page may take on a machine with much else to do
+PAGE_TIMEOUT_S = 60  # s that a page may take on a machine with much else to do
 
 
 @contextmanager
@@ -48,7 +48,7 @@ def opened(browser: Any, url: str, *allowed: str) -> Iterator[Any]:
     """
     context = browser.new_context(viewport=WINDOW)
     page = context.new_page()
-    page.set_default_timeout(1000 * PATIENCE)
+    page.set_default_timeout(1000 * PAGE_TIMEOUT_S)
     problems: list[str] = []
     own = (url, "data:", "blob:", *allowed)
     page.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
@@ -63,11 +63,11 @@ def opened(browser: Any, url: str, *allowed: str) -> Iterator[Any]:
 
 def wait(page: Any, condition: str) -> None:
     """Wait until a condition holds; Playwright's own wait runs text, which the page forbids."""
-    for _ in range(20 * PATIENCE):
+    for _ in range(20 * PAGE_TIMEOUT_S):
         if page.evaluate(f"Boolean({condition})"):
             return
         page.wait_for_timeout(50)
-    pytest.fail(f"after {PATIENCE} s still not: {condition}")
+    pytest.fail(f"after {PAGE_TIMEOUT_S} s still not: {condition}")
 
 
 def picture(page: Any, viewer: str) -> np.ndarray[Any, Any]:

@@ -11,7 +11,7 @@ import pytest
 from rpctl import Robot, Run
 from rpctl.view.chart_data import MAX_POINTS, chart_data
 from rpctl.view.charts import Chart, charts, grip_top
-from rpctl.view.pages.overlay import contact_forces, effort_shares, overlay
+from rpctl.view.pages.forces import contact_forces, effort_ratios, overlay
 from tests.view.samples import short_run
 
 
@@ -63,9 +63,9 @@ def test_speeds_are_told_by_name(paper_run: Run) -> None:
     assert (steering.label, steering.unit) == ("front_steering", "rad/s")
     np.testing.assert_array_equal(steering.values, run.nu[:, 1])
     units = dict(zip(run.joint_names, run.units, strict=True))
-    told = [line.unit for line in chart(run, "Joint speeds").lines]
-    assert told == [f"{units[name]}/s" for name in names[2:]]
-    assert set(told) == {"m/s", "rad/s"}
+    shown_units = [line.unit for line in chart(run, "Joint speeds").lines]
+    assert shown_units == [f"{units[name]}/s" for name in names[2:]]
+    assert set(shown_units) == {"m/s", "rad/s"}
 
 
 def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
@@ -77,7 +77,7 @@ def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
         np.testing.assert_allclose(line.values, 100.0 * tau / limit)
         np.testing.assert_allclose(line.values * line.scale, tau)
     np.testing.assert_allclose(
-        100.0 * effort_shares(paper_run), np.abs([line.values for line in efforts.lines]).T
+        100.0 * effort_ratios(paper_run), np.abs([line.values for line in efforts.lines]).T
     )
 
 

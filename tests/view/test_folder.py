@@ -10,7 +10,7 @@ import trimesh
 
 import rpctl
 from rpctl import Run
-from rpctl.view.folder import BYTES, is_run, report_of, write_folder
+from rpctl.view.run_folder import BYTES_PER_MB, is_run, report_source, write_folder
 from tests.view.samples import mesh_visual, short_run, write_cart
 
 SIZES = (0.3, 0.5)  # m; no two meshes are alike, so each is sent
@@ -32,19 +32,19 @@ def test_meshes_are_simplified_until_the_report_keeps_its_size(
     free = write_folder(fine_run, tmp_path / "free")
     assert free["report_bytes"] == (tmp_path / "free/report.html").stat().st_size
     budget = free["report_bytes"] - 600_000
-    told = write_folder(fine_run, tmp_path / "small", budget / BYTES)
-    assert told["notes"] == free["notes"] == []
-    assert 0.8 * budget < told["report_bytes"] <= budget
+    summary = write_folder(fine_run, tmp_path / "small", budget / BYTES_PER_MB)
+    assert summary["notes"] == free["notes"] == []
+    assert 0.8 * budget < summary["report_bytes"] <= budget
     assert (
         json.loads((tmp_path / "small/summary.json").read_text())["report_bytes"]
-        == (told["report_bytes"])
+        == (summary["report_bytes"])
     )
 
 
 def test_size_that_cannot_be_kept_is_told(fine_run: Run, tmp_path: Path) -> None:
-    told = write_folder(fine_run, tmp_path / "tiny", 0.5)
-    (note,) = told["notes"]
-    assert f"{told['report_bytes'] / BYTES:.2f} MB" in note
+    summary = write_folder(fine_run, tmp_path / "tiny", 0.5)
+    (note,) = summary["notes"]
+    assert f"{summary['report_bytes'] / BYTES_PER_MB:.2f} MB" in note
 
 
 def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
@@ -60,10 +60,10 @@ def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
 
 def test_report_is_written_where_there_is_none(paper_run: Run, tmp_path: Path) -> None:
     paper_run.save(tmp_path / "run.npz")
-    page = report_of([tmp_path])
+    page = report_source([tmp_path])
     assert page() == (tmp_path / "report.html").read_bytes()
     (tmp_path / "report.html").write_text("kept")
-    assert report_of([tmp_path / "run.npz"])() == b"kept"
+    assert report_source([tmp_path / "run.npz"])() == b"kept"
 
 
 @pytest.mark.slow

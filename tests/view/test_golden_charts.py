@@ -12,7 +12,7 @@ from rpctl import Run
 from rpctl.view.chart_data import chart_data
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part, speeds
-from tests.view.drawn import floats
+from tests.view.readers import floats
 
 EFFORTS = np.array(made.EFFORTS)
 FLOAT32 = 1e-6  # relative: what a page holds is rounded so
@@ -63,7 +63,7 @@ CHARTS: dict[str, tuple[str, list[float], list[Drawn]]] = {
 }  # fmt: skip
 
 
-def told(*runs: Run) -> dict[str, Any]:
+def charts_of(*runs: Run) -> dict[str, Any]:
     """Return the charts of runs by title, as a page decodes them."""
     data = chart_data(runs, [f"run {k}" for k in range(len(runs))])
     return {"x": floats(data["x"]), **{chart["title"]: chart for chart in data["charts"]}}
@@ -74,7 +74,7 @@ def lines(chart: dict[str, Any], variant: int = 0) -> dict[str, dict[str, Any]]:
 
 
 def test_each_line_is_what_its_label_says(golden: Run) -> None:
-    charts = told(golden)
+    charts = charts_of(golden)
     np.testing.assert_allclose(charts.pop("x"), TIMES, rtol=FLOAT32)
     assert list(charts) == list(CHARTS)
     for title, (unit, limits, expected) in CHARTS.items():
@@ -103,7 +103,7 @@ def test_each_line_is_what_its_label_says(golden: Run) -> None:
 
 
 def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: Run) -> None:
-    charts = told(golden)
+    charts = charts_of(golden)
     seen: dict[str, set[int]] = {}
     for title in CHARTS:
         drawn = lines(charts[title])
@@ -119,7 +119,7 @@ def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: 
 
 def test_speeds_of_every_kind_of_base(golden: Run) -> None:
     run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
-    drawn = lines(told(run)["Base speeds"])
+    drawn = lines(charts_of(run)["Base speeds"])
     assert {label: line["unit"] for label, line in drawn.items()} == {
         "vx": "m/s", "vy": "m/s", "ω": "rad/s",
     }  # fmt: skip
@@ -130,7 +130,7 @@ def test_speeds_of_every_kind_of_base(golden: Run) -> None:
 
 def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     arm = ("swing_joint", "slide_joint")
-    charts = told(
+    charts = charts_of(
         replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:])
     )
     assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
@@ -143,18 +143,18 @@ def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
         "actuators": (*golden.actuators[:3], "omega", "vx"),
     }
     run = replace(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
-    charts = told(run)
+    charts = charts_of(run)
     assert [*lines(charts["Base speeds"])] == ["v"]
     told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
     assert told_of == {"omega": "rad/s", "vx": "m/s"}
     alone = replace(
         run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:]
     )
-    assert not {"Base error", "Base speeds"} & set(told(alone))
+    assert not {"Base error", "Base speeds"} & set(charts_of(alone))
 
 
 def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
-    charts = told(replace(golden, effort_limits=(np.inf,) * 5))
+    charts = charts_of(replace(golden, effort_limits=(np.inf,) * 5))
     assert "Efforts" not in charts
     assert [*lines(charts["Efforts without limits, N·m"])] == [
         "left_wheel", "right_wheel", "steer", "swing",
@@ -167,10 +167,10 @@ def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
 def test_a_grip_beyond_bounds_is_cut_and_that_is_told(golden: Run) -> None:
     slip = np.array(made.SLIP_RATIOS)
     slip[3] = 3.0
-    at_most = told(replace(golden, slip_ratio=slip))["Grip used"]
+    at_most = charts_of(replace(golden, slip_ratio=slip))["Grip used"]
     assert at_most["note"] == "friction 0.7, slips above 100"
     slip[3] = 4.0
-    chart = told(replace(golden, slip_ratio=slip))["Grip used"]
+    chart = charts_of(replace(golden, slip_ratio=slip))["Grip used"]
     (line,) = lines(chart).values()
     assert floats(line["values"]) == pytest.approx([10.0, 20.0, 15.0, 300.0, 30.0, 5.0])
     assert chart["note"] == "friction 0.7, slips above 100 (drawn up to 300)"
@@ -178,26 +178,26 @@ def test_a_grip_beyond_bounds_is_cut_and_that_is_told(golden: Run) -> None:
 
 def test_range_of_an_errors_axis(golden: Run) -> None:
     """From a fifth of what it settles at to twice the largest, of the lines that are shown."""
-    charts = told(golden)
+    charts = charts_of(golden)
     assert charts["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.03, 8.0])
     assert charts["Joint errors"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.01, 2.0])
     ranged = {t for t in CHARTS if "decades" in charts[t]["variants"][0]}
     assert ranged == {"Base error", "End-effector error", "Joint errors"}
-    longer = told(part(golden, np.tile(np.arange(COUNT), 4), t=0.1 * np.arange(4 * COUNT)))
+    longer = charts_of(part(golden, np.tile(np.arange(COUNT), 4), t=0.1 * np.arange(4 * COUNT)))
     # Settled: the median over the last fifth, of 0.3, 0.05, 0.06 and 0.03 m.
     assert longer["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.055, 8.0])
     settled = replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None])
-    assert told(settled)["Base error"]["variants"][0]["decades"] == pytest.approx([8e-6, 8.0])
+    assert charts_of(settled)["Base error"]["variants"][0]["decades"] == pytest.approx([8e-6, 8.0])
     coarse = replace(golden, e=np.full((COUNT, 5), -0.5))
-    assert told(coarse)["Base error"]["variants"][0]["decades"] == pytest.approx([0.01, 1.0])
+    assert charts_of(coarse)["Base error"]["variants"][0]["decades"] == pytest.approx([0.01, 1.0])
     perfect = replace(golden, e=np.zeros((COUNT, 5)))
-    low, high = told(perfect)["Base error"]["variants"][0]["decades"]
+    low, high = charts_of(perfect)["Base error"]["variants"][0]["decades"]
     assert (low, high) == pytest.approx((2e-13, 2e-11))
 
 
 def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> None:
     other = replace(golden, nu=golden.nu + 100.0, nu_ref=golden.nu_ref - 100.0, tau=0.5 * EFFORTS)
-    charts = told(golden, other)
+    charts = charts_of(golden, other)
     joints = charts["Joint speeds"]
     assert [variant["label"] for variant in joints["variants"]] == ["swing", "slide"]
     assert [variant["unit"] for variant in joints["variants"]] == ["rad/s", "m/s"]
@@ -214,7 +214,7 @@ def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> 
     assert (efforts["label"], efforts["unit"]) == ("slide", "% of limit")
     assert floats(efforts["lines"][1]["values"]) == pytest.approx(0.5 * SHARES[:, 4])
     loose = replace(other, effort_limits=(np.inf, *golden.effort_limits[1:]))
-    mixed = told(golden, loose)
+    mixed = charts_of(golden, loose)
     assert [*lines(mixed["Efforts"], 0)] == ["run 0"]  # the other's wheel has no limit
     alone = mixed["Efforts without limits, N·m"]["variants"]
     assert [[line["label"] for line in variant["lines"]] for variant in alone] == [
@@ -229,7 +229,7 @@ def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> 
 def test_runs_on_other_clocks_keep_their_extremes_in_order(golden: Run) -> None:
     """Samples every 0.1 s: two stretches of 0.25 s, each with two points."""
     short, brief = part(golden, slice(0, 5), 3.0), part(golden, slice(0, 2))
-    charts = told(golden, short, brief)
+    charts = charts_of(golden, short, brief)
     assert charts["x"] == pytest.approx([0.0, 0.5 / 3.0, 1.0 / 3.0, 0.5])
     whole, cut, start = (floats(line["values"]) for line in lines(charts["Efforts"], 0).values())
     # 12, -30, 10 and 8, 6, 4 N·m of 40: the stretches fall.
@@ -244,7 +244,7 @@ def test_runs_on_other_clocks_keep_their_extremes_in_order(golden: Run) -> None:
 
 def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None:
     """Samples every 0.2 s, to 1 s: two stretches of 0.5 s."""
-    charts = told(golden, part(golden, slice(0, COUNT), t=TIMES + TIMES))
+    charts = charts_of(golden, part(golden, slice(0, COUNT), t=TIMES + TIMES))
     assert charts["x"] == pytest.approx([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
     quick, slow = (floats(line["values"]) for line in lines(charts["Base speeds"]).values())
     assert quick == pytest.approx([0.5, 0.9, 1.0, 1.0])
@@ -252,4 +252,4 @@ def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None
 
 
 def test_time_starts_at_zero(golden: Run) -> None:
-    assert told(part(golden, slice(1, 6), 2.0))["x"] == pytest.approx(TIMES[:5], abs=1e-7)
+    assert charts_of(part(golden, slice(1, 6), 2.0))["x"] == pytest.approx(TIMES[:5], abs=1e-7)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.program import Family, Places, Soft
-from rpctl.control.horizon.sample import Reach, Sample, Target
+from rpctl.control.horizon.qp_builder import LinearisedConstraint, RowBlock, StageIndices
+from rpctl.control.horizon.target import EndEffectorPoints, Sample, Target
 from rpctl.control.obstacles import Obstacle
 
 
@@ -18,16 +18,16 @@ class BaseClearance:
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float) -> None:
         self._obstacles, self._radius = obstacles, radius
 
-    def families(self, at: Places) -> list[Family]:
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
         """Return one family, on the position of P."""
-        return [Family(at.pose[:, :2], len(self._obstacles))]
+        return [RowBlock(indices.pose[:, :2], len(self._obstacles))]
 
-    def about(self, sample: Sample) -> list[Soft]:
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
         """Return its numbers."""
         points = sample.motion.pose[1:, :2]
         stride = float(np.linalg.norm(np.diff(sample.motion.pose[:, :2], axis=0), axis=1).max())
-        slopes = np.broadcast_to(np.eye(2), (len(points), 2, 2))
-        return [_clear(self._obstacles, self._radius, points, slopes, stride)]
+        jacobian = np.broadcast_to(np.eye(2), (len(points), 2, 2))
+        return [_clear(self._obstacles, self._radius, points, jacobian, stride)]
 
 
 class ArmClearance:
@@ -36,29 +36,29 @@ class ArmClearance:
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float, stages: list[int]) -> None:
         self._obstacles, self._radius, self._stages = obstacles, radius, stages
 
-    def families(self, at: Places) -> list[Family]:
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
         """Return one family, on pose and arm."""
-        unknowns = np.hstack([at.pose[self._stages], at.joints[self._stages]])
-        return [Family(unknowns, len(self._obstacles))]
+        unknowns = np.hstack([indices.pose[self._stages], indices.joints[self._stages]])
+        return [RowBlock(unknowns, len(self._obstacles))]
 
-    def about(self, sample: Sample) -> list[Soft]:
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
         """Return its numbers."""
-        reach = sample.reach
-        if reach is None:
+        end_effector = sample.end_effector
+        if end_effector is None:
             raise ValueError("a robot without an end effector has no clearance of it")
-        points, slopes = reach.places[:, :2], reach.slopes[:, :2]
+        points, jacobian = end_effector.positions[:, :2], end_effector.jacobian[:, :2]
         stride = float(np.linalg.norm(points[1] - points[0]))  # the first stages are one step apart
-        return [_clear(self._obstacles, self._radius, points, slopes, stride)]
+        return [_clear(self._obstacles, self._radius, points, jacobian, stride)]
 
 
 def _clear(
-    obstacles: tuple[Obstacle, ...], radius: float, points: Array, slopes: Array, stride: float
-) -> Soft:
+    obstacles: tuple[Obstacle, ...], radius: float, points: Array, jacobian: Array, stride: float
+) -> LinearisedConstraint:
     """Return level − normal · p ≤ slack of points (K, 2) with derivatives (K, 2, unknowns)."""
     lines = [obstacle.linearise(points, radius, stride) for obstacle in obstacles]
     values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
-    by = [-np.einsum("ki,kij->kj", line.normal, slopes) for line in lines]
-    return Soft(np.column_stack(values), np.stack(by, axis=1))
+    by = [-np.einsum("ki,kij->kj", line.normal, jacobian) for line in lines]
+    return LinearisedConstraint(np.column_stack(values), np.stack(by, axis=1))
 
 
 def base_detour(
@@ -88,9 +88,11 @@ def base_detour(
     return target._replace(pose=pose)
 
 
-def arm_detour(reach: Reach, obstacles: tuple[Obstacle, ...], radius: float) -> Reach:
+def arm_detour(
+    end_effector: EndEffectorPoints, obstacles: tuple[Obstacle, ...], radius: float
+) -> EndEffectorPoints:
     """Return goals of the end effector that lead round what lies between it and them."""
-    goals = reach.goals.copy()
+    goals = end_effector.goals.copy()
     for obstacle in obstacles:
-        goals[:, :2] = obstacle.around(reach.places[0, :2], goals[:, :2], radius)
-    return reach._replace(goals=goals)
+        goals[:, :2] = obstacle.around(end_effector.positions[0, :2], goals[:, :2], radius)
+    return end_effector._replace(goals=goals)

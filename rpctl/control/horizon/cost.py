@@ -9,9 +9,9 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.model import Model
-from rpctl.control.horizon.program import Quadratic, Stages
-from rpctl.control.horizon.sample import Reach, Sample
+from rpctl.control.horizon.prediction import Model
+from rpctl.control.horizon.qp_builder import Quadratic, StageValues
+from rpctl.control.horizon.target import EndEffectorPoints, Sample
 from rpctl.errors import require_positive
 
 
@@ -52,12 +52,12 @@ class Cost:
     Args:
         weights: Its weights.
         model: The prediction's model.
-        reached: Number of stages at which the end effector counts; each counts for its share.
+        end_effector_cost: Stages at which the end effector counts; each has its share.
     """
 
-    def __init__(self, weights: Weights, model: Model, reached: int) -> None:
+    def __init__(self, weights: Weights, model: Model, stage_count: int) -> None:
         self._model = model
-        self._end_effector = weights.end_effector * model.steps / reached
+        self._end_effector = weights.end_effector * model.steps / stage_count
         base = model.base
         position = [weights.position, weights.position, weights.heading][: 3 if base else 0]
         pose = np.tile(position, (model.steps, 1))
@@ -65,44 +65,44 @@ class Cost:
         of_joints[: model.steered] = weights.steering
         joints = np.tile(of_joints, (model.steps, 1))
         nu = np.full((model.steps, model.robot.dof), weights.rates)
-        rest = {w: _remaining(w, weights, model.dt) for w in {*position, *of_joints.tolist()}}
+        rest = {w: _cost_to_go(w, weights, model.dt) for w in {*position, *of_joints.tolist()}}
         pose[-1] = [rest[w][0, 0] for w in position]
         joints[-1] = [rest[w][0, 0] for w in of_joints]
         nu[-1, base:] = [rest[w][1, 1] for w in of_joints]
         nu[-1, :base] = max(P[1, 1] for P in rest.values())
-        self.hessian = Stages(np.full(nu.shape, weights.accelerations), pose, joints, nu)
+        self.hessian = StageValues(np.full(nu.shape, weights.accelerations), pose, joints, nu)
         self.cross = np.array([rest[w][0, 1] for w in of_joints])
         continuous = (i for i, joint in enumerate(model.joints) if joint.kind == "continuous")
         self._continuous = [i for i in continuous if i >= model.steered]  # the arm's
 
-    def gradient(self, sample: Sample) -> Stages:
+    def gradient(self, sample: Sample) -> StageValues:
         """Return the gradient, the end effector's share left out."""
         motion, target, model = sample.motion, sample.target, self._model
         pose = motion.pose[1:] - target.pose[1:]
-        pose[:, 2] = wrapped(pose[:, 2])
+        pose[:, 2] = wrap_angles(pose[:, 2])
         joints = motion.joints[1:] - target.joints[1:]
-        joints[:, self._continuous] = wrapped(joints[:, self._continuous])
+        joints[:, self._continuous] = wrap_angles(joints[:, self._continuous])
         nu = motion.nu[1:] - target.nu[1:]
         nu_dot = motion.nu_dot - np.diff(target.nu, axis=0) / model.dt
-        weigh = self.hessian
-        of_joints, of_nu = weigh.joints * joints, weigh.nu * nu
+        hessian = self.hessian
+        of_joints, of_nu = hessian.joints * joints, hessian.nu * nu
         of_joints[-1] += self.cross * nu[-1, model.base :]
         of_nu[-1, model.base :] += self.cross * joints[-1]
-        of_pose = weigh.pose * pose[:, : weigh.pose.shape[1]]
-        return Stages(weigh.nu_dot * nu_dot, of_pose, of_joints, of_nu)
+        of_pose = hessian.pose * pose[:, : hessian.pose.shape[1]]
+        return StageValues(hessian.nu_dot * nu_dot, of_pose, of_joints, of_nu)
 
-    def reached(self, reach: Reach | None) -> list[Quadratic]:
+    def end_effector_cost(self, end_effector: EndEffectorPoints | None) -> list[Quadratic]:
         """Return the end effector's share at its stages."""
-        if reach is None:
+        if end_effector is None:
             return []
-        missed = self._end_effector * (reach.places - reach.goals)
+        weighted_error = self._end_effector * (end_effector.positions - end_effector.goals)
         return [
             Quadratic(self._end_effector * by.T @ by, by.T @ error)
-            for by, error in zip(reach.slopes, missed, strict=True)
+            for by, error in zip(end_effector.jacobian, weighted_error, strict=True)
         ]
 
 
-def _remaining(weight: float, weights: Weights, dt: float) -> Array:
+def _cost_to_go(weight: float, weights: Weights, dt: float) -> Array:
     """Return the cost-to-go (2, 2) of a double integrator's position and rate."""
     A, B = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[0.5 * dt**2], [dt]])
     return np.asarray(
@@ -112,6 +112,6 @@ def _remaining(weight: float, weights: Weights, dt: float) -> Array:
     )
 
 
-def wrapped(angles: Array) -> Array:
+def wrap_angles(angles: Array) -> Array:
     """Return angles (rad) wrapped into (−π, π]."""
     return math.pi - (math.pi - angles) % (2.0 * math.pi)

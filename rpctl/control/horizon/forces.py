@@ -10,15 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.model import Model
-from rpctl.dynamics.contact import Contacts, stance_at
+from rpctl.control.horizon.prediction import Model
+from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.projection import Projection
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
 
-ROOT = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
-FACES = 8  # of the polygon inside each wheel's circle of grip
+ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
+GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
 
 
 class Forces(NamedTuple):
@@ -36,8 +36,8 @@ class ForceModel:
     """Forces of one robot at states, measured or foreseen; owns a workspace.
 
     Where casters will stand is not foreseen. At foreseen states they glide, and the contacts are
-    those of the posture that :meth:`stand` was told of. Angles that no motion led to would make up
-    rates and forces many times too large.
+    those of the posture that :meth:`update_contacts` was given. Angles that no motion led to would
+    make up rates and forces many times too large.
 
     Args:
         model: The prediction's model.
@@ -54,9 +54,9 @@ class ForceModel:
         self._contacts, self._tip_margin, self._grip = contacts, tip_margin, grip
         self._foreseen = ReducedDynamics(robot, gliding=("caster",))
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-        self._faces = 2.0 * math.pi * (np.arange(FACES) + 0.5) / FACES
+        self._faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
         self._stance: Stance | None = None
-        self._last: tuple[Projection, tuple[Array, Array]] | None = None  # maps, and where
+        self._cached_maps: tuple[Projection, tuple[Array, Array]] | None = None
         if contacts is not None and contacts.balanced:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
             self._stance = stance_at(model.dynamics, contacts, q)
@@ -68,14 +68,14 @@ class ForceModel:
         """Number of rows that :meth:`ground` returns."""
         if self._stance is None or self._contacts is None:
             return 0
-        return self._edges + self.grips
+        return self._edges + self.grip_rows
 
     @property
-    def grips(self) -> int:
-        """Number of rows that :meth:`slipping` returns."""
+    def grip_rows(self) -> int:
+        """Number of rows that :meth:`grip_margins` returns."""
         if self._stance is None or self._contacts is None:
             return 0
-        return FACES * len(self._contacts.along)
+        return GRIP_POLYGON_FACES * len(self._contacts.along)
 
     @property
     def _edges(self) -> int:
@@ -84,7 +84,7 @@ class ForceModel:
             return 0 if self._contacts is None else len(self._contacts.points)
         return len(self._contacts.stance.inward)
 
-    def stand(self, q: Array) -> None:
+    def update_contacts(self, q: Array) -> None:
         """Take the contacts from q (nq,), where they move."""
         if self._stance is not None and self._contacts is not None:
             self._stance = stance_at(self._model.dynamics, self._contacts, q)
@@ -97,7 +97,7 @@ class ForceModel:
         wrench = self._data.f[ROOT_JOINT].vector
         return Forces(at, force[:, None].copy(), wrench[:, None].copy())
 
-    def at(
+    def with_derivatives(
         self, q: Array, nu: Array, nu_dot: Array, dynamics: ReducedDynamics | None = None
     ) -> Forces:
         """Return the forces at q (nq,), ν (dof,) and ν̇ (dof,), all columns.
@@ -108,10 +108,11 @@ class ForceModel:
         foreseen one, or with the robot's own ``dynamics`` a measured one.
         """
         model, data = self._model.robot.model, self._data
-        q = np.concatenate([ROOT, q[len(ROOT) :]])  # where the world's axes are the root link's
+        # At the origin the world's axes are the root link's.
+        q = np.concatenate([ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]])
         here = (dynamics or self._foreseen).at(q)
         S, drift = here.S, here.drift(nu)
-        base, dof = self._model.moving, S.shape[1]
+        base, dof = self._model.base_columns, S.shape[1]
         force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
         for column in range(base):
             v, step = S @ nu, S[:, column]
@@ -141,14 +142,16 @@ class ForceModel:
         about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
         polygon inside the circle of its grip: grip left, over the grip at its whole weight.
         """
-        return np.vstack([self.tipping(forces), self.slipping(forces, [self.shares(forces)])])
+        return np.vstack(
+            [self.tip_margins(forces), self.grip_margins(forces, [self.load_split(forces)])]
+        )
 
-    def shares(self, forces: Forces) -> Array:
+    def load_split(self, forces: Forces) -> Array:
         """Return the map (n_contacts, 3) from moments to loads that holds at these forces."""
-        return _shares(self._standing, self._moments(forces)[:, 0])
+        return _load_split(self._required_stance, self._moments(forces)[:, 0])
 
     @property
-    def _standing(self) -> Stance:
+    def _required_stance(self) -> Stance:
         if self._stance is None:
             raise ValueError("no ground reactions are defined")
         return self._stance
@@ -157,14 +160,16 @@ class ForceModel:
         wrench, z = forces.wrench, self._model.robot.drive.ground
         return np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
 
-    def tipping(self, forces: Forces) -> Array:
+    def tip_margins(self, forces: Forces) -> Array:
         """Return the rows about tipping."""
-        stance, moments = self._standing, self._moments(forces)
+        stance, moments = self._required_stance, self._moments(forces)
         edges = np.arange(self._edges) % len(stance.inward)
-        reach = stance.offset[edges, None] - self._tip_margin
-        return np.asarray((stance.inward[edges] @ moments[1:] + reach * moments[0]) / self._weight)
+        reduced_offset = stance.offset[edges, None] - self._tip_margin
+        return np.asarray(
+            (stance.inward[edges] @ moments[1:] + reduced_offset * moments[0]) / self._weight
+        )
 
-    def slipping(self, forces: Forces, pieces: Iterable[Array]) -> Array:
+    def grip_margins(self, forces: Forces, load_splits: Iterable[Array]) -> Array:
         """Return the rows about slipping for each way in which the contacts may share the load."""
         contacts = self._contacts
         if contacts is None:
@@ -174,30 +179,32 @@ class ForceModel:
         wheels = len(contacts.along)
         along, lateral = horizontal[:wheels], horizontal[wheels:]
         cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
-        inside = math.cos(math.pi / FACES) * self._grip * contacts.friction
+        usable_friction = math.cos(math.pi / GRIP_POLYGON_FACES) * self._grip * contacts.friction
         rows = []
-        for shares in pieces:
-            load = shares[:wheels] @ moments
-            borne = np.maximum(load[:, 0], contacts.floor)
-            share = borne[:, None] * contacts.share / (borne @ contacts.share)
-            slack = inside * load - cos * along - sin * (share @ lateral)
-            rows.append(slack.reshape(-1, slack.shape[2]) / (inside * self._weight))
+        for load_split in load_splits:
+            load = load_split[:wheels] @ moments
+            positive_load = np.maximum(load[:, 0], contacts.floor)
+            lateral_share = (
+                positive_load[:, None] * contacts.incidence / (positive_load @ contacts.incidence)
+            )
+            slack = usable_friction * load - cos * along - sin * (lateral_share @ lateral)
+            rows.append(slack.reshape(-1, slack.shape[2]) / (usable_friction * self._weight))
         return np.vstack(rows)
 
     def _maps(self, at: Projection) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""
-        if self._last is None or self._last[0] is not at:
+        if self._cached_maps is None or self._cached_maps[0] is not at:
             allocation = at.allocation @ at.S.T
             columns = at.projector.columns
             horizontal = np.empty((0, len(columns)))
             if self._contacts is not None:
                 forces = np.vstack([self._contacts.along, self._contacts.across]) @ at.multipliers
                 horizontal = forces @ (np.eye(len(columns)) - columns @ allocation)
-            self._last = at, (allocation, horizontal)
-        return self._last[1]
+            self._cached_maps = at, (allocation, horizontal)
+        return self._cached_maps[1]
 
 
-def _shares(stance: Stance, moments: Array) -> Array:
+def _load_split(stance: Stance, moments: Array) -> Array:
     """Return the map (n, 3) from moments to loads, of the contacts that bear some at ``moments``.
 
     Where all do, or the robot tips, it is the stance's split; a contact that lets go has no share.
@@ -206,9 +213,9 @@ def _shares(stance: Stance, moments: Array) -> Array:
     if least.min() >= 0.0 or len(least) == 3:
         return stance.split
     margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
-    pressed = loads(stance, moments, margin) > 0.0
-    if margin <= 0.0 or pressed.all():
+    bearing = loads(stance, moments, margin) > 0.0
+    if margin <= 0.0 or bearing.all():
         return stance.split
-    shares = np.zeros_like(stance.split)
-    shares[pressed] = np.linalg.pinv(stance.statics[:, pressed])
-    return shares
+    load_split = np.zeros_like(stance.split)
+    load_split[bearing] = np.linalg.pinv(stance.statics[:, bearing])
+    return load_split

@@ -9,36 +9,42 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.command import Command, KinematicLaw
-from rpctl.control.horizon.bounds import Bounds, Box, ForceBounds, SoftBound, WheelSpeeds
 from rpctl.control.horizon.clearance import (
     ArmClearance,
     BaseClearance,
     arm_detour,
     base_detour,
 )
+from rpctl.control.horizon.constraints import (
+    Bounds,
+    ForceBounds,
+    HardBounds,
+    SoftBound,
+    WheelSpeeds,
+)
 from rpctl.control.horizon.cost import Cost, Weights
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.model import Model, Motion, make_model
-from rpctl.control.horizon.program import Program, lay_out
+from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
 from rpctl.control.horizon.qp import QuadraticProgram, Solver
-from rpctl.control.horizon.sample import Arm, Sample, Target, look_ahead
-from rpctl.control.horizon.time_scaling import Clock
+from rpctl.control.horizon.qp_builder import QpBuilder, stage_indices
+from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target, look_ahead
+from rpctl.control.horizon.time_scaling import TimeScaler
 from rpctl.control.law import Rest
 from rpctl.control.obstacles import Obstacle
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.dynamics.contact import Contacts, find_contacts
+from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, SingularBasisError, require_positive
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 
-REACH_EVERY = 5  # steps: how far apart the stages lie that look at the end effector
-CLOSE = 3  # steps from now on at which an end effector among obstacles is looked at, too
-GROUND_EVERY = 3  # steps: how far apart those lie that watch the ground's reactions
-COLD_PASSES = 3  # QPs of the first sample, each about the motion that the last one found
-ADOPT = 0.08  # s in which a plan takes on how the robot moves instead of as planned
-ON_TIME = 1e-9  # s: rounding of a sample's time
-SOFTENED = 1e-3  # of a limit, or m: slack from which a bound counts as given way
+END_EFFECTOR_STRIDE = 5  # steps: how far apart the stages lie that look at the end effector
+NEAR_STAGES = 3  # steps from now on at which an end effector among obstacles is looked at, too
+GROUND_STRIDE = 3  # steps: how far apart those lie that watch the ground's reactions
+FIRST_SQP_STEPS = 3  # QPs of the first sample, each about the motion that the last one found
+PLAN_BLEND_TIME = 0.08  # s in which a plan takes on how the robot moves instead of as planned
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
+SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as given way
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,7 @@ class Horizon:
         return HorizonLaw(self, dynamics)
 
 
-class Plan(NamedTuple):
+class HorizonPlan(NamedTuple):
     """What a solve found: from ``t`` and ``nu`` on, accelerations held in each step."""
 
     t: float
@@ -130,27 +136,35 @@ class HorizonLaw:
 
     def __init__(self, law: Horizon, dynamics: ReducedDynamics) -> None:
         self._law = law
-        self._plan: Plan | None = None
+        self._plan: HorizonPlan | None = None
         self.solved_at = -np.inf
         self.solves = self.fallbacks = self.softened = 0
         self.model = make_model(dynamics, law.steps, law.dt)
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
-        reached = _stages(law.steps, REACH_EVERY)
+        end_effector_stages = _every_nth_stage(law.steps, END_EFFECTOR_STRIDE)
         if law.end_effector_obstacles:  # its next steps, too
-            reached = sorted({*range(min(CLOSE, law.steps)), *reached})
-        self._arm = Arm(self.model, reached) if robot.end_effector else None
-        self._box = Box(self.model, law.bounds)
+            end_effector_stages = sorted(
+                {*range(min(NEAR_STAGES, law.steps)), *end_effector_stages}
+            )
+        self._kinematics = (
+            EndEffectorKinematics(self.model, end_effector_stages) if robot.end_effector else None
+        )
+        self._hard_bounds = HardBounds(self.model, law.bounds)
         self._radius = law.base_radius or _base_radius(robot, contacts)
         self._forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
-        self._clock = Clock(self.model, self._forces, law.bounds, law.leash)
-        self._soft = _soft_bounds(law, self.model, self._forces, reached, self._radius)
-        self.cost = Cost(law.weights, self.model, len(reached))
-        self.program = Program(
+        self._time_scaler = TimeScaler(self.model, self._forces, law.bounds, law.leash)
+        self._soft = _soft_bounds(law, self.model, self._forces, end_effector_stages, self._radius)
+        self.cost = Cost(law.weights, self.model, len(end_effector_stages))
+        self.program = QpBuilder(
             self.model,
             self.cost.hessian,
             self.cost.cross,
-            reached if self._arm else [],
-            [family for bound in self._soft for family in bound.families(lay_out(self.model))],
+            end_effector_stages if self._kinematics else [],
+            [
+                row_block
+                for bound in self._soft
+                for row_block in bound.row_blocks(stage_indices(self.model))
+            ],
         )
         self._solver = Solver()
 
@@ -158,10 +172,10 @@ class HorizonLaw:
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
         """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
-        if t - self.solved_at >= self._law.period - ON_TIME:
+        if t - self.solved_at >= self._law.period - TIME_ROUNDING:
             self.solved_at = t
             try:
-                self._plan = self._solve(reference, t, q, self._onward(t, nu))
+                self._plan = self._solve(reference, t, q, self._planning_nu(t, nu))
             except SingularBasisError:  # somewhere ahead the steering fixes no one motion
                 self.fallbacks += 1
                 self._plan = None
@@ -179,10 +193,10 @@ class HorizonLaw:
             "solves": self.solves,
             "fallbacks": self.fallbacks,
             "softened": self.softened,
-            "largest_lag": self._clock.largest,
+            "largest_lag": self._time_scaler.largest_lag,
         }
 
-    def write(self, motion: Motion, target: Target) -> QuadraticProgram:
+    def build_qp(self, motion: PredictedMotion, target: Target) -> QuadraticProgram:
         """Return the QP about a motion, towards a target."""
         model, law = self.model, self._law
         if model.base:
@@ -191,44 +205,46 @@ class HorizonLaw:
                 motion.pose[0, :2],
                 law.base_obstacles,
                 self._radius,
-                turns=not model.robot.drive.holonomic,
+                turns=not model.robot.drive.omnidirectional,
             )
-        reach = None
-        if self._arm:
-            reach = self._arm.reach(motion, target)
-            reach = arm_detour(reach, law.end_effector_obstacles, law.end_effector_radius)
-        sample = Sample(motion, target, reach)
-        lower, upper = self._box.about(sample)
+        end_effector = None
+        if self._kinematics:
+            end_effector = self._kinematics.end_effector(motion, target)
+            end_effector = arm_detour(
+                end_effector, law.end_effector_obstacles, law.end_effector_radius
+            )
+        sample = Sample(motion, target, end_effector)
+        lower, upper = self._hard_bounds.linearise(sample)
         return self.program.build(
-            model.slopes(motion),
+            model.jacobian(motion),
             self.cost.gradient(sample),
-            self.cost.reached(reach),
-            [soft for bound in self._soft for soft in bound.about(sample)],
+            self.cost.end_effector_cost(end_effector),
+            [soft for bound in self._soft for soft in bound.linearise(sample)],
             lower,
             upper,
         )
 
-    def _solve(self, reference: Reference, t: float, q: Array, nu: Array) -> Plan | None:
+    def _solve(self, reference: Reference, t: float, q: Array, nu: Array) -> HorizonPlan | None:
         """Return what to do from the state at ``t`` on; None where no QP's solution says it."""
         model = self.model
-        self._forces.stand(q)
-        reading = self._clock(reference, t, model.robot.base_pose(q))
-        target = look_ahead(model, reference, reading, model.posture(q))
-        nu_dot = self._foreseen(t)
+        self._forces.update_contacts(q)
+        time_scaling = self._time_scaler(reference, t, model.robot.base_pose(q))
+        target = look_ahead(model, reference, time_scaling, model.joint_positions(q))
+        nu_dot = self._shifted_plan(t)
         self.solves += 1
         slack = 0.0
-        for _ in range(COLD_PASSES if self._plan is None else 1):
+        for _ in range(FIRST_SQP_STEPS if self._plan is None else 1):
             motion = model.predict(q, nu, nu_dot)
-            solution = self._solver.solve(self.write(motion, target))
+            solution = self._solver.solve(self.build_qp(motion, target))
             if not solution.solved:
                 self.fallbacks += 1
                 return None
-            nu_dot = motion.nu_dot + solution.x[self.program.at.nu_dot]
+            nu_dot = motion.nu_dot + solution.x[self.program.indices.nu_dot]
             slack = self.program.slack(solution.x)
-        self.softened += slack > SOFTENED
-        return Plan(t, nu, nu_dot)
+        self.softened += slack > SOFTENED_SLACK
+        return HorizonPlan(t, nu, nu_dot)
 
-    def _onward(self, t: float, nu: Array) -> Array:
+    def _planning_nu(self, t: float, nu: Array) -> Array:
         """Return the ν (dof,) to plan from: the last plan's, drawn to the robot's.
 
         A plan from the robot's own ν would ask for what is there already, and nothing but the far
@@ -238,9 +254,9 @@ class HorizonLaw:
             return nu
         elapsed = t - self._plan.t
         planned = self._plan.nu + elapsed * self._plan.nu_dot[0]
-        return np.asarray(planned + min(elapsed / ADOPT, 1.0) * (nu - planned))
+        return np.asarray(planned + min(elapsed / PLAN_BLEND_TIME, 1.0) * (nu - planned))
 
-    def _foreseen(self, t: float) -> Array:
+    def _shifted_plan(self, t: float) -> Array:
         """Return the accelerations (N, dof) that the last plan foresaw for the steps from t on."""
         rest = np.zeros((self.model.steps, self.model.robot.dof))
         if self._plan is None:
@@ -253,11 +269,11 @@ class HorizonLaw:
 
 
 def _soft_bounds(
-    law: Horizon, model: Model, forces: ForceModel, reached: list[int], radius: float
+    law: Horizon, model: Model, forces: ForceModel, end_effector_stages: list[int], radius: float
 ) -> list[SoftBound]:
     """Return the kinds of soft rows that a robot has use for."""
     bounds, robot = law.bounds, model.robot
-    ground = [0, *_stages(law.steps, GROUND_EVERY)]
+    ground = [0, *_every_nth_stage(law.steps, GROUND_STRIDE)]
     found: list[SoftBound] = [
         WheelSpeeds(model, bounds),
         ForceBounds(model, bounds, forces, ground),
@@ -265,7 +281,9 @@ def _soft_bounds(
     if law.base_obstacles and model.base:
         found.append(BaseClearance(law.base_obstacles, radius))
     if law.end_effector_obstacles and robot.end_effector:
-        found.append(ArmClearance(law.end_effector_obstacles, law.end_effector_radius, reached))
+        found.append(
+            ArmClearance(law.end_effector_obstacles, law.end_effector_radius, end_effector_stages)
+        )
     return found
 
 
@@ -276,6 +294,6 @@ def _base_radius(robot: Robot, contacts: Contacts | None) -> float:
     return float(np.linalg.norm(contacts.points - robot.drive.point, axis=1).max())
 
 
-def _stages(steps: int, every: int) -> list[int]:
+def _every_nth_stage(steps: int, every: int) -> list[int]:
     """Return stages ``every`` so many steps apart, the last of all among them."""
     return list(range(steps - 1, 0, -every))[::-1]

@@ -9,10 +9,10 @@ import piqp
 from scipy.sparse import csc_matrix
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.model import Indices
+from rpctl.control.horizon.prediction import Indices
 
-ACCURACY = 1e-6  # of the QP's residuals and gap, absolute and relative
-MAX_ITERATIONS = 40  # of the interior-point method; most samples take about ten
+QP_TOLERANCE = 1e-6  # of the QP's residuals and gap, absolute and relative
+MAX_QP_ITERATIONS = 40  # of the interior-point method; most samples take about ten
 
 
 class QuadraticProgram(NamedTuple):
@@ -32,7 +32,7 @@ class QuadraticProgram(NamedTuple):
     slack: int
 
 
-class Solution(NamedTuple):
+class QpSolution(NamedTuple):
     """Outcome of a QP, with the multipliers that prove it."""
 
     x: Array
@@ -45,7 +45,7 @@ class Solution(NamedTuple):
     status: str
 
 
-class Pattern:
+class SparsityPattern:
     """A sparse matrix whose places are fixed: values go in by the order they were announced in.
 
     Args:
@@ -80,7 +80,7 @@ class Solver:
         self._free: piqp.SparseSolver | None = None
         self._bounded: piqp.SparseSolver | None = None
 
-    def solve(self, qp: QuadraticProgram) -> Solution:
+    def solve(self, qp: QuadraticProgram) -> QpSolution:
         """Return the solution, or the last iterate with ``solved`` false."""
         free = self.unbounded(qp)
         x = free.x
@@ -89,42 +89,42 @@ class Solver:
         found = self.bounded(qp)
         return found._replace(iterations=free.iterations + found.iterations)
 
-    def unbounded(self, qp: QuadraticProgram) -> Solution:
+    def unbounded(self, qp: QuadraticProgram) -> QpSolution:
         """Return the solution without inequalities, all slacks 0."""
         c = qp.c.copy()
         c[qp.slack :] = 0.0
         data = (qp.P, c, qp.A, qp.b)
-        self._free = _given(self._free, data)
+        self._free = _with_data(self._free, data)
         found = _solution(self._free)
         found.z_lower[qp.slack :] = qp.c[qp.slack :]  # what keeps each slack at 0
         return found._replace(z=np.zeros(len(qp.h)))
 
-    def bounded(self, qp: QuadraticProgram) -> Solution:
+    def bounded(self, qp: QuadraticProgram) -> QpSolution:
         """Return the solution within all bounds."""
-        least = np.full(len(qp.h), -np.inf)
-        data = (qp.P, qp.c, qp.A, qp.b, qp.G, least, qp.h, qp.lower, qp.upper)
-        self._bounded = _given(self._bounded, data)
+        no_lower = np.full(len(qp.h), -np.inf)
+        data = (qp.P, qp.c, qp.A, qp.b, qp.G, no_lower, qp.h, qp.lower, qp.upper)
+        self._bounded = _with_data(self._bounded, data)
         return _solution(self._bounded)
 
 
-def _given(solver: piqp.SparseSolver | None, data: tuple[object, ...]) -> piqp.SparseSolver:
+def _with_data(solver: piqp.SparseSolver | None, data: tuple[object, ...]) -> piqp.SparseSolver:
     if solver is not None:
         solver.update(*data)
         return solver
     solver = piqp.SparseSolver()
     settings = solver.settings
-    settings.eps_abs = settings.eps_rel = ACCURACY
-    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = ACCURACY
-    settings.max_iter = MAX_ITERATIONS
+    settings.eps_abs = settings.eps_rel = QP_TOLERANCE
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = QP_TOLERANCE
+    settings.max_iter = MAX_QP_ITERATIONS
     settings.preconditioner_reuse_on_update = True
     solver.setup(*data)
     return solver
 
 
-def _solution(solver: piqp.SparseSolver) -> Solution:
+def _solution(solver: piqp.SparseSolver) -> QpSolution:
     status = solver.solve()
     found = solver.result
-    return Solution(
+    return QpSolution(
         x=found.x,
         y=found.y,
         z=found.z_u,

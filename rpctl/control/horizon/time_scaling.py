@@ -12,22 +12,22 @@ from collections.abc import Callable
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.bounds import Bounds
+from rpctl.control.horizon.constraints import Bounds
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.model import Model
-from rpctl.control.horizon.sample import Reading
+from rpctl.control.horizon.prediction import Model
+from rpctl.control.horizon.target import TimeScaling
 from rpctl.reference.motion import Reference
-from rpctl.reference.rates import Rates, reference_rates, steering
+from rpctl.reference.quasi_velocities import ReferenceRates, reference_rates, steering
 
-RESERVE = 0.9  # of what the limits leave: the rest is for bringing errors back
-CAUGHT_UP = 1e-6  # s: a lag below it is rounding
-HASTE = 1.5  # the largest pace, while a lag is made up for
-SLOW = 1e-2  # m/s: a reference slower than this is not waited for, it hardly moves
-PASSES = 3  # Newton steps to the time that a leash asks for
-EVERY = 3  # steps: how far apart the reference ahead is looked at
+LIMIT_FRACTION = 0.9  # of what the limits leave: the rest is for bringing errors back
+NO_LAG_S = 1e-6  # s: a lag below it is rounding
+MAX_PACE = 1.5  # the largest pace, while a lag is made up for
+SLOW_REFERENCE_SPEED = 1e-2  # m/s: a reference slower than this is not waited for, it hardly moves
+NEWTON_STEPS = 3  # Newton steps to the time that a leash asks for
+PACE_STRIDE = 3  # steps: how far apart the reference ahead is looked at
 
 
-class Clock:
+class TimeScaler:
     """Reads a reference late where the robot cannot keep up with it.
 
     At a pace p a motion's speeds scale with p, and what accelerations and speeds take with p²: the
@@ -45,45 +45,49 @@ class Clock:
     def __init__(self, model: Model, forces: ForceModel, bounds: Bounds, leash: float) -> None:
         self._model, self._forces, self._bounds, self._leash = model, forces, bounds, leash
         self._efforts, self._rates = bounds.efforts(model.robot), bounds.rates(model.robot)
-        self._then: float | None = None
-        self._read, self._pace = 0.0, 1.0
-        self.largest = 0.0
+        self._last_call: float | None = None
+        self._reference_time, self._pace = 0.0, 1.0
+        self.largest_lag = 0.0
 
-    def __call__(self, reference: Reference, t: float, pose: Array) -> Reading:
+    def __call__(self, reference: Reference, t: float, pose: Array) -> TimeScaling:
         """Return when to read the reference for the steps from ``t`` (s), the base at ``pose``."""
         model = self._model
-        if self._then is None:
-            self._then = self._read = t
-        elapsed, self._then = t - self._then, t
-        latest = min(self._read + self._pace * elapsed, t)
-        self._read = max(self._wait(reference, pose, latest), self._read)
-        self.largest = max(self.largest, t - self._read)
-        ahead = np.asarray(self._read + model.dt * np.arange(0, model.steps + 1, EVERY))
+        if self._last_call is None:
+            self._last_call = self._reference_time = t
+        elapsed, self._last_call = t - self._last_call, t
+        latest = min(self._reference_time + self._pace * elapsed, t)
+        self._reference_time = max(
+            self._time_within_leash(reference, pose, latest), self._reference_time
+        )
+        self.largest_lag = max(self.largest_lag, t - self._reference_time)
+        ahead = np.asarray(
+            self._reference_time + model.dt * np.arange(0, model.steps + 1, PACE_STRIDE)
+        )
         limits, change = self._limits(reference, ahead)
-        squares = np.minimum(limits, HASTE) ** 2
+        squares = np.minimum(limits, MAX_PACE) ** 2
         for j in range(len(squares) - 2, -1, -1):  # in time for what comes
-            squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * EVERY * model.dt)
+            squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * PACE_STRIDE * model.dt)
         self._pace += change * elapsed
-        return self._run(t, lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
+        return self._advance(t, lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
 
-    def _run(self, t: float, limit: Callable[[float], float], change: float) -> Reading:
+    def _advance(self, t: float, limit: Callable[[float], float], change: float) -> TimeScaling:
         """Let the clock run on, up to the time: within the limit, gaining pace at a rate (1/s)."""
         model = self._model
         times, paces = np.empty(model.steps + 1), np.empty(model.steps + 1)
-        at, pace = self._read, self._pace
+        at, pace = self._reference_time, self._pace
         for k in range(model.steps + 1):
             now = t + k * model.dt
-            if at > now - CAUGHT_UP:
+            if at > now - NO_LAG_S:
                 at, pace = now, min(pace, 1.0)
             pace = min(pace, limit(at))
             times[k], paces[k] = at, pace
             at, pace = at + pace * model.dt, pace + change * model.dt
         self._pace = float(paces[0])
-        return Reading(times, paces)
+        return TimeScaling(times, paces)
 
     def _limits(self, reference: Reference, times: Array) -> tuple[Array, float]:
         """Return the largest pace at each time, and the rate (1/s) at which a pace may change."""
-        robot, limits, fastest = self._model.robot, np.empty(len(times)), SLOW
+        robot, limits, fastest = self._model.robot, np.empty(len(times)), SLOW_REFERENCE_SPEED
         for j, at in enumerate(times.tolist()):
             state = reference(at)
             posture = np.concatenate([steering(robot, state)[0], state.joints])
@@ -91,37 +95,37 @@ class Clock:
             fastest = max(fastest, math.hypot(*state.twist[:2]))
         return limits, 0.5 * self._bounds.base_acceleration / fastest
 
-    def _limit(self, joints: Array, rates: Rates) -> float:
+    def _limit(self, joints: Array, rates: ReferenceRates) -> float:
         """Return the largest pace of the reference at a posture."""
         q, still = self._model.configuration(joints), np.zeros_like(rates.nu)
-        rest = self._room(q, still, still)
-        spent = rest - self._room(q, *rates)
-        holds = (rest > 0.0) & (spent > 0.0)
-        square = (RESERVE * rest[holds] / spent[holds]).min(initial=HASTE**2)
+        rest = self._margins(q, still, still)
+        used = rest - self._margins(q, *rates)
+        limiting = (rest > 0.0) & (used > 0.0)
+        square = (LIMIT_FRACTION * rest[limiting] / used[limiting]).min(initial=MAX_PACE**2)
         B = self._model.dynamics.actuation(q)
-        limited, most = self._rates
-        speed = (np.abs(B.T[limited] @ rates.nu) / most).max(initial=1.0 / HASTE)
+        limited, limit_values = self._rates
+        speed = (np.abs(B.T[limited] @ rates.nu) / limit_values).max(initial=1.0 / MAX_PACE)
         return min(math.sqrt(square), 1.0 / speed)
 
-    def _room(self, q: Array, nu: Array, nu_dot: Array) -> Array:
+    def _margins(self, q: Array, nu: Array, nu_dot: Array) -> Array:
         """Return what is left of the efforts' and the ground's limits, over these limits."""
         forces = self._forces.value(q, nu, nu_dot)
-        limited, most = self._efforts
-        tau = self._forces.efforts(forces)[limited, 0] / most
-        room = [1.0 - tau, 1.0 + tau]
+        limited, limit_values = self._efforts
+        tau = self._forces.efforts(forces)[limited, 0] / limit_values
+        margins = [1.0 - tau, 1.0 + tau]
         if self._forces.rows:
-            room.append(self._forces.ground(forces)[:, 0])
-        return np.concatenate(room)
+            margins.append(self._forces.ground(forces)[:, 0])
+        return np.concatenate(margins)
 
-    def _wait(self, reference: Reference, pose: Array, latest: float) -> float:
+    def _time_within_leash(self, reference: Reference, pose: Array, latest: float) -> float:
         """Return the last time up to ``latest`` at which the base is within the leash."""
         at = latest
-        for _ in range(PASSES):
+        for _ in range(NEWTON_STEPS):
             state = reference(at)
             cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
             vx, vy, _ = state.twist
             speed = math.hypot(vx, vy)
-            if speed < SLOW:
+            if speed < SLOW_REFERENCE_SPEED:
                 break
             x, y = state.pose[0] - pose[0], state.pose[1] - pose[1]
             behind = (x * (cos * vx - sin * vy) + y * (sin * vx + cos * vy)) / speed

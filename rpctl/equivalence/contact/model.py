@@ -23,22 +23,26 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
-from rpctl.drive.steering import follow
+from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.supports import find_supports
 from rpctl.equivalence.contact.shapes import support_shapes, tyre
-from rpctl.equivalence.mujoco_model import OWN, MujocoModel
+from rpctl.equivalence.mujoco_model import NAME_PREFIX, MujocoModel
 from rpctl.robot.model import Robot
 
-STEP = 5e-4  # s: below the contacts' time constant
+STEP_S = 5e-4  # s: below the contacts' time constant
 SOLREF = (2e-3, 1.0)  # time constant (s), least that STEP allows with a margin, and damping ratio
 SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)  # impedance near 1: hard contacts, which sink by microns
 IMPRATIO = 0.1  # friction softer than the load: axles a hair apart creep, they do not fight
-TIE = 300.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
-NUDGE = 1e-6  # rad, of a difference quotient
+TIE_ROD_BANDWIDTH = (
+    300.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
+)
+DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 FRICTION = 0.7  # of rubber on a dry indoor floor, as the margins of the reduced model assume
-FREE = 1e-5  # friction along which a roller runs, or a ball slides: the least MuJoCo takes
-LEAST = 1e-9  # N: below it nothing bears a load
-SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
+ROLLER_FRICTION = (
+    1e-5  # friction along which a roller runs, or a ball slides: the least MuJoCo takes
+)
+MIN_LOAD_N = 1e-9  # N: below it nothing bears a load
+MUJOCO_SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
 
 
 @dataclass(frozen=True)
@@ -70,16 +74,18 @@ class ContactModel:
         self._robot = robot
         self._contacts: dict[str, str] = {}  # geoms, and what they are called
         self.notes: tuple[str, ...] = ()
-        self._swinging: dict[str, float] = {}  # inertia of each follower about its axis, kg·m²
+        self._follower_inertia: dict[
+            str, float
+        ] = {}  # inertia of each follower about its axis, kg·m²
         tree = MujocoModel(robot, release=self._release)
         self._model, self._dofs, self._root = tree.mjm, tree.joints, tree.root
         self._data = self._mujoco.MjData(self._model)
         self.names = tuple(self._contacts.values())
         self._index = {self._model.geom(geom).id: k for k, geom in enumerate(self._contacts)}
-        self._loose = {
-            self._model.geom(f"{OWN}{wheel.joint}").id: wheel
+        self._one_directional = {
+            self._model.geom(f"{NAME_PREFIX}{wheel.joint}").id: wheel
             for wheel in robot.drive.wheels
-            if _loose(robot, wheel)
+            if _one_directional(robot, wheel)
         }
 
     def start(self, q: Array) -> None:
@@ -95,7 +101,7 @@ class ContactModel:
         M = np.zeros((self._model.nv, self._model.nv))
         self._mujoco.mj_fullM(self._model, self._data, M)
         dofs = {swivel.joint: self._dofs[swivel.joint] for swivel in self._robot.drive.followers}
-        self._swinging = {name: float(M[dof, dof]) for name, dof in dofs.items()}
+        self._follower_inertia = {name: float(M[dof, dof]) for name, dof in dofs.items()}
 
     def advance(self, efforts: Mapping[str, float], steps: int) -> Contact:
         """Apply joints' efforts (N·m or N) for some steps; return the contacts at the first."""
@@ -105,7 +111,7 @@ class ContactModel:
         given = self._data.qfrc_applied.copy()
         for step in range(steps):
             self._data.qfrc_applied[:] = given
-            self._pull_ties()
+            self._apply_tie_rods()
             self._step()
             if step == 0:
                 first = self._contact()
@@ -132,14 +138,14 @@ class ContactModel:
     def _step(self) -> None:
         mujoco, model, data = self._mujoco, self._model, self._data
         mujoco.mj_step1(model, data)
-        if self._loose:
+        if self._one_directional:
             self._turn_contacts()
             mujoco.mj_makeConstraint(model, data)
             mujoco.mj_projectConstraint(model, data)
             mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_step2(model, data)
 
-    def _pull_ties(self) -> None:
+    def _apply_tie_rods(self) -> None:
         """Pull each swivel that follows towards its place, and those that it follows back.
 
         A tie rod is a spring and a damper on φ = δ − f(leaders), so it does no work but on φ:
@@ -150,31 +156,37 @@ class ContactModel:
             return
         leaders = {swivel.joint: self.joint(swivel.joint) for swivel in drive.steered}
         at = {name: position for name, (position, _) in leaders.items()}
-        place = follow(drive, at)
-        nudged = {name: follow(drive, at | {name: at[name] + NUDGE}) for name in at}
+        place = follower_positions(drive, at)
+        perturbed = {
+            name: follower_positions(drive, at | {name: at[name] + DIFFERENCE_STEP}) for name in at
+        }
         for swivel in drive.followers:
-            name, slopes = swivel.joint, {}
+            name, jacobian = swivel.joint, {}
             position, rate = self.joint(name)
             for leader in at:
-                slopes[leader] = (nudged[leader][name] - place[name]) / NUDGE
-                rate -= slopes[leader] * leaders[leader][1]
-            inertia = self._swinging[name]
-            pull = inertia * TIE * (TIE * (position - place[name]) + 2.0 * rate)
+                jacobian[leader] = (perturbed[leader][name] - place[name]) / DIFFERENCE_STEP
+                rate -= jacobian[leader] * leaders[leader][1]
+            inertia = self._follower_inertia[name]
+            pull = (
+                inertia
+                * TIE_ROD_BANDWIDTH
+                * (TIE_ROD_BANDWIDTH * (position - place[name]) + 2.0 * rate)
+            )
             data.qfrc_applied[self._dofs[name]] -= pull
-            for leader, slope in slopes.items():
-                data.qfrc_applied[self._dofs[leader]] += slope * pull
+            for leader, derivative in jacobian.items():
+                data.qfrc_applied[self._dofs[leader]] += derivative * pull
 
     def _turn_contacts(self) -> None:
         """Turn the contacts of rollers and balls: friction holds along one direction only."""
         contacts = self._data.contact
         frames, friction = contacts.frame, contacts.friction
         for k, geom in enumerate(contacts.geom2.tolist()):
-            wheel = self._loose.get(geom)
+            wheel = self._one_directional.get(geom)
             if wheel is None:
                 continue
             (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self._held(wheel).tolist()
             frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
-            friction[k, :2] = FRICTION, FREE
+            friction[k, :2] = FRICTION, ROLLER_FRICTION
 
     def _held(self, wheel: Wheel) -> Array:
         """Return the direction (3,) in which the ground holds a wheel, level, world.
@@ -195,13 +207,13 @@ class ContactModel:
             load[self._index[int(geom)]] += wrench[0]
             total += frame.T @ wrench[:3]
             moment += wrench[0] * place[:2]
-        return Contact(load, total, moment / max(float(load.sum()), LEAST))
+        return Contact(load, total, moment / max(float(load.sum()), MIN_LOAD_N))
 
     def _release(self, spec: Any, root: Any) -> None:
         """Give the root link six degrees of freedom, and the robot a ground to stand on."""
         mujoco, option = self._mujoco, spec.option
         root.add_freejoint()
-        option.timestep, option.cone = STEP, mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.timestep, option.cone = STEP_S, mujoco.mjtCone.mjCONE_ELLIPTIC
         option.impratio = IMPRATIO
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)  # contacts are edited
         plane = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
@@ -213,7 +225,7 @@ class ContactModel:
             self.notes += (tread.note,) if tread.note else ()
         for name, link, shape in support_shapes(self._robot, find_supports(self._robot)):
             size = _halved(shape.kind, shape.size)
-            self._touch(spec, link, name, SHAPES[shape.kind], size, shape.origin, 1)
+            self._touch(spec, link, name, MUJOCO_SHAPES[shape.kind], size, shape.origin, 1)
         for joint in self._robot.mimics:
             if joint.mimic is not None and joint.mimic.joint not in self._robot.locked:
                 equal = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
@@ -234,7 +246,9 @@ class ContactModel:
         """Let a shape of a link meet the plane, with friction where ``directions`` are 3."""
         quaternion = np.zeros(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
-        geom = spec.body(OWN + link).add_geom(name=f"{OWN}{name}", pos=pose[:3, 3], quat=quaternion)
+        geom = spec.body(NAME_PREFIX + link).add_geom(
+            name=f"{NAME_PREFIX}{name}", pos=pose[:3, 3], quat=quaternion
+        )
         geom.type = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind}")
         geom.size[: len(size)] = size
         geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 2, directions, 1
@@ -243,7 +257,7 @@ class ContactModel:
         self._contacts[geom.name] = name
 
 
-def _loose(robot: Robot, wheel: Wheel) -> bool:
+def _one_directional(robot: Robot, wheel: Wheel) -> bool:
     """Return whether the ground holds a wheel in one direction only."""
     return wheel.slides or robot.drive.type in ("mecanum", "omni")
 

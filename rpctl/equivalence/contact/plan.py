@@ -16,23 +16,28 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
-from rpctl.dynamics.contact import Contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-DURATION = 2.0  # s
-TICK = 2e-3  # s: both sides hold their efforts this long
-SPEED = 1.0  # m/s at the end, where nothing speaks for less: a walking pace
-TURN = 0.8  # rad that a base turns at that pace
-SIDEWAYS = 0.4  # of the forward speed, of a base that moves to any side
-STEER = 0.3  # rad, at most half of what the joint has: axles meet a few wheelbases away
-SWING, SLIDE = 0.3, 0.05  # rad and m that an arm's joint moves, at most a tenth of its range
-GRIP = 0.5  # largest share of the friction: a wheel near it creeps, in MuJoCo as on a floor
-SHARE = 0.8  # largest share of the wheels' efforts, and of any motor's speed
-LOOK = 25  # ticks between the instants at which the ground is asked
+DURATION_S = 2.0  # s
+TICK_S = 2e-3  # s: both sides hold their efforts this long
+TOP_SPEED = 1.0  # m/s at the end, where nothing speaks for less: a walking pace
+BASE_TURN = 0.8  # rad that a base turns at that pace
+SIDEWAYS_RATIO = 0.4  # of the forward speed, of a base that moves to any side
+MAX_STEERING = 0.3  # rad, at most half of what the joint has: axles meet a few wheelbases away
+ARM_STROKE, ARM_STROKE_M = (
+    0.3,
+    0.05,
+)  # rad and m that an arm's joint moves, at most a tenth of its range
+MAX_GRIP_RATIO = (
+    0.5  # largest share of the friction: a wheel near it creeps, in MuJoCo as on a floor
+)
+MAX_MOTOR_RATIO = 0.8  # largest share of the wheels' efforts, and of any motor's speed
+TICKS_PER_CHECK = 25  # ticks between the instants at which the ground is asked
 PACES = tuple(0.5**k for k in range(5))  # of SPEED and TURN, the fastest gentle one counts
-BANDWIDTH = 80.0  # rad/s of the servo, critically damped: stiffer than arms hang by gravity
+SERVO_BANDWIDTH = 80.0  # rad/s of the servo, critically damped: stiffer than arms hang by gravity
 
 
 class NotGentle(RpctlError):
@@ -40,14 +45,14 @@ class NotGentle(RpctlError):
 
 
 @dataclass(frozen=True)
-class Plan:
+class ContactPlan:
     """The motion both sides are to make.
 
     Attributes:
         q: Configurations (n + 1, nq), TICK apart.
         v: Velocities (n + 1, nv).
         tau: Efforts (n, n_act) that it takes, N·m or N; of wheels those that they get.
-        held: Actuators (indices) with a servo.
+        servoed: Actuators (indices) with a servo.
         names: Their joints.
         targets: Their positions (n + 1, n_held) and rates (n + 1, n_held).
         inertia: What they feel of the robot where they are to be (n + 1, n_held, n_held); the
@@ -57,7 +62,7 @@ class Plan:
     q: Array
     v: Array
     tau: Array
-    held: tuple[int, ...]
+    servoed: tuple[int, ...]
     names: tuple[str, ...]
     targets: tuple[Array, Array]
     inertia: Array
@@ -77,15 +82,15 @@ class Plan:
         """
         tau = np.array(self.tau[min(tick, len(self.tau) - 1)] if planned is None else planned)
         tick = max(tick, 0)
-        if self.held:
+        if self.servoed:
             gap, slower = self.targets[0][tick] - positions, self.targets[1][tick] - rates
             gap = (gap + math.pi) % (2.0 * math.pi) - math.pi  # an angle read in (−π, π]
-            push = BANDWIDTH * (BANDWIDTH * gap + 2.0 * slower)
-            tau[list(self.held)] += self.inertia[tick] @ push
+            push = SERVO_BANDWIDTH * (SERVO_BANDWIDTH * gap + 2.0 * slower)
+            tau[list(self.servoed)] += self.inertia[tick] @ push
         return tau
 
 
-def plan_motion(dynamics: ReducedDynamics, contacts: Contacts) -> Plan:
+def plan_motion(dynamics: ReducedDynamics, contacts: Contacts) -> ContactPlan:
     """Return the fastest motion among PACES that the ground and the motors bear easily.
 
     Raises:
@@ -94,11 +99,11 @@ def plan_motion(dynamics: ReducedDynamics, contacts: Contacts) -> Plan:
     """
     reason = ""
     for pace in PACES:
-        plan = _planned(dynamics, pace)
-        reason = _strain(dynamics, contacts, plan)
+        plan = _plan_at_pace(dynamics, pace)
+        reason = _why_not_gentle(dynamics, contacts, plan)
         if not reason:
             return plan
-    raise NotGentle(f"even {PACES[-1] * SPEED:.2g} m/s is not gentle: {reason}")
+    raise NotGentle(f"even {PACES[-1] * TOP_SPEED:.2g} m/s is not gentle: {reason}")
 
 
 def start(robot: Robot) -> Array:
@@ -113,40 +118,40 @@ def start(robot: Robot) -> Array:
     return robot.configuration(joints=joints)
 
 
-def _planned(dynamics: ReducedDynamics, pace: float) -> Plan:
+def _plan_at_pace(dynamics: ReducedDynamics, pace: float) -> ContactPlan:
     """Return the motion at a pace."""
-    robot, count = dynamics.robot, round(DURATION / TICK)
+    robot, count = dynamics.robot, round(DURATION_S / TICK_S)
     size = _amplitudes(robot, pace)
     rising = np.array([name in ("v", "vx", "vy") for name in robot.quasi_velocities])
     q, v, tau = [start(robot)], [np.zeros(robot.nv)], []
     for tick in range(count):
-        nu, nu_dot = _profile((tick + 0.5) * TICK, size, rising)
-        ahead = pin.integrate(robot.model, q[-1], 0.5 * TICK * (dynamics.basis(q[-1]) @ nu))
+        nu, nu_dot = _profile((tick + 0.5) * TICK_S, size, rising)
+        ahead = pin.integrate(robot.model, q[-1], 0.5 * TICK_S * (dynamics.basis(q[-1]) @ nu))
         velocity = dynamics.basis(ahead) @ nu
         tau.append(dynamics.efforts(ahead, dynamics.inverse(ahead, nu, nu_dot)))
-        q.append(pin.integrate(robot.model, q[-1], TICK * velocity))
-        v.append(dynamics.basis(q[-1]) @ _profile((tick + 1) * TICK, size, rising)[0])
-    held = tuple(k for k, n in enumerate(robot.actuators) if n in robot.quasi_velocities)
-    names = tuple(robot.actuators[k] for k in held)
+        q.append(pin.integrate(robot.model, q[-1], TICK_S * velocity))
+        v.append(dynamics.basis(q[-1]) @ _profile((tick + 1) * TICK_S, size, rising)[0])
+    servoed = tuple(k for k, n in enumerate(robot.actuators) if n in robot.quasi_velocities)
+    names = tuple(robot.actuators[k] for k in servoed)
     index = [robot.velocity_index(name) for name in names]
     positions = np.array([[robot.joint_position(at, name) for name in names] for at in q])
     rates = np.array(v)[:, index].reshape(len(v), len(names))
-    return Plan(
+    return ContactPlan(
         q=np.array(q),
         v=np.array(v),
         tau=np.array(tau),
-        held=held,
+        servoed=servoed,
         names=names,
         targets=(positions.reshape(len(q), len(names)), rates),
-        inertia=np.array([_felt(dynamics, at, names) for at in q]),
+        inertia=np.array([_felt_inertia(dynamics, at, names) for at in q]),
     )
 
 
 def _profile(t: float, size: Array, rising: Array) -> tuple[Array, Array]:
     """Return ν and ν̇ (dof,): speeds rise to their size, the rest moves by it and stops."""
-    w = math.pi / DURATION
+    w = math.pi / DURATION_S
     rise = 0.5 * (1.0 - math.cos(w * t)), 0.5 * w * math.sin(w * t)
-    pulse = (1.0 - math.cos(2.0 * w * t)) / DURATION, 2.0 * w * math.sin(2.0 * w * t) / DURATION
+    pulse = (1.0 - math.cos(2.0 * w * t)) / DURATION_S, 2.0 * w * math.sin(2.0 * w * t) / DURATION_S
     nu, nu_dot = (size * np.where(rising, a, b) for a, b in zip(rise, pulse, strict=True))
     return nu, nu_dot
 
@@ -154,14 +159,14 @@ def _profile(t: float, size: Array, rising: Array) -> tuple[Array, Array]:
 def _amplitudes(robot: Robot, pace: float) -> Array:
     """Return how much of each quasi-velocity the motion has (dof,): see :func:`_profile`."""
     drive = robot.drive
-    speed = {"v": SPEED, "vx": SPEED, "vy": SIDEWAYS * SPEED, "omega": TURN}
+    speed = {"v": TOP_SPEED, "vx": TOP_SPEED, "vy": SIDEWAYS_RATIO * TOP_SPEED, "omega": BASE_TURN}
     size = {name: pace * value for name, value in speed.items()}
     if drive.type == "skid-steer":  # it turns by scrubbing, which the reduced model leaves out
         return np.array([size["v"] if name == "v" else 0.0 for name in robot.quasi_velocities])
     for k, swivel in enumerate(drive.steered):
         joint = robot.description.joint[swivel.joint]
-        most = min(STEER, 0.5 * joint.upper, -0.5 * joint.lower)
-        size[swivel.joint] = min(most, _quickest(joint)) * (-0.5) ** k
+        most = min(MAX_STEERING, 0.5 * joint.upper, -0.5 * joint.lower)
+        size[swivel.joint] = min(most, _max_stroke(joint)) * (-0.5) ** k
     for joint, home in zip(robot.joints, robot.home, strict=True):
         size[joint.name] = _stroke(joint, float(home))
     return np.array([size[name] for name in robot.quasi_velocities])
@@ -169,46 +174,46 @@ def _amplitudes(robot: Robot, pace: float) -> Array:
 
 def _stroke(joint: Joint, home: float) -> float:
     """Return how far an arm's joint moves, towards the wider side of its range."""
-    stroke = SLIDE if joint.kind == "prismatic" else SWING
+    stroke = ARM_STROKE_M if joint.kind == "prismatic" else ARM_STROKE
     below, above = home - joint.lower, joint.upper - home
     if math.isfinite(below + above):
         stroke = min(stroke, 0.1 * (below + above))
-    stroke = min(stroke, _quickest(joint))
+    stroke = min(stroke, _max_stroke(joint))
     return stroke if above >= below else -stroke
 
 
-def _quickest(joint: Joint) -> float:
+def _max_stroke(joint: Joint) -> float:
     """Return how far a joint gets by the pulse of :func:`_profile`, whose peak is 2 / DURATION."""
-    return 0.5 * DURATION * SHARE * joint.velocity
+    return 0.5 * DURATION_S * MAX_MOTOR_RATIO * joint.velocity
 
 
-def _felt(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
+def _felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
     """Return the inertia (n_held, n_held) that the servo's joints feel, all others free."""
     speeds = dynamics.robot.quasi_velocities
     own = [speeds.index(name) for name in names]
     return np.linalg.inv(np.linalg.inv(dynamics.inertia(q))[np.ix_(own, own)])
 
 
-def _strain(dynamics: ReducedDynamics, contacts: Contacts, plan: Plan) -> str:
+def _why_not_gentle(dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan) -> str:
     """Return what keeps a motion from being gentle, or nothing."""
     robot = dynamics.robot
     for k, name in enumerate(robot.actuators):
-        if k in plan.held:
+        if k in plan.servoed:
             continue
         motor, efforts = robot.description.joint[name], plan.tau[:, k]
         speeds = plan.v[:, robot.velocity_index(name)]
-        if np.abs(efforts).max() > SHARE * motor.effort:
+        if np.abs(efforts).max() > MAX_MOTOR_RATIO * motor.effort:
             return f"{name} needs {np.abs(efforts).max():.3g} of {motor.effort:.3g} N·m"
-        if np.abs(speeds).max() > SHARE * motor.velocity:
+        if np.abs(speeds).max() > MAX_MOTOR_RATIO * motor.velocity:
             return f"{name} needs {np.abs(speeds).max():.3g} of {motor.velocity:.3g} rad/s"
-    for tick in range(0, len(plan.tau), LOOK):
+    for tick in range(0, len(plan.tau), TICKS_PER_CHECK):
         q, v = plan.q[tick], plan.v[tick]
         nu = np.linalg.lstsq(dynamics.basis(q), v, rcond=None)[0]
         ground = ground_reaction(dynamics, contacts, q, nu, plan.tau[tick])
         if ground.tip_margin is None or ground.tip_margin <= 0.0:
             return "it tips"
         grip = float(ground.slip_ratio.max(initial=0.0))
-        if grip > GRIP:
+        if grip > MAX_GRIP_RATIO:
             name = contacts.names[int(ground.slip_ratio.argmax())]
             return f"{name} needs {100.0 * grip:.0f} % of its grip"
     return ""

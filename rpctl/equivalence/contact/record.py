@@ -11,12 +11,12 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.equivalence.row import Check
 
-DRAWN = 2  # samples between two points of the paths that JSON keeps: a hundred over a trial
+JSON_STRIDE = 2  # samples between two points of the paths that JSON keeps: a hundred over a trial
 SMALL_UNITS = {"m": "mm", "rad": "mrad"}  # gaps are thousandths of them
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ContactMotion:
     """What one side did, a row a sample; NaN from where it could not go on.
 
     Attributes:
@@ -56,7 +56,7 @@ class Gap(Check):
     unit: str = ""
     time: float = 0.0
 
-    def told(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         """Return a gap or a band in words, lengths in mm and angles in mrad."""
         if self.unit in SMALL_UNITS:
             return f"{1e3 * value:.3g} {SMALL_UNITS[self.unit]}"
@@ -94,8 +94,8 @@ class ContactTrial:
     slides: tuple[bool, ...]
     footprint: Array = field(repr=False, compare=False)
     t: Array = field(repr=False, compare=False)
-    reduced: Motion = field(repr=False, compare=False)
-    engine: Motion = field(repr=False, compare=False)
+    reduced: ContactMotion = field(repr=False, compare=False)
+    engine: ContactMotion = field(repr=False, compare=False)
 
     @property
     def passed(self) -> bool:
@@ -121,8 +121,8 @@ class ContactTrial:
             "distance": self.distance,
             "checks": [check.to_dict() for check in self.checks],
             "notes": list(self.notes),
-            "t": [round(t, 6) for t in self.t[::DRAWN].tolist()],
-            "paths": {side: _plain(pose[::DRAWN]) for side, pose in paths.items()},
+            "t": [round(t, 6) for t in self.t[::JSON_STRIDE].tolist()],
+            "paths": {side: _plain(pose[::JSON_STRIDE]) for side, pose in paths.items()},
         }
 
 

@@ -16,8 +16,10 @@ from rpctl.drive.drive import Wheel
 from rpctl.dynamics.supports import Supports
 from rpctl.robot.model import Robot
 
-ALONG = 0.02  # sine of the largest angle between a wheel's cylinder and its axle (CAD rounding)
-NARROWEST = 1e-3  # m: least half width of a tyre; a thinner one is a knife
+MAX_AXIS_SINE = (
+    0.02  # sine of the largest angle between a wheel's cylinder and its axle (CAD rounding)
+)
+MIN_HALF_WIDTH_M = 1e-3  # m: least half width of a tyre; a thinner one is a knife
 DECLARED = "drive file"  # source of a radius that the user gives
 
 
@@ -55,7 +57,7 @@ def tyre(robot: Robot, wheel: Wheel) -> Tyre:
         pose = _about(joint.axis)
         pose[:3, 3] = wheel.offset * np.array(wheel.axis)
         note = f"{wheel.joint} draws no wheel: its radius and centre are the drive's"
-        return Tyre(joint.child, pose, wheel.radius, NARROWEST, note)
+        return Tyre(joint.child, pose, wheel.radius, MIN_HALF_WIDTH_M, note)
     if wheel.source == DECLARED:
         note = f"the radius of {wheel.joint} is the drive file's"
         return Tyre(drawn.link, drawn.pose, wheel.radius, drawn.half_width, note)
@@ -76,16 +78,16 @@ def support_shapes(robot: Robot, supports: Supports) -> Iterator[tuple[str, str,
 def _treads(robot: Robot, joint: Joint) -> list[Tyre]:
     """Return the round shapes of a wheel, of the first of its links that draws any."""
     paths = MeshPaths(robot.description.path, robot.description.package_dirs)
-    edge = [(joint.child, joint.axis)]
-    while edge:
-        name, axis = edge.pop(0)
+    stack = [(joint.child, joint.axis)]
+    while stack:
+        name, axis = stack.pop(0)
         link = robot.description.link[name]
         for shapes in (link.collisions, link.visuals):
             found = [_tread(name, shape, axis, paths) for shape in shapes]
             if any(found):
                 return [one for one in found if one is not None]
         fixed = (below for below in robot.description.child_joints[name] if not below.moving)
-        edge.extend((below.child, below.origin[:3, :3].T @ axis) for below in fixed)
+        stack.extend((below.child, below.origin[:3, :3].T @ axis) for below in fixed)
     return []
 
 
@@ -94,10 +96,10 @@ def _tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | Non
     if shape.kind == "sphere":
         return Tyre(link, shape.origin, shape.size[0], shape.size[0])
     if shape.kind in ("cylinder", "capsule"):
-        if np.linalg.norm(np.cross(shape.origin[:3, 2], axis)) > ALONG:
+        if np.linalg.norm(np.cross(shape.origin[:3, 2], axis)) > MAX_AXIS_SINE:
             return None
         radius, length = shape.size
-        return Tyre(link, shape.origin, radius, max(0.5 * length, NARROWEST))
+        return Tyre(link, shape.origin, radius, max(0.5 * length, MIN_HALF_WIDTH_M))
     return _mesh_tread(link, shape, axis, paths) if shape.kind == "mesh" else None
 
 
@@ -113,7 +115,7 @@ def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre 
     low, high = points.min(axis=0), points.max(axis=0)
     pose[:3, 3] = 0.5 * (low[2] + high[2]) * axis
     radius = 0.5 * float((high - low)[:2].max())
-    return Tyre(link, pose, radius, max(0.5 * float(high[2] - low[2]), NARROWEST))
+    return Tyre(link, pose, radius, max(0.5 * float(high[2] - low[2]), MIN_HALF_WIDTH_M))
 
 
 def _about(axis: Array) -> Array:

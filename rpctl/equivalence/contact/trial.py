@@ -14,22 +14,22 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.contact import Contacts, find_contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.contact.gaps import caster_names, gaps, rolling_casters
-from rpctl.equivalence.contact.model import STEP, ContactModel
-from rpctl.equivalence.contact.plan import TICK, NotGentle, Plan, plan_motion
-from rpctl.equivalence.contact.record import ContactTrial, Motion
+from rpctl.equivalence.contact.comparison import caster_names, gaps, rolling_casters
+from rpctl.equivalence.contact.model import STEP_S, ContactModel
+from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, plan_motion
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial
 from rpctl.equivalence.mujoco_model import EngineRefused
-from rpctl.equivalence.row import CONTACT, Skipped
+from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.model import Robot
 
-NAME = "motion on the ground"
-SETTLING = 0.3  # s in which the robot sinks into its contacts: 150 of their time constants
-TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
-SAMPLE = 5  # ticks between two samples
+CHECK_NAME = "motion on the ground"
+SETTLING_S = 0.3  # s in which the robot sinks into its contacts: 150 of their time constants
+MAX_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
+TICKS_PER_SAMPLE = 5  # ticks between two samples
 
 Row = tuple[Array, ...]  # of Motion's arrays
 
@@ -45,24 +45,24 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
         The trial, or the row that says why there is none.
     """
     if not robot.drive.wheels:
-        return Skipped(NAME, CONTACT, "a fixed base has nothing to roll")
+        return Skipped(CHECK_NAME, CONTACT_ORACLE, "a fixed base has nothing to roll")
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
     if contacts is None or not contacts.balanced:
         why = contacts.notes[0] if contacts is not None else "it has no contacts"
-        return Skipped(NAME, CONTACT, f"not known to stand: {why}")
+        return Skipped(CHECK_NAME, CONTACT_ORACLE, f"not known to stand: {why}")
     try:
         plan, model = plan_motion(dynamics, contacts), ContactModel(robot)
     except (NotGentle, ActuationError, SingularBasisError, EngineRefused) as reason:
-        return Skipped(NAME, CONTACT, str(reason))
-    engine = _motion(list(_rolled(dynamics, contacts, plan, model)))
-    reduced = _motion(_integrated(dynamics, contacts, plan, engine.pose[0]))
-    times: Array = SAMPLE * TICK * np.arange(len(engine.pose), dtype=float)
+        return Skipped(CHECK_NAME, CONTACT_ORACLE, str(reason))
+    engine = _motion(list(_engine_rows(dynamics, contacts, plan, model)))
+    reduced = _motion(_reduced_rows(dynamics, contacts, plan, engine.pose[0]))
+    times: Array = TICKS_PER_SAMPLE * TICK_S * np.arange(len(engine.pose), dtype=float)
     times.setflags(write=False)
     rows = gaps(robot, contacts, plan.names, reduced, engine)
     return ContactTrial(
         checks=tuple(replace(row, time=float(times[row.sample])) for row in rows),
-        notes=(*model.notes, *_tilted(model.tilt), *_notes(robot, contacts, engine)),
+        notes=(*model.notes, *_tilt_note(model.tilt), *_notes(robot, contacts, engine)),
         contacts=contacts.names,
         determinate=contacts.determinate,
         joints=plan.names,
@@ -74,12 +74,12 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     )
 
 
-def _motion(rows: list[Row]) -> Motion:
-    return Motion(*(np.array(column) for column in zip(*rows, strict=True)))
+def _motion(rows: list[Row]) -> ContactMotion:
+    return ContactMotion(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _rolled(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, model: ContactModel
+def _engine_rows(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, model: ContactModel
 ) -> Iterator[Row]:
     """Yield what MuJoCo does, from where the robot has settled."""
     robot, still = dynamics.robot, np.zeros(dynamics.robot.dof)
@@ -87,18 +87,25 @@ def _rolled(
     order = [model.names.index(name) for name in contacts.names]
     hold = dynamics.efforts(plan.q[0], dynamics.inverse(plan.q[0], still, still))
     model.start(plan.q[0])
-    for tick in range(-round(SETTLING / TICK), len(plan.tau) + 1):
+    for tick in range(-round(SETTLING_S / TICK_S), len(plan.tau) + 1):
         measured = np.array([model.joint(name) for name in plan.names]).reshape(-1, 2)
         planned = hold if tick < 0 else None
         tau = plan.efforts(tick, measured[:, 0], measured[:, 1], planned)
-        pose, swung = model.pose, np.array([model.joint(name)[0] for name in casters])
-        ground = model.advance(dict(zip(robot.actuators, tau, strict=True)), round(TICK / STEP))
-        if tick >= 0 and tick % SAMPLE == 0:
-            yield pose, ground.load[order], ground.force, ground.zmp, tau[list(plan.held)], swung
+        pose, caster_angles = model.pose, np.array([model.joint(name)[0] for name in casters])
+        ground = model.advance(dict(zip(robot.actuators, tau, strict=True)), round(TICK_S / STEP_S))
+        if tick >= 0 and tick % TICKS_PER_SAMPLE == 0:
+            yield (
+                pose,
+                ground.load[order],
+                ground.force,
+                ground.zmp,
+                tau[list(plan.servoed)],
+                caster_angles,
+            )
 
 
-def _integrated(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, pose: Array
+def _reduced_rows(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, pose: Array
 ) -> list[Row]:
     """Return what the reduced model does.
 
@@ -106,16 +113,16 @@ def _integrated(
     """
     rows: list[Row] = []
     try:
-        rows.extend(_stepped(dynamics, contacts, plan, pose))  # rows before an error stay
+        rows.extend(_stepped_rows(dynamics, contacts, plan, pose))  # rows before an error stay
     except RpctlError:
         if not rows:
             raise
     lost = tuple(np.full_like(part, np.nan) for part in rows[0])
-    return rows + [lost] * (1 + len(plan.tau) // SAMPLE - len(rows))
+    return rows + [lost] * (1 + len(plan.tau) // TICKS_PER_SAMPLE - len(rows))
 
 
-def _stepped(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, pose: Array
+def _stepped_rows(
+    dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, pose: Array
 ) -> Iterator[Row]:
     """Yield what the reduced model does from a pose (3,) of the root link, at rest."""
     robot = dynamics.robot
@@ -125,25 +132,28 @@ def _stepped(
     for tick in range(len(plan.tau) + 1):
         at = np.array([robot.joint_position(q, name) for name in plan.names])
         tau = plan.efforts(tick, at, (dynamics.basis(q) @ nu)[index])
-        if tick % SAMPLE == 0:
+        if tick % TICKS_PER_SAMPLE == 0:
             yield _reduced_row(dynamics, contacts, plan, (q, nu, tau))
-        q, nu, _ = rk4_step(dynamics, q, nu, tau, TICK)
+        q, nu, _ = rk4_step(dynamics, q, nu, tau, TICK_S)
 
 
 def _reduced_row(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: Plan, state: tuple[Array, Array, Array]
+    dynamics: ReducedDynamics,
+    contacts: Contacts,
+    plan: ContactPlan,
+    state: tuple[Array, Array, Array],
 ) -> Row:
-    """Return a row of :class:`Motion` at q, ν and τ."""
+    """Return a row of :class:`ContactMotion` at q, ν and τ."""
     robot, (q, nu, tau) = dynamics.robot, state
     ground = ground_reaction(dynamics, contacts, q, nu, tau)
     pose = np.array([q[0], q[1], math.atan2(q[3], q[2])])
-    swung = np.array([robot.joint_position(q, name) for name in caster_names(robot)])
-    return pose, ground.load, ground.force, ground.zmp, tau[list(plan.held)], swung
+    caster_angles = np.array([robot.joint_position(q, name) for name in caster_names(robot)])
+    return pose, ground.load, ground.force, ground.zmp, tau[list(plan.servoed)], caster_angles
 
 
-def _tilted(tilt: float) -> Iterator[str]:
+def _tilt_note(tilt: float) -> Iterator[str]:
     """Yield what a tilt (rad) shows of the file, where it is more than contacts give in."""
-    if tilt > TILT:
+    if tilt > MAX_TILT:
         yield (
             f"it stands {math.degrees(tilt):.2g}° out of the level: its wheels and supports do not "
             "end at one height in the file, as the reduced model takes them to; correct their "
@@ -151,7 +161,7 @@ def _tilted(tilt: float) -> Iterator[str]:
         )
 
 
-def _notes(robot: Robot, contacts: Contacts, engine: Motion) -> Iterator[str]:
+def _notes(robot: Robot, contacts: Contacts, engine: ContactMotion) -> Iterator[str]:
     """Yield what the two sides share, and what is not compared."""
     drive = robot.drive
     if drive.type == "skid-steer":

@@ -11,9 +11,12 @@ from typing import Any
 
 from rpctl.errors import RpctlError
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-FLAGS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # WebGL without a graphics card
-MISSING = (
+BROWSER_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+BROWSER_FLAGS = (
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)  # WebGL without a graphics card
+NO_BROWSER = (
     "films and stills are drawn by Chromium or Chrome, and none was found; run: playwright install "
     "chromium, or install your system's package"
 )
@@ -46,7 +49,7 @@ def open_page(html: str, width: int, height: int) -> Iterator[Any]:
     try:
         with _driver() as driver:
             browser = driver.chromium.launch(
-                executable_path=_executable(driver), args=list(FLAGS), handle_sigint=False
+                executable_path=_executable(driver), args=list(BROWSER_FLAGS), handle_sigint=False
             )
             try:
                 size = {"width": width, "height": height}
@@ -66,7 +69,7 @@ def _driver() -> Iterator[Any]:
     except ImportError:
         raise RpctlError("films and stills need more: pip install 'rpctl[film]'") from None
     starting = sync_playwright()
-    with _spared_interrupts():
+    with _interrupts_blocked():
         driver = starting.__enter__()
     try:
         yield driver
@@ -75,7 +78,7 @@ def _driver() -> Iterator[Any]:
 
 
 @contextmanager
-def _spared_interrupts() -> Iterator[None]:
+def _interrupts_blocked() -> Iterator[None]:
     """Keep Ctrl-C from the processes that are started meanwhile: we end them in good order."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
@@ -89,8 +92,8 @@ def _spared_interrupts() -> Iterator[None]:
 
 def _executable(driver: Any) -> str:
     """Return the browser: the system's, or the one that Playwright installed."""
-    candidates = (*map(shutil.which, NAMES), driver.chromium.executable_path)
+    candidates = (*map(shutil.which, BROWSER_NAMES), driver.chromium.executable_path)
     for path in candidates:
         if path and Path(path).is_file():
             return str(path)
-    raise RpctlError(MISSING)
+    raise RpctlError(NO_BROWSER)

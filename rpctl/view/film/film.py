@@ -16,22 +16,22 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.run import Run
 from rpctl.view.film.browser import open_page
-from rpctl.view.film.encode import CENTISECONDS, FASTEST_GIF, Encoder, gif, mp4
+from rpctl.view.film.video import CENTISECONDS, MAX_GIF_RATE_HZ, Encoder, gif, mp4
 from rpctl.view.pages.page import asset
-from rpctl.view.pages.player import player
+from rpctl.view.pages.scene_page import player
 from rpctl.view.scene.scene import build_scene
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 Size = tuple[int, int]
-STILL, SCENE = ".png", "scene.png"  # suffix of pictures; the one in a run's folder
-ROUNDING = 1e-6  # of a picture: the last sample's time is a sum
-SMALLEST, LARGEST = 64, 4096  # pixels
+STILL_SUFFIX, SCENE_FILE = ".png", "scene.png"  # suffix of pictures; the one in a run's folder
+FRAME_TOLERANCE = 1e-6  # of a picture: the last sample's time is a sum
+MIN_EDGE_PX, MAX_EDGE_PX = 64, 4096  # pixels
 
 
 @dataclass(frozen=True)
-class Format:
+class FilmFormat:
     """A film's format: its encoder, and the size (pixels) and rate (Hz) where none is asked for."""
 
     encode: Encoder
@@ -39,7 +39,7 @@ class Format:
     rate: int
 
 
-FORMATS = {".mp4": Format(mp4, (1280, 720), 30), ".gif": Format(gif, (800, 450), 20)}
+FORMATS = {".mp4": FilmFormat(mp4, (1280, 720), 30), ".gif": FilmFormat(gif, (800, 450), 20)}
 
 
 def write_film(
@@ -72,10 +72,10 @@ def write_film(
     if form is None:
         raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
     size, rate = _checked(size or form.size), rate or form.rate
-    if form.encode is gif and (CENTISECONDS % rate or rate > FASTEST_GIF):
+    if form.encode is gif and (CENTISECONDS % rate or rate > MAX_GIF_RATE_HZ):
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     _require_folder(path)
-    count = int(np.floor((run.t[-1] - run.t[0]) * rate + ROUNDING)) + 1
+    count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
     with _camera(run, size) as photograph:
 
         def take(number: int) -> Image:
@@ -103,8 +103,8 @@ def write_still(
         RpctlError: The suffix, size or time cannot be had, or the browser is missing.
     """
     path, duration = Path(path), float(run.t[-1] - run.t[0])
-    if path.suffix.lower() != STILL:
-        raise RpctlError(f"{path}: pictures are {STILL}; give a name that ends so")
+    if path.suffix.lower() != STILL_SUFFIX:
+        raise RpctlError(f"{path}: pictures are {STILL_SUFFIX}; give a name that ends so")
     time = duration if time is None else time
     if not 0.0 <= time <= duration:
         raise RpctlError(f"{time:g} s is not within the run; give 0 to {duration:g}")
@@ -123,8 +123,8 @@ def _require_folder(path: Path) -> None:
 def _checked(size: Size) -> Size:
     """Return a size that can be drawn and encoded; colours are stored for two pixels at a time."""
     for edge in size:
-        if edge % 2 or not SMALLEST <= edge <= LARGEST:
-            wanted = f"even numbers from {SMALLEST} to {LARGEST}"
+        if edge % 2 or not MIN_EDGE_PX <= edge <= MAX_EDGE_PX:
+            wanted = f"even numbers from {MIN_EDGE_PX} to {MAX_EDGE_PX}"
             raise RpctlError(f"size {size[0]}x{size[1]}: give {wanted}, as 1280x720")
     return size
 

@@ -12,7 +12,7 @@ from rpctl.equivalence.contact.record import Gap
 from rpctl.equivalence.row import Check, Skipped
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.contact_section import contact_section
-from rpctl.view.pages.panel import badge, residual
+from rpctl.view.pages.summary_panel import badge, residual
 
 STYLE = """
 main { padding: 0 20px 24px; margin: 0 auto; }
@@ -124,7 +124,8 @@ def _declared(check: Check) -> str:
 
 def _gap_row(gap: Gap) -> str:
     sign = "≤" if gap.passed else ">"
-    shown = f"{gap.told(gap.gap)} {sign} {gap.told(gap.band)}{'' if gap.passed else ' ✗'}"
+    mark = "" if gap.passed else " ✗"
+    shown = f"{gap.format_value(gap.gap)} {sign} {gap.format_value(gap.band)}{mark}"
     return _cells(gap.name, gap.against, shown, f"{gap.entry} at {gap.time:.2f} s".strip())
 
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.simulation.run import Run
-from rpctl.view.scene import obstacle_shapes, stage, wire
+from rpctl.view.scene import obstacle_shapes, surroundings, threejs
 from rpctl.view.scene.obstacles import run_obstacles
-from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS, Scene
+from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, Scene
 
-OPACITY = 0.55
-TRAILS, GROUND, ANIMATION = "/rpctl/trails", "/rpctl/ground", "set_animation"
+GHOST_RUN_OPACITY = 0.55
+TRAILS_PATH, GROUND_PATH, ANIMATION_COMMAND = "/rpctl/trails", "/rpctl/ground", "set_animation"
 
 
 def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
@@ -31,28 +31,28 @@ def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
     lower = np.min([scene.lower for scene in scenes], axis=0)
     upper = np.max([scene.upper for scene in scenes], axis=0)
     around = {
-        "/rpctl/lights": stage.lights_command(lower, upper),
-        GROUND: stage.ground_command(lower, upper, ground),
+        "/rpctl/lights": surroundings.lights_command(lower, upper),
+        GROUND_PATH: surroundings.ground_command(lower, upper, ground),
     }
     obstacles = tuple(dict.fromkeys(each for run in runs for each in run_obstacles(run)))
     size = max(float(scene.start[1, 2]) for scene in scenes) - ground
-    others = [{_about(c): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
+    others = [{_command_key(c): c for c in map(_unpack, scene.commands)} for scene in scenes[1:]]
     commands = []
     for packed in first.commands:
         command = _unpack(packed)
-        path = _about(command)
-        if path == obstacle_shapes.PATH:
+        path = _command_key(command)
+        if path == obstacle_shapes.OBSTACLES_PATH:
             continue
         for k, other in enumerate(others, 2):
-            if path == ROBOTS:
+            if path == ROBOTS_PATH:
                 _add_ghost(command["object"], other[path]["object"], k)
-            elif path == TRAILS:
-                known = repeated(runs[0], runs[k - 1])
+            elif path == TRAILS_PATH:
+                known = covered_trails(runs[0], runs[k - 1])
                 _add_trails(command["object"], other[path]["object"], k, known)
-            elif path == ANIMATION:
+            elif path == ANIMATION_COMMAND:
                 _add_motion(command, other[path], k)
-        commands.append(around.get(path) or wire.pack(command))
-        if path == GROUND:
+        commands.append(around.get(path) or threejs.pack(command))
+        if path == GROUND_PATH:
             commands += obstacle_shapes.commands(obstacles, lower, upper, ground, size)
     return replace(
         first,
@@ -65,22 +65,22 @@ def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
     )
 
 
-def _unpack(command: bytes) -> wire.Json:
+def _unpack(command: bytes) -> threejs.Json:
     import umsgpack
 
     return dict(umsgpack.unpackb(command))
 
 
-def _about(command: wire.Json) -> str:
+def _command_key(command: threejs.Json) -> str:
     """Return the path that a command is about, or the type of the one that is about no path."""
     return str(command["path"] or command["type"])
 
 
-def _add_ghost(scene: wire.Json, other: wire.Json, k: int) -> None:
+def _add_ghost(scene: threejs.Json, other: threejs.Json, k: int) -> None:
     """Add another run's robot, drawn as its reference is; the page gives it the run's colour."""
     names = _share_geometries(scene, other, k)
     tint = next(m for m in other["materials"] if m["uuid"] == "tint")
-    scene["materials"].append({**tint, "uuid": f"tint-{k}", "opacity": OPACITY})
+    scene["materials"].append({**tint, "uuid": f"tint-{k}", "opacity": GHOST_RUN_OPACITY})
     for group in other["object"]["children"]:
         if not group["name"].startswith(f"{REFERENCE}-"):
             continue
@@ -100,12 +100,12 @@ def _add_ghost(scene: wire.Json, other: wire.Json, k: int) -> None:
         )
 
 
-def _share_geometries(scene: wire.Json, other: wire.Json, k: int) -> dict[str, str]:
+def _share_geometries(scene: threejs.Json, other: threejs.Json, k: int) -> dict[str, str]:
     """Add the geometries that the scene lacks; return under which name each is there."""
-    known = {wire.pack(g["data"]): g["uuid"] for g in scene["geometries"] if "data" in g}
+    known = {threejs.pack(g["data"]): g["uuid"] for g in scene["geometries"] if "data" in g}
     names = {}
     for geometry in other["geometries"]:
-        same = known.get(wire.pack(geometry["data"])) if "data" in geometry else None
+        same = known.get(threejs.pack(geometry["data"])) if "data" in geometry else None
         if same is None:
             same = f"run{k}-{geometry['uuid']}"
             scene["geometries"].append({**geometry, "uuid": same})
@@ -113,7 +113,7 @@ def _share_geometries(scene: wire.Json, other: wire.Json, k: int) -> dict[str, s
     return names
 
 
-def repeated(first: Run, other: Run) -> set[str]:
+def covered_trails(first: Run, other: Run) -> set[str]:
     """Return the desired trails of a run that the first run's cover, however they are dashed."""
     count = len(other.t)
     if count > len(first.t) or not np.allclose(first.t[:count], other.t):
@@ -125,7 +125,7 @@ def repeated(first: Run, other: Run) -> set[str]:
     return {name for name, (a, b) in pairs.items() if a.shape == b.shape and np.allclose(a, b)}
 
 
-def _add_trails(scene: wire.Json, other: wire.Json, k: int, known: set[str]) -> None:
+def _add_trails(scene: threejs.Json, other: threejs.Json, k: int, known: set[str]) -> None:
     """Add another run's trails but those that are known already."""
     for kind in ("geometries", "materials"):
         scene[kind] += [{**item, "uuid": f"run{k}-{item['uuid']}"} for item in other[kind]]
@@ -137,7 +137,7 @@ def _add_trails(scene: wire.Json, other: wire.Json, k: int, known: set[str]) -> 
     ]
 
 
-def _add_motion(command: wire.Json, other: wire.Json, k: int) -> None:
+def _add_motion(command: threejs.Json, other: threejs.Json, k: int) -> None:
     """Add another run's motion to the one clip that is played."""
     (animation,), (motion,) = command["animations"], other["animations"]
     animation["clip"]["tracks"] += [

@@ -8,20 +8,20 @@ from typing import Any
 
 from rpctl.simulation.run import Run
 from rpctl.view.charts import has_base
-from rpctl.view.pages.panel import (
-    MERITS,
-    entry,
-    flat,
-    keys,
+from rpctl.view.pages.summary_panel import (
+    MERIT_LABELS,
+    certificate_badge,
+    finite_figure,
+    keyboard_section,
+    legend_entry,
+    limits_badge,
     merits,
-    number,
+    notes_section,
     obstacle_entries,
-    remarks,
-    verified,
-    within,
+    setting_texts,
 )
 
-PALETTE = 12  # colours --c0 to --c11 of the style sheet
+PALETTE_SIZE = 12  # colours --c0 to --c11 of the style sheet
 
 
 def compare_panel(
@@ -32,20 +32,25 @@ def compare_panel(
 ) -> str:
     """Return the panel of several runs: figures of merit, settings, notes, keys."""
     texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
-    rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERITS.items()]
-    shares = [number(summary, "max_effort_ratio") for summary in summaries]
-    rows.append(("Largest effort / limit", ["–" if v is None else f"{v:.0%}" for v in shares]))
+    rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERIT_LABELS.items()]
+    effort_ratios = [finite_figure(summary, "max_effort_ratio") for summary in summaries]
+    rows.append(
+        ("Largest effort / limit", ["–" if v is None else f"{v:.0%}" for v in effort_ratios])
+    )
     rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
     marks = [
-        ("Limits", [within(summary["limits_violated"]) for summary in summaries]),
-        ("Dynamics", ["–" if r.certificate is None else verified(r.certificate) for r in runs]),
+        ("Limits", [limits_badge(summary["limits_violated"]) for summary in summaries]),
+        (
+            "Dynamics",
+            ["–" if r.certificate is None else certificate_badge(r.certificate) for r in runs],
+        ),
     ]
     return "\n".join(
         (
             _table("Tracking error", names, [*rows, *marks]),
             _table("Settings", names, _settings(runs)),
-            remarks(notes),
-            keys(),
+            notes_section(notes),
+            keyboard_section(),
         )
     )
 
@@ -53,18 +58,20 @@ def compare_panel(
 def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
     """Return what is drawn in the scene: every run, what they follow and keep clear of, ghost."""
     entries = [
-        entry(f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE})")
+        legend_entry(
+            f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE_SIZE})"
+        )
         for k, name in enumerate(names)
     ]
     if any(has_base(run) or run.ee.shape[1] for run in runs):
-        entries.append(entry("desired", "Desired"))
+        entries.append(legend_entry("desired", "Desired"))
     entries += obstacle_entries(runs)
-    return "".join([*entries, entry("ghost", "Reference robot", shown=False)])
+    return "".join([*entries, legend_entry("ghost", "Reference robot", shown=False)])
 
 
 def _settings(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
     """Return the settings by label; those in which the runs differ stand first, in bold."""
-    columns = [{"Robot": run.robot, **flat(run.settings)} for run in runs]
+    columns = [{"Robot": run.robot, **setting_texts(run.settings)} for run in runs]
     labels = dict.fromkeys(label for column in columns for label in column)
     rows = [(label, [column.get(label, "–") for column in columns]) for label in labels]
     rows.sort(key=lambda row: len(set(row[1])) == 1)
@@ -77,7 +84,7 @@ def _settings(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
 def _table(title: str, names: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
     """Return a section with a column a run; the cells are HTML already."""
     head = "".join(
-        f'<th scope="col"><i style="color: var(--c{k % PALETTE})"></i>{escape(name)}</th>'
+        f'<th scope="col"><i style="color: var(--c{k % PALETTE_SIZE})"></i>{escape(name)}</th>'
         for k, name in enumerate(names)
     )
     body = "".join(

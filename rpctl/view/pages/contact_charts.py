@@ -12,14 +12,14 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.equivalence.contact.record import ContactTrial
 
-WIDTH, HEIGHT = 360.0, 170.0
-LEFT, RIGHT, TOP, BOTTOM = 44.0, 12.0, 12.0, 24.0
-MOST = 5  # lines of a chart: more cannot be told apart
-HEADROOM = 0.08  # of the range of values
+CHART_WIDTH, CHART_HEIGHT = 360.0, 170.0
+LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN, BOTTOM_MARGIN = 44.0, 12.0, 12.0, 24.0
+MAX_LINES = 5  # lines of a chart: more cannot be told apart
+HEADROOM_RATIO = 0.08  # of the range of values
 
 
 @dataclass(frozen=True)
-class Pair:
+class SeriesPair:
     """A quantity on both sides (n,)."""
 
     label: str
@@ -41,20 +41,20 @@ def charts(trial: ContactTrial) -> list[tuple[str, str, str]]:
     shown = torques or list(range(len(trial.joints)))
     if shown:
         names = [trial.joints[k] for k in shown]
-        pairs = _busiest(_pairs(names, reduced.efforts[:, shown], engine.efforts[:, shown]))
+        pairs = _most_varying(_pairs(names, reduced.efforts[:, shown], engine.efforts[:, shown]))
         title = "Torques of the joints" if torques else "Forces of the joints"
         found.append((title, "N·m" if torques else "N", _chart(trial.t, pairs)))
     return found
 
 
-def _pairs(labels: Sequence[str], reduced: Array, engine: Array) -> list[Pair]:
-    return [Pair(label, reduced[:, k], engine[:, k]) for k, label in enumerate(labels)]
+def _pairs(labels: Sequence[str], reduced: Array, engine: Array) -> list[SeriesPair]:
+    return [SeriesPair(label, reduced[:, k], engine[:, k]) for k, label in enumerate(labels)]
 
 
-def _busiest(pairs: list[Pair]) -> list[Pair]:
+def _most_varying(pairs: list[SeriesPair]) -> list[SeriesPair]:
     """Return the pairs that vary most, in their order."""
     spread = [float(np.ptp(pair.engine)) for pair in pairs]
-    kept = sorted(np.argsort(spread)[::-1][:MOST].tolist())
+    kept = sorted(np.argsort(spread)[::-1][:MAX_LINES].tolist())
     return [pairs[k] for k in kept]
 
 
@@ -66,29 +66,29 @@ def _gap_chart(trial: ContactTrial) -> str:
     axes = _Axes(trial.t, 0.0, 1.08 * max(band, most))
     ground, ceiling = axes.y(0.0), axes.y(band)
     area = f"{axes.line(apart)}V{ground:.2f}H{axes.x(0.0):.2f}Z"
-    told = f"{trial.path.told(trial.path.band)} allowed"
-    return axes.drawn(
-        f'<path class="allowed" d="M{LEFT:g} {ceiling:.2f}H{WIDTH - RIGHT:g}"/>'
-        f'<text class="small" x="{WIDTH - RIGHT:g}" y="{ceiling + 14:.2f}" '
-        f'text-anchor="end">{told}</text>'
+    allowed = f"{trial.path.format_value(trial.path.band)} allowed"
+    return axes.svg(
+        f'<path class="allowed" d="M{LEFT_MARGIN:g} {ceiling:.2f}H{CHART_WIDTH - RIGHT_MARGIN:g}"/>'
+        f'<text class="small" x="{CHART_WIDTH - RIGHT_MARGIN:g}" y="{ceiling + 14:.2f}" '
+        f'text-anchor="end">{allowed}</text>'
         f'<path class="area" d="{area}"/><path class="gap" d="{axes.line(apart)}"/>',
         "Distance between the two paths over time",
     )
 
 
-def _chart(t: Array, pairs: list[Pair]) -> str:
+def _chart(t: Array, pairs: list[SeriesPair]) -> str:
     """Return quantities of both sides over time, and what their colours mean."""
     values = np.concatenate([np.append(pair.reduced, pair.engine) for pair in pairs])
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    room = HEADROOM * (high - low) or 1.0
-    axes = _Axes(t, low - room, high + room)
+    headroom = HEADROOM_RATIO * (high - low) or 1.0
+    axes = _Axes(t, low - headroom, high + headroom)
     lines, names = [], []
     for k, pair in enumerate(pairs):
         colour = f"--line: var(--c{k})"
         lines.append(f'<path class="ribbon" style="{colour}" d="{axes.line(pair.engine)}"/>')
         lines.append(f'<path class="thread" style="{colour}" d="{axes.line(pair.reduced)}"/>')
         names.append(f'<li style="{colour}">{escape(pair.label)}</li>')
-    svg = axes.drawn("".join(lines), ", ".join(escape(pair.label) for pair in pairs))
+    svg = axes.svg("".join(lines), ", ".join(escape(pair.label) for pair in pairs))
     return f'{svg}<ul class="names">{"".join(names)}</ul>'
 
 
@@ -99,11 +99,11 @@ class _Axes:
         self._t, self._low, self._high = t, low, high
 
     def x(self, time: float) -> float:
-        return LEFT + (WIDTH - LEFT - RIGHT) * time / float(self._t[-1])
+        return LEFT_MARGIN + (CHART_WIDTH - LEFT_MARGIN - RIGHT_MARGIN) * time / float(self._t[-1])
 
     def y(self, value: float) -> float:
-        share = (value - self._low) / (self._high - self._low)
-        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * share
+        fraction = (value - self._low) / (self._high - self._low)
+        return CHART_HEIGHT - BOTTOM_MARGIN - (CHART_HEIGHT - TOP_MARGIN - BOTTOM_MARGIN) * fraction
 
     def line(self, values: Array) -> str:
         """Return the path of values (n,), those that are no numbers left out."""
@@ -114,14 +114,16 @@ class _Axes:
         )
         return "M" + "L".join(points)
 
-    def drawn(self, inside: str, label: str) -> str:
+    def svg(self, inside: str, label: str) -> str:
         """Return the chart with its axes."""
         parts = []
         for value in _ticks(self._low, self._high):
             y = self.y(value)
-            parts.append(f'<path class="grid" d="M{LEFT:g} {y:.2f}H{WIDTH - RIGHT:g}"/>')
             parts.append(
-                f'<text class="small" x="{LEFT - 6:g}" y="{y + 4:.2f}" text-anchor="end">'
+                f'<path class="grid" d="M{LEFT_MARGIN:g} {y:.2f}H{CHART_WIDTH - RIGHT_MARGIN:g}"/>'
+            )
+            parts.append(
+                f'<text class="small" x="{LEFT_MARGIN - 6:g}" y="{y + 4:.2f}" text-anchor="end">'
                 f"{value:g}</text>"
             )
         end = float(self._t[-1])
@@ -129,11 +131,11 @@ class _Axes:
             anchor = "end" if time == end else "middle" if time else "start"
             text = f"{time:g} s" if time == end else f"{time:g}"
             parts.append(
-                f'<text class="small" x="{self.x(time):.2f}" y="{HEIGHT - 6:g}" '
+                f'<text class="small" x="{self.x(time):.2f}" y="{CHART_HEIGHT - 6:g}" '
                 f'text-anchor="{anchor}">{text}</text>'
             )
         return (
-            f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{label}">'
+            f'<svg viewBox="0 0 {CHART_WIDTH:g} {CHART_HEIGHT:g}" role="img" aria-label="{label}">'
             f"{''.join(parts)}{inside}</svg>"
         )
 

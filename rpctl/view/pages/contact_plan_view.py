@@ -16,18 +16,18 @@ from scipy.spatial import ConvexHull
 from rpctl.arrays import Array
 from rpctl.equivalence.contact.record import ContactTrial
 
-WIDTH, LOWEST, TALLEST = 480.0, 300.0, 560.0
-MARGIN = 34.0
-FRAMES = 40  # keyframes of the moving robots: 50 ms apart
-NOSE = 0.07  # of the robot's size: the arrow that points ahead
-AWAY = 20.0  # of a word from the place that it names
-PAUSE = 1.2  # s for which they wait at the end
-SQUARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # m, of the grid
-COUNT = 14  # of them across the picture, at most
+PLAN_WIDTH, MIN_HEIGHT, MAX_HEIGHT = 480.0, 300.0, 560.0
+PLAN_MARGIN = 34.0
+KEYFRAME_COUNT = 40  # keyframes of the moving robots: 50 ms apart
+ARROW_RATIO = 0.07  # of the robot's size: the arrow that points ahead
+LABEL_DISTANCE = 20.0  # of a word from the place that it names
+PAUSE_S = 1.2  # s for which they wait at the end
+GRID_SIZES_M = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # m, of the grid
+MAX_SQUARES = 14  # of them across the picture, at most
 
 
 @dataclass(frozen=True)
-class Frame:
+class Viewport:
     """Where points of the floor (m) lie in the picture: x to the right, y up."""
 
     left: float
@@ -47,25 +47,28 @@ def plan_view(trial: ContactTrial) -> tuple[str, str]:
     outline = trial.footprint[ConvexHull(trial.footprint).vertices]
     engine, reduced = (_finite(motion.pose) for motion in (trial.engine, trial.reduced))
     ends = np.vstack([_placed(outline, pose) for pose in (engine[0], engine[-1], reduced[-1])])
-    frame = _frame(np.vstack([ends, engine[:, :2], reduced[:, :2]]))
-    parts = [_grid(frame)]
-    parts += [_tracks(trial.footprint, engine, frame)]
-    parts += [f'<path class="ribbon" d="{_line(frame.place(engine[:, :2]))}"/>']
-    parts += [f'<path class="thread" d="{_line(frame.place(reduced[:, :2]))}"/>']
-    parts += [_stand("start", outline, engine[0], frame)]
-    parts += [_stand("end engine", outline, engine[-1], frame)]
-    parts += [_stand("end reduced", outline, reduced[-1], frame)]
-    parts += [_robot(kind, trial.footprint, outline, frame) for kind in ("engine", "reduced")]
-    parts += [_word("start", engine[0], -AWAY, frame), _word("end", engine[-1], AWAY, frame)]
-    parts += [_bar(frame)]
-    told = trial.path.told(trial.path.gap)
-    label = f"Both paths seen from above; they are at most {told} apart"
-    box = f"0 0 {WIDTH:g} {frame.height:.0f}"
+    viewport = _fit_viewport(np.vstack([ends, engine[:, :2], reduced[:, :2]]))
+    parts = [_grid(viewport)]
+    parts += [_contact_paths(trial.footprint, engine, viewport)]
+    parts += [f'<path class="ribbon" d="{_line(viewport.place(engine[:, :2]))}"/>']
+    parts += [f'<path class="thread" d="{_line(viewport.place(reduced[:, :2]))}"/>']
+    parts += [_outline_at("start", outline, engine[0], viewport)]
+    parts += [_outline_at("end engine", outline, engine[-1], viewport)]
+    parts += [_outline_at("end reduced", outline, reduced[-1], viewport)]
+    parts += [_robot(kind, trial.footprint, outline, viewport) for kind in ("engine", "reduced")]
+    parts += [
+        _label("start", engine[0], -LABEL_DISTANCE, viewport),
+        _label("end", engine[-1], LABEL_DISTANCE, viewport),
+    ]
+    parts += [_scale_bar(viewport)]
+    gap_text = trial.path.format_value(trial.path.gap)
+    label = f"Both paths seen from above; they are at most {gap_text} apart"
+    box = f"0 0 {PLAN_WIDTH:g} {viewport.height:.0f}"
     svg = (
         f'<svg class="plan" viewBox="{box}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
     )
     duration = float(trial.t[-1])
-    moves = (_moves(kind, pose, frame, duration) for kind, pose in _sides(engine, reduced))
+    moves = (_keyframes(kind, pose, viewport, duration) for kind, pose in _sides(engine, reduced))
     return svg, "\n".join(moves)
 
 
@@ -86,44 +89,47 @@ def _placed(points: Array, pose: Array) -> Array:
     return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]) + [x, y])
 
 
-def _frame(points: Array) -> Frame:
+def _fit_viewport(points: Array) -> Viewport:
     """Return the frame that holds points (n, 2) in the middle of the picture."""
     low, high = points.min(axis=0), points.max(axis=0)
     wide, tall = np.maximum(high - low, 1e-6).tolist()
-    inside = WIDTH - 2.0 * MARGIN
-    height = min(max(inside * tall / wide + 2.0 * MARGIN, LOWEST), TALLEST)
-    scale = min(inside / wide, (height - 2.0 * MARGIN) / tall)
+    inside = PLAN_WIDTH - 2.0 * PLAN_MARGIN
+    height = min(max(inside * tall / wide + 2.0 * PLAN_MARGIN, MIN_HEIGHT), MAX_HEIGHT)
+    scale = min(inside / wide, (height - 2.0 * PLAN_MARGIN) / tall)
     x, y = (0.5 * (low + high)).tolist()
-    return Frame(x - 0.5 * WIDTH / scale, y + 0.5 * height / scale, scale, height)
+    return Viewport(x - 0.5 * PLAN_WIDTH / scale, y + 0.5 * height / scale, scale, height)
 
 
 def _line(points: Array) -> str:
     return "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in points.tolist())
 
 
-def _square(frame: Frame) -> float:
+def _square(viewport: Viewport) -> float:
     """Return the edge of the grid's squares, m."""
-    across = WIDTH / frame.scale
-    return next((edge for edge in SQUARES if across / edge <= COUNT), SQUARES[-1])
+    across = PLAN_WIDTH / viewport.scale
+    return next((edge for edge in GRID_SIZES_M if across / edge <= MAX_SQUARES), GRID_SIZES_M[-1])
 
 
-def _grid(frame: Frame) -> str:
-    edge, lines = _square(frame), []
-    right, bottom = frame.left + WIDTH / frame.scale, frame.top - frame.height / frame.scale
-    for k in range(math.ceil(frame.left / edge), math.floor(right / edge) + 1):
-        x = (k * edge - frame.left) * frame.scale
-        lines.append(f"M{x:.2f} 0V{frame.height:.0f}")
-    for k in range(math.ceil(bottom / edge), math.floor(frame.top / edge) + 1):
-        y = (frame.top - k * edge) * frame.scale
-        lines.append(f"M0 {y:.2f}H{WIDTH:g}")
+def _grid(viewport: Viewport) -> str:
+    edge, lines = _square(viewport), []
+    right, bottom = (
+        viewport.left + PLAN_WIDTH / viewport.scale,
+        viewport.top - viewport.height / viewport.scale,
+    )
+    for k in range(math.ceil(viewport.left / edge), math.floor(right / edge) + 1):
+        x = (k * edge - viewport.left) * viewport.scale
+        lines.append(f"M{x:.2f} 0V{viewport.height:.0f}")
+    for k in range(math.ceil(bottom / edge), math.floor(viewport.top / edge) + 1):
+        y = (viewport.top - k * edge) * viewport.scale
+        lines.append(f"M0 {y:.2f}H{PLAN_WIDTH:g}")
     return f'<path class="grid" d="{"".join(lines)}"/>'
 
 
-def _bar(frame: Frame) -> str:
+def _scale_bar(viewport: Viewport) -> str:
     """Return the bar that tells the length of a square."""
-    edge = _square(frame)
-    long, text = edge * frame.scale, f"{edge:g} m" if edge >= 1.0 else f"{100 * edge:g} cm"
-    x, y = WIDTH - 16.0, frame.height - 14.0
+    edge = _square(viewport)
+    long, text = edge * viewport.scale, f"{edge:g} m" if edge >= 1.0 else f"{100 * edge:g} cm"
+    x, y = PLAN_WIDTH - 16.0, viewport.height - 14.0
     return (
         f'<path class="bar" d="M{x - long:.2f} {y - 4:g}V{y:g}H{x:g}V{y - 4:g}"/>'
         f'<text class="small" x="{x - 0.5 * long:.2f}" y="{y - 8:g}" text-anchor="middle">'
@@ -131,24 +137,24 @@ def _bar(frame: Frame) -> str:
     )
 
 
-def _tracks(footprint: Array, pose: Array, frame: Frame) -> str:
+def _contact_paths(footprint: Array, pose: Array, viewport: Viewport) -> str:
     """Return the way of every contact."""
     ways = np.array([_placed(footprint, at) for at in pose[::5]])
-    lines = "".join(_line(frame.place(ways[:, k])) for k in range(len(footprint)))
+    lines = "".join(_line(viewport.place(ways[:, k])) for k in range(len(footprint)))
     return f'<path class="track" d="{lines}"/>'
 
 
-def _stand(kind: str, outline: Array, pose: Array, frame: Frame) -> str:
+def _outline_at(kind: str, outline: Array, pose: Array, viewport: Viewport) -> str:
     """Return the outline of the contacts where the robot stands."""
-    corners = _line(frame.place(_placed(outline, pose)))
+    corners = _line(viewport.place(_placed(outline, pose)))
     return f'<path class="stand {kind}" d="{corners}Z"/>'
 
 
-def _robot(kind: str, footprint: Array, outline: Array, frame: Frame) -> str:
+def _robot(kind: str, footprint: Array, outline: Array, viewport: Viewport) -> str:
     """Return a robot at the picture's origin, which the keyframes move; it points along x."""
-    flip = np.array([1.0, -1.0]) * frame.scale
+    flip = np.array([1.0, -1.0]) * viewport.scale
     dots = "".join(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="3"/>' for x, y in footprint * flip)
-    nose = NOSE * float(np.ptp(outline, axis=0).max()) * frame.scale
+    nose = ARROW_RATIO * float(np.ptp(outline, axis=0).max()) * viewport.scale
     arrow = f"M{nose:.2f} 0L{-0.6 * nose:.2f} {-0.6 * nose:.2f}V{0.6 * nose:.2f}Z"
     return (
         f'<g class="robot {kind}"><path class="hull" d="{_line(outline * flip)}Z"/>{dots}'
@@ -156,9 +162,9 @@ def _robot(kind: str, footprint: Array, outline: Array, frame: Frame) -> str:
     )
 
 
-def _word(text: str, pose: Array, ahead: float, frame: Frame) -> str:
+def _label(text: str, pose: Array, ahead: float, viewport: Viewport) -> str:
     """Return a post at the root link's place, and a word so far ahead of it."""
-    x, y = frame.place(pose[None, :2])[0]
+    x, y = viewport.place(pose[None, :2])[0]
     u, v = x + ahead * math.cos(pose[2]), y - ahead * math.sin(pose[2]) + 4.0
     return (
         f'<circle class="post" cx="{x:.2f}" cy="{y:.2f}" r="3.5"/>'
@@ -166,24 +172,24 @@ def _word(text: str, pose: Array, ahead: float, frame: Frame) -> str:
     )
 
 
-def _moves(kind: str, pose: Array, frame: Frame, duration: float) -> str:
+def _keyframes(kind: str, pose: Array, viewport: Viewport, duration: float) -> str:
     """Return the keyframes of a robot: the actual poses, in real time, then a pause."""
-    picked = np.unique(np.linspace(0, len(pose) - 1, FRAMES + 1).round().astype(int))
+    picked = np.unique(np.linspace(0, len(pose) - 1, KEYFRAME_COUNT + 1).round().astype(int))
     turn = np.unwrap(pose[:, 2])
-    share = 100.0 * duration / (duration + PAUSE) / max(len(pose) - 1, 1)
+    percent_per_sample = 100.0 * duration / (duration + PAUSE_S) / max(len(pose) - 1, 1)
     steps = []
-    for k, (x, y) in zip(picked.tolist(), frame.place(pose[picked, :2]).tolist(), strict=True):
+    for k, (x, y) in zip(picked.tolist(), viewport.place(pose[picked, :2]).tolist(), strict=True):
         move = f"translate({x:.2f}px,{y:.2f}px) rotate({-math.degrees(turn[k]):.3f}deg)"
-        steps.append((share * k, move))
+        steps.append((percent_per_sample * k, move))
     steps.append((100.0, steps[-1][1]))
-    frames = "".join(f"{at:.2f}%{{transform:{move}}}" for at, move in _apart(steps))
-    clock = f"{duration + PAUSE:g}s linear infinite"
+    frames = "".join(f"{at:.2f}%{{transform:{move}}}" for at, move in _without_repeats(steps))
+    clock = f"{duration + PAUSE_S:g}s linear infinite"
     return (
         f"@keyframes roll-{kind}{{{frames}}}\n"
         f".robot.{kind}{{transform:{steps[0][1]};animation:roll-{kind} {clock}}}"
     )
 
 
-def _apart(steps: list[tuple[float, str]]) -> list[tuple[float, str]]:
+def _without_repeats(steps: list[tuple[float, str]]) -> list[tuple[float, str]]:
     """Return keyframes without those that repeat the moment of the next."""
     return [a for a, b in pairwise(steps) if b[0] - a[0] > 0.005] + [steps[-1]]

@@ -7,7 +7,7 @@ from html import escape
 from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.view.pages.contact_charts import charts
 from rpctl.view.pages.contact_plan_view import plan_view
-from rpctl.view.pages.panel import badge
+from rpctl.view.pages.summary_panel import badge
 
 STYLE = """
 .trial { background: var(--card); border: 1px solid var(--line); border-radius: 10px;
@@ -98,10 +98,10 @@ def contact_section(trial: ContactTrial) -> tuple[str, str]:
 
 def _lead(trial: ContactTrial) -> str:
     """Return what the reader sees, in a sentence or two."""
-    apart = f"<strong>{escape(trial.path.told(trial.path.gap))}</strong>"
+    apart = f"<strong>{escape(trial.path.format_value(trial.path.gap))}</strong>"
     close = f"the two paths stay within {apart} of each other"
     if not trial.path.passed:
-        allowed = escape(trial.path.told(trial.path.band))
+        allowed = escape(trial.path.format_value(trial.path.band))
         close = f"the two paths come {apart} apart, where {allowed} is allowed"
     return (
         "The same robot as a free body with six degrees of freedom: no equation says that its "

@@ -20,9 +20,9 @@ from rpctl.simulation.summary import summarize
 from rpctl.view.chart_data import chart_data
 from rpctl.view.pages.compare import merge
 from rpctl.view.pages.compare_panel import compare_legend, compare_panel
-from rpctl.view.pages.overlay import overlay
+from rpctl.view.pages.forces import overlay
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
-from rpctl.view.pages.panel import headline, legend, panel, public, subtitle
+from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.scene.scene import Scene, build_scene
 
 SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
@@ -126,7 +126,10 @@ def _names(runs: Sequence[Run]) -> list[str]:
     facts = [
         (
             run.robot,
-            *(_told(run.settings.get(key)) for key in ("reference", "kinematic", "dynamic")),
+            *(
+                _setting_label(run.settings.get(key))
+                for key in ("reference", "kinematic", "dynamic")
+            ),
         )
         for run in runs
     ]
@@ -137,8 +140,8 @@ def _names(runs: Sequence[Run]) -> list[str]:
     return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
 
 
-def _told(setting: Any) -> str:
-    return public(setting["law"] if isinstance(setting, Mapping) else setting)
+def _setting_label(setting: Any) -> str:
+    return setting_text(setting["law"] if isinstance(setting, Mapping) else setting)
 
 
 def _render(page: Page) -> str:

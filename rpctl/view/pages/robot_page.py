@@ -17,20 +17,20 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
-from rpctl.view.scene import obstacle_shapes, paint, stage, wire
-from rpctl.view.scene.bodies import Bodies, build_bodies, extent
-from rpctl.view.scene.markers import Markers, build_markers, whole_mass
-from rpctl.view.scene.obstacles import Obstacle
-from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS, joint_poses
+from rpctl.view.scene import materials, obstacle_shapes, surroundings, threejs
+from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
+from rpctl.view.scene.obstacles import DrawnObstacle
+from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
+from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, joint_poses
 from rpctl.view.scene.skeleton import ROOT, joints, skeleton
 
-REACH = 2.0  # m; how far the sliders move the base, at least
-SIZES = 2.0  # of the robot's size; how far they move it where that is farther
+MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
+REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
 SCRIPTS = ("robot_scene.js", "robot_page.js")
 
 
 @dataclass(frozen=True, eq=False)
-class Show:
+class LiveMotion:
     """A motion that a page will be sent.
 
     Attributes:
@@ -45,15 +45,15 @@ class Show:
     start: Array
     desired: Array
     duration: float
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: tuple[DrawnObstacle, ...] = ()
 
 
-def robot_page(robot: Robot, show: Show | None = None) -> str:
+def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
     """Return the page of a robot as HTML; it fetches nothing but the motion of a show.
 
     Args:
         robot: The robot.
-        show: The motion that it will be sent; None for sliders that move the robot.
+        motion: The motion that it will be sent; None for sliders that move the robot.
 
     Raises:
         RpctlError: meshcat lacks its viewer.
@@ -61,12 +61,12 @@ def robot_page(robot: Robot, show: Show | None = None) -> str:
     bodies = build_bodies(robot)
     meshcat, script = meshcat_script(), "\n".join(map(asset, SCRIPTS))
     return Template(asset("robot.html")).substitute(
-        policy=policy(meshcat, script) + ("; connect-src 'self'" if show else ""),
+        policy=policy(meshcat, script) + ("; connect-src 'self'" if motion else ""),
         css=asset("robot.css"),
         name=escape(robot.name),
         subtitle=escape(_subtitle(robot)),
         notes=_notes(bodies),
-        data=embed(_data(robot, bodies, show)),
+        data=embed(_data(robot, bodies, motion)),
         meshcat=meshcat,
         script=script,
     )
@@ -85,20 +85,20 @@ def _notes(bodies: Bodies) -> str:
     return f'<h2>Notes</h2><ul class="notes">{items}</ul>'
 
 
-def _data(robot: Robot, bodies: Bodies, show: Show | None) -> dict[str, Any]:
-    q = robot.configuration_at(np.zeros(3), robot.home) if show is None else show.start
+def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, Any]:
+    q = robot.configuration_at(np.zeros(3), robot.home) if motion is None else motion.start
     box = _box(robot, bodies, q)
     size = float(np.linalg.norm(box[1] - box[0]))
-    reach = max(REACH, SIZES * size)
+    reach = max(MIN_REACH_M, REACH_RATIO * size)
     around = np.array([[-reach, -reach, 0.0], [reach, reach, 0.0]])
-    area = None if show is None else _area(show, box, robot.drive.ground)
+    area = None if motion is None else _area(motion, box, robot.drive.ground)
     place = np.array([q[0], q[1], 0.0])
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
     markers = build_markers(robot, size)
     return {
         "name": robot.name,
-        "commands": _commands(robot, bodies, markers, shown, box, show),
+        "commands": _commands(robot, bodies, markers, shown, box, motion),
         "joints": joints(robot, q),
         "locked": _locked(robot),
         "labels": markers.labels,
@@ -110,40 +110,45 @@ def _data(robot: Robot, bodies: Bodies, show: Show | None) -> dict[str, Any]:
         "reach": [-reach, reach] if moves else None,
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
-        "trail": stage.trail_width(*shown),
-        "stream": None if show is None else show.stream,
-        "duration": None if show is None else show.duration,
+        "trail": surroundings.trail_width(*shown),
+        "stream": None if motion is None else motion.stream,
+        "duration": None if motion is None else motion.duration,
     }
 
 
 def _commands(
-    robot: Robot, bodies: Bodies, markers: Markers, shown: Array, box: Array, show: Show | None
+    robot: Robot,
+    bodies: Bodies,
+    markers: Markers,
+    shown: Array,
+    box: Array,
+    motion: LiveMotion | None,
 ) -> list[str]:
     """Return the commands that draw all, the robot last, as base64."""
     lower, upper = shown
     ground = robot.drive.ground
-    commands = [wire.delete(path) for path in ("/Grid", "/Axes", "/Lights")]
+    commands = [threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")]
     commands += [
-        wire.set_property("/Background", "visible", False),
-        stage.lights_command(lower, upper),
-        stage.ground_command(lower, upper, ground),
+        threejs.set_property("/Background", "visible", False),
+        surroundings.lights_command(lower, upper),
+        surroundings.ground_command(lower, upper, ground),
     ]
     figures = [
-        whole_mass(robot.mass),
-        skeleton(robot, ACTUAL, lambda j: paint.solid(bodies, j) + markers.hung[j]),
+        total_mass_marker(robot.mass),
+        skeleton(robot, ACTUAL, lambda j: materials.solid(bodies, j) + markers.joint_nodes[j]),
     ]
-    if show is not None:
-        desired = np.column_stack([show.desired[:, :2], np.full(len(show.desired), ground)])
+    if motion is not None:
+        desired = np.column_stack([motion.desired[:, :2], np.full(len(motion.desired), ground)])
         paths = {"base-desired": desired, "base": desired[:1]}
         size = float(box[1, 2]) - ground
-        commands += obstacle_shapes.commands(show.obstacles, lower, upper, ground, size)
-        commands.append(stage.trails_command(paths, lower, upper))
-        figures.append(skeleton(robot, REFERENCE, lambda j: paint.ghost(bodies, j)))
-    drawn = wire.set_object(
-        ROBOTS,
-        wire.node("Group", "robots", children=figures),
-        [*paint.geometries(bodies), *markers.geometries],
-        [*paint.materials(bodies), *markers.materials],
+        commands += obstacle_shapes.commands(motion.obstacles, lower, upper, ground, size)
+        commands.append(surroundings.trails_command(paths, lower, upper))
+        figures.append(skeleton(robot, REFERENCE, lambda j: materials.ghost(bodies, j)))
+    drawn = threejs.set_object(
+        ROBOTS_PATH,
+        threejs.node("Group", "robots", children=figures),
+        [*materials.geometries(bodies), *markers.geometries],
+        [*materials.materials(bodies), *markers.materials],
     )
     return [base64.b64encode(command).decode() for command in (*commands, drawn)]
 
@@ -153,7 +158,7 @@ def _box(robot: Robot, bodies: Bodies, q: Array) -> Array:
     (poses,) = joint_poses(robot, q[None])
     corners = [np.array([[q[0], q[1], robot.drive.ground]])]
     for j in range(ROOT, robot.model.njoints):
-        part = extent(bodies, j)
+        part = bounding_corners(bodies, j)
         if part is not None:
             turn = _rotation(poses[j, 3:])
             corners.append(part @ turn.T + poses[j, :3])
@@ -167,15 +172,15 @@ def _rotation(quaternion: Array) -> Array:
     return np.asarray(Rotation.from_quat(quaternion).as_matrix())
 
 
-def _area(show: Show, box: Array, ground: float) -> Array:
+def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
     """Return the box (2, 3) of the robot, wherever P is to be, and of the obstacles near it."""
-    places = show.desired[:, :2]
+    places = motion.desired[:, :2]
     radius = 0.5 * float(np.linalg.norm((box[1] - box[0])[:2]))
     area = box.copy()
     area[0, :2] = np.minimum(area[0, :2], places.min(axis=0) - radius)
     area[1, :2] = np.maximum(area[1, :2], places.max(axis=0) + radius)
     size = float(box[1, 2]) - ground
-    cloud = np.concatenate([area, obstacle_shapes.corners(show.obstacles, area, ground, size)])
+    cloud = np.concatenate([area, obstacle_shapes.corners(motion.obstacles, area, ground, size)])
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 

@@ -12,19 +12,22 @@ import numpy as np
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.run import Run
-from rpctl.view.plots.panels import Panel, find_panels
-from rpctl.view.plots.style import LIGHT, dress, explain, joint_legend, names
+from rpctl.view.plots.panels import FigurePanel, find_panels
+from rpctl.view.plots.style import LIGHT, add_legend, joint_legend, names, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE, COLUMN = 180.0 / 25.4, 88.0 / 25.4  # widths of a page and of one of its two columns, inches
-ROW, WIDE_ROW = 58.0 / 25.4, 75.0 / 25.4  # heights of a row of panels, inches
-LEGEND_ROW = 0.14  # inches
+PAGE_WIDTH_IN, COLUMN_WIDTH_IN = (
+    180.0 / 25.4,
+    88.0 / 25.4,
+)  # widths of a page and of one of its two columns, inches
+ROW_HEIGHT_IN, WIDE_ROW_HEIGHT_IN = 58.0 / 25.4, 75.0 / 25.4  # heights of a row of panels, inches
+LEGEND_ROW_IN = 0.14  # inches
 DPI = 200  # of the figure in a run's folder
 PRINT_DPI = 400  # of a figure for print
-COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
-LETTERS = "abcdefghijklmnopqrstuvwxyz"
+PALETTE_COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
+PANEL_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 TRUETYPE = 42  # fonts as publishers ask for them: whole letters that stay text
 
 
@@ -78,29 +81,29 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
 
     theme = LIGHT
     shown = _choose(find_panels(run), panels)
-    width, columns = (COLUMN, 1) if column or len(shown) == 1 else (PAGE, 2)
+    width, columns = (COLUMN_WIDTH_IN, 1) if column or len(shown) == 1 else (PAGE_WIDTH_IN, 2)
     places = _places(shown, columns)
-    heights = [ROW] * (places[-1][0] + 1)
+    heights = [ROW_HEIGHT_IN] * (places[-1][0] + 1)
     for panel, (row, _) in zip(shown, places, strict=True):
         if panel.wide:
-            heights[row] = WIDE_ROW
+            heights[row] = WIDE_ROW_HEIGHT_IN
     legend = names(run, theme) if any(panel.joints for panel in shown) else []
-    strip = LEGEND_ROW * -(-len(legend) // (3 * columns))
+    strip = LEGEND_ROW_IN * -(-len(legend) // (3 * columns))
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.02)
     figure = Figure((width, sum(heights) + strip), dpi=DPI, layout=layout)
     figure.set_facecolor(theme.paper)
     grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
-    for panel, letter, (row, cells) in zip(shown, LETTERS, places, strict=False):
+    for panel, letter, (row, cells) in zip(shown, PANEL_LETTERS, places, strict=False):
         axes = figure.add_subplot(grid[row, cells])
         number = f"({letter})  " if len(shown) > 1 else ""
-        dress(axes, number + panel.title, theme)
+        style_axes(axes, number + panel.title, theme)
         panel.draw(axes, run, theme)
-        explain(axes, theme, below=panel.wide and columns == 1)
+        add_legend(axes, theme, below=panel.wide and columns == 1)
     joint_legend(figure, legend, 3 * columns, theme)
     return figure
 
 
-def _places(panels: Sequence[Panel], columns: int) -> list[tuple[int, slice]]:
+def _places(panels: Sequence[FigurePanel], columns: int) -> list[tuple[int, slice]]:
     """Return the row and the columns of each panel: left to right, a wide one in its own row."""
     places, row, column = [], 0, 0
     for panel in panels:
@@ -112,7 +115,7 @@ def _places(panels: Sequence[Panel], columns: int) -> list[tuple[int, slice]]:
     return places
 
 
-def _choose(found: Sequence[Panel], wanted: Sequence[str]) -> list[Panel]:
+def _choose(found: Sequence[FigurePanel], wanted: Sequence[str]) -> list[FigurePanel]:
     if not wanted:
         return list(found)
     known = list(dict.fromkeys(panel.name for panel in found))
@@ -132,7 +135,7 @@ def to_png(figure: Figure, dpi: int) -> bytes:
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
     buffer = io.BytesIO()
-    image.quantize(COLOURS).save(buffer, "PNG", optimize=True, dpi=(dpi, dpi))
+    image.quantize(PALETTE_COLOURS).save(buffer, "PNG", optimize=True, dpi=(dpi, dpi))
     return buffer.getvalue()
 
 

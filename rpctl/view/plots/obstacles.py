@@ -11,16 +11,16 @@ from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.simulation.run import Run
 from rpctl.view.plots.style import Theme
-from rpctl.view.scene.obstacles import BASE, TIP, Obstacle, near, rims, run_obstacles
+from rpctl.view.scene.obstacles import BASE, TIP, DrawnObstacle, near, rims, run_obstacles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-NAMES = {BASE: "obstacle of the base", TIP: "obstacle of the end effector"}
+OBSTACLE_LABELS = {BASE: "obstacle of the base", TIP: "obstacle of the end effector"}
 HATCHES = {BASE: "////", TIP: "...."}
-FAR = 20.0  # m, or diagonals of what is drawn: how far a half-plane goes on
+HALF_PLANE_DIAGONALS = 20.0  # m, or diagonals of what is drawn: how far a half-plane goes on
 ZORDER = 1.2  # above the grid, below the robot
-KEPT: dict[str, Any] = {"lw": 0.6, "ls": (0, (4, 2.5)), "zorder": ZORDER}
+CLEARANCE_STYLE: dict[str, Any] = {"lw": 0.6, "ls": (0, (4, 2.5)), "zorder": ZORDER}
 
 
 def draw_obstacles(axes: Axes, run: Run, theme: Theme) -> None:
@@ -29,19 +29,21 @@ def draw_obstacles(axes: Axes, run: Run, theme: Theme) -> None:
     if not obstacles:
         return
     lower, upper = np.array(axes.dataLim.min), np.array(axes.dataLim.max)
-    shown = near(np.concatenate([rims(obstacles), *_feet(obstacles, run)]), lower, upper)
+    shown = near(np.concatenate([rims(obstacles), *_nearest_points(obstacles, run)]), lower, upper)
     if len(shown):
         axes.update_datalim(shown)
         axes.autoscale_view()
     colours = {BASE: theme.base_obstacle, TIP: theme.tip_obstacle}
-    far = FAR * max(float(np.hypot(*(upper - lower))), 1.0)
+    far = HALF_PLANE_DIAGONALS * max(float(np.hypot(*(upper - lower))), 1.0)
     for obstacle in obstacles:
-        look = _look(obstacle.body, colours[obstacle.body])
-        _draw(axes, obstacle, 0.5 * (lower + upper), far, look)
+        fill_style = _fill_style(obstacle.body, colours[obstacle.body])
+        _draw(axes, obstacle, 0.5 * (lower + upper), far, fill_style)
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
-        axes.fill([], [], label=NAMES[body], **_look(body, colours[body]))
+        axes.fill([], [], label=OBSTACLE_LABELS[body], **_fill_style(body, colours[body]))
     if any(obstacle.radius for obstacle in obstacles):
-        axes.plot([], [], label="as near as its centre may come", color=theme.ink, **KEPT)
+        axes.plot(
+            [], [], label="as near as its centre may come", color=theme.ink, **CLEARANCE_STYLE
+        )
 
 
 def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
@@ -59,7 +61,7 @@ def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
     return np.concatenate([ends, ends[::-1] - far * plane.normal])
 
 
-def _feet(obstacles: Sequence[Obstacle], run: Run) -> list[Array]:
+def _nearest_points(obstacles: Sequence[DrawnObstacle], run: Run) -> list[Array]:
     """Return the points (1, 2) of the lines of half-planes that the bodies come nearest to, m."""
     feet = []
     for body, shape in ((o.body, o.shape) for o in obstacles):
@@ -71,25 +73,29 @@ def _feet(obstacles: Sequence[Obstacle], run: Run) -> list[Array]:
     return feet
 
 
-def _draw(axes: Axes, obstacle: Obstacle, centre: Array, far: float, look: dict[str, Any]) -> None:
+def _draw(
+    axes: Axes, obstacle: DrawnObstacle, centre: Array, far: float, fill_style: dict[str, Any]
+) -> None:
     """Draw one; unlike what is plotted, it has no say in how far the axes go."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Polygon
 
     shape, radius = obstacle.shape, obstacle.radius
-    kept = {**KEPT, "color": look["ec"]}
+    clearance_style = {**CLEARANCE_STYLE, "color": fill_style["ec"]}
     if isinstance(shape, Disc):
-        axes.add_artist(Circle((shape.x, shape.y), shape.radius, **look))
+        axes.add_artist(Circle((shape.x, shape.y), shape.radius, **fill_style))
         if radius:
-            axes.add_artist(Circle((shape.x, shape.y), shape.radius + radius, fill=False, **kept))
+            axes.add_artist(
+                Circle((shape.x, shape.y), shape.radius + radius, fill=False, **clearance_style)
+            )
         return
     corners = half_plane(shape, centre, far)
-    axes.add_artist(Polygon(corners, **look))
+    axes.add_artist(Polygon(corners, **fill_style))
     if radius:
-        axes.add_artist(Line2D(*(corners[:2] + radius * shape.normal).T, **kept))
+        axes.add_artist(Line2D(*(corners[:2] + radius * shape.normal).T, **clearance_style))
 
 
-def _look(body: str, colour: str) -> dict[str, Any]:
+def _fill_style(body: str, colour: str) -> dict[str, Any]:
     """Return how an obstacle is filled: edge and hatching in one colour, on a tint of it."""
     from matplotlib.colors import to_rgba
 

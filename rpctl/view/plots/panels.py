@@ -12,14 +12,22 @@ from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.charts import grip_top
 from rpctl.view.plots.path import draw_paths
-from rpctl.view.plots.style import DESIRED, LIMIT, STYLES, Theme, look, short, thin
+from rpctl.view.plots.style import (
+    DASH_STYLES,
+    DESIRED_STYLE,
+    LIMIT_STYLE,
+    Theme,
+    joint_style,
+    short_name,
+    thin,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
-DECADES = 6.0  # that an error's axis shows at most
-FEW = 3  # joints of which the references are drawn, too
+ERROR_FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
+MAX_DECADES = 6.0  # that an error's axis shows at most
+MAX_JOINTS_WITH_REFERENCE = 3  # joints of which the references are drawn, too
 SYMBOLS = {"v": "v", "vx": "$v_x$", "vy": "$v_y$", "omega": "ω"}
 PANELS = ("paths", "base", "joints", "tip", "speeds", "joint-speeds", "efforts", "tip-over", "grip")
 
@@ -27,7 +35,7 @@ Draw = Callable[["Axes", Run, Theme], None]
 
 
 @dataclass(frozen=True)
-class Panel:
+class FigurePanel:
     """A panel of the figure.
 
     Attributes:
@@ -45,28 +53,28 @@ class Panel:
     wide: bool = False
 
 
-def find_panels(run: Run) -> list[Panel]:
+def find_panels(run: Run) -> list[FigurePanel]:
     """Return the panels that a run has something for."""
     wheeled, arm = bool(_base_speeds(run)), run.ee.shape[1] > 0
     panels = []
     if wheeled or arm:
-        panels.append(Panel("paths", "Paths", draw_paths, wide=True))
+        panels.append(FigurePanel("paths", "Paths", draw_paths, wide=True))
     if wheeled:
-        panels.append(Panel("base", "Base error", _base_error))
+        panels.append(FigurePanel("base", "Base error", _base_error))
     if run.joint_names:
-        panels.append(Panel("joints", "Joint errors", _joint_errors, joints=True))
+        panels.append(FigurePanel("joints", "Joint errors", _joint_errors, joints=True))
     if arm:
-        panels.append(Panel("tip", "End-effector error", _tip_error))
+        panels.append(FigurePanel("tip", "End-effector error", _tip_error))
     if wheeled:
-        panels.append(Panel("speeds", "Base speeds", _speeds))
+        panels.append(FigurePanel("speeds", "Base speeds", _speeds))
     if run.joint_names:
-        panels.append(Panel("joint-speeds", "Joint speeds", _joint_speeds, joints=True))
+        panels.append(FigurePanel("joint-speeds", "Joint speeds", _joint_speeds, joints=True))
     panels += _effort_panels(run)
     if run.tip_margin.size:
-        panels.append(Panel("tip-over", "Tip-over margin, limit dashed", _tip_margin))
+        panels.append(FigurePanel("tip-over", "Tip-over margin, limit dashed", _tip_margin))
     if run.slip_ratio.size:
         grip = f"Grip at friction {run.friction:g}, limit dashed"
-        panels.append(Panel("grip", grip, _grip))
+        panels.append(FigurePanel("grip", grip, _grip))
     return panels
 
 
@@ -75,7 +83,7 @@ def _base_speeds(run: Run) -> list[str]:
     return [name for name in run.quasi_velocities if name not in run.joint_names]
 
 
-def _effort_panels(run: Run) -> list[Panel]:
+def _effort_panels(run: Run) -> list[FigurePanel]:
     """Return one panel for efforts with limits, and one for each unit of those without."""
     limits = np.array(run.effort_limits)
     limited = [i for i, limit in enumerate(limits) if np.isfinite(limit) and limit > 0.0]
@@ -84,18 +92,20 @@ def _effort_panels(run: Run) -> list[Panel]:
 
         def ratios(axes: Axes, run: Run, theme: Theme) -> None:
             for sign in (-1.0, 1.0):
-                axes.axhline(sign, color=theme.ink, **LIMIT)
+                axes.axhline(sign, color=theme.ink, **LIMIT_STYLE)
             _actuator_lines(axes, run, limited, 1.0 / limits[limited], theme)
             axes.set_ylabel("effort / limit")
-            share = run.tau[:, limited] / limits[limited]
-            axes.set_ylim(1.12 * min(-1.0, share.min()), 1.12 * max(1.0, share.max()))
+            effort_ratios = run.tau[:, limited] / limits[limited]
+            axes.set_ylim(
+                1.12 * min(-1.0, effort_ratios.min()), 1.12 * max(1.0, effort_ratios.max())
+            )
 
-        panels.append(Panel("efforts", "Efforts, limits dashed", ratios, joints=True))
+        panels.append(FigurePanel("efforts", "Efforts, limits dashed", ratios, joints=True))
     for unit in ("N·m", "N"):
         chosen = [i for i in range(len(limits)) if i not in limited and _unit(run, i) == unit]
         if chosen:
             title = f"Efforts without limits, {unit}"
-            panels.append(Panel("efforts", title, _absolute(chosen, unit), joints=True))
+            panels.append(FigurePanel("efforts", title, _absolute(chosen, unit), joints=True))
     return panels
 
 
@@ -117,7 +127,7 @@ def _unit(run: Run, actuator: int) -> str:
 def _base_error(axes: Axes, run: Run, theme: Theme) -> None:
     labels = ("longitudinal |x₁|, m", "lateral |x₂|, m", "heading |x₃|, rad")
     colours = (theme.base, theme.tip, theme.third)
-    for i, (label, colour, dashes) in enumerate(zip(labels, colours, STYLES[:3], strict=True)):
+    for i, (label, colour, dashes) in enumerate(zip(labels, colours, DASH_STYLES[:3], strict=True)):
         _log(axes, run, run.e[:, i], color=colour, ls=dashes, lw=1.1, label=label)
     _log_axis(axes, run.e[:, :3], "m or rad")
 
@@ -125,7 +135,7 @@ def _base_error(axes: Axes, run: Run, theme: Theme) -> None:
 def _joint_errors(axes: Axes, run: Run, theme: Theme) -> None:
     errors = run.e[:, 3:]
     for i, name in enumerate(run.joint_names):
-        _log(axes, run, errors[:, i], **look(run, name, theme))
+        _log(axes, run, errors[:, i], **joint_style(run, name, theme))
     _log_axis(axes, errors, " or ".join(sorted(set(run.units), reverse=True)))
 
 
@@ -133,7 +143,9 @@ def _tip_error(axes: Axes, run: Run, theme: Theme) -> None:
     distance = 1e3 * np.linalg.norm(run.ee_ref - run.ee, axis=1)
     angle = 1e3 * run.ee_angle
     _log(axes, run, distance, color=theme.tip, lw=1.2, label="position, mm")
-    _log(axes, run, angle, color=theme.desired, ls=STYLES[1], lw=0.9, label="orientation, mrad")
+    _log(
+        axes, run, angle, color=theme.desired, ls=DASH_STYLES[1], lw=0.9, label="orientation, mrad"
+    )
     _log_axis(axes, np.column_stack([distance, angle]), "mm or mrad")
 
 
@@ -141,14 +153,14 @@ def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
     units = []
     for number, name in enumerate(_base_speeds(run)):
         units.append("m/s" if name in ("v", "vx", "vy") else "rad/s")
-        label = f"{SYMBOLS.get(name) or short(name)}, {units[-1]}"
+        label = f"{SYMBOLS.get(name) or short_name(name)}, {units[-1]}"
         column = run.quasi_velocities.index(name)
         colour = theme.cycle[number % len(theme.cycle)]
         axes.plot(thin(run.t), thin(run.nu[:, column]), color=colour, lw=1.1, label=label)
     for name in _base_speeds(run):
         desired = run.nu_ref[:, run.quasi_velocities.index(name)]
-        axes.plot(thin(run.t), thin(desired), color=theme.desired, **DESIRED)
-    axes.plot([], [], color=theme.desired, label="reference", **DESIRED)
+        axes.plot(thin(run.t), thin(desired), color=theme.desired, **DESIRED_STYLE)
+    axes.plot([], [], color=theme.desired, label="reference", **DESIRED_STYLE)
     axes.set_xlabel("t, s")
     axes.set_ylabel(" or ".join(dict.fromkeys(units)))
 
@@ -157,15 +169,17 @@ def _joint_speeds(axes: Axes, run: Run, theme: Theme) -> None:
     for column, name in enumerate(run.quasi_velocities):
         if name not in run.joint_names:
             continue
-        axes.plot(thin(run.t), thin(run.nu[:, column]), **look(run, name, theme))
-        if len(run.joint_names) <= FEW:
-            axes.plot(thin(run.t), thin(run.nu_ref[:, column]), color=theme.desired, **DESIRED)
+        axes.plot(thin(run.t), thin(run.nu[:, column]), **joint_style(run, name, theme))
+        if len(run.joint_names) <= MAX_JOINTS_WITH_REFERENCE:
+            axes.plot(
+                thin(run.t), thin(run.nu_ref[:, column]), color=theme.desired, **DESIRED_STYLE
+            )
     axes.set_xlabel("t, s")
     axes.set_ylabel(" or ".join(f"{unit}/s" for unit in sorted(set(run.units), reverse=True)))
 
 
 def _tip_margin(axes: Axes, run: Run, theme: Theme) -> None:
-    axes.axhline(0.0, color=theme.ink, **LIMIT)
+    axes.axhline(0.0, color=theme.ink, **LIMIT_STYLE)
     axes.plot(thin(run.t), thin(run.tip_margin), color=theme.base, lw=1.1)
     low, high = min(0.0, run.tip_margin.min()), max(0.0, run.tip_margin.max())
     axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
@@ -174,7 +188,7 @@ def _tip_margin(axes: Axes, run: Run, theme: Theme) -> None:
 
 
 def _grip(axes: Axes, run: Run, theme: Theme) -> None:
-    axes.axhline(1.0, color=theme.ink, **LIMIT)
+    axes.axhline(1.0, color=theme.ink, **LIMIT_STYLE)
     top = 1.12 * grip_top(run)
     line: dict[str, Any] = {"color": theme.tip, "lw": 1.1}
     if run.slip_range.size:
@@ -193,19 +207,19 @@ def _grip(axes: Axes, run: Run, theme: Theme) -> None:
 def _actuator_lines(axes: Axes, run: Run, chosen: list[int], scale: Array, theme: Theme) -> None:
     for i, factor in zip(chosen, scale, strict=True):
         efforts = thin(run.tau[:, i] * factor)
-        axes.plot(thin(run.t), efforts, **look(run, run.actuators[i], theme))
+        axes.plot(thin(run.t), efforts, **joint_style(run, run.actuators[i], theme))
     axes.set_xlabel("t, s")
 
 
-def _log(axes: Axes, run: Run, values: Array, **look: Any) -> None:
-    axes.semilogy(thin(run.t), np.maximum(np.abs(thin(values)), FLOOR), **look)
+def _log(axes: Axes, run: Run, values: Array, **joint_style: Any) -> None:
+    axes.semilogy(thin(run.t), np.maximum(np.abs(thin(values)), ERROR_FLOOR), **joint_style)
 
 
 def _log_axis(axes: Axes, values: Array, unit: str) -> None:
     """Scale an error's axis to its largest value, and to what it settles at, not to its zeros."""
-    top = 2.0 * max(float(np.abs(values).max()), 10.0 * FLOOR)
+    top = 2.0 * max(float(np.abs(values).max()), 10.0 * ERROR_FLOOR)
     settled = np.median(np.abs(values[-max(1, len(values) // 5) :]), axis=0)
-    bottom = 0.2 * max(float(settled.min()), FLOOR)
-    axes.set_ylim(max(min(bottom, 1e-2 * top), top / 10.0**DECADES), top)
+    bottom = 0.2 * max(float(settled.min()), ERROR_FLOOR)
+    axes.set_ylim(max(min(bottom, 1e-2 * top), top / 10.0**MAX_DECADES), top)
     axes.set_xlabel("t, s")
     axes.set_ylabel(unit)

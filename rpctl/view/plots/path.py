@@ -9,16 +9,16 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.plots.obstacles import draw_obstacles
-from rpctl.view.plots.style import DESIRED, Theme, thin
+from rpctl.view.plots.style import DESIRED_STYLE, Theme, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-POSES = 10  # of the robot along its path, at most
-CLEAR = 1.2  # lengths of the robot from one of its poses to the next, at least
-STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # of the time between them, in powers of ten
-TICKS = 9  # of the x axis, at most
-HEADING = 0.4  # of the track: length of a heading's tick
+MAX_POSES = 10  # of the robot along its path, at most
+MIN_POSE_SPACING = 1.2  # lengths of the robot from one of its poses to the next, at least
+ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # of the time between them, in powers of ten
+MAX_TICKS = 9  # of the x axis, at most
+HEADING_TICK_RATIO = 0.4  # of the track: length of a heading's tick
 
 
 def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
@@ -35,12 +35,12 @@ def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
         axes.plot(*actual[0, :2], "o", color=theme.paper, mec=colour, mew=1.1, ms=4.2, zorder=4)
     for number, (_, desired, _, _) in enumerate(pairs):
         explained = None if number else "desired"
-        axes.plot(*thin(desired[:, :2]).T, color=theme.desired, label=explained, **DESIRED)
+        axes.plot(*thin(desired[:, :2]).T, color=theme.desired, label=explained, **DESIRED_STYLE)
     axes.plot([], [], "o", color=theme.paper, mec=theme.ink, mew=0.9, ms=3.6, label="start")
     if run.drive["wheels"]:
         _draw_poses(axes, run, theme)
     draw_obstacles(axes, run, theme)
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=TICKS, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=MAX_TICKS, steps=[1, 2, 5, 10]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
@@ -54,11 +54,11 @@ def _draw_poses(axes: Axes, run: Run, theme: Theme) -> None:
     wanted = np.arange(run.t[0], run.t[-1] + 1e-9, interval) if interval else run.t[:1]
     for k in np.searchsorted(run.t, wanted).clip(max=len(run.t) - 1):
         x, y, heading = run.base[k]
-        length = HEADING * size
+        length = HEADING_TICK_RATIO * size
         tick = [x, x + length * np.cos(heading)], [y, y + length * np.sin(heading)]
         axes.plot(*tick, color=theme.ink, lw=0.9, zorder=3.5)
         if outline is not None:
-            placed = run.q[k, :2] + outline @ _turn(run.q[k]).T
+            placed = run.q[k, :2] + outline @ _rotation(run.q[k]).T
             axes.fill(*placed.T, fc=theme.base, ec="none", alpha=0.08, zorder=1.5)
             axes.fill(*placed.T, fc="none", ec=theme.ink, lw=0.5, alpha=0.7, zorder=1.6)
     if interval and outline is not None:
@@ -80,7 +80,7 @@ def support_outline(run: Run) -> Array | None:
         return None
 
 
-def _turn(q: Array) -> Array:
+def _rotation(q: Array) -> Array:
     """Return the rotation (2, 2) of the root link at a configuration (nq,)."""
     cosine, sine = q[2:4]
     return np.array([[cosine, -sine], [sine, cosine]])
@@ -97,9 +97,9 @@ def _interval(run: Run, size: float) -> float:
     """Return a round time between poses, s, in which the robot leaves its place; 0: never."""
     duration = float(run.t[-1] - run.t[0])
     length = float(np.linalg.norm(np.diff(run.base[:, :2], axis=0), axis=1).sum())
-    count = min(POSES, length / (CLEAR * size))
+    count = min(MAX_POSES, length / (MIN_POSE_SPACING * size))
     if count < 1.0:
         return 0.0
     least = duration / count
     power = 10.0 ** np.floor(np.log10(least))
-    return float(next(power * step for step in STEPS if power * step >= 0.999 * least))
+    return float(next(power * step for step in ROUND_STEPS if power * step >= 0.999 * least))

@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rpctl.study.scenarios import PAPER, Controller
-from rpctl.study.standings import places
-from rpctl.study.study import Row
-from rpctl.view.plots.style import LIGHT, SMALL, TEXT
+from rpctl.study.benchmark import Row
+from rpctl.study.scenarios import PAPER, LawPair
+from rpctl.study.verdicts import group_rows
+from rpctl.view.plots.style import LIGHT, SMALL_PT, TEXT_PT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LABELS, PANEL = 1.55, 0.92  # widths, inches
-LINE, GAP, HEAD, FOOT = 0.115, 0.16, 0.52, 0.62  # heights, inches
-MILLI = 1e3  # mm of a m
-ROOM = 1.6  # times the extreme errors: where the axis ends
-NARROW = 50.0  # times the least value of an axis: up to there 3 is marked, too
+LABELS_WIDTH_IN, PANEL_WIDTH_IN = 1.55, 0.92  # widths, inches
+LINE_HEIGHT_IN, GAP_IN, HEAD_IN, FOOT_IN = 0.115, 0.16, 0.52, 0.62  # heights, inches
+MM_PER_M = 1e3  # mm of a m
+AXIS_MARGIN_RATIO = 1.6  # times the extreme errors: where the axis ends
+NARROW_SPAN_RATIO = 50.0  # times the least value of an axis: up to there 3 is marked, too
 GREY = "#9aa2ad"
-Colours = dict[Controller, str]  # of the two that matter
-BROKEN: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
+Colours = dict[LawPair, str]  # of the two that matter
+BROKEN_LIMIT_STYLE: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
 
 
-def study_figure(rows: Sequence[Row], title: str, proposed: Controller) -> Figure:
+def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
     """Return the figure: rms errors of base and end effector; one axis a reference.
 
     Args:
@@ -37,18 +37,23 @@ def study_figure(rows: Sequence[Row], title: str, proposed: Controller) -> Figur
     scenarios = list(dict.fromkeys(row.cell.scenario for row in rows))
     references = list(dict.fromkeys(row.cell.reference for row in rows))
     laws = list(dict.fromkeys(row.cell.controller for row in rows))
-    tall = LINE * (len(laws) + 1)
-    width = LABELS + PANEL * len(references) + 0.15
-    height = HEAD + (tall + GAP) * len(scenarios) + FOOT
+    panel_height = LINE_HEIGHT_IN * (len(laws) + 1)
+    width = LABELS_WIDTH_IN + PANEL_WIDTH_IN * len(references) + 0.15
+    height = HEAD_IN + (panel_height + GAP_IN) * len(scenarios) + FOOT_IN
     figure = Figure((width, height))
     figure.set_facecolor(LIGHT.paper)
     colours = {PAPER: LIGHT.tip, proposed: LIGHT.base}
-    groups = dict(places(rows))
+    groups = dict(group_rows(rows))
     spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
     for i, scenario in enumerate(scenarios):
         for j, reference in enumerate(references):
-            bottom = height - HEAD - (i + 1) * tall - i * GAP
-            box = (LABELS + j * PANEL + 0.04, bottom, PANEL - 0.08, tall)
+            bottom = height - HEAD_IN - (i + 1) * panel_height - i * GAP_IN
+            box = (
+                LABELS_WIDTH_IN + j * PANEL_WIDTH_IN + 0.04,
+                bottom,
+                PANEL_WIDTH_IN - 0.08,
+                panel_height,
+            )
             axes = figure.add_axes(
                 (box[0] / width, box[1] / height, box[2] / width, box[3] / height)
             )
@@ -57,18 +62,20 @@ def study_figure(rows: Sequence[Row], title: str, proposed: Controller) -> Figur
                 axes, groups.get((scenario, reference), []), laws, colours, spans[reference], last
             )
             if i == 0:
-                axes.set_title(reference, fontsize=TEXT, fontweight="bold", color=LIGHT.ink, pad=5)
+                axes.set_title(
+                    reference, fontsize=TEXT_PT, fontweight="bold", color=LIGHT.ink, pad=5
+                )
             if j == 0:
                 _names(axes, scenario, laws, colours)
     figure.text(
-        (LABELS + 0.5 * PANEL * len(references)) / width,
+        (LABELS_WIDTH_IN + 0.5 * PANEL_WIDTH_IN * len(references)) / width,
         0.36 / height,
         "rms error, mm (logarithmic)",
         ha="center",
-        fontsize=SMALL,
+        fontsize=SMALL_PT,
         color=LIGHT.ink,
     )
-    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", fontsize=TEXT + 1,
+    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", fontsize=TEXT_PT + 1,
                 fontweight="bold", color=LIGHT.ink)  # fmt: skip
     _legend(figure, height, proposed)
     return figure
@@ -77,19 +84,23 @@ def study_figure(rows: Sequence[Row], title: str, proposed: Controller) -> Figur
 def _span(rows: Sequence[Row]) -> tuple[float, float]:
     """Return the ends of the axis of one reference, mm."""
     errors = [
-        MILLI * error
+        MM_PER_M * error
         for row in rows
         if row.figures is not None
         for error in (row.figures.rms_base, row.figures.rms_end_effector)
         if error
     ]
-    return (min(errors) / ROOM, max(errors) * ROOM) if errors else (1.0, 10.0)
+    return (
+        (min(errors) / AXIS_MARGIN_RATIO, max(errors) * AXIS_MARGIN_RATIO)
+        if errors
+        else (1.0, 10.0)
+    )
 
 
 def _panel(
     axes: Axes,
     rows: Sequence[Row],
-    laws: Sequence[Controller],
+    laws: Sequence[LawPair],
     colours: Colours,
     span: tuple[float, float],
     last: bool,
@@ -102,12 +113,12 @@ def _panel(
     axes.set_ylim(len(laws), -1)
     axes.set_facecolor(LIGHT.paper)
     axes.yaxis.set_major_locator(NullLocator())
-    steps = (1.0, 3.0) if span[1] < NARROW * span[0] else (1.0,)
+    steps = (1.0, 3.0) if span[1] < NARROW_SPAN_RATIO * span[0] else (1.0,)
     axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=4))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(True, axis="x", color=LIGHT.faint, lw=0.5)
     axes.set_axisbelow(True)
-    axes.tick_params(length=0, labelsize=SMALL - 1, colors=LIGHT.ink, pad=2)
+    axes.tick_params(length=0, labelsize=SMALL_PT - 1, colors=LIGHT.ink, pad=2)
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}") if last else NullFormatter())
     for spine in axes.spines.values():
         spine.set(color=LIGHT.faint, linewidth=0.6)
@@ -119,29 +130,29 @@ def _panel(
 def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float]) -> None:
     figures = row.figures
     if figures is None:
-        axes.plot([span[1] / ROOM**0.35], [line], "x", color=GREY, ms=3.6, mew=1.0)
+        axes.plot([span[1] / AXIS_MARGIN_RATIO**0.35], [line], "x", color=GREY, ms=3.6, mew=1.0)
         return
     base, tip = figures.rms_base, figures.rms_end_effector
     if tip:
-        axes.plot([MILLI * base, MILLI * tip], [line, line], color=colour, lw=0.8, zorder=2)
-        axes.plot([MILLI * tip], [line], "o", mfc=LIGHT.paper, mec=colour, mew=0.9, ms=3.4)
-    axes.plot([MILLI * base], [line], "o", color=colour, ms=3.6, zorder=4)
+        axes.plot([MM_PER_M * base, MM_PER_M * tip], [line, line], color=colour, lw=0.8, zorder=2)
+        axes.plot([MM_PER_M * tip], [line], "o", mfc=LIGHT.paper, mec=colour, mew=0.9, ms=3.4)
+    axes.plot([MM_PER_M * base], [line], "o", color=colour, ms=3.6, zorder=4)
     if figures.violations:
-        axes.plot([span[0] * ROOM**0.35], [line], **BROKEN)
+        axes.plot([span[0] * AXIS_MARGIN_RATIO**0.35], [line], **BROKEN_LIMIT_STYLE)
 
 
-def _names(axes: Axes, scenario: str, laws: Sequence[Controller], colours: Colours) -> None:
+def _names(axes: Axes, scenario: str, laws: Sequence[LawPair], colours: Colours) -> None:
     """Write the scenario and the names of its lines left of a panel."""
     for line, law in enumerate(laws):
         axes.annotate(str(law), (0, line), (-4, 0), ("axes fraction", "data"), "offset points",
-                      ha="right", va="center", fontsize=SMALL - 1.2,
+                      ha="right", va="center", fontsize=SMALL_PT - 1.2,
                       color=LIGHT.ink if law in colours else LIGHT.desired)  # fmt: skip
-    axes.annotate(scenario, (0, 1), (-LABELS * 72 + 4, 1), "axes fraction", "offset points",
-                  ha="left", va="bottom", fontsize=TEXT, fontweight="bold",
-                  color=LIGHT.ink)  # fmt: skip
+    left = -LABELS_WIDTH_IN * 72 + 4
+    axes.annotate(scenario, (0, 1), (left, 1), "axes fraction", "offset points", ha="left",
+                  va="bottom", fontsize=TEXT_PT, fontweight="bold", color=LIGHT.ink)  # fmt: skip
 
 
-def _legend(figure: Figure, height: float, proposed: Controller) -> None:
+def _legend(figure: Figure, height: float, proposed: LawPair) -> None:
     from matplotlib.lines import Line2D
 
     ring = {"marker": "o", "mfc": LIGHT.paper, "color": LIGHT.ink, "ms": 3.4, "ls": ""}
@@ -152,9 +163,9 @@ def _legend(figure: Figure, height: float, proposed: Controller) -> None:
         "base": {"marker": "o", "color": LIGHT.ink, "ms": 3.6, "ls": ""},
         "end effector": ring,
         "did not run": {"marker": "x", "color": GREY, "ms": 3.6, "ls": ""},
-        "broke a limit": BROKEN,
+        "broke a limit": BROKEN_LIMIT_STYLE,
     }
     handles = [Line2D([], [], label=label, lw=0.8, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.04 / height),
-                  ncols=len(handles), fontsize=SMALL, labelcolor=LIGHT.ink, frameon=False,
+                  ncols=len(handles), fontsize=SMALL_PT, labelcolor=LIGHT.ink, frameon=False,
                   handlelength=1.6, columnspacing=1.4)  # fmt: skip

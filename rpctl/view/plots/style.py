@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TEXT, SMALL = 7.5, 6.5  # pt
-CROWD = 8  # more lines than this are drawn thinner
-DESIRED: dict[str, Any] = {"lw": 0.8, "ls": (0, (3, 3)), "zorder": 3}
-LIMIT: dict[str, Any] = {"lw": 0.8, "ls": (0, (6, 3))}
+TEXT_PT, SMALL_PT = 7.5, 6.5  # pt
+MAX_WIDE_LINES = 8  # more lines than this are drawn thinner
+DESIRED_STYLE: dict[str, Any] = {"lw": 0.8, "ls": (0, (3, 3)), "zorder": 3}
+LIMIT_STYLE: dict[str, Any] = {"lw": 0.8, "ls": (0, (6, 3))}
 MAX_POINTS = 12_000  # of one line: more cannot be told apart on paper
-STYLES = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+DASH_STYLES = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
 @dataclass(frozen=True)
@@ -59,40 +59,40 @@ def thin(values: Array) -> Array:
 def names(run: Run, theme: Theme) -> list[tuple[str, dict[str, Any]]]:
     """Return the actuators and joints of the common legend, each with its look."""
     names = dict.fromkeys((*run.actuators, *run.joint_names))
-    return [(short(name), look(run, name, theme)) for name in names]
+    return [(short_name(name), joint_style(run, name, theme)) for name in names]
 
 
-def short(name: str) -> str:
+def short_name(name: str) -> str:
     """Return a joint's name for a legend, where a dollar would start a formula."""
     return name.removesuffix("_joint").replace("$", r"\$")
 
 
-def look(run: Run, name: str, theme: Theme) -> dict[str, Any]:
+def joint_style(run: Run, name: str, theme: Theme) -> dict[str, Any]:
     """Return how a joint is drawn, the same in every panel: seven colours in four dashes."""
     names = list(dict.fromkeys((*run.actuators, *run.joint_names)))
     turn, colour = divmod(names.index(name), len(theme.cycle))
-    width = 1.0 if len(names) <= CROWD else 0.8
-    return {"color": theme.cycle[colour], "ls": STYLES[turn % len(STYLES)], "lw": width}
+    width = 1.0 if len(names) <= MAX_WIDE_LINES else 0.8
+    return {"color": theme.cycle[colour], "ls": DASH_STYLES[turn % len(DASH_STYLES)], "lw": width}
 
 
-def dress(axes: Axes, title: str, theme: Theme) -> None:
+def style_axes(axes: Axes, title: str, theme: Theme) -> None:
     """Give a panel its title, grid, ticks and colours."""
     from matplotlib.ticker import MaxNLocator
 
     axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
-    axes.set_title(title, loc="left", fontsize=TEXT, fontweight="bold", color=theme.ink, pad=4)
+    axes.set_title(title, loc="left", fontsize=TEXT_PT, fontweight="bold", color=theme.ink, pad=4)
     axes.set_facecolor(theme.paper)
-    axes.tick_params(labelsize=SMALL, colors=theme.ink, color=theme.faint, length=2.5, pad=2)
+    axes.tick_params(labelsize=SMALL_PT, colors=theme.ink, color=theme.faint, length=2.5, pad=2)
     axes.grid(True, which="major", color=theme.faint, lw=0.5)
     axes.set_axisbelow(True)
     axes.margins(x=0.01)
     for label in (axes.xaxis.label, axes.yaxis.label):
-        label.set(fontsize=SMALL, color=theme.ink)
+        label.set(fontsize=SMALL_PT, color=theme.ink)
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), color=theme.faint, linewidth=0.8)
 
 
-def explain(axes: Axes, theme: Theme, below: bool = False) -> None:
+def add_legend(axes: Axes, theme: Theme, below: bool = False) -> None:
     """Add the legend of a panel whose lines have names of their own, in it or below it."""
     axes.minorticks_off()
     entries = len(axes.get_legend_handles_labels()[0])
@@ -107,7 +107,7 @@ def explain(axes: Axes, theme: Theme, below: bool = False) -> None:
         }
     legend = axes.legend(
         **place,
-        fontsize=SMALL - 0.5,
+        fontsize=SMALL_PT - 0.5,
         labelcolor=theme.ink,
         facecolor=theme.paper,
         edgecolor="none",
@@ -125,13 +125,13 @@ def joint_legend(
     """Add the names of wheels and joints below the panels, which all share their looks."""
     from matplotlib.lines import Line2D
 
-    handles = [Line2D([], [], label=name, **look) for name, look in names]
+    handles = [Line2D([], [], label=name, **joint_style) for name, joint_style in names]
     if handles:
         figure.legend(
             handles=handles,
             loc="outside lower center",
             ncols=min(columns, len(handles)),
-            fontsize=SMALL - 0.5,
+            fontsize=SMALL_PT - 0.5,
             labelcolor=theme.ink,
             frameon=False,
             handlelength=2.4,

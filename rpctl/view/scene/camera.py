@@ -9,8 +9,8 @@ import numpy as np
 from rpctl.arrays import Array
 
 FIELD_OF_VIEW = 30.0  # degrees, top to bottom: long enough a lens that robots keep their shape
-MARGIN = 0.9  # of the picture that the motion may fill
-DIRECTIONS = ((0.45, -1.0, 0.62), (1.0, 0.45, 0.62), (-0.45, -1.0, 0.62), (1.0, -0.45, 0.62))
+FILLED_RATIO = 0.9  # of the picture that the motion may fill
+VIEW_DIRECTIONS = ((0.45, -1.0, 0.62), (1.0, 0.45, 0.62), (-0.45, -1.0, 0.62), (1.0, -0.45, 0.62))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +28,14 @@ class Camera:
     depth: float
 
 
-def frame(points: Array, aspect: float) -> Camera:
+def fit_camera(points: Array, aspect: float) -> Camera:
     """Return the camera that sees all points from as near as it can.
 
     Args:
         points: What has to be in the picture (n, 3), m.
         aspect: Width of the picture over its height.
     """
-    cameras = [_fit(points, aspect, np.array(direction)) for direction in DIRECTIONS]
+    cameras = [_fit(points, aspect, np.array(direction)) for direction in VIEW_DIRECTIONS]
     return min(cameras, key=lambda camera: camera.depth)
 
 
@@ -56,9 +56,9 @@ def _fit(points: Array, aspect: float, direction: Array) -> Camera:
     """
     axes = view_axes(direction)
     seen = points @ axes.T  # (n, 3)
-    slope = MARGIN * np.tan(np.radians(0.5 * FIELD_OF_VIEW))
+    tangent = FILLED_RATIO * np.tan(np.radians(0.5 * FIELD_OF_VIEW))
     away, middle = [], []
-    for along, s in ((seen[:, 0], slope * aspect), (seen[:, 1], slope)):
+    for along, s in ((seen[:, 0], tangent * aspect), (seen[:, 1], tangent)):
         high, low = (along + s * seen[:, 2]).max(), (along - s * seen[:, 2]).min()
         away.append((high - low) / (2.0 * s))
         middle.append(0.5 * (high + low))

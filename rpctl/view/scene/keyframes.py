@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 
-POSITION = 5e-4  # m; a third of a pixel where a robot of 1.5 m fills the picture
-TURN = 2e-3  # rad; moves what is 0.3 m away from the axis by as much
-FARTHEST = 2.0  # rad from one frame to the next
+POSITION_TOLERANCE_M = 5e-4  # m; a third of a pixel where a robot of 1.5 m fills the picture
+ROTATION_TOLERANCE_RAD = 2e-3  # rad; moves what is 0.3 m away from the axis by as much
+MAX_STEP_RAD = 2.0  # rad from one frame to the next
 
 Deviation = Callable[[int, int], Array]
 
 
-def of_positions(times: Array, values: Array) -> NDArray[np.int64]:
-    """Return the frames from which straight lines give all positions (n, 3) to ``POSITION``.
+def position_keyframes(times: Array, values: Array) -> NDArray[np.int64]:
+    """Return the frames from which straight lines give positions (n, 3) to a tolerance.
 
     Args:
         times: Times of the frames (n,), s.
@@ -25,15 +25,15 @@ def of_positions(times: Array, values: Array) -> NDArray[np.int64]:
     """
 
     def deviation(first: int, last: int) -> Array:
-        share = _shares(times, first, last)[:, None]
-        line = (1.0 - share) * values[first] + share * values[last]
+        fraction = _fractions(times, first, last)[:, None]
+        line = (1.0 - fraction) * values[first] + fraction * values[last]
         return np.asarray(np.linalg.norm(values[first : last + 1] - line, axis=1))
 
-    return _keep(len(times), deviation, POSITION)
+    return _keep(len(times), deviation, POSITION_TOLERANCE_M)
 
 
-def of_turns(times: Array, values: Array) -> NDArray[np.int64]:
-    """Return the frames from which great arcs give all unit quaternions (n, 4) to ``TURN``.
+def rotation_keyframes(times: Array, values: Array) -> NDArray[np.int64]:
+    """Return the frames from which great arcs give unit quaternions (n, 4) to a tolerance.
 
     Args:
         times: Times of the frames (n,), s.
@@ -41,25 +41,27 @@ def of_turns(times: Array, values: Array) -> NDArray[np.int64]:
     """
 
     def deviation(first: int, last: int) -> Array:
-        share = _shares(times, first, last)[:, None]
+        fraction = _fractions(times, first, last)[:, None]
         start, end = values[first], values[last]
         cosine = start @ end
         if cosine < 0.0:  # the same turn, by the nearer of its two quaternions
             cosine, end = -cosine, -end
         half = np.arccos(min(cosine, 1.0))
-        if half > FARTHEST / 2.0:  # towards half a turn, rounding would choose the way
-            return np.pi * np.minimum(share, 1.0 - share)[:, 0]
+        if half > MAX_STEP_RAD / 2.0:  # towards half a turn, rounding would choose the way
+            return np.pi * np.minimum(fraction, 1.0 - fraction)[:, 0]
         if half < 1e-9:
-            arc = np.broadcast_to(start, (len(share), 4))
+            arc = np.broadcast_to(start, (len(fraction), 4))
         else:
-            arc = (np.sin((1.0 - share) * half) * start + np.sin(share * half) * end) / np.sin(half)
+            arc = (
+                np.sin((1.0 - fraction) * half) * start + np.sin(fraction * half) * end
+            ) / np.sin(half)
         nearness = np.abs(np.einsum("ij,ij->i", values[first : last + 1], arc))
         return np.asarray(2.0 * np.arccos(np.minimum(nearness, 1.0)))
 
-    return _keep(len(times), deviation, TURN)
+    return _keep(len(times), deviation, ROTATION_TOLERANCE_RAD)
 
 
-def _shares(times: Array, first: int, last: int) -> Array:
+def _fractions(times: Array, first: int, last: int) -> Array:
     return np.asarray((times[first : last + 1] - times[first]) / (times[last] - times[first]))
 
 

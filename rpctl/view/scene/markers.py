@@ -14,14 +14,16 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.rolling import contact_point
 from rpctl.robot.model import Robot
-from rpctl.view.scene import marker_shapes, wire
+from rpctl.view.scene import marker_shapes, threejs
 from rpctl.view.scene.skeleton import ROOT
 
-STEEL = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
-LEAST_BALL = 0.004  # m; radius below which nobody would see it
-FRAME_SHARE = 0.05  # length of a frame's axes, of the size of the robot
-FIRST = 1e9  # rank of the names of contacts; masses rank by their kg, frames last
-ACROSS = math.radians(1.0)  # a direction nearer to rolling than this is the rolling direction
+STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
+MIN_BALL_RADIUS_M = 0.004  # m; radius below which nobody would see it
+FRAME_AXIS_RATIO = 0.05  # length of a frame's axes, of the size of the robot
+CONTACT_RANK = 1e9  # rank of the names of contacts; masses rank by their kg, frames last
+ROLLING_TOLERANCE_RAD = math.radians(
+    1.0
+)  # a direction nearer to rolling than this is the rolling direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +31,7 @@ class Markers:
     """Markers, and the joints that they hang on.
 
     Attributes:
-        hung: Nodes by the index of the joint; the names of all begin with their layer.
+        joint_nodes: Nodes by the index of the joint; the names of all begin with their layer.
         labels: ``node``, ``layer``, ``text`` and ``rank`` of each.
         masses: ``node`` and ``mass`` (kg) of each link that has one.
         wheels: ``node`` of the contact, ``joint`` (name), ``radius``, ``axle`` (3,) and ``along``
@@ -38,12 +40,12 @@ class Markers:
         materials: Their paint.
     """
 
-    hung: dict[int, list[wire.Json]]
+    joint_nodes: dict[int, list[threejs.Json]]
     labels: list[dict[str, Any]]
     masses: list[dict[str, Any]]
     wheels: list[dict[str, Any]]
-    geometries: list[wire.Json]
-    materials: list[wire.Json]
+    geometries: list[threejs.Json]
+    materials: list[threejs.Json]
 
 
 def build_markers(robot: Robot, size: float) -> Markers:
@@ -53,37 +55,39 @@ def build_markers(robot: Robot, size: float) -> Markers:
         robot: The robot.
         size: Its size, m; frames and arrows are in proportion.
     """
-    hung: dict[int, list[wire.Json]] = {j: [] for j in range(ROOT, robot.model.njoints)}
-    markers = Markers(hung, [], [], [], marker_shapes.geometries(), marker_shapes.materials())
+    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in range(ROOT, robot.model.njoints)}
+    markers = Markers(
+        joint_nodes, [], [], [], marker_shapes.geometries(), marker_shapes.materials()
+    )
     for index, link in enumerate(robot.description.links):
         frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
         pose = frame.placement.homogeneous
-        axes = _mesh("axes", "axes", _scaled(FRAME_SHARE * size))
-        _hang(markers, frame.parentJoint, f"frame-{index}", pose, [axes])
+        axes = _mesh("axes", "axes", _scaled(FRAME_AXIS_RATIO * size))
+        _attach(markers, frame.parentJoint, f"frame-{index}", pose, [axes])
         markers.labels.append(_label(f"frame-{index}", link.name, 0.0))
         if link.mass:
-            centre = pose @ _at(link.com)
-            ball = _mesh("ball", "mass", _scaled(max(_ball(link.mass), LEAST_BALL)))
-            _hang(markers, frame.parentJoint, f"mass-{index}", centre, [ball])
+            centre = pose @ _translated(link.com)
+            ball = _mesh("ball", "mass", _scaled(max(_ball_radius(link.mass), MIN_BALL_RADIUS_M)))
+            _attach(markers, frame.parentJoint, f"mass-{index}", centre, [ball])
             markers.labels.append(_label(f"mass-{index}", f"{link.mass:.3g} kg", link.mass))
             markers.masses.append({"node": f"mass-{index}", "mass": link.mass})
     for index, wheel in enumerate(robot.drive.wheels):
-        _hang_wheel(robot, markers, index, wheel)
+        _attach_wheel(robot, markers, index, wheel)
     if robot.drive.wheels:
-        _hang_point(robot, markers, size)
+        _attach_point(robot, markers, size)
     markers.labels.append(_label("mass-all", f"{robot.mass:.4g} kg in all", robot.mass))
     return markers
 
 
-def whole_mass(mass: float) -> wire.Json:
+def total_mass_marker(mass: float) -> threejs.Json:
     """Return the marker of a whole robot's mass (kg): a ball, and a disc on the ground below it."""
-    radius = _ball(mass)
+    radius = _ball_radius(mass)
     shapes = [_mesh("ball", "whole", _scaled(radius)), _mesh("disc", "whole", _scaled(radius))]
-    shapes[1] = wire.node("Group", "mass-foot", children=[shapes[1]])
-    return wire.node("Group", "mass-all", children=shapes)
+    shapes[1] = threejs.node("Group", "mass-foot", children=[shapes[1]])
+    return threejs.node("Group", "mass-all", children=shapes)
 
 
-def _hang_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> None:
+def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> None:
     """Hang a wheel's contact on what carries the wheel: it does not turn with it."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.configuration())
@@ -97,15 +101,15 @@ def _hang_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> Non
     if carrier == ROOT:  # the direction is told in the root link's frame
         along = contact[:2, :2].T @ wheel.direction
         turn = math.atan2(along[1], along[0])
-        if abs(math.sin(turn)) > math.sin(ACROSS):
-            bar = _turned(turn) @ _scaled(1.1 * wheel.radius)
+        if abs(math.sin(turn)) > math.sin(ROLLING_TOLERANCE_RAD):
+            bar = _rotated(turn) @ _scaled(1.1 * wheel.radius)
             shapes.append(_mesh("bar", "roller", bar))
     name = f"contact-{index}"
-    _hang(markers, carrier, name, data.oMi[carrier].inverse().homogeneous @ contact, shapes)
-    markers.labels.append(_label(name, wheel.joint, FIRST))
-    told = {"node": name, "joint": wheel.joint, "radius": wheel.radius}
-    told |= {"axle": (contact[:3, :3].T @ axle).tolist(), "along": along.tolist()}
-    markers.wheels.append(told)
+    _attach(markers, carrier, name, data.oMi[carrier].inverse().homogeneous @ contact, shapes)
+    markers.labels.append(_label(name, wheel.joint, CONTACT_RANK))
+    entry = {"node": name, "joint": wheel.joint, "radius": wheel.radius}
+    entry |= {"axle": (contact[:3, :3].T @ axle).tolist(), "along": along.tolist()}
+    markers.wheels.append(entry)
 
 
 def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
@@ -125,24 +129,24 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
     return contact, axle
 
 
-def _hang_point(robot: Robot, markers: Markers, size: float) -> None:
+def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
     """Hang P with the robot's forward direction on the root link."""
     drive = robot.drive
-    pose = _turned(drive.heading)
+    pose = _rotated(drive.heading)
     pose[:3, 3] = *drive.point, drive.ground
     shapes = [
         _mesh("disc", "point", _scaled(0.012 * size)),
         _mesh("arrow", "point", _scaled(0.16 * size)),
     ]
-    _hang(markers, ROOT, "contact-P", pose, shapes)
-    markers.labels.append(_label("contact-P", "P", FIRST))
+    _attach(markers, ROOT, "contact-P", pose, shapes)
+    markers.labels.append(_label("contact-P", "P", CONTACT_RANK))
 
 
-def _hang(
-    markers: Markers, joint: int, name: str, pose: Array, shapes: Sequence[wire.Json]
+def _attach(
+    markers: Markers, joint: int, name: str, pose: Array, shapes: Sequence[threejs.Json]
 ) -> None:
-    group = wire.node("Group", name, children=list(shapes), **wire.fixed(pose))
-    markers.hung[joint].append(group)
+    group = threejs.node("Group", name, children=list(shapes), **threejs.fixed_matrix(pose))
+    markers.joint_nodes[joint].append(group)
 
 
 def _label(name: str, text: str, rank: float) -> dict[str, Any]:
@@ -150,19 +154,19 @@ def _label(name: str, text: str, rank: float) -> dict[str, Any]:
     return {"node": name, "layer": name.partition("-")[0], "text": text, "rank": rank}
 
 
-def _mesh(shape: str, paint: str, pose: Array) -> wire.Json:
+def _mesh(shape: str, paint: str, pose: Array) -> threejs.Json:
     """Return a marker that is seen through the robot; P and contacts lie below the others."""
     order = 10 + ("contact", "roller", "point", "whole", "mass", "axes").index(paint)
     entries = {"geometry": f"marker-{shape}", "material": f"marker-{paint}", "renderOrder": order}
-    return wire.node("Mesh", f"{paint}-{shape}", **entries, **wire.fixed(pose))
+    return threejs.node("Mesh", f"{paint}-{shape}", **entries, **threejs.fixed_matrix(pose))
 
 
-def _ball(mass: float) -> float:
+def _ball_radius(mass: float) -> float:
     """Return the radius (m) of a ball of steel of a mass (kg)."""
-    return float((3.0 * mass / (4.0 * math.pi * STEEL)) ** (1.0 / 3.0))
+    return float((3.0 * mass / (4.0 * math.pi * STEEL_DENSITY)) ** (1.0 / 3.0))
 
 
-def _at(place: Array) -> Array:
+def _translated(place: Array) -> Array:
     pose = np.eye(4)
     pose[:3, 3] = place
     return pose
@@ -172,7 +176,7 @@ def _scaled(factor: float) -> Array:
     return np.diag([factor, factor, factor, 1.0])
 
 
-def _turned(angle: float) -> Array:
+def _rotated(angle: float) -> Array:
     """Return a turn (4, 4) about z."""
     pose = np.eye(4)
     cos, sin = math.cos(angle), math.sin(angle)

@@ -8,22 +8,27 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.view.scene import stage, trails, wire
-from rpctl.view.scene.obstacles import BASE, TIP, Obstacle, near, rim, rims
+from rpctl.view.scene import surroundings, threejs, trails
+from rpctl.view.scene.obstacles import BASE, TIP, DrawnObstacle, near, rim, rims
 
-PATH = "/rpctl/obstacles"
-COLOURS = {BASE: 0xB0325F, TIP: 0x9A6A00}
-HEIGHTS = {BASE: 0.5, TIP: 1.05}  # of the robot: how high columns are, which have no end
-WALL = 0.5  # of a column's height
-EDGE, FLOOR, FOOT, TOP = 0.95, 0.16, 0.36, 0.06  # opacity: edges, floor, sides below and above
-STRIP = 0.22  # of the ground's radius: how far the floor beyond a wall is tinted
-PIECES = 64  # of a wall's length
-FADE = 0.7  # exponent: how softly a wall ends where the ground does
+OBSTACLES_PATH = "/rpctl/obstacles"
+OBSTACLE_COLOURS = {BASE: 0xB0325F, TIP: 0x9A6A00}
+HEIGHT_RATIOS = {BASE: 0.5, TIP: 1.05}  # of the robot: how high columns are, which have no end
+WALL_HEIGHT_RATIO = 0.5  # of a column's height
+EDGE_OPACITY, FLOOR_OPACITY, FOOT_OPACITY, TOP_OPACITY = (
+    0.95,
+    0.16,
+    0.36,
+    0.06,
+)  # opacity: edges, floor, sides below and above
+TINT_RATIO = 0.22  # of the ground's radius: how far the floor beyond a wall is tinted
+WALL_PIECES = 64  # of a wall's length
+FADE_EXPONENT = 0.7  # exponent: how softly a wall ends where the ground does
 
-Part = tuple[trails.Mesh, Array]  # a mesh, and the opacity of its vertices
+FadedMesh = tuple[trails.Mesh, Array]  # a mesh, and the opacity of its vertices
 
 
-def corners(obstacles: Sequence[Obstacle], cloud: Array, ground: float, size: float) -> Array:
+def corners(obstacles: Sequence[DrawnObstacle], cloud: Array, ground: float, size: float) -> Array:
     """Return points (n, 3) of the discs near a motion, m: what a camera has to show as well.
 
     Args:
@@ -36,13 +41,13 @@ def corners(obstacles: Sequence[Obstacle], cloud: Array, ground: float, size: fl
     found = [np.empty((0, 3))]
     for obstacle in obstacles:
         edge = near(rims([obstacle]), lower, upper)
-        top = ground + HEIGHTS[obstacle.body] * size
+        top = ground + HEIGHT_RATIOS[obstacle.body] * size
         found += [_level(edge, ground), _level(edge, top)]
     return np.concatenate(found)
 
 
 def commands(
-    obstacles: Sequence[Obstacle], lower: Array, upper: Array, ground: float, size: float
+    obstacles: Sequence[DrawnObstacle], lower: Array, upper: Array, ground: float, size: float
 ) -> list[bytes]:
     """Return the command that draws obstacles, one mesh for each body; none where nothing is drawn.
 
@@ -53,30 +58,30 @@ def commands(
         ground: Height of the ground, m.
         size: Height of the robot, m.
     """
-    width = stage.trail_width(lower, upper)
-    place = stage.ground_disc(lower, upper)
+    width = surroundings.trail_width(lower, upper)
+    place = surroundings.ground_disc(lower, upper)
     geometries, materials, nodes = [], [], []
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
         shapes = [obstacle.shape for obstacle in obstacles if obstacle.body == body]
-        height, dashed = HEIGHTS[body] * size, body == TIP
-        parts: list[Part] = []
+        height, dashed = HEIGHT_RATIOS[body] * size, body == TIP
+        parts: list[FadedMesh] = []
         for shape in shapes:
             if isinstance(shape, Disc):
                 parts += column(shape, height, width, dashed)
             else:
-                parts += wall(shape, *place, WALL * height, width, dashed)
+                parts += wall(shape, *place, WALL_HEIGHT_RATIO * height, width, dashed)
         mesh = trails.join([part for part, _ in parts])
         if mesh is None:
             continue
         name, opacity = f"obstacles-{body}", np.concatenate([alpha for _, alpha in parts])
         geometries.append(_geometry(name, mesh, opacity, ground + 0.2 * width))
-        materials.append(_material(name, COLOURS[body]))
-        nodes.append(wire.node("Mesh", name, geometry=name, material=name, renderOrder=3))
-    root = wire.node("Group", "obstacles", children=nodes)
-    return [wire.set_object(PATH, root, geometries, materials)] if nodes else []
+        materials.append(_material(name, OBSTACLE_COLOURS[body]))
+        nodes.append(threejs.node("Mesh", name, geometry=name, material=name, renderOrder=3))
+    root = threejs.node("Group", "obstacles", children=nodes)
+    return [threejs.set_object(OBSTACLES_PATH, root, geometries, materials)] if nodes else []
 
 
-def column(disc: Disc, height: float, width: float, dashed: bool) -> list[Part]:
+def column(disc: Disc, height: float, width: float, dashed: bool) -> list[FadedMesh]:
     """Return the sides, floor and edge of a disc on a ground at height 0."""
     edge = _level(rim(disc), 0.0)
     count = len(edge) - 1
@@ -84,7 +89,7 @@ def column(disc: Disc, height: float, width: float, dashed: bool) -> list[Part]:
     fan = np.column_stack([np.full(count, count + 1), np.arange(count), np.arange(1, count + 1)])
     floor = np.concatenate([edge, centre]), fan
     return [
-        (floor, np.full(count + 2, FLOOR)),
+        (floor, np.full(count + 2, FLOOR_OPACITY)),
         *_edges(edge, width, dashed),
         _sides(edge, height, np.ones(len(edge))),
     ]
@@ -92,7 +97,7 @@ def column(disc: Disc, height: float, width: float, dashed: bool) -> list[Part]:
 
 def wall(
     plane: HalfPlane, centre: Array, radius: float, height: float, width: float, dashed: bool
-) -> list[Part]:
+) -> list[FadedMesh]:
     """Return the side, edge and floor beyond of a half-plane, as far as the ground goes.
 
     Args:
@@ -112,13 +117,13 @@ def wall(
 
     def fade(points: Array) -> Array:
         away = np.hypot(*(points[:, :2] - centre).T) / radius
-        return np.asarray(np.clip(1.0 - away, 0.0, 1.0) ** FADE)
+        return np.asarray(np.clip(1.0 - away, 0.0, 1.0) ** FADE_EXPONENT)
 
-    stops = np.linspace(0.0, 1.0, PIECES + 1)[:, None]
+    stops = np.linspace(0.0, 1.0, WALL_PIECES + 1)[:, None]
     edge = _level(line[0] + stops * (line[1] - line[0]), 0.0)
-    beyond = edge - STRIP * radius * np.array([*plane.normal, 0.0])
+    beyond = edge - TINT_RATIO * radius * np.array([*plane.normal, 0.0])
     floor = np.stack([edge, beyond], 1).reshape(-1, 3), trails.strip(len(edge), 2)
-    shade = np.column_stack([1.5 * FLOOR * fade(edge), np.zeros(len(edge))]).reshape(-1)
+    shade = np.column_stack([1.5 * FLOOR_OPACITY * fade(edge), np.zeros(len(edge))]).reshape(-1)
     edges = [(mesh, alpha * fade(mesh[0])) for mesh, alpha in _edges(edge, width, dashed)]
     return [(floor, shade), *edges, _sides(edge, height, fade(edge))]
 
@@ -133,39 +138,39 @@ def clip(plane: HalfPlane, centre: Array, radius: float) -> Array | None:
     return np.stack([foot - along, foot + along])
 
 
-def _edges(path: Array, width: float, dashed: bool) -> list[Part]:
+def _edges(path: Array, width: float, dashed: bool) -> list[FadedMesh]:
     """Return the band along an edge on the floor."""
     pieces = trails.dashes(path, 0.8 * width) if dashed else [path]
     mesh = trails.join([trails.ribbon(piece, width) for piece in pieces])
-    return [] if mesh is None else [(mesh, np.full(len(mesh[0]), EDGE))]
+    return [] if mesh is None else [(mesh, np.full(len(mesh[0]), EDGE_OPACITY))]
 
 
-def _sides(edge: Array, height: float, opacity: Array) -> Part:
+def _sides(edge: Array, height: float, opacity: Array) -> FadedMesh:
     """Return what stands on an edge (n, 3); its opacity (n,) falls towards its top."""
     top = edge + np.array([0.0, 0.0, height])
     mesh = np.stack([edge, top], 1).reshape(-1, 3), trails.strip(len(edge), 2)
-    return mesh, np.column_stack([FOOT * opacity, TOP * opacity]).reshape(-1)
+    return mesh, np.column_stack([FOOT_OPACITY * opacity, TOP_OPACITY * opacity]).reshape(-1)
 
 
 def _level(points: Array, height: float) -> Array:
     return np.column_stack([points, np.full(len(points), height)])
 
 
-def _geometry(name: str, mesh: trails.Mesh, opacity: Array, height: float) -> wire.Json:
+def _geometry(name: str, mesh: trails.Mesh, opacity: Array, height: float) -> threejs.Json:
     """Return a mesh, raised by a height (m), white so that its material colours it."""
     vertices, faces = mesh[0] + np.array([0.0, 0.0, height]), mesh[1]
     paint = np.column_stack([np.full((len(opacity), 3), 255.0), 255.0 * opacity])
-    return wire.geometry(
+    return threejs.geometry(
         name,
         {
-            "position": wire.attribute(vertices.astype(np.float32)),
-            "color": wire.attribute(np.rint(paint).astype(np.uint8), normalized=True),
+            "position": threejs.attribute(vertices.astype(np.float32)),
+            "color": threejs.attribute(np.rint(paint).astype(np.uint8), normalized=True),
         },
         faces,
     )
 
 
-def _material(name: str, colour: int) -> wire.Json:
+def _material(name: str, colour: int) -> threejs.Json:
     """Return a material that pages tint anew; it fills no depth, so it hides nothing."""
     look = {"vertexColors": 2, "transparent": True, "depthWrite": False, "side": 2}
     return {"uuid": name, "type": "MeshBasicMaterial", "color": colour, **look}

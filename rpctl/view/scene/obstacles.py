@@ -15,18 +15,20 @@ from rpctl.control.obstacles import OBSTACLES, Disc, HalfPlane
 from rpctl.simulation.run import Run
 
 BASE, TIP = "base", "tip"  # whom an obstacle is for: the end effector's paths are called so, too
-LISTS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
-RADII = {BASE: "base_radius", TIP: "end_effector_radius"}
-TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
-SHAPES = {kind.__name__: kind for kind in OBSTACLES.values()}  # as a run's settings name them
-RIM = 96  # points of a disc's edge
-REACH = 0.5  # of the diagonal of a motion: obstacles farther from it are not framed
-LEAST = 0.5  # m: how far they are framed however small the motion is
-NOTHING = 1e-9  # of a normal: a component that a reader need not see
+OBSTACLE_SETTINGS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
+RADIUS_SETTINGS = {BASE: "base_radius", TIP: "end_effector_radius"}
+OBSTACLE_TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
+SHAPE_CLASSES = {
+    kind.__name__: kind for kind in OBSTACLES.values()
+}  # as a run's settings name them
+RIM_POINTS = 96  # points of a disc's edge
+NEAR_RATIO = 0.5  # of the diagonal of a motion: obstacles farther from it are not framed
+NEAR_MIN_M = 0.5  # m: how far they are framed however small the motion is
+NEGLIGIBLE = 1e-9  # of a normal: a component that a reader need not see
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class DrawnObstacle:
     """A part of the floor that a body keeps clear of; equal where the same shape is for the same.
 
     Attributes:
@@ -40,14 +42,16 @@ class Obstacle:
     radius: float = field(compare=False)
 
 
-def run_obstacles(run: Run) -> tuple[Obstacle, ...]:
+def run_obstacles(run: Run) -> tuple[DrawnObstacle, ...]:
     """Return the obstacles of a run, each once."""
     points = np.array(run.contact_points).reshape(-1, 2) - run.drive["point"]
     farthest = float(np.hypot(*points.T).max(initial=0.0))  # the base's radius, if none is set
     return find_obstacles(run.settings, farthest)
 
 
-def find_obstacles(settings: Mapping[str, Any], base_radius: float = 0.0) -> tuple[Obstacle, ...]:
+def find_obstacles(
+    settings: Mapping[str, Any], base_radius: float = 0.0
+) -> tuple[DrawnObstacle, ...]:
     """Return the obstacles that settings hold at any depth, each once.
 
     Args:
@@ -61,28 +65,28 @@ def find_obstacles(settings: Mapping[str, Any], base_radius: float = 0.0) -> tup
     for body, table, law in _tables(settings):
         shape = _shape(table)
         if shape is not None:
-            radius = law.get(RADII[body])
-            found.append(Obstacle(body, shape, base_radius if radius is None else radius))
+            radius = law.get(RADIUS_SETTINGS[body])
+            found.append(DrawnObstacle(body, shape, base_radius if radius is None else radius))
     return tuple(dict.fromkeys(found))
 
 
-def tell_obstacles(settings: Mapping[str, Any]) -> dict[str, str]:
+def obstacle_texts(settings: Mapping[str, Any]) -> dict[str, str]:
     """Return the obstacles that settings hold as texts, by whom they are for."""
-    told: dict[str, list[str]] = {}
+    texts_of: dict[str, list[str]] = {}
     for body, table, _ in _tables(settings):
         shape = _shape(table)
-        told.setdefault(TITLES[body], []).append(
-            str(table.get("law")) if shape is None else tell(shape)
+        texts_of.setdefault(OBSTACLE_TITLES[body], []).append(
+            str(table.get("law")) if shape is None else shape_text(shape)
         )
-    return {label: "; ".join(dict.fromkeys(texts)) for label, texts in told.items()}
+    return {label: "; ".join(dict.fromkeys(texts)) for label, texts in texts_of.items()}
 
 
-def tell(shape: Disc | HalfPlane) -> str:
+def shape_text(shape: Disc | HalfPlane) -> str:
     """Return a shape in words."""
     if isinstance(shape, Disc):
         place = f"({_number(shape.x)}, {_number(shape.y)})"
         return f"disc at {place} m, radius {_number(shape.radius)} m"
-    parts = [(n, name) for n, name in zip(shape.normal, "xy", strict=True) if abs(n) > NOTHING]
+    parts = [(n, name) for n, name in zip(shape.normal, "xy", strict=True) if abs(n) > NEGLIGIBLE]
     if len(parts) == 1:
         ((sign, name),) = parts
         side = "≥" if sign > 0.0 else "≤"
@@ -94,11 +98,11 @@ def tell(shape: Disc | HalfPlane) -> str:
 
 def rim(disc: Disc) -> Array:
     """Return the edge of a disc (RIM + 1, 2), closed, m."""
-    turns = np.linspace(0.0, 2.0 * math.pi, RIM + 1)
+    turns = np.linspace(0.0, 2.0 * math.pi, RIM_POINTS + 1)
     return disc.radius * np.column_stack([np.cos(turns), np.sin(turns)]) + (disc.x, disc.y)
 
 
-def rims(obstacles: Iterable[Obstacle]) -> Array:
+def rims(obstacles: Iterable[DrawnObstacle]) -> Array:
     """Return the edges (n, 2) of all discs, m."""
     edges = [rim(o.shape) for o in obstacles if isinstance(o.shape, Disc)]
     return np.concatenate([np.empty((0, 2)), *edges])
@@ -113,25 +117,29 @@ def near(points: Array, lower: Array, upper: Array) -> Array:
         upper: Its largest coordinates, m.
     """
     low, high = lower[:2], upper[:2]
-    reach = max(REACH * float(np.hypot(*(high - low))), LEAST)
+    reach = max(NEAR_RATIO * float(np.hypot(*(high - low))), NEAR_MIN_M)
     return points[((points > low - reach) & (points < high + reach)).all(axis=1)]
 
 
-Tables = Iterator[tuple[str, Mapping[str, Any], Mapping[str, Any]]]
+ObstacleTables = Iterator[tuple[str, Mapping[str, Any], Mapping[str, Any]]]
 
 
-def _tables(settings: Mapping[str, Any]) -> Tables:
+def _tables(settings: Mapping[str, Any]) -> ObstacleTables:
     """Yield for each obstacle whom it is for, its table, and that of the law that has it."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
             yield from _tables(value)
-        elif key in LISTS and isinstance(value, list):
-            yield from ((LISTS[key], each, settings) for each in value if isinstance(each, Mapping))
+        elif key in OBSTACLE_SETTINGS and isinstance(value, list):
+            yield from (
+                (OBSTACLE_SETTINGS[key], each, settings)
+                for each in value
+                if isinstance(each, Mapping)
+            )
 
 
 def _shape(table: Mapping[str, Any]) -> Disc | HalfPlane | None:
     """Return the shape that a table tells of, or None where it is somebody's own."""
-    kind = SHAPES.get(str(table.get("law")))
+    kind = SHAPE_CLASSES.get(str(table.get("law")))
     given = {key: value for key, value in table.items() if key != "law"}
     if kind is None or given.keys() != {item.name for item in dataclasses.fields(kind)}:
         return None

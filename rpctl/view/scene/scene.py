@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.view.scene import keyframes, obstacle_shapes, paint, stage, wire
-from rpctl.view.scene.bodies import TRIANGLES, Bodies, build_bodies, extent
+from rpctl.view.scene import keyframes, materials, obstacle_shapes, surroundings, threejs
 from rpctl.view.scene.obstacles import run_obstacles
+from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
 MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
-ROBOTS = "/rpctl/robots"
+ROBOTS_PATH = "/rpctl/robots"
 ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
 
 
@@ -59,7 +59,7 @@ class Scene:
         return len(self.commands[-2])
 
 
-def build_scene(robot: Robot, run: Run, triangles: int = TRIANGLES) -> Scene:
+def build_scene(robot: Robot, run: Run, triangles: int = MAX_TRIANGLES) -> Scene:
     """Return the scene of a run: robot, reference ghost, trails, ground, lights, animation.
 
     Args:
@@ -84,12 +84,12 @@ def build_scene(robot: Robot, run: Run, triangles: int = TRIANGLES) -> Scene:
     lower[2] = min(lower[2], ground)
     times = run.t[frames] - run.t[0]
     commands = (
-        *(wire.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
-        wire.set_property("/Background", "visible", False),
-        stage.lights_command(lower, upper),
-        stage.ground_command(lower, upper, ground),
+        *(threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
+        threejs.set_property("/Background", "visible", False),
+        surroundings.lights_command(lower, upper),
+        surroundings.ground_command(lower, upper, ground),
         *obstacle_shapes.commands(obstacles, lower, upper, ground, size),
-        stage.trails_command(paths, lower, upper),
+        surroundings.trails_command(paths, lower, upper),
         _robots(bodies, joints),
         _animation(joints, times, poses, ghost),
     )
@@ -151,7 +151,7 @@ def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
     """Return the corners (n, 3) of the boxes around all parts as they move, m."""
     clouds = [np.empty((0, 3))]
     for joint in joints:
-        corners = extent(bodies, joint)
+        corners = bounding_corners(bodies, joint)
         if corners is not None:
             turns = _rotations(poses[:, joint, 3:])
             moved = np.einsum("kij,cj->kci", turns, corners) + poses[:, joint, None, :3]
@@ -184,11 +184,13 @@ def _robots(bodies: Bodies, joints: list[int]) -> bytes:
     """
     groups = []
     for joint in joints:
-        solid, ghost = paint.solid(bodies, joint), paint.ghost(bodies, joint)
-        groups.append(wire.node("Group", f"{ACTUAL}-{joint}", children=solid))
-        groups.append(wire.node("Group", f"{REFERENCE}-{joint}", children=ghost))
-    root = wire.node("Group", "robots", children=groups)
-    return wire.set_object(ROBOTS, root, paint.geometries(bodies), paint.materials(bodies))
+        solid, ghost = materials.solid(bodies, joint), materials.ghost(bodies, joint)
+        groups.append(threejs.node("Group", f"{ACTUAL}-{joint}", children=solid))
+        groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=ghost))
+    root = threejs.node("Group", "robots", children=groups)
+    return threejs.set_object(
+        ROBOTS_PATH, root, materials.geometries(bodies), materials.materials(bodies)
+    )
 
 
 def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> bytes:
@@ -196,8 +198,10 @@ def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> b
     for joint in joints:
         for name, motion in ((f"{ACTUAL}-{joint}", poses), (f"{REFERENCE}-{joint}", ghost)):
             places, turns = motion[:, joint, :3], motion[:, joint, 3:]
-            kept = keyframes.of_positions(times, places)
-            tracks.append(wire.track(f"{name}.position", "vector3", times[kept], places[kept]))
-            kept = keyframes.of_turns(times, turns)
-            tracks.append(wire.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept]))
-    return wire.set_animation(f"{ROBOTS}/<object>", tracks)
+            kept = keyframes.position_keyframes(times, places)
+            tracks.append(threejs.track(f"{name}.position", "vector3", times[kept], places[kept]))
+            kept = keyframes.rotation_keyframes(times, turns)
+            tracks.append(
+                threejs.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept])
+            )
+    return threejs.set_animation(f"{ROBOTS_PATH}/<object>", tracks)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
-CREASE = math.radians(35.0)  # faces that meet at a larger angle keep an edge between them
+CREASE_RAD = math.radians(35.0)  # faces that meet at a larger angle keep an edge between them
 NORMAL_STEPS = 127  # normals are told apart, and sent, in signed bytes
 
 
 @dataclass(frozen=True, eq=False)
-class Shaded:
+class ShadedMesh:
     """A triangle mesh as it is drawn.
 
     Attributes:
@@ -51,7 +51,7 @@ def weld(vertices: Floats, faces: Faces) -> tuple[Floats, Faces]:
     return points.astype(float), faces[(a != b) & (b != c) & (c != a)]
 
 
-def shade(vertices: Floats, faces: Faces, crease: float = CREASE) -> Shaded:
+def shade(vertices: Floats, faces: Faces, crease: float = CREASE_RAD) -> ShadedMesh:
     """Return the mesh with a normal for every corner.
 
     The normal of a corner is the area-weighted mean of those faces around the vertex that meet
@@ -79,7 +79,7 @@ def shade(vertices: Floats, faces: Faces, crease: float = CREASE) -> Shaded:
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
     normals = np.rint(sums * NORMAL_STEPS).astype(np.int64)
     keys, index = np.unique(np.column_stack([corners, normals]), axis=0, return_inverse=True)
-    return Shaded(
+    return ShadedMesh(
         vertices=vertices[keys[:, 0]].astype(np.float32),
         normals=keys[:, 1:].astype(np.int8),
         faces=index.reshape(-1, 3).astype(np.uint32),

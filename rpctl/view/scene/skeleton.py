@@ -9,12 +9,14 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
-from rpctl.view.scene import wire
+from rpctl.view.scene import threejs
 
 ROOT = 1  # Pinocchio's index of the planar root
 
 
-def skeleton(robot: Robot, prefix: str, hung: Callable[[int], list[wire.Json]]) -> wire.Json:
+def skeleton(
+    robot: Robot, prefix: str, nodes_of: Callable[[int], list[threejs.Json]]
+) -> threejs.Json:
     """Return the group of the root link, all others nested below it.
 
     The group ``PREFIX-j`` of joint j is fixed to nothing but its joint: turned or slid by the
@@ -24,15 +26,16 @@ def skeleton(robot: Robot, prefix: str, hung: Callable[[int], list[wire.Json]]) 
     Args:
         robot: The robot.
         prefix: Of the groups' names.
-        hung: Returns what else hangs on a joint, by its index in the model.
+        nodes_of: Returns what else hangs on a joint, by its index in the model.
     """
     model = robot.model
     groups = {
-        j: wire.node("Group", f"{prefix}-{j}", children=hung(j)) for j in range(ROOT, model.njoints)
+        j: threejs.node("Group", f"{prefix}-{j}", children=nodes_of(j))
+        for j in range(ROOT, model.njoints)
     }
     for j in range(ROOT + 1, model.njoints):
-        place = wire.fixed(model.jointPlacements[j].homogeneous)
-        seat = wire.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
+        place = threejs.fixed_matrix(model.jointPlacements[j].homogeneous)
+        seat = threejs.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
         groups[model.parents[j]]["children"].append(seat)
     return groups[ROOT]
 
@@ -53,7 +56,7 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
     names = list(robot.model.names)[ROOT + 1 :]
     wheels, arm = {w.joint for w in robot.drive.wheels}, {j.name for j in robot.joints}
     mimics = {joint.name for joint in robot.mimics}
-    told = []
+    entries = []
     for number, name in enumerate(names):
         joint = robot.description.joint[name]
         role = "wheel" if name in wheels else "arm" if name in arm else "other"
@@ -75,5 +78,5 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
                 "multiplier": joint.mimic.multiplier,
                 "offset": joint.mimic.offset,
             }
-        told.append(entry)
-    return told
+        entries.append(entry)
+    return entries

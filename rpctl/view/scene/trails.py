@@ -10,9 +10,9 @@ Faces = NDArray[np.int64]
 Mesh = tuple[Floats, Faces]
 
 TUBE_SIDES = 6
-DASH, GAP = 7.0, 5.0  # in widths of the trail
+DASH_WIDTHS, GAP_WIDTHS = 7.0, 5.0  # in widths of the trail
 GRID_PIECES = 16  # each line fades out in so many steps
-STILL = 1e-9  # m: a shorter step has no direction
+MIN_STEP_M = 1e-9  # m: a shorter step has no direction
 
 
 def ribbon(path: Floats, width: float) -> Mesh | None:
@@ -38,7 +38,7 @@ def tube(path: Floats, width: float) -> Mesh | None:
     for k, tangent in enumerate(ahead):  # the frame is carried along, so that it never twists
         normal = normal - (normal @ tangent) * tangent
         length = np.linalg.norm(normal)
-        normal = normal / length if length > STILL else np.cross(tangent, np.eye(3)[k % 3])
+        normal = normal / length if length > MIN_STEP_M else np.cross(tangent, np.eye(3)[k % 3])
         binormal = np.cross(tangent, normal)
         rings[k] = path[k] + 0.5 * width * (
             np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)
@@ -50,13 +50,13 @@ def dashes(path: Floats, width: float) -> list[Floats]:
     """Return the pieces (n, 3) of a path that its dashes cover."""
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
-    keep = np.concatenate([[True], lengths > STILL])
+    keep = np.concatenate([[True], lengths > MIN_STEP_M])
     along, path = along[keep], path[keep]
-    period = (DASH + GAP) * width
+    period = (DASH_WIDTHS + GAP_WIDTHS) * width
     starts = np.arange(0.0, along[-1], period)
     pieces = []
     for start in starts:
-        end = min(start + DASH * width, along[-1])
+        end = min(start + DASH_WIDTHS * width, along[-1])
         inside = along[(along > start) & (along < end)]
         stops = np.concatenate([[start], inside, [end]])
         pieces.append(np.column_stack([np.interp(stops, along, path[:, i]) for i in range(3)]))
@@ -96,7 +96,7 @@ def _directions(path: Floats) -> Floats | None:
         return None
     steps = np.gradient(path, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    moving = np.flatnonzero(lengths > STILL)
+    moving = np.flatnonzero(lengths > MIN_STEP_M)
     if not len(moving):
         return None
     last = moving[np.maximum(np.searchsorted(moving, np.arange(len(path)), side="right") - 1, 0)]

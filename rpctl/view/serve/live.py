@@ -14,23 +14,23 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.rates import steering
+from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.model import Robot
-from rpctl.view.pages.robot_page import Show, robot_page
-from rpctl.view.scene.obstacles import Obstacle
-from rpctl.view.serve.server import EVENTS, Page, PageServer
-from rpctl.view.serve.stream import Stream
+from rpctl.view.pages.robot_page import LiveMotion, robot_page
+from rpctl.view.scene.obstacles import DrawnObstacle
+from rpctl.view.serve.events import Stream
+from rpctl.view.serve.server import EVENTS, PageServer, PageSource
 
 FRAME_RATE = 30.0  # Hz of simulated time: what the eye needs
-SLACK = 1e-9  # s; sample times are rounded
-WAIT = 10.0  # s that a simulation waits for a page to be opened
-OPENING = 30.0  # s that a page has until it listens, once it was fetched
-HANDOVER = 10.0  # s that pages have to fetch the report
-DESIRED = 600  # points of the path that is to be followed
-ROUNDED = 5  # decimals of what is sent: m and rad
+TIME_TOLERANCE_S = 1e-9  # s; sample times are rounded
+PAGE_OPEN_TIMEOUT_S = 10.0  # s that a simulation waits for a page to be opened
+LISTEN_TIMEOUT_S = 30.0  # s that a page has until it listens, once it was fetched
+HANDOVER_TIMEOUT_S = 10.0  # s that pages have to fetch the report
+DESIRED_POINTS = 600  # points of the path that is to be followed
+DECIMALS = 5  # decimals of what is sent: m and rad
 
 
-def serve(page: Page, ready: Callable[[str], object] = print) -> None:
+def serve(page: PageSource, ready: Callable[[str], object] = print) -> None:
     """Serve a page until Ctrl-C or SIGTERM; called from the main thread.
 
     Args:
@@ -59,24 +59,24 @@ class Broadcast:
     def __init__(self, robot: Robot, server: PageServer, stream: Stream, duration: float) -> None:
         self._robot, self._server, self._stream = robot, server, stream
         self._duration = duration
-        self._begun, self._next = False, 0.0
+        self._started, self._next = False, 0.0
         self._origin: float | None = None
 
     def __call__(self, t: float, q: Array, state: ReferenceState) -> None:
         """Show a moment of the simulation: time (s), configuration (nq,) and reference."""
-        if not self._begun:
-            self._begun = True
-            if self._server.wait_delivered(1, WAIT):
-                self._stream.wait_reader(OPENING)
-        last = t >= self._duration - SLACK
+        if not self._started:
+            self._started = True
+            if self._server.wait_delivered(1, PAGE_OPEN_TIMEOUT_S):
+                self._stream.wait_reader(LISTEN_TIMEOUT_S)
+        last = t >= self._duration - TIME_TOLERANCE_S
         if t < self._next and not last:
             return
-        self._next = t + 1.0 / FRAME_RATE - SLACK
+        self._next = t + 1.0 / FRAME_RATE - TIME_TOLERANCE_S
         actual = _coordinates(self._robot, q)
         desired = _coordinates(self._robot, _desired(self._robot, q, state))
-        frame = [round(float(value), ROUNDED) for value in (t, *actual, *desired)]
+        frame = [round(float(value), DECIMALS) for value in (t, *actual, *desired)]
         self._stream.send("frame", [frame[0], len(actual), *frame[1:]])
-        self._pace(t)
+        self._hold_to_real_time(t)
         if last:
             self._stream.send("state", "Simulated; the report is being written…")
 
@@ -90,9 +90,9 @@ class Broadcast:
         readers = self._stream.readers
         before = self._server.delivered
         self._stream.send("done", None)
-        self._server.wait_delivered(before + readers, HANDOVER)
+        self._server.wait_delivered(before + readers, HANDOVER_TIMEOUT_S)
 
-    def _pace(self, t: float) -> None:
+    def _hold_to_real_time(self, t: float) -> None:
         if not self._stream.watched:
             self._origin = None
             return
@@ -108,7 +108,7 @@ def broadcast(
     reference: Reference,
     duration: float,
     say: Callable[[str], object],
-    obstacles: tuple[Obstacle, ...] = (),
+    obstacles: tuple[DrawnObstacle, ...] = (),
 ) -> Iterator[Broadcast]:
     """Serve the page of a simulation; yields what shows it.
 
@@ -121,15 +121,18 @@ def broadcast(
         say: Called with what the user should know: the page's URL first.
         obstacles: What it keeps clear of.
     """
-    states = [reference(t) for t in np.linspace(0.0, duration, DESIRED)]
+    states = [reference(t) for t in np.linspace(0.0, duration, DESIRED_POINTS)]
     first = states[0]
     start = robot.configuration_at(first.pose, first.joints, steering(robot, first)[0])
     desired = np.array([state.pose for state in states])
-    page = robot_page(robot, Show(EVENTS, start, desired, duration, obstacles)).encode()
+    page = robot_page(robot, LiveMotion(EVENTS, start, desired, duration, obstacles)).encode()
     stream = Stream()
     with _signals(_interrupt), PageServer(lambda: page, stream) as server:
         stream.send("state", "Waiting for the simulation…")
-        say(f"{server.url}  watch it there; it starts once the page is open, or in {WAIT:.0f} s")
+        say(
+            f"{server.url}  watch it there; it starts once the page is open, "
+            f"or in {PAGE_OPEN_TIMEOUT_S:.0f} s"
+        )
         yield Broadcast(robot, server, stream, duration)
 
 

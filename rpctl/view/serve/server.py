@@ -10,13 +10,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
 
 from rpctl.errors import RpctlError
-from rpctl.view.serve.stream import Stream
+from rpctl.view.serve.events import Stream
 
 LOOPBACK = "127.0.0.1"
 EVENTS = "/events"
-PATIENCE = 30.0  # s; a client that neither asks nor listens for as long is dropped
+CLIENT_TIMEOUT_S = 30.0  # s; a client that neither asks nor listens for as long is dropped
 
-Page = Callable[[], bytes]
+PageSource = Callable[[], bytes]
 
 
 class PageServer:
@@ -31,7 +31,7 @@ class PageServer:
         url: Where the page is.
     """
 
-    def __init__(self, page: Page, stream: Stream | None = None) -> None:
+    def __init__(self, page: PageSource, stream: Stream | None = None) -> None:
         self._server = _Server(page, stream)
         self.url = f"http://{LOOPBACK}:{self._server.server_port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
@@ -52,7 +52,7 @@ class PageServer:
         self._server.server_close()
         self._thread.join()
 
-    def serve(self, page: Page) -> None:
+    def serve(self, page: PageSource) -> None:
         """Serve another page from now on."""
         self._server.page = page
 
@@ -63,17 +63,17 @@ class PageServer:
 
     def wait_delivered(self, count: int, seconds: float) -> bool:
         """Wait until the page was handed over ``count`` times; return whether it was in time."""
-        with self._server.handed:
-            return self._server.handed.wait_for(lambda: self._server.delivered >= count, seconds)
+        with self._server.delivery:
+            return self._server.delivery.wait_for(lambda: self._server.delivered >= count, seconds)
 
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
-    def __init__(self, page: Page, stream: Stream | None) -> None:
+    def __init__(self, page: PageSource, stream: Stream | None) -> None:
         self.page, self.stream = page, stream
         self.making = threading.Lock()  # one page at a time: loading a robot is not for threads
-        self.delivered, self.handed = 0, threading.Condition()
+        self.delivered, self.delivery = 0, threading.Condition()
         super().__init__((LOOPBACK, 0), _Handler)
 
     def handle_error(self, request: object, client_address: object) -> None:
@@ -85,7 +85,7 @@ class _Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
     server_version, sys_version = "rpctl", ""
-    timeout = PATIENCE
+    timeout = CLIENT_TIMEOUT_S
 
     def do_GET(self) -> None:
         self._answer(body=True)
@@ -121,9 +121,9 @@ class _Handler(BaseHTTPRequestHandler):
         self._send_head("text/html; charset=utf-8", len(content))
         if body:
             self.wfile.write(content)
-            with self.server.handed:
+            with self.server.delivery:
                 self.server.delivered += 1
-                self.server.handed.notify_all()
+                self.server.delivery.notify_all()
 
     def _send_events(self, stream: Stream) -> None:
         """Send all events that the page has not seen yet, and every new one as it comes."""

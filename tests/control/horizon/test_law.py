@@ -24,12 +24,12 @@ from rpctl import (
 )
 from rpctl.control.command import KinematicLaw
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.qp import QuadraticProgram, Solution, Solver
+from rpctl.control.horizon.qp import QpSolution, QuadraticProgram, Solver
 from rpctl.control.law import Startable
-from rpctl.control.laws import kinematic_by_name
 from rpctl.control.obstacles import Disc, HalfPlane
+from rpctl.control.registry import kinematic_by_name
 from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
-from tests.control.limited import limited, tall
+from tests.control.tight_limits import limited, tall
 from tests.robots import SET_A, ball, four_wheels, platform, write
 
 OFF = (0.3, -0.4, 0.8)
@@ -171,7 +171,7 @@ def test_a_failed_solve_falls_back_and_is_counted(
     failing = [3, 4, 9]  # of the solves
     count = iter(range(1000))
 
-    def sometimes(self: Solver, qp: QuadraticProgram) -> Solution:
+    def sometimes(self: Solver, qp: QuadraticProgram) -> QpSolution:
         k = next(count)
         # The first sample takes three passes.
         return solve(self, qp)._replace(solved=k not in failing)

@@ -11,11 +11,11 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.bounds import Bounds, ForceBounds, WheelSpeeds
+from rpctl.control.horizon.constraints import Bounds, ForceBounds, WheelSpeeds
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.model import Model, make_model
-from rpctl.control.horizon.sample import Arm, Sample, Target
-from rpctl.dynamics.contact import find_contacts, ground_reaction
+from rpctl.control.horizon.prediction import Model, make_model
+from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target
+from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from tests.robots import write
 from tests.vehicles import vehicle
 
@@ -58,7 +58,7 @@ def test_it_leads_where_the_motion_leads(model: Model, rng: np.random.Generator)
             q = pin.integrate(robot.model, q, DT / count * (dynamics.basis(q) @ middle))
             at = at + DT / count * nu_dot[k // count]
         gaps.append(np.abs(motion.pose[-1] - robot.base_pose(q))[:2].max())
-        np.testing.assert_allclose(motion.joints[-1], model.posture(q), atol=1e-9)
+        np.testing.assert_allclose(motion.joints[-1], model.joint_positions(q), atol=1e-9)
         np.testing.assert_allclose(motion.nu[-1], at, atol=1e-9)
     assert gaps[0] < 2e-3
     assert gaps[1] < 0.3 * gaps[0] + 1e-7
@@ -69,7 +69,7 @@ def test_the_slopes_are_those_of_the_prediction(model: Model, rng: np.random.Gen
         pytest.skip("a fixed base has no slopes")
     pose, joints, nu, nu_dot = state(model, rng)
     motion = model.predict(model.configuration(joints, pose), nu, nu_dot)
-    slopes = model.slopes(motion)
+    jacobian = model.jacobian(motion)
 
     def after(pose: Array, joints: Array, nu: Array, nu_dot: Array) -> Array:
         held = np.tile(nu_dot, (STEPS, 1))
@@ -86,30 +86,30 @@ def test_the_slopes_are_those_of_the_prediction(model: Model, rng: np.random.Gen
                 ends.append(after(*moved))
             return (ends[0] - ends[1]) / (2.0 * STEP)
 
-        np.testing.assert_allclose(slopes.heading[k], change(0, 2)[:2], atol=NEAR)
-        for index in range(model.moving):
-            np.testing.assert_allclose(slopes.nu[k, :, index], change(2, index), atol=NEAR)
-            np.testing.assert_allclose(slopes.nu_dot[k, :, index], change(3, index), atol=NEAR)
+        np.testing.assert_allclose(jacobian.heading[k], change(0, 2)[:2], atol=NEAR)
+        for index in range(model.base_columns):
+            np.testing.assert_allclose(jacobian.nu[k, :, index], change(2, index), atol=NEAR)
+            np.testing.assert_allclose(jacobian.nu_dot[k, :, index], change(3, index), atol=NEAR)
         for index in range(model.steered):
-            np.testing.assert_allclose(slopes.steering[k, :, index], change(1, index), atol=NEAR)
+            np.testing.assert_allclose(jacobian.steering[k, :, index], change(1, index), atol=NEAR)
 
 
 def test_the_end_effectors_slopes(model: Model, rng: np.random.Generator) -> None:
     pose, joints, *_ = state(model, rng)
-    arm = Arm(model, [0])
-    place, slopes = arm.slopes(pose, joints)
+    arm = EndEffectorKinematics(model, [0])
+    position, jacobian = arm.jacobian(pose, joints)
     expected = model.robot.end_effector_pose(
         model.robot.model.createData(), model.configuration(joints, pose)
     )
-    np.testing.assert_allclose(place, expected.translation, atol=1e-12)
+    np.testing.assert_allclose(position, expected.translation, atol=1e-12)
     both = np.concatenate([pose, joints]) if model.base else joints
     for column in range(len(both)):
         step = STEP * np.eye(len(both))[column]
         ends = [
-            arm.place(*(np.split(moved, [3]) if model.base else (pose, moved)))
+            arm.position(*(np.split(moved, [3]) if model.base else (pose, moved)))
             for moved in (both + step, both - step)
         ]
-        np.testing.assert_allclose(slopes[:, column], (ends[0] - ends[1]) / (2 * STEP), atol=NEAR)
+        np.testing.assert_allclose(jacobian[:, column], (ends[0] - ends[1]) / (2 * STEP), atol=NEAR)
 
 
 @pytest.mark.parametrize("name", ["paper", "tiago", "mecanum"])
@@ -124,7 +124,7 @@ def test_forces_and_their_slopes(name: str, rng: np.random.Generator) -> None:
     nu, nu_dot = 0.3 * nu, 0.3 * nu_dot[0]
     q = robot.configuration_at(rng.normal(size=3), joints)
     tau = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
-    full = forces.at(q, nu, nu_dot)
+    full = forces.with_derivatives(q, nu, nu_dot)
     np.testing.assert_allclose(forces.efforts(full)[:, 0], tau, atol=1e-9)
 
     # The least row of the polygon's edges is the margin, at the share of the weight that bears.
@@ -141,15 +141,15 @@ def test_forces_and_their_slopes(name: str, rng: np.random.Generator) -> None:
         efforts, room = forces.efforts(found), forces.ground(found)
         return np.concatenate([efforts[:, 0], room[:edges, 0]])
 
-    slopes = np.vstack([forces.efforts(full), rows[:edges]])
+    jacobian = np.vstack([forces.efforts(full), rows[:edges]])
     for column in range(robot.dof):
         step = np.eye(robot.dof)[column]
         by = 0.5 * (value(nu, nu_dot + step) - value(nu, nu_dot - step))
-        np.testing.assert_allclose(slopes[:, 1 + column], by, atol=1e-9)
+        np.testing.assert_allclose(jacobian[:, 1 + column], by, atol=1e-9)
     for column in range(model.base):
         step = np.eye(robot.dof)[column]
         by = 0.5 * (value(nu + step, nu_dot) - value(nu - step, nu_dot))
-        np.testing.assert_allclose(slopes[:, 1 + robot.dof + column], by, atol=1e-9)
+        np.testing.assert_allclose(jacobian[:, 1 + robot.dof + column], by, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["car-like", "twin", "casters"])
@@ -167,8 +167,8 @@ def test_forces_now_where_wheels_swivel(
     for _ in range(5):
         q = robot.random_configuration(rng)
         nu, nu_dot = 0.1 * rng.normal(size=(2, robot.dof))
-        forces.stand(q)
-        found = forces.at(q, nu, nu_dot, dynamics)
+        forces.update_contacts(q)
+        found = forces.with_derivatives(q, nu, nu_dot, dynamics)
         tau = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
         np.testing.assert_allclose(forces.efforts(found)[:, 0], tau, atol=1e-9)
         ground = ground_reaction(dynamics, contacts, q, nu, tau)
@@ -188,7 +188,9 @@ def test_casters_ahead_glide(tmp_path: Path) -> None:
     model = make_model(dynamics, STEPS, DT)
     forces = ForceModel(model, find_contacts(dynamics), tip_margin=0.02, grip=0.9)
     q, nu = model.configuration(robot.home), np.array([0.34, -1.06, 0.0])
-    ahead, there = (forces.at(q, nu, np.zeros(3), which) for which in (None, dynamics))
+    ahead, there = (
+        forces.with_derivatives(q, nu, np.zeros(3), which) for which in (None, dynamics)
+    )
     assert forces.ground(ahead).min(axis=0)[0] > 0.05  # a gentle bend neither tips nor slips
     assert forces.ground(there).min(axis=0)[0] < -0.1
     wheels = [np.abs(forces.efforts(found)[:2, 0]).max() for found in (ahead, there)]
@@ -205,8 +207,8 @@ def test_soft_rows_are_over_what_there_is(rng: np.random.Generator) -> None:
     nothing = Target(motion.pose, motion.joints, motion.nu)
     sample = Sample(motion, nothing, None)
     forces = ForceModel(model, None, tip_margin=0.02, grip=0.9)
-    efforts = ForceBounds(model, bounds, forces, []).about(sample)[0]
-    wheels = WheelSpeeds(model, bounds).about(sample)[0]
+    efforts = ForceBounds(model, bounds, forces, []).linearise(sample)[0]
+    wheels = WheelSpeeds(model, bounds).linearise(sample)[0]
     q = robot.configuration_at(motion.pose[0], motion.joints[0])
     tau = dynamics.efforts(q, dynamics.inverse(q, motion.nu[0], motion.nu_dot[0]))
     used = tau / (0.8 * robot.effort_limits)
@@ -214,8 +216,8 @@ def test_soft_rows_are_over_what_there_is(rng: np.random.Generator) -> None:
     rates = motion.nu[1:] @ dynamics.actuation(q)[:, :2] / (0.8 * 12.0)  # rad/s, of the URDF
     np.testing.assert_allclose(wheels.value, np.hstack([rates, -rates]) - 1.0, atol=1e-12)
     for soft in (efforts, wheels):  # the other way is the same slope, negative
-        half = soft.slopes.shape[1] // 2
-        np.testing.assert_array_equal(soft.slopes[:, half:], -soft.slopes[:, :half])
+        half = soft.jacobian.shape[1] // 2
+        np.testing.assert_array_equal(soft.jacobian[:, half:], -soft.jacobian[:, :half])
 
 
 def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> None:
@@ -225,17 +227,19 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
     forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
     rows, still = ForceBounds(model, bounds, forces, []), np.zeros((STEPS, tiago.dof))
     q, nu = tiago.configuration(), np.eye(tiago.dof)[0] * 0.4
-    pieces, found = [], []
+    load_splits, found = [], []
     for braking in (0.0, -1.5):
         motion = model.predict(q, nu, still + braking * np.eye(tiago.dof)[0])
-        now = rows.about(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
-        at = forces.at(q, nu, motion.nu_dot[0], dynamics)
-        pieces.append(forces.shares(at))
-        found.append((-now.value[0], [forces.slipping(at, [piece])[:, 0] for piece in pieces]))
-    assert not np.array_equal(pieces[0], pieces[1])
+        now = rows.linearise(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
+        at = forces.with_derivatives(q, nu, motion.nu_dot[0], dynamics)
+        load_splits.append(forces.load_split(at))
+        found.append(
+            (-now.value[0], [forces.grip_margins(at, [piece])[:, 0] for piece in load_splits])
+        )
+    assert not np.array_equal(load_splits[0], load_splits[1])
     assert found[0][0].shape == found[1][0].shape
     for has, (_, wanted) in zip((found[0][0], found[1][0]), found, strict=True):
-        assert has[-len(pieces) * 16 :].min() == min(each.min() for each in wanted)
+        assert has[-len(load_splits) * 16 :].min() == min(each.min() for each in wanted)
     assert found[1][1][0].min() != found[1][1][1].min()
 
 

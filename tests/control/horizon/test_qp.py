@@ -10,15 +10,15 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.cost import wrapped
+from rpctl.control.horizon.cost import wrap_angles
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.model import Motion
-from rpctl.control.horizon.qp import ACCURACY, QuadraticProgram, Solution, Solver
-from rpctl.control.horizon.sample import Arm, Reading, Target, look_ahead
+from rpctl.control.horizon.prediction import PredictedMotion
+from rpctl.control.horizon.qp import QP_TOLERANCE, QpSolution, QuadraticProgram, Solver
+from rpctl.control.horizon.target import EndEffectorKinematics, Target, TimeScaling, look_ahead
 from rpctl.control.obstacles import Disc
 from rpctl.reference.motion import reference_by_name
-from rpctl.reference.rates import steering
-from tests.control.limited import limited
+from rpctl.reference.quasi_velocities import steering
+from tests.control.tight_limits import limited
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle
 
@@ -28,21 +28,21 @@ NOW = 4.0  # s: the reference is at its full speed
 
 def written(
     robot: Robot, law: Horizon, off: Array, rng: np.random.Generator
-) -> tuple[HorizonLaw, Motion, Target, QuadraticProgram]:
+) -> tuple[HorizonLaw, PredictedMotion, Target, QuadraticProgram]:
     """Return a QP about a motion from beside the reference."""
     run = law.start(ReducedDynamics(robot), 0.002)
     model, reference = run.model, reference_by_name(robot, "eight")
     times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
     now = np.concatenate([steering(robot, reference(NOW))[0], reference(NOW).joints])
-    target = look_ahead(model, reference, Reading(times, np.ones(law.steps + 1)), now)
+    target = look_ahead(model, reference, TimeScaling(times, np.ones(law.steps + 1)), now)
     pose = target.pose[0] + (off if model.base else 0.0)
     nu_dot = 0.1 * rng.normal(size=(law.steps, robot.dof))
     joints = target.joints[0] + 0.01 * rng.normal(size=len(model.joints))
     motion = model.predict(model.configuration(joints, pose), target.nu[0], nu_dot)
-    return run, motion, target, run.write(motion, target)
+    return run, motion, target, run.build_qp(motion, target)
 
 
-def residuals(qp: QuadraticProgram, found: Solution) -> dict[str, float]:
+def residuals(qp: QuadraticProgram, found: QpSolution) -> dict[str, float]:
     """Return what is left of the Karush-Kuhn-Tucker conditions, over the size of their terms."""
     H = qp.P + qp.P.T
     H.setdiag(qp.P.diagonal())
@@ -77,7 +77,7 @@ def test_the_solution_satisfies_its_conditions(
     assert found.solved
     assert found.z.any() == any(off)  # beside the reference, some limit binds
     for name, residual in residuals(qp, found).items():
-        assert residual < 10.0 * ACCURACY, name
+        assert residual < 10.0 * QP_TOLERANCE, name
 
 
 def test_where_nothing_binds_the_bounds_do_not_matter(rng: np.random.Generator) -> None:
@@ -97,31 +97,36 @@ def test_without_bounds_it_is_least_squares(
     source = write(tmp_path, vehicle(name)) if name in KINDS else name
     robot, law = rpctl.load(source), Horizon(steps=6)
     run, motion, target, qp = written(robot, law, np.array([0.02, -0.03, 0.05]), rng)
-    reached = Arm(run.model, [5])
+    reached = EndEffectorKinematics(run.model, [5])
 
     def errors(nu_dot: Array) -> Array:
         ahead = run.model.predict(motion.start, motion.nu[0], nu_dot.reshape(motion.nu_dot.shape))
         return _weighted(run, ahead, target, reached)
 
-    at = motion.nu_dot.ravel()
+    indices = motion.nu_dot.ravel()
     J = np.column_stack(
-        [(errors(at + step) - errors(at - step)) / (2 * STEP) for step in STEP * np.eye(at.size)]
+        [
+            (errors(indices + step) - errors(indices - step)) / (2 * STEP)
+            for step in STEP * np.eye(indices.size)
+        ]
     )
-    expected = np.linalg.lstsq(J, -errors(at), rcond=None)[0]
+    expected = np.linalg.lstsq(J, -errors(indices), rcond=None)[0]
     found = Solver().unbounded(qp)
     assert found.solved
     scale = np.abs(expected).max()
     np.testing.assert_allclose(
-        found.x[run.program.at.nu_dot].ravel(), expected, atol=1e-4 * max(scale, 1.0)
+        found.x[run.program.indices.nu_dot].ravel(), expected, atol=1e-4 * max(scale, 1.0)
     )
 
 
-def _weighted(run: HorizonLaw, ahead: Motion, target: Target, arm: Arm) -> Array:
+def _weighted(
+    run: HorizonLaw, ahead: PredictedMotion, target: Target, arm: EndEffectorKinematics
+) -> Array:
     """Return the errors whose squares, halved, are the cost."""
     cost, model = run.cost, run.model
     weigh, base = cost.hessian, model.base
     pose = ahead.pose[1:] - target.pose[1:]
-    pose[:, 2] = wrapped(pose[:, 2])
+    pose[:, 2] = wrap_angles(pose[:, 2])
     joints, nu = ahead.joints[1:] - target.joints[1:], ahead.nu[1:] - target.nu[1:]
     nu_dot = ahead.nu_dot - np.diff(target.nu, axis=0) / model.dt
     rows = [np.sqrt(weigh.nu_dot) * nu_dot, np.sqrt(weigh.joints[:-1]) * joints[:-1]]
@@ -130,8 +135,8 @@ def _weighted(run: HorizonLaw, ahead: Motion, target: Target, arm: Arm) -> Array
     for i, cross in enumerate(cost.cross):
         P = np.array([[weigh.joints[-1, i], cross], [cross, weigh.nu[-1, base + i]]])
         rows.append(np.linalg.cholesky(P).T @ [joints[-1, i], nu[-1, base + i]])
-    place = arm.place(ahead.pose[-1], ahead.joints[-1])
-    goal = arm.place(target.pose[-1], target.joints[-1])
+    position = arm.position(ahead.pose[-1], ahead.joints[-1])
+    goal = arm.position(target.pose[-1], target.joints[-1])
     # One stage of six is looked at, so it counts six times.
-    rows.append(np.sqrt(6.0 * 200.0) * (place - goal))
+    rows.append(np.sqrt(6.0 * 200.0) * (position - goal))
     return np.concatenate([np.ravel(row) for row in rows])

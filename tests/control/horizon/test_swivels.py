@@ -13,15 +13,15 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.model import make_model
-from rpctl.control.horizon.sample import Reading, look_ahead
-from rpctl.control.horizon.steering import Steering
+from rpctl.control.horizon.prediction import make_model
+from rpctl.control.horizon.steered_twist import Steering
+from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius
 from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
-from rpctl.reference.motion import RAMP, PathReference, Reference, reference_by_name, waves
-from rpctl.reference.rates import reference_rates, steering
+from rpctl.reference.motion import RAMP_TIME, PathReference, Reference, reference_by_name, waves
+from rpctl.reference.quasi_velocities import reference_rates, steering
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle
 
@@ -86,7 +86,7 @@ def test_a_bend_near_the_steering_limit(tmp_path: Path) -> None:
     speed, _, turn = circle(0.0).direction[0]
     radius = 1.05 * turning_radius(robot.drive, robot.description.joint)
     path = paths.scaled(circle, radius * turn / speed)
-    run = run_of(robot, PathReference(path, 0.3 / radius, waves(robot), RAMP), 20.0)
+    run = run_of(robot, PathReference(path, 0.3 / radius, waves(robot), RAMP_TIME), 20.0)
     limit = robot.description.joint["steer_left"].upper
     reached = angles(robot, run).max()
     assert limit - 0.03 < reached <= limit
@@ -127,7 +127,7 @@ def test_wheels_that_head_back_are_asked_for_the_angle_nearest(tmp_path: Path, t
     times = np.asarray(4.0 + 0.1 * np.arange(11), dtype=float)
     state = reference(4.0)
     now = np.concatenate([steering(robot, state)[0] + math.pi * turns, state.joints])
-    target = look_ahead(model, reference, Reading(times, np.ones(11)), now)
+    target = look_ahead(model, reference, TimeScaling(times, np.ones(11)), now)
     assert np.abs(np.diff(np.vstack([now, target.joints]), axis=0)).max() < 0.2
     for k, t in enumerate(times.tolist()):
         q = model.configuration(target.joints[k], target.pose[k])

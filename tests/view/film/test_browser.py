@@ -16,7 +16,7 @@ from PIL import Image
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
-from tests.view.samples import DISC, PILLAR, WALL, among
+from tests.view.samples import DISC, PILLAR, WALL, with_obstacles
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -219,9 +219,9 @@ def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
     x, y, time = over(page, "Base error", 0.5)
     page.mouse.move(x, y)
     sample = int(np.argmin(np.abs(paper_run.t - time)))
-    told = lateral.inner_text().replace("−", "-").split()
-    scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[told[1]]
-    assert float(told[0]) * scale == pytest.approx(paper_run.e[sample, 1], rel=0.05)
+    value_text = lateral.inner_text().replace("−", "-").split()
+    scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[value_text[1]]
+    assert float(value_text[0]) * scale == pytest.approx(paper_run.e[sample, 1], rel=0.05)
     assert page.locator(".chart .at").nth(3).inner_text() == f"at {paper_run.t[sample]:.2f} s"
     page.mouse.move(5, 5)
     wait(page, "document.querySelector('.chart .at').textContent === ''")
@@ -328,7 +328,7 @@ def test_what_is_an_interval_is_shaded_and_told(
         slip_range=np.column_stack([0.5 * slip, endless]),
         load_range=np.stack([loads - 20.0, loads + 30.0], axis=2),
     )
-    told = """([title, time]) => { rpctl.pause(); rpctl.seek(time);
+    value_text = """([title, time]) => { rpctl.pause(); rpctl.seek(time);
         const chart = rpctl.charts.find((each) => each.title === title);
         const keys = chart.plot.root.parentElement.parentElement.querySelector('.keys');
         return [...keys.querySelectorAll('b')].map((each) => each.textContent); }"""
@@ -339,14 +339,14 @@ def test_what_is_an_interval_is_shaded_and_told(
     with opened(browser, write_report(run, tmp_path / "report.html", robot=paper)) as page:
         k = int(np.searchsorted(run.t, 1.13))
         time, late = float(run.t[k]), 2.63
-        (grip,) = page.evaluate(told, ["Grip used", time])
+        (grip,) = page.evaluate(value_text, ["Grip used", time])
         low, high = (float(text.removesuffix(" %")) for text in grip.split(" – "))
         assert low == pytest.approx(50.0 * slip[k], rel=0.02)
         assert high == pytest.approx(200.0 * slip[k], rel=0.02)
-        (grip,) = page.evaluate(told, ["Grip used", late])
+        (grip,) = page.evaluate(value_text, ["Grip used", late])
         assert grip.startswith("≥ ")
-        told_loads = page.evaluate(told, ["Ground loads", time])
-        for text, load in zip(told_loads, loads[k], strict=True):
+        shown_loads = page.evaluate(value_text, ["Ground loads", time])
+        for text, load in zip(shown_loads, loads[k], strict=True):
             low, high = (float(part.removesuffix(" N")) for part in text.split(" – "))
             assert (low, high) == pytest.approx((load - 20.0, load + 30.0), abs=0.6)
         above = 100.0 * 2.5 * float(slip[k])  # beyond the band where it ends, within where not
@@ -419,7 +419,7 @@ def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
 def test_obstacles_are_in_the_scene(
     browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
 ) -> None:
-    run = among(paper_run, DISC, WALL, tip=(PILLAR,))
+    run = with_obstacles(paper_run, DISC, WALL, tip=(PILLAR,))
     path = write_report(run, tmp_path / "report.html", robot=paper)
     material = "rpctl.viewer.scene.getObjectByName('obstacles-{}').material.color.getHexString()"
     colours = f"[{material.format('base')}, {material.format('tip')}]"

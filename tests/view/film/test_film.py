@@ -21,7 +21,7 @@ from rpctl.view.film.film import write_film, write_still
 
 SMALL = (160, 90)
 needs_browser = pytest.mark.skipif(
-    not any(map(shutil.which, browser.NAMES)), reason="no chromium on PATH"
+    not any(map(shutil.which, browser.BROWSER_NAMES)), reason="no chromium on PATH"
 )
 
 
@@ -46,9 +46,13 @@ def test_still_shows_the_moment_asked_for(paper_run: Run, tmp_path: Path) -> Non
 @needs_browser
 def test_film_is_in_real_time_at_a_constant_rate(paper_run: Run, tmp_path: Path) -> None:
     av = pytest.importorskip("av", reason="PyAV is not installed")
-    told: list[tuple[int, int]] = []
+    message: list[tuple[int, int]] = []
     path = write_film(
-        paper_run, tmp_path / "a.mp4", size=SMALL, rate=5, progress=lambda *done: told.append(done)
+        paper_run,
+        tmp_path / "a.mp4",
+        size=SMALL,
+        rate=5,
+        progress=lambda *done: message.append(done),
     )
     with av.open(str(path)) as film:
         (stream,) = film.streams.video
@@ -57,7 +61,7 @@ def test_film_is_in_real_time_at_a_constant_rate(paper_run: Run, tmp_path: Path)
     assert [float(frame.time) for frame in frames] == pytest.approx(np.arange(16) / 5)
     assert (frames[0].width, frames[0].height) == SMALL
     assert changed(frames[0].to_image(), frames[10].to_image()) > 100
-    assert told == [(k + 1, 16) for k in range(16)]
+    assert message == [(k + 1, 16) for k in range(16)]
     data = path.read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")  # it plays before all of it has come
 
@@ -74,7 +78,7 @@ def test_gif_is_in_real_time_and_repeats(paper_run: Run, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "told"),
+    ("name", "options", "message"),
     [
         ("a.avi", {}, r"a\.avi: films are \.mp4 or \.gif"),
         ("a.gif", {"rate": 30}, "GIF cannot have 30"),
@@ -83,26 +87,26 @@ def test_gif_is_in_real_time_and_repeats(paper_run: Run, tmp_path: Path) -> None
     ],
 )
 def test_wrong_films_are_refused_at_once(
-    paper_run: Run, tmp_path: Path, name: str, options: dict[str, object], told: str
+    paper_run: Run, tmp_path: Path, name: str, options: dict[str, object], message: str
 ) -> None:
-    with pytest.raises(rpctl.RpctlError, match=told):
+    with pytest.raises(rpctl.RpctlError, match=message):
         write_film(paper_run, tmp_path / name, **options)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("name", "moment", "told"), [("a.jpg", 0.0, r"\.png"), ("a.png", 99.0, "99 s is not within")]
+    ("name", "moment", "message"), [("a.jpg", 0.0, r"\.png"), ("a.png", 99.0, "99 s is not within")]
 )
 def test_wrong_stills_are_refused(
-    paper_run: Run, tmp_path: Path, name: str, moment: float, told: str
+    paper_run: Run, tmp_path: Path, name: str, moment: float, message: str
 ) -> None:
-    with pytest.raises(rpctl.RpctlError, match=told):
+    with pytest.raises(rpctl.RpctlError, match=message):
         write_still(paper_run, tmp_path / name, time=moment)
 
 
 def test_missing_browser_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("playwright", reason="playwright is not installed")
-    monkeypatch.setattr(browser, "NAMES", ())
+    monkeypatch.setattr(browser, "BROWSER_NAMES", ())
     monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path))
     with pytest.raises(rpctl.RpctlError, match="playwright install chromium"):
         browser.require_browser()

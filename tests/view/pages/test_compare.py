@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.view.pages.compare import TRAILS, merge, repeated
-from rpctl.view.scene.obstacle_shapes import PATH
-from rpctl.view.scene.scene import ROBOTS, Scene, build_scene
-from tests.view.samples import DISC, WALL, among, short_run, unpack
+from rpctl.view.pages.compare import TRAILS_PATH, covered_trails, merge
+from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH
+from rpctl.view.scene.scene import ROBOTS_PATH, Scene, build_scene
+from tests.view.samples import DISC, WALL, short_run, unpack, with_obstacles
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +34,10 @@ def names(scene: Scene, path: str) -> list[str]:
 
 def test_other_runs_are_ghosts_of_the_same_meshes(runs: list[Run], scenes: list[Scene]) -> None:
     merged = merge(runs, scenes)
-    before, after = (command(s, ROBOTS)["object"] for s in (scenes[0], merged))
+    before, after = (command(s, ROBOTS_PATH)["object"] for s in (scenes[0], merged))
     assert len(after["geometries"]) == len(before["geometries"])
-    added = set(names(merged, ROBOTS)) - set(names(scenes[0], ROBOTS))
-    assert added == {f"run2-{n}" for n in names(scenes[0], ROBOTS) if n.startswith("robot-")}
+    added = set(names(merged, ROBOTS_PATH)) - set(names(scenes[0], ROBOTS_PATH))
+    assert added == {f"run2-{n}" for n in names(scenes[0], ROBOTS_PATH) if n.startswith("robot-")}
     known = {material["uuid"] for material in after["materials"]}
     geometries = {geometry["uuid"] for geometry in after["geometries"]}
     for group in after["object"]["children"]:
@@ -49,9 +49,11 @@ def test_other_robot_brings_its_meshes(
     runs: list[Run], scenes: list[Scene], ur5: Robot, ur5_run: Run
 ) -> None:
     other = build_scene(ur5, ur5_run)
-    merged = command(merge([runs[0], ur5_run], [scenes[0], other]), ROBOTS)["object"]
-    count = len(command(scenes[0], ROBOTS)["object"]["geometries"])
-    assert len(merged["geometries"]) == count + len(command(other, ROBOTS)["object"]["geometries"])
+    merged = command(merge([runs[0], ur5_run], [scenes[0], other]), ROBOTS_PATH)["object"]
+    count = len(command(scenes[0], ROBOTS_PATH)["object"]["geometries"])
+    assert len(merged["geometries"]) == count + len(
+        command(other, ROBOTS_PATH)["object"]["geometries"]
+    )
 
 
 def test_all_runs_move_in_one_clip(runs: list[Run], scenes: list[Scene]) -> None:
@@ -67,26 +69,26 @@ def test_all_runs_move_in_one_clip(runs: list[Run], scenes: list[Scene]) -> None
 
 def test_the_same_desired_trail_is_drawn_once(runs: list[Run], scenes: list[Scene]) -> None:
     desired = {"trail-base-desired", "trail-tip-desired"}
-    assert repeated(*runs) == desired
-    assert repeated(runs[1], runs[0]) == set()  # the first ends before the other
+    assert covered_trails(*runs) == desired
+    assert covered_trails(runs[1], runs[0]) == set()  # the first ends before the other
     shifted = replace(runs[1], base_ref=runs[1].base_ref + np.array([0.1, 0.0, 0.0]))
-    assert repeated(runs[0], shifted) == {"trail-tip-desired"}
-    drawn = names(merge(runs, scenes), TRAILS)
+    assert covered_trails(runs[0], shifted) == {"trail-tip-desired"}
+    drawn = names(merge(runs, scenes), TRAILS_PATH)
     assert {n for n in drawn if "run2" in n} == {"run2-trail-base", "run2-trail-tip"}
 
 
 def test_obstacles_that_runs_share_are_drawn_once(paper: Robot, runs: list[Run]) -> None:
     def obstacles(*shown: Run) -> bytes:
         scene = merge(shown, [build_scene(paper, run) for run in shown])
-        (drawn,) = (packed for packed in scene.commands if unpack(packed)["path"] == PATH)
+        (drawn,) = (packed for packed in scene.commands if unpack(packed)["path"] == OBSTACLES_PATH)
         return drawn
 
-    both = among(runs[0], DISC, WALL)
-    one, other = among(runs[0], DISC), among(runs[0], WALL, DISC)
+    both = with_obstacles(runs[0], DISC, WALL)
+    one, other = with_obstacles(runs[0], DISC), with_obstacles(runs[0], WALL, DISC)
     assert obstacles(both, both) == obstacles(both, one) == obstacles(one, both)
     assert obstacles(runs[0], both) == obstacles(both)
     assert obstacles(other, one) != obstacles(one)
 
 
 def test_runs_without_obstacles_have_none(runs: list[Run], scenes: list[Scene]) -> None:
-    assert PATH not in [unpack(packed)["path"] for packed in merge(runs, scenes).commands]
+    assert OBSTACLES_PATH not in [unpack(packed)["path"] for packed in merge(runs, scenes).commands]

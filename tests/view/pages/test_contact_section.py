@@ -12,8 +12,8 @@ import pytest
 
 from rpctl.arrays import Array
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.contact.record import ContactTrial, Gap, Motion
-from rpctl.equivalence.row import CONTACT
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.row import CONTACT_ORACLE
 from rpctl.view.pages.certificate import write_certificate
 from rpctl.view.pages.contact_charts import charts
 from rpctl.view.pages.contact_plan_view import plan_view
@@ -25,19 +25,19 @@ PIXEL = 0.011  # of a picture's unit: points are written to a hundredth
 BAR = 0.05  # what the bar's own two ends, so rounded, make of the picture's width
 
 
-def motion(drift: float) -> Motion:
+def motion(drift: float) -> ContactMotion:
     """Return a quarter turn to the left, of radius 1 m, that drifts ``drift`` m to the right."""
     turn = 0.25 * math.pi * T
     pose = np.column_stack([np.sin(turn) + drift * T, 1.0 - np.cos(turn), turn])
     load = np.column_stack([100.0 + 10.0 * T, 90.0 - 5.0 * T, 80.0 + 0.0 * T]) * (1.0 + drift)
     force = np.column_stack([5.0 * T, -3.0 * T, 270.0 + 0.0 * T]) * (1.0 + drift)
     efforts = np.column_stack([np.sin(T), 50.0 * np.cos(T)]) * (1.0 + drift)
-    return Motion(pose, load, force, pose[:, :2] + 0.1, efforts, np.zeros((COUNT, 0)))
+    return ContactMotion(pose, load, force, pose[:, :2] + 0.1, efforts, np.zeros((COUNT, 0)))
 
 
 def row(name: str, gap: float, band: float, unit: str = "m") -> Gap:
     where = {"sample": 150, "entry": "", "time": 1.5}
-    return Gap(name, CONTACT, gap / band, 1.0, **where, gap=gap, band=band, unit=unit)  # type: ignore[arg-type]
+    return Gap(name, CONTACT_ORACLE, gap / band, 1.0, **where, gap=gap, band=band, unit=unit)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -222,7 +222,7 @@ def test_forces_are_shown_where_no_joint_turns(trial: ContactTrial) -> None:
 def test_the_five_joints_that_vary_most_are_shown(trial: ContactTrial) -> None:
     sizes = np.array([1.0, 7.0, 3.0, 2.0, 6.0, 5.0, 4.0])
 
-    def busy(side: Motion) -> Motion:
+    def busy(side: ContactMotion) -> ContactMotion:
         return dataclasses.replace(side, efforts=np.outer(T, sizes))
 
     names = tuple(f"joint_{size:g}" for size in sizes)
@@ -273,7 +273,9 @@ def test_a_path_that_breaks_off_is_drawn_as_far_as_it_goes(trial: ContactTrial) 
     parts = {name: values.copy() for name, values in vars(trial.reduced).items()}
     for values in parts.values():
         values[120:] = np.nan
-    lost = dataclasses.replace(trial, reduced=Motion(**parts), checks=(row("path", math.inf, 0.3),))
+    lost = dataclasses.replace(
+        trial, reduced=ContactMotion(**parts), checks=(row("path", math.inf, 0.3),)
+    )
     html, css = contact_section(lost)
     assert "nan" not in html + css
     assert "∞" in html or "inf" in html

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.view.pages.overlay import contact_forces, overlay
+from rpctl.view.pages.forces import contact_forces, overlay
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part
-from tests.view.drawn import floats
+from tests.view.readers import floats
 
 FLOAT32 = 1e-6  # relative: what a page holds is rounded so
 
@@ -40,7 +40,7 @@ def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) ->
     run = replace(golden, zmp=golden.q[:, :2] + np.array([0.05, -0.02]))
     stance = overlay(tricycle, run, TIMES[[1, 4]])["stance"]
     assert stance["height"] == pytest.approx(-0.05)
-    assert np.array(stance["points"]) == pytest.approx(np.array(made.POINTS))
+    assert np.array(stance["points"]) == pytest.approx(np.array(made.CONTACT_POINTS))
     corners = np.array(stance["points"])[stance["polygon"]]
     following = np.roll(corners, -1, axis=0)
     area = 0.5 * (corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum()

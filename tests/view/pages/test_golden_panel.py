@@ -12,9 +12,9 @@ import pytest
 
 from rpctl import Run, summarize
 from rpctl.view.pages.compare_panel import compare_legend, compare_panel
-from rpctl.view.pages.panel import headline, legend, length, panel, residual, subtitle
+from rpctl.view.pages.summary_panel import headline, legend, length, panel, residual, subtitle
 from tests.golden import COUNT
-from tests.view.samples import DISC, PILLAR, among
+from tests.view.samples import DISC, PILLAR, with_obstacles
 
 CHECK = {"name": "M", "against": "G", "residual": 3e-14, "limit": 1e-12, "passed": True}
 CERTIFICATE: dict[str, Any] = {
@@ -56,7 +56,7 @@ def test_panel_of_a_run(golden: Run) -> None:
     }
     run = replace(golden, certificate=CERTIFICATE, settings=settings, locked={"a": 1.0})
     page = panel(run, summarize(run), ["a note"])
-    told = rows(page)
+    setting_rows = rows(page)
     expected = {
         "Base, rms": "2.06 m",
         "Base, final": "50 mm",
@@ -84,8 +84,8 @@ def test_panel_of_a_run(golden: Run) -> None:
         "Frozen joints": "1",
         "End effector": "slide",
     }
-    assert {label: told.get(label) for label in expected} == expected
-    assert not {"Gain k, 1/s", "Weights"} & set(told)
+    assert {label: setting_rows.get(label) for label in expected} == expected
+    assert not {"Gain k, 1/s", "Weights"} & set(setting_rows)
     assert badges(page) == [("good", "within limits"), ("good", "verified")]
     assert "Worst of 7 random states, seed 3." in page
     assert "On the ground: keeps 0.12 m from tipping" in page
@@ -96,9 +96,9 @@ def test_panel_of_a_run(golden: Run) -> None:
 
 def test_rms_lengths_come_from_paper(golden: Run) -> None:
     """2.06 m is √(25.5294/6), 314 mm √(0.5916/6): the sums of the squares of six distances."""
-    told = summarize(golden)
-    assert told["rms_base_error"] == pytest.approx((25.5294 / 6) ** 0.5)
-    assert told["rms_end_effector_error"] == pytest.approx((0.5916 / 6) ** 0.5)
+    setting_rows = summarize(golden)
+    assert setting_rows["rms_base_error"] == pytest.approx((25.5294 / 6) ** 0.5)
+    assert setting_rows["rms_end_effector_error"] == pytest.approx((0.5916 / 6) ** 0.5)
 
 
 def test_headline_of_a_run(golden: Run) -> None:
@@ -121,8 +121,8 @@ def test_headline_of_a_run(golden: Run) -> None:
     arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
     assert not any(label.startswith("Base") for label in rows(headline(arm, summarize(arm))))
     late = replace(golden, t=golden.t + 3.0)
-    told = "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
-    assert subtitle(late) == told
+    setting_rows = "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
+    assert subtitle(late) == setting_rows
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
     assert entries(legend(bare))[-1][2] == "Effort: 0 to peak"
     unloaded = entries(legend(replace(golden, contact_load=none)))
     assert [layer for layer, *_ in unloaded][-2:] == ["effort", "zmp"]
-    assert entries(legend(among(golden, DISC, tip=(PILLAR,))))[-2:] == [
+    assert entries(legend(with_obstacles(golden, DISC, tip=(PILLAR,))))[-2:] == [
         ("obstacles-base", True, "Base obstacles"),
         ("obstacles-tip", True, "End-effector obstacles"),
     ]

@@ -20,11 +20,20 @@ from rpctl import (
     Run,
     UnifiedKinematic,
 )
-from rpctl.simulation.record import describe
+from rpctl.simulation.log import describe
 from rpctl.view.pages.page import embed
-from rpctl.view.pages.panel import flat, legend, length, panel, public
 from rpctl.view.pages.report import write_report
-from tests.view.samples import BOX, DISC, PILLAR, WALL, among, mesh_visual, short_run, write_cart
+from rpctl.view.pages.summary_panel import legend, length, panel, setting_text, setting_texts
+from tests.view.samples import (
+    BOX,
+    DISC,
+    PILLAR,
+    WALL,
+    mesh_visual,
+    short_run,
+    with_obstacles,
+    write_cart,
+)
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -234,20 +243,22 @@ def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
 
 
 def test_settings_as_text() -> None:
-    assert public([0.1, 2, True]) == "0.1, 2, yes"
-    assert public("/home/someone/path.csv") == "path.csv"
+    assert setting_text([0.1, 2, True]) == "0.1, 2, yes"
+    assert setting_text("/home/someone/path.csv") == "path.csv"
 
 
 def test_laws_within_laws_are_named() -> None:
-    rows = flat({"kinematic": describe(EndEffector()), "dynamic": describe(IntegralDynamic())})
+    rows = setting_texts(
+        {"kinematic": describe(EndEffector()), "dynamic": describe(IntegralDynamic())}
+    )
     assert (rows["Kinematic law"], rows["Law of the base"]) == ("EndEffector", "Horizon")
     assert (rows["Dynamic law"], rows["Law within"]) == ("IntegralDynamic", "BoundedDynamic")
 
 
 def test_obstacles_are_told_in_words(paper_run: Run) -> None:
-    rows = flat(among(paper_run, DISC, WALL).settings)
-    told = "disc at (1, 0.5) m, radius 0.25 m; half-plane, free where y ≥ −1 m"
-    assert rows["Base obstacles"] == told
+    rows = setting_texts(with_obstacles(paper_run, DISC, WALL).settings)
+    obstacle_text = "disc at (1, 0.5) m, radius 0.25 m; half-plane, free where y ≥ −1 m"
+    assert rows["Base obstacles"] == obstacle_text
     assert not any("obstacles" in label.lower() for label in rows.keys() - {"Base obstacles"})
     assert "[]" not in rows.values()
     assert "" not in rows.values()
@@ -255,6 +266,6 @@ def test_obstacles_are_told_in_words(paper_run: Run) -> None:
 
 def test_legend_names_the_obstacles_that_there_are(paper_run: Run) -> None:
     assert "obstacles" not in legend(paper_run)
-    assert "Base obstacles" in legend(among(paper_run, DISC))
-    assert "Base obstacles" not in legend(among(paper_run, tip=(PILLAR,)))
-    assert "End-effector obstacles" in legend(among(paper_run, tip=(PILLAR,)))
+    assert "Base obstacles" in legend(with_obstacles(paper_run, DISC))
+    assert "Base obstacles" not in legend(with_obstacles(paper_run, tip=(PILLAR,)))
+    assert "End-effector obstacles" in legend(with_obstacles(paper_run, tip=(PILLAR,)))

@@ -14,7 +14,7 @@ from rpctl.view.plots.panels import find_panels
 from rpctl.view.plots.style import LIGHT
 from tests import golden as made
 from tests.golden import COUNT, TIMES, speeds
-from tests.view.drawn import Array, curves, labelled, panel
+from tests.view.readers import Array, curves, labelled, panel
 
 EFFORTS = np.array(made.EFFORTS)
 
@@ -138,8 +138,8 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     shares, free = figure.axes
     low, high, *drawn = curves(shares)
     assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-1.0, -1.0], [1.0, 1.0])
-    told = np.array([over_time(c) for c in drawn]).T * [40.0, 15.0, 20.0, 80.0]
-    assert told == pytest.approx(EFFORTS[:, [0, 2, 3, 4]])
+    drawn_efforts = np.array([over_time(c) for c in drawn]).T * [40.0, 15.0, 20.0, 80.0]
+    assert drawn_efforts == pytest.approx(EFFORTS[:, [0, 2, 3, 4]])
     assert shares.get_ylabel() == "effort / limit"
     assert shares.get_ylim() == pytest.approx((-1.12, 1.12))
     (wheel,) = curves(free)

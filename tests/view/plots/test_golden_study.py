@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from rpctl.study.scenarios import OURS, PAPER, Controller
-from rpctl.study.study import Cell, Figures, Row
+from rpctl.study.benchmark import Cell, Figures, Row
+from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
 from rpctl.view.plots.study import GREY, study_figure
 from rpctl.view.plots.style import LIGHT
 
-OTHERS = Controller("kanayama", "paper")
+OTHERS = LawPair("kanayama", "paper")
 
 
 def figures(base: float, tip: float | None, *broken: str) -> Figures:
@@ -24,13 +24,13 @@ def test_picture_of_a_benchmark() -> None:
     """Errors are drawn in mm: a dot for the base, a ring for the end effector, a line a law."""
     rows = [
         Row(Cell("nominal", "line", PAPER), figures(0.004, 0.02), None),
-        Row(Cell("nominal", "line", OURS), figures(0.002, 0.01, "a upper"), None),
+        Row(Cell("nominal", "line", PROPOSED), figures(0.002, 0.01, "a upper"), None),
         Row(Cell("nominal", "line", OTHERS), figures(0.003, None), None),
         Row(Cell("nominal", "spin", PAPER), None, "it cannot"),
-        Row(Cell("nominal", "spin", OURS), figures(0.0005, 0.05), None),
+        Row(Cell("nominal", "spin", PROPOSED), figures(0.0005, 0.05), None),
         Row(Cell("delay", "line", PAPER), figures(0.04, 0.08), None),
     ]
-    figure = study_figure(rows, "a robot", OURS)
+    figure = study_figure(rows, "a robot", PROPOSED)
     line, spin, delayed, empty = figure.axes
     assert [axes.get_title() for axes in figure.axes] == ["line", "spin", "", ""]
     for axes, low, high in (
@@ -71,16 +71,16 @@ def test_picture_of_a_benchmark() -> None:
     assert not empty.lines
     assert [each.get_text() for each in line.texts] == [
         str(PAPER),
-        str(OURS),
+        str(PROPOSED),
         str(OTHERS),
         "nominal",
     ]
     assert [each.get_text() for each in delayed.texts][-1] == "delay"
-    told = [each.get_text() for each in figure.texts]
-    assert told == ["rms error, mm (logarithmic)", "a robot"]
+    texts = [each.get_text() for each in figure.texts]
+    assert texts == ["rms error, mm (logarithmic)", "a robot"]
     (named,) = figure.legends
     assert [each.get_text() for each in named.get_texts()] == [
-        f"{OURS} (rpctl's)", f"{PAPER} (the paper's)", "others", "base", "end effector",
+        f"{PROPOSED} (rpctl's)", f"{PAPER} (the paper's)", "others", "base", "end effector",
         "did not run", "broke a limit",
     ]  # fmt: skip
 
@@ -88,10 +88,10 @@ def test_picture_of_a_benchmark() -> None:
 def test_panels_of_a_benchmark_do_not_overlap() -> None:
     """Scenarios go down, references to the right; the ticks are told below the last row."""
     rows = [
-        Row(Cell(scenario, reference, OURS), figures(0.001, 0.1), None)
+        Row(Cell(scenario, reference, PROPOSED), figures(0.001, 0.1), None)
         for scenario in ("nominal", "delay") for reference in ("line", "spin")
     ]  # fmt: skip
-    figure = study_figure(rows, "a robot", OURS)
+    figure = study_figure(rows, "a robot", PROPOSED)
     boxes = [axes.get_position() for axes in figure.axes]
     for box in boxes:
         assert 0.0 < box.x0 < box.x1 < 1.0
@@ -113,13 +113,13 @@ def test_panels_of_a_benchmark_do_not_overlap() -> None:
     assert labels[0] == labels[1] == []
     assert {"1", "10", "100"} <= set(labels[2])
     assert "3" not in labels[2]  # a wide axis: of 1, 10 and 100 only
-    close = [Row(Cell("nominal", "line", OURS), figures(0.002, 0.004), None)]
-    axes = study_figure(close, "a robot", OURS).axes[0]
+    close = [Row(Cell("nominal", "line", PROPOSED), figures(0.002, 0.004), None)]
+    axes = study_figure(close, "a robot", PROPOSED).axes[0]
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
     assert "3" in [text.get_text() for text in axes.get_xticklabels()]
-    apart = [Row(Cell("nominal", "line", OURS), figures(0.00016, 0.005), None)]  # 0.1 to 8 mm
-    axes = study_figure(apart, "a robot", OURS).axes[0]
+    apart = [Row(Cell("nominal", "line", PROPOSED), figures(0.00016, 0.005), None)]  # 0.1 to 8 mm
+    axes = study_figure(apart, "a robot", PROPOSED).axes[0]
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
     assert "3" not in [text.get_text() for text in axes.get_xticklabels()]
-    nothing = [Row(Cell("nominal", "line", OURS), None, "it cannot")]
-    assert study_figure(nothing, "a robot", OURS).axes[0].get_xlim() == (1.0, 10.0)
+    nothing = [Row(Cell("nominal", "line", PROPOSED), None, "it cannot")]
+    assert study_figure(nothing, "a robot", PROPOSED).axes[0].get_xlim() == (1.0, 10.0)

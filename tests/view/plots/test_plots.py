@@ -19,7 +19,7 @@ from rpctl.view.plots.figures import (
 )
 from rpctl.view.plots.obstacles import half_plane
 from rpctl.view.plots.panels import PANELS, find_panels
-from tests.view.samples import PILLAR, among, short_run
+from tests.view.samples import PILLAR, short_run, with_obstacles
 
 
 def unlimited(run: Run) -> Run:
@@ -127,8 +127,8 @@ def test_a_grip_that_is_an_interval_is_a_band(paper_run: Run) -> None:
     assert grip.lines[-1].get_ydata() == pytest.approx(slip)
     legend = grip.get_legend()
     assert legend is not None
-    told = [text.get_text() for text in legend.get_texts()]
-    assert told == ["all splits of the load", "equally stiff contacts"]
+    legend_texts = [text.get_text() for text in legend.get_texts()]
+    assert legend_texts == ["all splits of the load", "equally stiff contacts"]
     endless = replace(run, slip_range=np.column_stack([slip, np.full_like(slip, np.inf)]))
     (grip,) = tracking_figure(endless, panels=["grip"]).axes
     assert grip.get_ylim()[1] == pytest.approx(1.12 * max(1.0, slip.max()))
@@ -210,8 +210,8 @@ def test_steering_joints_are_base_speeds(paper_run: Run) -> None:
     ]
     legend = speeds.get_legend()
     assert legend is not None
-    told = [text.get_text() for text in legend.get_texts()]
-    assert told == ["v, m/s", "front_steer, rad/s", "reference"]
+    legend_texts = [text.get_text() for text in legend.get_texts()]
+    assert legend_texts == ["v, m/s", "front_steer, rad/s", "reference"]
 
 
 def test_names_cannot_become_formulas(paper_run: Run) -> None:
@@ -233,7 +233,9 @@ def paths(run: Run) -> Any:
 
 def test_obstacles_near_the_paths_are_in_the_picture(paper_run: Run) -> None:
     near, far = rpctl.Disc(1.4, 1.2, 0.3), rpctl.Disc(60.0, 0.0, 1.0)
-    axes = paths(among(paper_run, near, far, rpctl.HalfPlane(0.0, 1.0, -1.2), tip=(PILLAR,)))
+    axes = paths(
+        with_obstacles(paper_run, near, far, rpctl.HalfPlane(0.0, 1.0, -1.2), tip=(PILLAR,))
+    )
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert left < 1.1 < 1.7 < right < 20.0
     assert bottom < -1.2 < 1.5 < top
@@ -248,7 +250,7 @@ def test_obstacles_near_the_paths_are_in_the_picture(paper_run: Run) -> None:
 
 
 def test_paths_stay_in_view_where_obstacles_are_far_or_none(paper_run: Run) -> None:
-    far = paths(among(paper_run, rpctl.Disc(60.0, 0.0, 1.0)))
+    far = paths(with_obstacles(paper_run, rpctl.Disc(60.0, 0.0, 1.0)))
     np.testing.assert_array_equal(far.dataLim.get_points(), paths(paper_run).dataLim.get_points())
     assert "obstacle of the base" not in paths(paper_run).get_legend_handles_labels()[1]
 

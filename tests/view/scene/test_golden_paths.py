@@ -13,8 +13,8 @@ import rpctl
 from rpctl import Run
 from rpctl.view.plots.style import LIGHT
 from tests.golden import COUNT
-from tests.view.drawn import curves, labelled, panel
-from tests.view.samples import among
+from tests.view.readers import curves, labelled, panel
+from tests.view.samples import with_obstacles
 
 
 def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
@@ -111,7 +111,7 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
     """The base reaches as far as its contacts lie from P: to the front wheel, 0.8 m."""
     column, wall = rpctl.Disc(1.0, -0.75, 0.25), rpctl.HalfPlane(0.0, 2.0, -1.0)  # y ≥ −1
     post = rpctl.Disc(0.5, 1.5, 0.125)
-    axes = panel(among(golden, column, wall, tip=(post,)), "paths")
+    axes = panel(with_obstacles(golden, column, wall, tip=(post,)), "paths")
     drawn: list[Any] = [*axes.patches, *axes.artists]
     circles = [
         (*patch.center, patch.radius, to_hex(patch.get_edgecolor()), patch.get_fill())
@@ -140,7 +140,10 @@ def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
     """Without contacts the base has no radius; the end effector's is 0.05 m all the same."""
     disc, post = rpctl.Disc(1.0, -0.75, 0.25), rpctl.Disc(0.5, 1.5, 0.125)
     bare = replace(golden, contact_points=())
-    for run, expected in ((among(bare, disc), False), (among(bare, disc, tip=(post,)), True)):
+    for run, expected in (
+        (with_obstacles(bare, disc), False),
+        (with_obstacles(bare, disc, tip=(post,)), True),
+    ):
         named = panel(run, "paths").get_legend_handles_labels()[1]
         assert ("as near as its centre may come" in named) == expected
 
@@ -159,15 +162,15 @@ def test_feet_of_walls_come_into_view(golden: Run) -> None:
     assert plain.y0 > -0.75
     for x, y in ((2.0, -0.1), (0.5, 0.0)):  # 1 m away from each start: 0.6 x + 0.8 y ≥ offset
         wall = rpctl.HalfPlane(0.6, 0.8, 0.6 * x + 0.8 * y - 1.0)
-        shown = among(run, wall) if x == 2.0 else among(run, tip=(wall,))
+        shown = with_obstacles(run, wall) if x == 2.0 else with_obstacles(run, tip=(wall,))
         view = panel(shown, "paths").dataLim
         assert view.y0 == pytest.approx(y - 0.8)
         assert view.x0 == pytest.approx(min(plain.x0, x - 0.6))
         assert (view.x1, view.y1) == pytest.approx((plain.x1, plain.y1))
     ahead = rpctl.HalfPlane(-0.6, -0.8, -(0.6 * 2.0 + 0.8 * 1.9) - 1.5)  # of P's end, (2, 1.9) m
-    view = panel(among(run, ahead), "paths").dataLim
+    view = panel(with_obstacles(run, ahead), "paths").dataLim
     assert (view.x1, view.y1) == pytest.approx((max(plain.x1, 2.9), 1.9 + 0.8 * 1.5))
-    away = panel(among(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
+    away = panel(with_obstacles(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
     assert away.get_points() == pytest.approx(plain.get_points())
 
 
@@ -175,7 +178,7 @@ def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
     """Twenty times the diagonal of what is drawn, on both sides of its middle."""
     wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
     plain = panel(golden, "paths").dataLim
-    axes = panel(among(golden, wall), "paths")
+    axes = panel(with_obstacles(golden, wall), "paths")
     drawn: list[Any] = [*axes.artists, *axes.patches]
     (corners,) = (p.get_xy()[:-1] for p in drawn if len(getattr(p, "xy", ())) == 5)
     middle = 0.5 * plain.get_points().sum(axis=0)

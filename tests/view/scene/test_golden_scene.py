@@ -13,14 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from rpctl import Robot, Run
 from rpctl.view.pages.compare import merge
-from rpctl.view.pages.player import player
 from rpctl.view.pages.report import write_report
-from rpctl.view.scene.obstacle_shapes import PATH
+from rpctl.view.pages.scene_page import player
+from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH
 from rpctl.view.scene.scene import Scene, build_scene
-from rpctl.view.scene.stage import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
+from rpctl.view.scene.surroundings import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
 from tests.golden import COUNT, TIMES
-from tests.view.drawn import Array, away, drawn_by, embedded, middles, tracks, trails
-from tests.view.samples import DISC, among, numbers
+from tests.view.readers import Array, drawn_by, embedded, middles, path_distances, tracks, trails
+from tests.view.samples import DISC, numbers, with_obstacles
 
 K = np.arange(COUNT)
 NEAR = 1e-3  # m: trails lie that near to their paths, and thinned frames to theirs
@@ -56,9 +56,9 @@ def check_trails(commands: Sequence[bytes], run: Run, prefix: str = "") -> None:
     assert middles(found["trail-tip"], COUNT) == pytest.approx(run.ee, abs=NEAR)
     width = float(np.linalg.norm(found["trail-base"][0] - found["trail-base"][1]))
     flat = np.column_stack([run.base_ref[:, :2], np.full(COUNT, -0.05)])  # on the ground
-    assert away(found["trail-base-desired"], flat).max() < width
+    assert path_distances(found["trail-base-desired"], flat).max() < width
     assert base[:, 2] == pytest.approx(-0.05, abs=width)
-    assert away(found["trail-tip-desired"], run.ee_ref).max() < width
+    assert path_distances(found["trail-tip-desired"], run.ee_ref).max() < width
     for name, path in (("base", flat), ("tip", run.ee_ref)):
         dashes = found[f"trail-{name}-desired"]
         assert np.linalg.norm(dashes[:2].mean(axis=0) - path[0]) < width  # from its start
@@ -252,9 +252,9 @@ def test_columns_stand_on_the_ground_and_are_half_as_high_as_the_robot(
     tricycle: Robot, golden: Run
 ) -> None:
     """The robot is 0.55 m high, from the ground at -0.05 m to the box at its arm's end."""
-    scene = build_scene(tricycle, among(golden, DISC))
-    foot, top = heights(scene.commands, PATH, 0)
+    scene = build_scene(tricycle, with_obstacles(golden, DISC))
+    foot, top = heights(scene.commands, OBSTACLES_PATH, 0)
     assert foot == pytest.approx(-0.05, abs=0.01)
     assert top == pytest.approx(-0.05 + 0.5 * 0.55, abs=0.01)
-    merged = merge([among(golden, DISC)] * 2, [scene, scene])
-    assert heights(merged.commands, PATH, 0) == pytest.approx((foot, top), abs=0.01)
+    merged = merge([with_obstacles(golden, DISC)] * 2, [scene, scene])
+    assert heights(merged.commands, OBSTACLES_PATH, 0) == pytest.approx((foot, top), abs=0.01)

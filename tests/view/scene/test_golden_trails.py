@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl.view.scene import stage, trails
+from rpctl.view.scene import surroundings, trails
 from tests.view.samples import numbers, unpack
 
 Array = np.ndarray[Any, Any]
@@ -154,11 +154,11 @@ def test_trails_and_ground_suit_the_size_of_the_motion(
 ) -> None:
     lower = np.array([1.0, 2.0, -5.0])
     upper = lower + np.array([0.6 * size, 0.8 * size, 100.0])
-    assert stage.trail_width(lower, upper) == pytest.approx(width)
-    centre, reach = stage.ground_disc(lower, upper)
+    assert surroundings.trail_width(lower, upper) == pytest.approx(width)
+    centre, reach = surroundings.ground_disc(lower, upper)
     assert centre == pytest.approx([1.0 + 0.3 * size, 2.0 + 0.4 * size])
     assert reach == pytest.approx(radius)
-    drawn = unpack(stage.ground_command(lower, upper, 0.5))["object"]
+    drawn = unpack(surroundings.ground_command(lower, upper, 0.5))["object"]
     grid, plane = drawn["geometries"]
     assert plane["width"] == plane["height"] == pytest.approx(2.0 * radius)
     points = numbers(grid["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
@@ -184,7 +184,7 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
         "tip-desired": path,
     }
     lower, upper = np.zeros(3), np.array([3.0, 4.0, 1.0])  # a trail of 30 mm
-    drawn = unpack(stage.trails_command(paths, lower, upper))["object"]
+    drawn = unpack(surroundings.trails_command(paths, lower, upper))["object"]
     heights, widths = {}, {}
     for item in drawn["geometries"]:
         points = numbers(item["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
@@ -197,11 +197,13 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     assert widths["base-desired"] == pytest.approx(0.8 * 0.03)
     for name, width in (("tip", 0.55 * 0.03), ("tip-desired", 0.8 * 0.55 * 0.03)):
         assert np.sqrt(0.75) * width * 0.999 < widths[name] <= width * 1.001
-    only = unpack(stage.trails_command({"tip": path, "tip-desired": path}, lower, upper))["object"]
+    only = unpack(surroundings.trails_command({"tip": path, "tip-desired": path}, lower, upper))[
+        "object"
+    ]
     assert [node["name"] for node in only["object"]["children"]] == [
         "trail-tip-desired",
         "trail-tip",
     ]
     still = {"base": path[:1], "base-desired": path}
-    only = unpack(stage.trails_command(still, lower, upper))["object"]
+    only = unpack(surroundings.trails_command(still, lower, upper))["object"]
     assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]

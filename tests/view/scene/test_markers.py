@@ -11,7 +11,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import contact_point
-from rpctl.view.scene.markers import STEEL, build_markers
+from rpctl.view.scene.markers import STEEL_DENSITY, build_markers
 from tests.robots import four_wheels
 
 Array = np.ndarray[Any, Any]
@@ -23,7 +23,7 @@ def placed(robot: Robot, q: Array) -> dict[str, Array]:
     pin.forwardKinematics(robot.model, data, q)
     return {
         node["name"]: data.oMi[joint].homogeneous @ np.array(node["matrix"]).reshape(4, 4).T
-        for joint, nodes in build_markers(robot, 1.0).hung.items()
+        for joint, nodes in build_markers(robot, 1.0).joint_nodes.items()
         for node in nodes
     }
 
@@ -57,11 +57,15 @@ def test_masses_add_up_to_the_robot(wheeled: Robot, rng: np.random.Generator) ->
 
 
 def test_ball_of_a_mass_is_of_steel(paper: Robot) -> None:
-    nodes = {n["name"]: n for hung in build_markers(paper, 1.0).hung.values() for n in hung}
+    nodes = {
+        n["name"]: n
+        for joint_nodes in build_markers(paper, 1.0).joint_nodes.values()
+        for n in joint_nodes
+    }
     for index, link in enumerate(paper.description.links):
         if link.mass:
             radius = nodes[f"mass-{index}"]["children"][0]["matrix"][0]
-            assert STEEL * 4.0 / 3.0 * math.pi * radius**3 == pytest.approx(link.mass)
+            assert STEEL_DENSITY * 4.0 / 3.0 * math.pi * radius**3 == pytest.approx(link.mass)
 
 
 def test_contacts_are_where_the_wheels_touch_the_ground(
@@ -89,18 +93,18 @@ def test_wheels_roll_as_the_constraint_has_it(wheeled: Robot, rng: np.random.Gen
     q = wheeled.configuration()
     v = dynamics.basis(q) @ rng.normal(size=wheeled.dof)
     poses, wheels = placed(wheeled, q), build_markers(wheeled, 1.0).wheels
-    for told, wheel in zip(wheels, wheeled.drive.wheels, strict=True):
-        contact = poses[told["node"]]
+    for entry, wheel in zip(wheels, wheeled.drive.wheels, strict=True):
+        contact = poses[entry["node"]]
         x, y = contact[:2, 3]
         way = contact[:2, :2].T @ [v[0] - v[2] * y, v[1] + v[2] * x]
-        (ax, ay, _), (dx, dy) = told["axle"], told["along"]
-        spin = (way @ [dx, dy]) / (told["radius"] * (ay * dx - ax * dy))
+        (ax, ay, _), (dx, dy) = entry["axle"], entry["along"]
+        spin = (way @ [dx, dy]) / (entry["radius"] * (ay * dx - ax * dy))
         assert spin == pytest.approx(v[wheeled.velocity_index(wheel.joint)], abs=1e-6)
 
 
 def test_rollers_of_a_mecanum_wheel_are_shown(tmp_path: Any) -> None:
     for kind, count in (("mecanum", 4), ("skid-steer", 0)):
         robot = four_wheels(tmp_path, kind)
-        hung = [n for nodes in build_markers(robot, 1.0).hung.values() for n in nodes]
-        names = [child["name"] for node in hung for child in node["children"]]
+        joint_nodes = [n for nodes in build_markers(robot, 1.0).joint_nodes.values() for n in nodes]
+        names = [child["name"] for node in joint_nodes for child in node["children"]]
         assert names.count("roller-bar") == count

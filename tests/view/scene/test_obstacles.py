@@ -9,21 +9,21 @@ import pytest
 
 import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
-from rpctl.simulation.record import describe
+from rpctl.simulation.log import describe
 from rpctl.view.scene import obstacle_shapes
-from rpctl.view.scene.obstacle_shapes import PATH, clip, column, corners, wall
+from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH, clip, column, corners, wall
 from rpctl.view.scene.obstacles import (
     BASE,
     TIP,
-    Obstacle,
+    DrawnObstacle,
     find_obstacles,
     near,
     run_obstacles,
-    tell,
+    shape_text,
 )
-from rpctl.view.scene.obstacles import tell_obstacles as tell_all
+from rpctl.view.scene.obstacles import obstacle_texts as obstacle_texts
 from rpctl.view.scene.scene import build_scene
-from tests.view.samples import DISC, PILLAR, WALL, among, numbers, unpack
+from tests.view.samples import DISC, PILLAR, WALL, numbers, unpack, with_obstacles
 
 
 def test_obstacles_are_found_at_any_depth_and_once() -> None:
@@ -32,13 +32,13 @@ def test_obstacles_are_found_at_any_depth_and_once() -> None:
     found = find_obstacles(settings, 0.7)
     assert [(o.body, o.shape, o.radius) for o in found] == [(BASE, DISC, 0.4), (BASE, WALL, 0.4)]
     law = rpctl.Horizon(base_obstacles=(DISC,), end_effector_obstacles=(DISC, PILLAR))
-    told = [(o.body, o.shape, o.radius) for o in find_obstacles({"kinematic": describe(law)}, 0.7)]
-    assert told == [(BASE, DISC, 0.7), (TIP, DISC, 0.05), (TIP, PILLAR, 0.05)]
+    drawn = [(o.body, o.shape, o.radius) for o in find_obstacles({"kinematic": describe(law)}, 0.7)]
+    assert drawn == [(BASE, DISC, 0.7), (TIP, DISC, 0.05), (TIP, PILLAR, 0.05)]
     assert find_obstacles({"kinematic": describe(rpctl.UnifiedKinematic())}) == ()
 
 
 def test_base_reaches_as_far_as_its_contacts(paper_run: Run) -> None:
-    (obstacle,) = run_obstacles(among(paper_run, DISC))
+    (obstacle,) = run_obstacles(with_obstacles(paper_run, DISC))
     away = np.array(paper_run.contact_points) - paper_run.drive["point"]
     assert obstacle.radius == pytest.approx(np.linalg.norm(away, axis=1).max())
 
@@ -47,7 +47,7 @@ def test_shape_of_somebodys_own_is_told_and_not_drawn() -> None:
     own: list[Any] = [{"law": "Blob", "mass": 1.0}, {"law": "Disc", "wobble": 2.0}]
     settings = {"kinematic": {"law": "Mine", "base_obstacles": own}}
     assert find_obstacles(settings) == ()
-    assert tell_all(settings) == {"Base obstacles": "Blob; Disc"}
+    assert obstacle_texts(settings) == {"Base obstacles": "Blob; Disc"}
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_shape_of_somebodys_own_is_told_and_not_drawn() -> None:
     ],
 )
 def test_shapes_in_words(shape: Disc | HalfPlane, text: str) -> None:
-    assert tell(shape) == text
+    assert shape_text(shape) == text
 
 
 @pytest.mark.parametrize("normal", [(0.0, 1.0), (3.0, -4.0), (-1.0, 0.5)])
@@ -126,14 +126,15 @@ def test_cameras_frame_discs_but_no_half_plane(paper: Robot, paper_run: Run) -> 
     plain = build_scene(paper, paper_run)
     disc = Disc(float(plain.upper[0]) + 0.5, 0.0, 0.3)
     ground, height = paper.drive.ground, float(plain.start[1, 2]) - paper.drive.ground
-    framed = build_scene(paper, among(paper_run, disc, WALL, Disc(80.0, 0.0, 1.0)))
+    framed = build_scene(paper, with_obstacles(paper_run, disc, WALL, Disc(80.0, 0.0, 1.0)))
     assert framed.upper[0] == pytest.approx(disc.x + 0.3)
     assert framed.hull[:, 0].max() == pytest.approx(disc.x + 0.3, abs=0.05)
-    walled = build_scene(paper, among(paper_run, WALL))
+    walled = build_scene(paper, with_obstacles(paper_run, WALL))
     np.testing.assert_array_equal(walled.hull, plain.hull)
     np.testing.assert_array_equal(walled.lower, plain.lower)
     tops = [
-        corners([Obstacle(b, DISC, 0.0)], plain.hull, ground, height)[:, 2] for b in (BASE, TIP)
+        corners([DrawnObstacle(b, DISC, 0.0)], plain.hull, ground, height)[:, 2]
+        for b in (BASE, TIP)
     ]
     assert ground < tops[0].max() < ground + height < tops[1].max()
 
@@ -141,10 +142,10 @@ def test_cameras_frame_discs_but_no_half_plane(paper: Robot, paper_run: Run) -> 
 def test_scene_has_one_mesh_for_each_body(paper: Robot, paper_run: Run) -> None:
     def meshes(run: Run) -> list[dict[str, Any]]:
         commands = map(unpack, build_scene(paper, run).commands)
-        return [c["object"] for c in commands if c["path"] == PATH]
+        return [c["object"] for c in commands if c["path"] == OBSTACLES_PATH]
 
     assert meshes(paper_run) == []
-    (scene,) = meshes(among(paper_run, DISC, WALL, tip=(PILLAR,)))
+    (scene,) = meshes(with_obstacles(paper_run, DISC, WALL, tip=(PILLAR,)))
     names = [node["name"] for node in scene["object"]["children"]]
     assert names == ["obstacles-base", "obstacles-tip"]
     assert all(material["transparent"] for material in scene["materials"])
@@ -156,6 +157,6 @@ def test_scene_has_one_mesh_for_each_body(paper: Robot, paper_run: Run) -> None:
 
 
 def test_wall_that_the_ground_does_not_reach_is_not_drawn() -> None:
-    far = Obstacle(BASE, HalfPlane(0.0, 1.0, -90.0), 0.0)
+    far = DrawnObstacle(BASE, HalfPlane(0.0, 1.0, -90.0), 0.0)
     lower, upper = -np.ones(3), np.ones(3)
     assert obstacle_shapes.commands([far], lower, upper, 0.0, 1.0) == []

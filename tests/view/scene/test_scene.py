@@ -12,13 +12,15 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import rpctl
 from rpctl import Robot, Run
-from rpctl.view.scene import keyframes, stage
+from rpctl.view.scene import keyframes, surroundings
 from rpctl.view.scene import scene as scenes
-from rpctl.view.scene.bodies import build_bodies
+from rpctl.view.scene.robot_meshes import build_bodies
 from rpctl.view.scene.scene import Scene, build_scene
 from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
 
-FRAME = keyframes.POSITION + keyframes.TURN  # m and entries of a pose: what thinning may cost
+FRAME = (
+    keyframes.POSITION_TOLERANCE_M + keyframes.ROTATION_TOLERANCE_RAD
+)  # m and entries of a pose: what thinning may cost
 COMMANDS = ["delete"] * 3 + ["set_property"] + ["set_object"] * 4 + ["set_animation"]
 
 
@@ -47,7 +49,7 @@ def robots(scene: Scene) -> dict[str, Any]:
     return next(
         command["object"]
         for command in map(unpack, scene.commands)
-        if command["type"] == "set_object" and command["path"] == scenes.ROBOTS
+        if command["type"] == "set_object" and command["path"] == scenes.ROBOTS_PATH
     )
 
 
@@ -194,7 +196,7 @@ def test_one_note_tells_of_a_mesh_that_many_links_miss(tmp_path: Path) -> None:
 def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
     lower = np.array([away - 2.0, away - 1.0, 0.0])
     upper = lower + np.array([4.0, 2.0, 1.2])
-    root = unpack(stage.lights_command(lower, upper))["object"]["object"]
+    root = unpack(surroundings.lights_command(lower, upper))["object"]["object"]
     sun = next(node for node in root["children"] if node["name"] == "sun")
     position, view = matrix(sun)[:3, 3], sun["shadow"]["camera"]
     assert position[2] > 0.0

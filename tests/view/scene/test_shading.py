@@ -65,7 +65,9 @@ def test_dashes_cover_their_share_of_a_line() -> None:
     line = np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 7)
     pieces = trails.dashes(line, 0.05)
     covered = sum(float(np.linalg.norm(piece[-1] - piece[0])) for piece in pieces)
-    assert covered / 10.0 == pytest.approx(trails.DASH / (trails.DASH + trails.GAP), abs=0.05)
+    assert covered / 10.0 == pytest.approx(
+        trails.DASH_WIDTHS / (trails.DASH_WIDTHS + trails.GAP_WIDTHS), abs=0.05
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 50])

@@ -17,13 +17,13 @@ Pose = np.ndarray[Any, Any]
 
 
 def walk(
-    robot: Robot, q: Pose, root: dict[str, Any], told: list[dict[str, Any]]
+    robot: Robot, q: Pose, root: dict[str, Any], entries: list[dict[str, Any]]
 ) -> dict[str, Pose]:
     """Return the pose (4, 4) of every group as a scene graph has it, moved as the page moves it."""
     motion: dict[str, Pose] = {"bone-1": np.eye(4)}
     x, y, cos, sin = q[:4]
     motion["bone-1"][:2] = [[cos, -sin, 0.0, x], [sin, cos, 0.0, y]]
-    for joint in told:
+    for joint in entries:
         position = robot.joint_position(q, joint["name"])
         step = np.eye(4)
         if joint["slides"]:
@@ -48,12 +48,12 @@ def test_groups_stand_where_pinocchio_places_the_joints(
     name: str, rng: np.random.Generator
 ) -> None:
     robot = rpctl.load(name)
-    root, told = skeleton(robot, "bone", lambda j: []), joints(robot, robot.configuration())
+    root, entries = skeleton(robot, "bone", lambda j: []), joints(robot, robot.configuration())
     data = robot.model.createData()
     for _ in range(5):
         q = robot.random_configuration(rng)
         pin.forwardKinematics(robot.model, data, q)
-        poses = walk(robot, q, root, told)
+        poses = walk(robot, q, root, entries)
         for j in range(1, robot.model.njoints):
             assert poses[f"bone-{j}"] == pytest.approx(data.oMi[j].homogeneous, abs=1e-12)
 
@@ -74,28 +74,28 @@ def test_what_hangs_on_a_joint_is_below_its_group(paper: Robot) -> None:
 
 def test_joints_tell_their_role_and_limits(tmp_path: Path) -> None:
     robot = rpctl.load(write_gripper(tmp_path))
-    told = {j["name"]: j for j in joints(robot, robot.configuration(joints={"lift_joint": 0.2}))}
-    assert {name: joint["role"] for name, joint in told.items()} == {
+    entries = {j["name"]: j for j in joints(robot, robot.configuration(joints={"lift_joint": 0.2}))}
+    assert {name: joint["role"] for name, joint in entries.items()} == {
         "left_wheel_joint": "wheel",
         "right_wheel_joint": "wheel",
         "lift_joint": "arm",
         "left_finger_joint": "arm",
         "right_finger_joint": "mimic",
     }
-    assert told["left_wheel_joint"]["lower"] is None
-    assert (told["lift_joint"]["lower"], told["lift_joint"]["upper"]) == (-0.1, 0.5)
-    assert told["lift_joint"]["slides"]
-    assert told["lift_joint"]["position"] == 0.2
-    assert not told["left_finger_joint"]["slides"]
+    assert entries["left_wheel_joint"]["lower"] is None
+    assert (entries["lift_joint"]["lower"], entries["lift_joint"]["upper"]) == (-0.1, 0.5)
+    assert entries["lift_joint"]["slides"]
+    assert entries["lift_joint"]["position"] == 0.2
+    assert not entries["left_finger_joint"]["slides"]
 
 
 def test_joint_that_follows_tells_whom(tmp_path: Path) -> None:
     path = write_gripper(tmp_path)
     free, locked = rpctl.load(path), rpctl.load(path, lock={"left_finger_joint": 0.4})
     for robot in (free, locked):
-        told = joints(robot, robot.configuration())
-        names = [joint["name"] for joint in told]
-        mimic = told[names.index("right_finger_joint")]["mimic"]
+        entries = joints(robot, robot.configuration())
+        names = [joint["name"] for joint in entries]
+        mimic = entries[names.index("right_finger_joint")]["mimic"]
         assert (mimic["name"], mimic["multiplier"], mimic["offset"]) == (
             "left_finger_joint", -0.5, 0.1,
         )  # fmt: skip
@@ -103,4 +103,4 @@ def test_joint_that_follows_tells_whom(tmp_path: Path) -> None:
             assert names[mimic["follows"]] == "left_finger_joint"
         else:
             assert mimic["follows"] is None
-            assert told[names.index("right_finger_joint")]["position"] == pytest.approx(-0.1)
+            assert entries[names.index("right_finger_joint")]["position"] == pytest.approx(-0.1)

@@ -7,10 +7,10 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
-from rpctl.view.pages.robot_page import Show, robot_page
+from rpctl.view.pages.robot_page import LiveMotion, robot_page
+from rpctl.view.serve.events import Stream
 from rpctl.view.serve.live import Broadcast, broadcast
-from rpctl.view.serve.stream import Stream
-from tests.view.drawn import away, embedded, trails
+from tests.view.readers import embedded, path_distances, trails
 from tests.view.serve.test_live import Unopened, frames
 from tests.view.serve.test_server import ask
 
@@ -78,12 +78,12 @@ def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
 
 
 def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden: Run) -> None:
-    show = Show("/events", golden.q[1], golden.base_ref, 0.5)
+    show = LiveMotion("/events", golden.q[1], golden.base_ref, 0.5)
     data = embedded(robot_page(tricycle, show))
     found = trails(data["commands"])
     assert [*found] == ["trail-base-desired"]  # the actual one grows in the page
     flat = golden.base_ref * [1.0, 1.0, 0.0]
-    assert away(found["trail-base-desired"] * [1.0, 1.0, 0.0], flat).max() < data["trail"]
+    assert path_distances(found["trail-base-desired"] * [1.0, 1.0, 0.0], flat).max() < data["trail"]
     assert data["point"] == pytest.approx([-0.1, 0.0])
     assert data["start"] == pytest.approx([0.2, 0.03, 0.3])
     assert data["duration"] == 0.5

@@ -24,13 +24,13 @@ from rpctl import Robot, Run
 from rpctl.control.config import Config, write_config
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.simulation import loop
-from rpctl.view.pages.robot_page import Show, robot_page
+from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene import obstacle_shapes
+from rpctl.view.serve import events as streams
 from rpctl.view.serve import live
-from rpctl.view.serve import stream as streams
+from rpctl.view.serve.events import Stream
 from rpctl.view.serve.live import Broadcast
 from rpctl.view.serve.server import EVENTS, PageServer
-from rpctl.view.serve.stream import Stream
 from tests.view.chromium import changed, chromium, opened, picture, wait
 from tests.view.samples import unpack, write_cart, write_gripper
 from tests.view.serve.test_server import ask
@@ -156,7 +156,7 @@ def test_simulation_is_seen_among_its_obstacles(tmp_path: Path) -> None:
     assert found is not None
     data = json.loads(found.group(1))
     drawn = [unpack(base64.b64decode(each)) for each in data["commands"]]
-    assert [c["path"] for c in drawn].count(obstacle_shapes.PATH) == 1
+    assert [c["path"] for c in drawn].count(obstacle_shapes.OBSTACLES_PATH) == 1
     assert data["area"][1][0] > 4.2
 
 
@@ -181,11 +181,11 @@ def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
     stream = Stream()
     watcher = Broadcast(robot, Unopened(), stream, 1.0)
     run = rpctl.track(robot, "eight", 1.0, (0.1, -0.2, 0.3), watch=watcher)
-    told = frames(stream)
-    assert told[0][0] == 0.0
-    assert told[-1][0] == pytest.approx(1.0)
-    assert 0.9 * live.FRAME_RATE < len(told) <= live.FRAME_RATE + 2
-    for t, count, *rest in (told[0], told[11], told[-1]):
+    sent = frames(stream)
+    assert sent[0][0] == 0.0
+    assert sent[-1][0] == pytest.approx(1.0)
+    assert 0.9 * live.FRAME_RATE < len(sent) <= live.FRAME_RATE + 2
+    for t, count, *rest in (sent[0], sent[11], sent[-1]):
         sample = int(np.argmin(np.abs(run.t - t)))
         halves = rest[: int(count)], rest[int(count) :]
         for (x, y, theta, *positions), q in zip(halves, (run.q, run.q_ref), strict=True):
@@ -214,7 +214,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         twist = np.array([0.5, 0.0, -0.1])  # P is 0.8 m behind the wheel that steers
         pose, joints = golden.base_ref[k], golden.joints_ref[k]
         watcher(t, golden.q[k], ReferenceState(pose, twist, np.zeros(3), joints, still, still))
-    text = robot_page(tricycle, Show(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
+    text = robot_page(tricycle, LiveMotion(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
     joints = [tricycle.model.getJointId(f"{name}_joint") for name in ("steer", "swing", "slide")]
     with PageServer(lambda: text, stream) as server, opened(browser, server.url) as page:
         wait(page, "rpctl.time >= 0.5")

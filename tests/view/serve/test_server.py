@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 import pytest
 
 from rpctl.errors import RpctlError
-from rpctl.view.serve import stream as streams
+from rpctl.view.serve import events as streams
+from rpctl.view.serve.events import Stream
 from rpctl.view.serve.server import PageServer
-from rpctl.view.serve.stream import Stream
 
 
 @pytest.fixture
@@ -134,8 +134,8 @@ def test_stream_that_is_closed_ends_for_its_readers() -> None:
 
 
 def test_silent_stream_notices_a_page_that_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(streams, "ALIVE", 0.05)
-    monkeypatch.setattr(streams, "GRACE", 0.2)
+    monkeypatch.setattr(streams, "KEEPALIVE_S", 0.05)
+    monkeypatch.setattr(streams, "RECONNECT_S", 0.2)
     stream = Stream()
     assert not stream.wait_reader(0.01)
     with PageServer(lambda: b"", stream) as server:

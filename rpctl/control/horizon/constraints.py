@@ -1,0 +1,258 @@
+"""What the horizon law keeps to: hard bounds of each unknown, and soft rows for the rest."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.forces import ForceModel
+from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
+from rpctl.control.horizon.qp_builder import (
+    LinearisedConstraint,
+    RowBlock,
+    StageIndices,
+    StageValues,
+)
+from rpctl.control.horizon.target import Sample
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.errors import require_positive
+from rpctl.robot.model import Robot
+
+KEPT_LOAD_SPLITS = 3  # of the wheels' loads that bound the first step
+BRAKING_ROOM = 1e-9  # rad or m: room left to a joint that can only just brake
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds that no URDF holds, and how near to the others a motion may come.
+
+    Attributes:
+        base_acceleration: Largest acceleration of the base forward and to the left, m/s².
+        base_turning: Largest angular acceleration of the base, rad/s².
+        catch_up: How much faster than its reference the base may drive, m/s.
+        rise: Time in which a joint may reach its velocity limit, s.
+        joint_acceleration: Largest acceleration of joints without one, rad/s² or m/s².
+        share: Share of the URDF's speeds and efforts that a motion may use.
+        tip_margin: Least distance of the zero-moment point to the support polygon's edge, m.
+        grip: Share of each wheel's grip that a motion may use.
+        friction: Coefficient between wheels and ground.
+    """
+
+    base_acceleration: float = 2.0
+    base_turning: float = 4.0
+    catch_up: float = 0.5
+    rise: float = 0.25
+    joint_acceleration: float = 10.0
+    share: float = 0.97
+    tip_margin: float = 0.01
+    grip: float = 0.95
+    friction: float = FRICTION
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that leave nothing."""
+        for name, value in vars(self).items():
+            require_positive(name, value)
+
+    def accelerations(self, model: Model) -> Array:
+        """Return the largest |ν̇| (dof,)."""
+        base = np.where(_is_turning(model), self.base_turning, self.base_acceleration)
+        limits = np.array([joint.velocity for joint in model.joints])
+        joints = np.where(np.isfinite(limits), limits / self.rise, self.joint_acceleration)
+        return np.concatenate([base, joints])
+
+    def efforts(self, robot: Robot) -> tuple[Indices, Array]:
+        """Return the actuators (indices) whose effort is limited, and how far it may go."""
+        return self._limited(robot.effort_limits)
+
+    def rates(self, robot: Robot) -> tuple[Indices, Array]:
+        """Return the actuators (indices) whose rate is limited, and how far it may go."""
+        joint = robot.description.joint
+        return self._limited(np.array([joint[name].velocity for name in robot.actuators]))
+
+    def _limited(self, limits: Array) -> tuple[Indices, Array]:
+        found = np.flatnonzero(np.isfinite(limits))
+        return found, self.share * limits[found]
+
+
+class HardBounds:
+    """Hard bounds of accelerations, speeds and joint positions, as far as they can be kept.
+
+    What is too fast, or too near to its limit to stop before it, is held to the hardest braking
+    instead: so the bounds never contradict each other.
+    """
+
+    def __init__(self, model: Model, bounds: Bounds) -> None:
+        joints, self._base = model.joints, model.base
+        self._linear_speeds = np.flatnonzero(np.logical_not(_is_turning(model)))
+        self._catch_up, self._dt = bounds.catch_up, model.dt
+        self._max_acceleration = bounds.accelerations(model)
+        # Between two steps a parabola rises above its chord by at most a dt²/8.
+        parabola_height = 0.125 * self._max_acceleration[model.base :] * model.dt**2
+        self._lower = np.array([joint.lower for joint in joints]) + parabola_height
+        self._upper = np.array([joint.upper for joint in joints]) - parabola_height
+        self._max_speed = np.full((model.steps, model.robot.dof), np.inf)
+        self._max_speed[:, model.base :] = bounds.share * np.array([j.velocity for j in joints])
+        later = np.arange(1, model.steps + 1)[:, None]
+        self._braked_speed = (
+            later * model.dt * self._max_acceleration
+        )  # speed that braking takes away by each step
+
+    def linearise(self, sample: Sample) -> tuple[StageValues, StageValues]:
+        """Return lower and upper bounds of the deviations from a motion."""
+        motion, base = sample.motion, self._base
+        braked_nu = np.sign(motion.nu[0]) * np.maximum(
+            np.abs(motion.nu[0]) - self._braked_speed, 0.0
+        )
+        braked_nu_sums = np.vstack([motion.nu[0], braked_nu[:-1]]) + braked_nu
+        stopping_positions = motion.joints[0] + 0.5 * self._dt * np.cumsum(
+            braked_nu_sums[:, base:], axis=0
+        )
+        lower = np.minimum(self._lower, stopping_positions - BRAKING_ROOM) - motion.joints[1:]
+        upper = np.maximum(self._upper, stopping_positions + BRAKING_ROOM) - motion.joints[1:]
+        fastest = self._max_speed.copy()
+        reference_nu = sample.target.nu[1:, self._linear_speeds]
+        fastest[:, self._linear_speeds] = (
+            np.linalg.norm(reference_nu, axis=1, keepdims=True) + self._catch_up
+        )
+        fastest = np.maximum(fastest, np.abs(braked_nu) + BRAKING_ROOM)
+        nu, free = motion.nu[1:], np.full((len(braked_nu), 3 if base else 0), np.inf)
+        return (
+            StageValues(-self._max_acceleration - motion.nu_dot, -free, lower, -fastest - nu),
+            StageValues(self._max_acceleration - motion.nu_dot, free, upper, fastest - nu),
+        )
+
+
+def _is_turning(model: Model) -> list[bool]:
+    """Return which of the base's own quasi-velocities turn it (base,)."""
+    return [name == "omega" for name in model.robot.drive.base_speeds[: model.base]]
+
+
+class SoftBound(Protocol):
+    """A kind of soft rows."""
+
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+        """Return the families that :meth:`linearise` fills, in its order."""
+
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
+        """Return their numbers about a motion."""
+
+
+class WheelSpeeds:
+    """Speeds of the wheels within their limits: they are Bᵀν. One unit of slack is one limit."""
+
+    def __init__(self, model: Model, bounds: Bounds) -> None:
+        joints = {joint.name for joint in model.joints}
+        limited, limits = bounds.rates(model.robot)
+        wheels = [i for i, k in enumerate(limited) if model.robot.actuators[k] not in joints]
+        self._limited, self._limits = limited[wheels], limits[wheels]
+        self._model, self._constant_rates = model, None
+        if not model.steered:  # casters have no actuators
+            self._constant_rates = self._rates(np.zeros(len(model.joints)))
+
+    def _rates(self, joints: Array) -> Array:
+        """Return the map (n, dof) from ν to the wheels' rates over their limits."""
+        B = self._model.dynamics.actuation(self._model.configuration(joints))
+        return B.T[self._limited] / self._limits[:, None]
+
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+        """Return one family, of the speeds after each step."""
+        if not len(self._limited):
+            return []
+        return [RowBlock(indices.nu[:, : self._model.base_columns], 2 * len(self._limited))]
+
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
+        """Return its numbers."""
+        if not len(self._limited):
+            return []
+        motion = sample.motion
+        if self._constant_rates is not None:
+            rates = np.broadcast_to(
+                self._constant_rates, (len(motion.nu_dot), *self._constant_rates.shape)
+            )
+        else:
+            rates = np.array([self._rates(joints) for joints in motion.joints[1:]])
+        value = np.einsum("kij,kj->ki", rates, motion.nu[1:])
+        jacobian = rates[:, :, : self._model.base_columns]
+        return [
+            LinearisedConstraint(
+                np.hstack([value, -value]) - 1.0, np.concatenate([jacobian, -jacobian], axis=1)
+            )
+        ]
+
+
+class ForceBounds:
+    """Efforts within their limits, zero-moment point inside the polygon, wheels within their grip.
+
+    The first step is bounded in all accelerations: it is the one that will be carried out. Later
+    steps are looked at for the ground only, at the ``ground`` stages, and there the arm's
+    accelerations and the steering are those of the motion: rows that tie all joints together at
+    many stages would cost the QP its sparsity.
+
+    Contacts let go and take hold, and the wheels' loads are linear in between only. A step that is
+    bounded by one such piece alone may end in another one, where it slips, and the next step back
+    in the first. So the first step keeps to the grip of the last three pieces that were met.
+    """
+
+    def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
+        self._limited, self._limits = bounds.efforts(model.robot)
+        self._model, self._forces = model, forces
+        self._load_splits: deque[Array] = deque(maxlen=KEPT_LOAD_SPLITS)
+        self._ground_stages = [k for k in ground if k and forces.rows]
+
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+        """Return the efforts' family, the ground's now, and the ground's later."""
+        base, count = self._model.base_columns, self._forces.rows
+        now = KEPT_LOAD_SPLITS * self._forces.grip_rows
+        found = [
+            RowBlock(indices.nu_dot[:1], 2 * len(self._limited)),
+            RowBlock(indices.nu_dot[:1], count - self._forces.grip_rows + now),
+        ]
+        before = [k - 1 for k in self._ground_stages]
+        later = np.hstack([indices.nu_dot[self._ground_stages, :base], indices.nu[before, :base]])
+        return [*found, RowBlock(later, count)]
+
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
+        """Return their numbers."""
+        found = self._first_step(sample.motion)
+        base, count = self._model.base_columns, self._forces.rows
+        value = np.empty((len(self._ground_stages), count))
+        jacobian = np.empty((len(self._ground_stages), count, 2 * base))
+        for row, k in enumerate(self._ground_stages):
+            motion = sample.motion
+            q = self._model.configuration(motion.joints[k])
+            margins = self._forces.ground(
+                self._forces.with_derivatives(q, motion.nu[k], motion.nu_dot[k])
+            )
+            value[row] = -margins[:, 0]
+            jacobian[row, :, :base] = -margins[:, 1 : 1 + base]
+            jacobian[row, :, base:] = -margins[:, margins.shape[1] - base :]
+        return [*found, LinearisedConstraint(value, jacobian)]
+
+    def _first_step(self, motion: PredictedMotion) -> list[LinearisedConstraint]:
+        dynamics = self._model.dynamics
+        forces = self._forces.with_derivatives(
+            motion.start, motion.nu[0], motion.nu_dot[0], dynamics
+        )
+        dof = len(motion.nu[0])
+        tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
+        value, jacobian = tau[:, 0], tau[:, 1 : 1 + dof]
+        efforts = LinearisedConstraint(
+            np.append(value, -value)[None] - 1.0, np.concatenate([jacobian, -jacobian])[None]
+        )
+        if not self._forces.rows:
+            return [efforts, LinearisedConstraint(np.empty((1, 0)), np.empty((1, 0, dof)))]
+        self._remember(self._forces.load_split(forces))
+        grips = self._forces.grip_margins(forces, self._load_splits)
+        margins = np.vstack([self._forces.tip_margins(forces), grips])
+        return [efforts, LinearisedConstraint(-margins[None, :, 0], -margins[None, :, 1 : 1 + dof])]
+
+    def _remember(self, load_split: Array) -> None:
+        """Remember a piece; at first it stands for the others as well."""
+        if not self._load_splits:
+            self._load_splits.extend([load_split] * KEPT_LOAD_SPLITS)
+        elif not np.array_equal(load_split, self._load_splits[-1]):
+            self._load_splits.append(load_split)

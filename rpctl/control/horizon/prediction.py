@@ -1,0 +1,209 @@
+"""The prediction of the horizon law: a motion under given accelerations, and its derivatives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.steered_twist import Steering
+from rpctl.description.records import Joint
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.robot.model import BASE_NV, Robot
+
+Indices = NDArray[np.intp]
+
+
+class PredictedMotion(NamedTuple):
+    """A predicted motion over N steps under accelerations held in each."""
+
+    start: Array  # (nq,) configuration it starts from
+    pose: Array  # (N + 1, 3) of P: m, m, rad
+    joints: Array  # (N + 1, n_joints)
+    nu: Array  # (N + 1, dof)
+    nu_dot: Array  # (N, dof)
+    twist: Array  # (N, 3) of the base at the middle of each step
+    twist_map: Array  # (N, 3, dof) or (1, 3, dof): twist = twist_map ν, at the middle of each step
+
+
+class PoseJacobian(NamedTuple):
+    """How the base's pose after a step depends on what it was before, and on the acceleration.
+
+    The pose itself counts fully, its heading as ``heading`` besides.
+    """
+
+    heading: Array  # (N, 2) of x, y
+    nu: Array  # (N, 3, moving)
+    nu_dot: Array  # (N, 3, moving)
+    steering: Array  # (N, 3, n_steered)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What the prediction needs to know of a robot, found once.
+
+    Its joints are those that ν has the rates of, after the base's own speeds: the steered ones,
+    then the arm's. All of them are states that integrate their rates.
+
+    Attributes:
+        dynamics: Its dynamics.
+        steps: Steps N of the prediction.
+        dt: Their length, s.
+        base: Number of quasi-velocities of the base that are no joints' rates; 0 if it is fixed.
+        joints: The steered joints, then the arm's.
+        steered: Number of steered joints: the base's twist at given ν depends on them.
+        steering: The steered joints' effect on the twist, None without them.
+        twist_map: Map (3, dof) from ν to the twist; its columns of the arm alone with ``steering``.
+        joint_columns: Map (nv, n_joints) from the joints' rates to v, mimic joints included.
+        q_indices: Index in q of each joint, with whether it is a pair (cos, sin).
+    """
+
+    dynamics: ReducedDynamics
+    steps: int
+    dt: float
+    base: int
+    joints: tuple[Joint, ...]
+    steered: int
+    steering: Steering | None
+    twist_map: Array
+    joint_columns: Array
+    q_indices: tuple[tuple[Indices, Indices], tuple[Indices, Indices]]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.dynamics.robot
+
+    @property
+    def base_columns(self) -> int:
+        """Number of quasi-velocities that move the base, the steered joints' rates among them."""
+        return self.base + self.steered
+
+    def joint_positions(self, q: Array) -> Array:
+        """Return the joints' positions (n_joints,) in q."""
+        return np.array([self.robot.joint_position(q, joint.name) for joint in self.joints])
+
+    def configuration(self, joints: Array, pose: Array | None = None) -> Array:
+        """Return q (nq,) at positions (n_joints,) and a pose of P; None: root at the origin.
+
+        Joints that mimic others and swivels that follow have their places; casters are at 0.
+        """
+        if self.robot.mimics or self.robot.drive.followers:
+            return self._configuration_by_name(joints, pose)
+        q: Array = pin.neutral(self.robot.model)
+        (index, where), (pairs, of) = self.q_indices
+        q[index] = joints[where]
+        if len(pairs):
+            q[pairs], q[pairs + 1] = np.cos(joints[of]), np.sin(joints[of])
+        if pose is not None:
+            theta = pose[2] - self.robot.drive.heading
+            cos, sin = math.cos(theta), math.sin(theta)
+            px, py = self.robot.drive.point
+            q[:4] = pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py, cos, sin
+        return q
+
+    def _configuration_by_name(self, joints: Array, pose: Array | None) -> Array:
+        if pose is not None:
+            return self.robot.configuration_at(pose, joints[self.steered :], joints[: self.steered])
+        names = (joint.name for joint in self.joints)
+        return self.robot.configuration(joints=dict(zip(names, joints.tolist(), strict=True)))
+
+    def predict(self, q: Array, nu: Array, nu_dot: Array) -> PredictedMotion:
+        """Return the motion from q (nq,) and ν under accelerations (N, dof) held in each step.
+
+        ν and the joints follow exactly; the base moves with the twist of the middle of each step in
+        the heading there, which is exact to second order.
+        """
+        dt, pose, joints = self.dt, self.robot.base_pose(q), self.joint_positions(q)
+        speeds = np.vstack([nu, nu + dt * np.cumsum(nu_dot, axis=0)])
+        mid_speeds = speeds[:-1] + 0.5 * dt * nu_dot
+        joint_change = dt * np.cumsum(mid_speeds[:, self.base :], axis=0)
+        arm = np.vstack([joints, joints + joint_change])
+        twist_map = self._twist_maps(arm[:-1], speeds[:-1], nu_dot)
+        twist = (twist_map @ mid_speeds[:, :, None])[:, :, 0]
+        poses = np.empty((self.steps + 1, BASE_NV))
+        poses[0] = pose
+        poses[1:, 2] = pose[2] + dt * np.cumsum(twist[:, 2])
+        cos, sin = _cos_sin(poses[:-1, 2] + 0.5 * dt * twist[:, 2])
+        poses[1:, 0] = pose[0] + dt * np.cumsum(cos * twist[:, 0] - sin * twist[:, 1])
+        poses[1:, 1] = pose[1] + dt * np.cumsum(sin * twist[:, 0] + cos * twist[:, 1])
+        return PredictedMotion(q, poses, arm, speeds, nu_dot, twist, twist_map)
+
+    def _twist_maps(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
+        if self.steering is None:
+            return self.twist_map[None]
+        found = np.tile(self.twist_map, (self.steps, 1, 1))
+        found[:, :, : self.base_columns] = self.steering.maps(self._angles(joints, nu, nu_dot))
+        return found
+
+    def _angles(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
+        """Return the steering angles (N, n_steered) at the middle of each step."""
+        joints, rates, accelerations = (
+            part[:, first : first + self.steered]
+            for part, first in ((joints, 0), (nu, self.base), (nu_dot, self.base))
+        )
+        return joints + 0.5 * self.dt * rates + 0.125 * self.dt**2 * accelerations
+
+    def jacobian(self, motion: PredictedMotion) -> PoseJacobian:
+        """Return how each pose of a motion depends on the state and acceleration before it."""
+        dt, n = self.dt, self.steps
+        cos, sin = _cos_sin(motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2])
+        rotation = np.zeros((n, 3, 3))
+        rotation[:, 0, 0], rotation[:, 0, 1], rotation[:, 1, 0], rotation[:, 1, 1] = (
+            cos,
+            -sin,
+            sin,
+            cos,
+        )
+        rotation[:, 2, 2] = 1.0
+        twist_by_heading = np.empty((n, 2))  # d/dθ of R(θ) (vx, vy)
+        twist_by_heading[:, 0] = -sin * motion.twist[:, 0] - cos * motion.twist[:, 1]
+        twist_by_heading[:, 1] = cos * motion.twist[:, 0] - sin * motion.twist[:, 1]
+        rotation[:, :2, 2] += 0.5 * dt * twist_by_heading
+        by_nu = dt * rotation @ motion.twist_map[:, :, : self.base_columns]
+        by_nu_dot = 0.5 * dt * by_nu
+        by_steering = np.zeros((n, 3, self.steered))
+        if self.steering is not None:
+            angles = self._angles(motion.joints[:-1], motion.nu[:-1], motion.nu_dot)
+            speeds = (motion.nu[:-1] + 0.5 * dt * motion.nu_dot)[:, : self.base_columns]
+            by_steering = dt * rotation @ self.steering.jacobian(angles, speeds)
+            by_nu[:, :, self.base :] += 0.5 * dt * by_steering
+            by_nu_dot[:, :, self.base :] += 0.125 * dt**2 * by_steering
+        return PoseJacobian(dt * twist_by_heading, by_nu, by_nu_dot, by_steering)
+
+
+def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
+    """Return what the prediction over ``steps`` of ``dt`` (s) needs to know of a robot."""
+    robot, steered = dynamics.robot, dynamics.robot.drive.steered
+    base = len(robot.drive.base_speeds) - len(steered)
+    joints = tuple(robot.description.joint[swivel.joint] for swivel in steered) + robot.joints
+    q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+    joint_columns = dynamics.basis(q)[:, base:].copy()
+    joint_columns[:BASE_NV] = 0.0
+    entries = [robot.model.joints[robot.model.getJointId(joint.name)] for joint in joints]
+    single = np.array([i for i, entry in enumerate(entries) if entry.nq == 1], dtype=np.intp)
+    pairs = np.array([i for i, entry in enumerate(entries) if entry.nq == 2], dtype=np.intp)
+    return Model(
+        dynamics=dynamics,
+        steps=steps,
+        dt=dt,
+        base=base,
+        joints=joints,
+        steered=len(steered),
+        steering=Steering(robot) if steered else None,
+        twist_map=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
+        joint_columns=joint_columns,
+        q_indices=(
+            (np.array([entries[i].idx_q for i in single], dtype=np.intp), single),
+            (np.array([entries[i].idx_q for i in pairs], dtype=np.intp), pairs),
+        ),
+    )
+
+
+def _cos_sin(angle: Array) -> tuple[Array, Array]:
+    return np.cos(angle), np.sin(angle)

@@ -1,0 +1,184 @@
+"""Polynomials written as short expressions: common factors out, recurring sums named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, count
+
+import sympy as sp
+
+from rpctl.derive.polynomial import Poly, without_common_term
+from rpctl.derive.subexpressions import operations, settle
+from rpctl.derive.substitution import EquationForm
+
+MAX_WRITING_COST = 200_000  # sum of squared numbers of terms, with which the time to write grows
+
+Definition = tuple[sp.Symbol, sp.Expr]
+
+
+@dataclass(frozen=True)
+class ShortForm:
+    """Expressions, and the definitions of the names in them, each in terms of those before."""
+
+    entries: tuple[sp.Expr, ...]
+    definitions: tuple[Definition, ...]
+
+    @property
+    def operations(self) -> int:
+        """Number of operations, definitions included."""
+        return operations((*self.entries, *(value for _, value in self.definitions)))
+
+
+def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
+    """Return M's upper triangle and h in the fewest operations that forms and layouts give.
+
+    Of long forms only the first few are tried, few terms first.
+    """
+    ordered = sorted(forms, key=lambda form: form.size)
+    choices = [(form, order) for form in ordered for order in _orders(form)]
+    spent = accumulate(form.size**2 for form, _ in choices)
+    tried = [
+        choice for choice, cost in zip(choices, spent, strict=True) if cost <= MAX_WRITING_COST
+    ]
+    results = [_Writer(form, order).all() for form, order in tried or choices[:1]]
+    return min(results, key=lambda result: result.operations)
+
+
+def _orders(form: EquationForm) -> list[tuple[tuple[sp.Symbol, ...], ...]]:
+    return [
+        (form.rates, form.angles, form.lengths),
+        (form.rates, form.lengths, form.angles),
+        (form.angles, form.rates, form.lengths),
+    ]
+
+
+class _Writer:
+    """Writes with one order of variables, outermost first.
+
+    Every sum of terms without a common factor stands as a symbol at first; at the end those that
+    occur once are put in place, and the others get a name.
+    """
+
+    def __init__(self, form: EquationForm, order: Sequence[Sequence[sp.Symbol]]) -> None:
+        self._form = form
+        self._ring = form.space.ring
+        index = form.space.index
+        self._levels = [frozenset(index[symbol] for symbol in level) for level in order]
+        self._sums: dict[Poly, sp.Symbol] = {}
+        self._bodies: dict[sp.Symbol, sp.Expr] = {}
+        self._shown = form.shown
+
+    def all(self) -> ShortForm:
+        """Write the whole form."""
+        M = self._inertia(self._form.M)
+        entries = [*M, *(self._write(poly) for poly in self._form.h)]
+        entries, named = self._named(entries)
+        used = set().union(*(x.free_symbols for x in (*entries, *(v for _, v in named))))
+        kept = []
+        for symbol, value in reversed(self._form.definitions):
+            if symbol in used:
+                kept.append((symbol, value))
+                used |= value.free_symbols
+        return ShortForm(tuple(entries), (*reversed(kept), *named))
+
+    def _inertia(self, polys: Sequence[Poly]) -> list[sp.Expr]:
+        """Write entries of M, each as another plus the rest where that is shorter.
+
+        A composite inertia recurs so: M33 in M23 and M22 of a serial arm.
+        """
+        expressions: dict[Poly, sp.Expr] = {}
+        for poly in sorted(set(polys), key=len):
+            best = direct = self._write(poly)
+            cost = self._cost(direct)
+            for base in [base for base in expressions if len(base) > 1]:
+                rest = self._write(poly - base)
+                if 1 + self._cost(rest) < cost:
+                    best, cost = expressions[base] + rest, 1 + self._cost(rest)
+            if best is not direct:  # wherever the sum occurs, it is written so
+                (stand_in,) = direct.free_symbols & self._bodies.keys()
+                self._bodies[stand_in] = best / (direct / stand_in)
+                best = direct
+            expressions[poly] = best
+        return [expressions[poly] for poly in polys]
+
+    def _cost(self, expression: sp.Expr) -> int:
+        return operations([self._expanded(expression)])
+
+    def _expanded(self, expression: sp.Expr) -> sp.Expr:
+        inner = expression.free_symbols & self._bodies.keys()
+        if not inner:
+            return expression
+        return expression.xreplace({s: self._expanded(self._bodies[s]) for s in inner})
+
+    def _primitive(self, poly: Poly) -> tuple[sp.Expr, Poly]:
+        """Return a polynomial's one-term factor, as an expression, and the rest of it."""
+        if not poly:
+            return sp.S.Zero, self._ring.one
+        content, rest = poly.primitive()
+        if rest.LC < 0:
+            content, rest = -content, -rest
+        powers, rest = without_common_term(rest)
+        term = self._ring.term_new(powers, content)
+        return self._form.space.expression(term, self._shown), rest
+
+    def _write(self, poly: Poly) -> sp.Expr:
+        head, rest = self._primitive(poly)
+        if rest == 1 or not poly:
+            return head
+        if rest not in self._sums:
+            body = self._sum(rest)
+            self._sums[rest] = sp.Dummy(f"s{len(self._sums)}")
+            self._bodies[self._sums[rest]] = body
+        return head * self._sums[rest]
+
+    def _sum(self, poly: Poly) -> sp.Expr:
+        """Write a sum by the outermost variables in it, like coefficients together."""
+        for level in self._levels:
+            outer = {tuple(p if i in level else 0 for i, p in enumerate(m)) for m in poly}
+            if len(outer) > 1:
+                break
+        else:
+            return self._form.space.expression(poly, self._shown)
+        coefficients: dict[tuple[int, ...], Poly] = {}
+        for powers, coefficient in poly.items():
+            out = tuple(p if i in level else 0 for i, p in enumerate(powers))
+            rest = tuple(0 if i in level else p for i, p in enumerate(powers))
+            known = coefficients.get(out, self._ring.zero)
+            coefficients[out] = known + self._ring.term_new(rest, coefficient)
+        alike: dict[Poly, Poly] = {}
+        for out, inner in coefficients.items():
+            content, primitive = inner.primitive()
+            if primitive.LC < 0:
+                content, primitive = -content, -primitive
+            term = self._ring.term_new(out, content)
+            alike[primitive] = alike.get(primitive, self._ring.zero) + term
+        return sp.Add(*(self._product(outer, inner) for inner, outer in alike.items()))
+
+    def _product(self, outer: Poly, inner: Poly) -> sp.Expr:
+        if inner == 1:  # a plain sum: nothing to share
+            return self._form.space.expression(outer, self._shown)
+        return self._write(outer) * self._write(inner)
+
+    def _named(self, entries: list[sp.Expr]) -> tuple[list[sp.Expr], list[Definition]]:
+        """Name the sums that occur more than once."""
+        entries, bodies = settle(entries, self._bodies)
+        polys = {symbol: poly for poly, symbol in self._sums.items()}
+        counters = {letter: count(1) for letter in "Jpku"}
+        names = {}
+        for symbol in bodies:
+            letter = self._letter(polys[symbol])
+            names[symbol] = sp.Symbol(f"{letter}{next(counters[letter])}", real=True)
+        named = [(names[symbol], body.xreplace(names)) for symbol, body in bodies.items()]
+        return [entry.xreplace(names) for entry in entries], named
+
+    def _letter(self, poly: Poly) -> str:
+        """Return J for an inertia, p for another function of positions, k for a constant."""
+        index = self._form.space.index
+        degree = {s: max(m[index[s]] for m in poly) for s in (*self._form.lengths,)}
+        if any(m[index[rate]] for m in poly for rate in self._form.rates):
+            return "u"
+        if any(power > 1 for power in degree.values()):
+            return "J"
+        used = any(m[index[s]] for m in poly for s in self._form.angles)
+        return "p" if used or any(degree.values()) else "k"

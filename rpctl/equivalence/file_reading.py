@@ -1,0 +1,110 @@
+"""What the derivations are told of a robot: its file read anew, and names.
+
+The bytes are the user's (a .xacro's are its expansion). Links and joints come from yourdfpy, or,
+where it cannot read the file, from :mod:`rpctl.equivalence.raw_file`; the drive's geometry from
+:mod:`rpctl.equivalence.file_drive`.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+from rpctl.drive.drive import Drive
+from rpctl.equivalence.file_drive import measure, with_declared
+from rpctl.equivalence.raw_file import RawFile, read_file
+from rpctl.libraries import library
+from rpctl.robot.model import Robot
+
+MESH_SOURCE = "bounds of"  # so begins the source of a radius that a mesh tells
+
+
+@dataclass(frozen=True)
+class FileReading:
+    """A robot's file as the derivations read it.
+
+    Attributes:
+        raw: Names, frames and shapes by the minimal reader.
+        links: Links with ``name`` and ``inertial``, as yourdfpy has them.
+        joints: Joints with ``name``, ``type``, ``parent``, ``child``, ``origin``, ``axis`` and
+            ``mimic``.
+        yourdfpy: Whether yourdfpy read the links and joints; else the minimal reader did.
+        measured: The drive with its geometry measured on the file's shapes.
+        drive: The same with the numbers that the user declared.
+        shapeless: Wheels without a shape, whose radius is the record's.
+    """
+
+    raw: RawFile
+    links: tuple[Any, ...]
+    joints: tuple[Any, ...]
+    yourdfpy: bool
+    measured: Drive
+    drive: Drive
+    shapeless: tuple[str, ...]
+
+
+def read(robot: Robot) -> FileReading:
+    """Return a robot's file, read anew.
+
+    Args:
+        robot: The robot; of it only its bytes, names, roles and locked positions are used, and
+            what :func:`shared` lists.
+    """
+    data = robot.description.raw
+    raw = read_file(data)
+    parsed = _by_yourdfpy(data, raw)
+    measured, shapeless = measure(robot, raw)
+    return FileReading(
+        raw=raw,
+        links=raw.links if parsed is None else tuple(parsed.links),
+        joints=raw.joints if parsed is None else tuple(parsed.joints),
+        yourdfpy=parsed is not None,
+        measured=measured,
+        drive=with_declared(measured, robot.drive),
+        shapeless=shapeless,
+    )
+
+
+def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
+    """Return what no derivation found for itself, each as a phrase."""
+    drive, phrases = robot.drive, []
+    if robot.description.path.suffix == ".xacro":
+        phrases.append("the expansion of the .xacro")
+    estimated = robot.description.estimated_links
+    if estimated:
+        phrases.append(f"estimated inertias of {', '.join(estimated)}")
+    if "drive" in drive.declared:
+        phrases.append("the drive, given as a whole")
+    elif drive.declared:
+        phrases.append(f"declared {', '.join(drive.declared)}")
+    meshes = [w.joint for w in drive.wheels if w.source.startswith(MESH_SOURCE)]
+    if meshes:
+        phrases.append(f"the triangles of the meshes of {', '.join(meshes)}")
+    if reading.shapeless:
+        phrases.append(f"radius of {', '.join(reading.shapeless)}, which have no shape")
+    return tuple(phrases)
+
+
+def _by_yourdfpy(data: bytes, raw: RawFile) -> Any:
+    """Return the robot as yourdfpy reads it, or None where it cannot.
+
+    It drops what it does not understand without a word, so the names must be all there.
+    """
+    quiet = logging.getLogger("yourdfpy")
+    before, quiet.disabled = quiet.disabled, True
+    try:
+        parsed = library("yourdfpy").URDF.load(
+            io.BytesIO(data), build_scene_graph=False, load_meshes=False
+        ).robot  # fmt: skip
+    except Exception:  # it raises whatever its reading runs into
+        return None
+    finally:
+        quiet.disabled = before
+    links = {link.name: link.inertial is not None for link in parsed.links}
+    joints = {joint.name: (joint.type, joint.parent, joint.child) for joint in parsed.joints}
+    whole = links == {link.name: link.inertial is not None for link in raw.links} and joints == {
+        joint.name: (joint.type, joint.parent, joint.child) for joint in raw.joints
+    }
+    return parsed if whole else None

@@ -1,0 +1,118 @@
+"""The rows of the certificate that look at the robot's own shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rpctl.drive.drive import Drive
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.file_drive import quantities
+from rpctl.equivalence.file_reading import FileReading
+from rpctl.equivalence.residuals import worst
+from rpctl.equivalence.row import Check, Skipped
+from rpctl.equivalence.state import State
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
+from rpctl.robot.model import BASE_NV
+
+SHAPES = "the file's shapes"
+SLIDING_TOLERANCE = 0.02  # of the speed: the sine of the angle up to which axles pass for parallel
+PLACEMENT_TOLERANCE = (
+    1e-9  # m, rad: rounding of a chain of frames; a file's own rounding is 1000 times more
+)
+SPEED_TOLERANCE = 1e-12  # of the robot's speed: the rounding of two sums of a few products
+MIN_NOTED_SLIDING = 1e-3  # of the speed: what slides by design by less is not told
+DECLARED = "declared numbers"
+
+
+class Geometry:
+    """The rows of one robot.
+
+    Args:
+        dynamics: The dynamics under test.
+        reading: The robot's file.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, reading: FileReading) -> None:
+        self._dynamics, self._reading = dynamics, reading
+        gaps = _differences(reading.drive, reading.measured).items()
+        self._declared = {label: difference for label, (_, difference) in gaps if difference}
+
+    def skipped(self) -> tuple[Skipped, ...]:
+        """Return the row that says which wheels have no shape."""
+        names = self._reading.shapeless
+        if not names:
+            return ()
+        text = f"no shape of {', '.join(names)} can be read: the radius is taken as the drive's"
+        return (Skipped("wheels' radii", SHAPES, text),)
+
+    def record(self) -> Iterator[Check]:
+        """Compare the drive's numbers with those measured on the file."""
+        drive = self._dynamics.robot.drive
+        gaps = _differences(drive, self._reading.drive)
+        if drive.wheels:
+            label = max(gaps, key=lambda each: gaps[each][0], default="")
+            gap, difference = gaps.get(label, (0.0, ""))
+            entry = f"{label}: {difference} as drawn" if difference else ""
+            yield Check("drive's geometry", SHAPES, gap, PLACEMENT_TOLERANCE, entry=entry)
+
+    def at(self, state: State) -> Iterator[Check]:
+        """Follow the wheels at S ν through the file: what slips, and what ν says of the base."""
+        if not self._dynamics.robot.drive.wheels:
+            return
+        measured = self._reading.measured
+        found = self._slip(self._reading.drive, state)
+        yield _sliding("wheels' contact at S ν", found, _design_note(found))
+        names = list(found.base)
+        gap = np.array([found.base[n] - state.nu[k] for k, n in enumerate(names)])
+        yield worst("base speeds ν", SHAPES, gap / (found.speed or 1.0), SPEED_TOLERANCE, names)
+        if self._declared:
+            difference = (f"{label}: {text} as drawn" for label, text in self._declared.items())
+            yield _sliding(DECLARED, self._slip(measured, state), "; ".join(difference))
+
+    def _slip(self, drive: Drive, state: State) -> Slip:
+        robot, raw = self._dynamics.robot, self._reading.raw
+        v = self._dynamics.basis(state.q) @ state.nu
+        moving = robot.model.names[2:]
+        positions = {name: robot.joint_position(state.q, name) for name in moving}
+        positions |= robot.locked
+        rates = {name: float(v[robot.velocity_index(name)]) for name in moving}
+        return slip(FileMotion(raw, drive, positions, v[:BASE_NV], rates, raw.poses(positions)))
+
+
+def _sliding(name: str, found: Slip, note: str) -> Check:
+    """Return what slides fastest where the ground should hold it."""
+    sizes = {key: size if np.isfinite(size) else np.inf for key, size in found.constrained.items()}
+    key = max(sizes, key=lambda each: sizes[each])
+    return Check(
+        name, SHAPES, sizes[key], SLIDING_TOLERANCE, entry=_sliding_text(key, sizes[key]), note=note
+    )
+
+
+def _design_note(found: Slip) -> str:
+    """Return what the drive's model lets slide, in words."""
+    key = max(found.by_design, key=lambda each: found.by_design[each], default="")
+    size = found.by_design.get(key, 0.0)
+    return f"by the drive's model {_sliding_text(key, size)}" if size >= MIN_NOTED_SLIDING else ""
+
+
+def _sliding_text(key: str, size: float) -> str:
+    """Return how fast what slides; where it is too little to be told, what slides fastest."""
+    wheel, _, direction = key.rpartition(", ")
+    if size < MIN_NOTED_SLIDING:
+        return key
+    return f"{wheel} slides {direction} at {100.0 * size:.2g} % of the robot's speed"
+
+
+def _differences(drive: Drive, measured: Drive) -> dict[str, tuple[float, str]]:
+    """Return the numbers that differ: by how much, and, beyond rounding, both in words."""
+    found = {}
+    for (label, one), (_, other) in zip(quantities(drive), quantities(measured), strict=True):
+        gap = np.abs(one - other)
+        size = float(np.where(np.isfinite(gap), gap, np.inf).max())
+        found[label] = size, ""
+        if not size <= PLACEMENT_TOLERANCE:
+            texts = (", ".join(f"{value:.6g}" for value in each) for each in (one, other))
+            found[label] = size, " in the drive, ".join(texts)
+    return found

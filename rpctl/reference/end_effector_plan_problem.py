@@ -1,0 +1,245 @@
+"""The least squares of a reach: base and arm that take the end effector along its path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
+
+from rpctl.arrays import Array
+from rpctl.reference.arm import Arm, pose_error
+from rpctl.reference.base_parametrisation import DEGREE, BaseMotion, DrivingBase
+from rpctl.reference.goal import Goal
+from rpctl.reference.limits import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
+
+POINTS_PER_KNOT = 3  # a knot, where the end effector is compared with its path
+LIMIT_FRACTION = 0.95  # of a joint's range and of a curvature limit: what a plan uses
+MIN_SPEED_RATIO = (
+    0.05  # of the end effector's mean speed: a base with a turning radius keeps rolling
+)
+
+# Weights of the plan's wishes, each a mean over the path. Derivatives are by metres of the end
+# effector's path, joints in halves of their ranges. They only rank what is left free.
+POSTURE_WEIGHT, JOINT_RATE_WEIGHT, JOINT_CHANGE_WEIGHT = (
+    0.3,
+    0.15,
+    0.05,
+)  # off comfort, joint rates and their changes
+BASE_SPEED_WEIGHT, TURNING_WEIGHT, BASE_CHANGE_WEIGHT = (
+    0.1,
+    0.1,
+    0.2,
+)  # base speed, turning, changes of both
+LIMIT_WEIGHT = 30.0  # beyond a limit, in shares of it
+END_EFFECTOR_SIGMAS = (0.2, 0.05, 0.01)  # m; tolerances of the end effector, one after the other
+LEVENBERG_STEPS = 12  # Levenberg-Marquardt steps each
+COST_TOLERANCE = 1e-3  # of the cost: a step that gains less ends it
+ACTIVE_SET_STEPS = 8  # of Newton's method, to find the limits that a step runs into
+MAX_DAMPING = 1e8  # damping at which no step helps any more
+
+
+@dataclass(frozen=True)
+class ReachProblem:
+    """A reach to plan.
+
+    Attributes:
+        arm: The arm.
+        goal: The end effector's path.
+        base: The base's motions to choose from.
+        comfort: The posture to stay near (n,).
+        s: Points of the path (N,), uniform.
+        knots: Of the arm's spline.
+        limits: The user's limits.
+    """
+
+    arm: Arm
+    goal: Goal
+    base: BaseMotion
+    comfort: Array = field(repr=False)
+    s: Array = field(repr=False)
+    knots: Array = field(repr=False)
+    limits: Limits
+
+    def joints(self, z: Array) -> Array:
+        """Return the coefficients (m, n) of the arm's spline."""
+        return z[self.base.size :].reshape(len(self.comfort), -1).T
+
+
+def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
+    """Return the numbers of base and arm that meet the path best, after Levenberg-Marquardt.
+
+    Args:
+        problem: The problem.
+        base: The base's numbers to start from (size,).
+        coefficients: The arm's to start from (m, n).
+    """
+    z = np.concatenate([base, coefficients.T.ravel()])
+    regulariser, preferred = _regularisation(problem)
+    inequalities, upper_bounds = _inequalities(problem)
+    basis = BSpline(problem.knots, np.eye(len(coefficients)), DEGREE)(problem.s)
+    for sigma in END_EFFECTOR_SIGMAS:
+        damping = 1e-3
+
+        def cost(x: Array, tolerance: float = sigma) -> float:
+            beyond = np.maximum(inequalities @ x - upper_bounds, 0.0)
+            away = x - preferred
+            miss = _misses(problem, basis, x)
+            return float(
+                np.mean(miss**2) / tolerance**2
+                + away @ (regulariser @ away)
+                + LIMIT_WEIGHT**2 * beyond @ beyond
+            )
+
+        now = cost(z)
+        for _ in range(LEVENBERG_STEPS):
+            miss, rows = _linearize(problem, basis, z)
+            weight = 1.0 / (sigma**2 * len(miss))
+            hessian = weight * rows.T @ rows + regulariser
+            descent = weight * rows.T @ miss - regulariser @ (z - preferred)
+            then = math.inf
+            while damping < MAX_DAMPING:
+                damped = hessian + damping * np.diag(np.diag(hessian) + 1e-9)
+                trial = z + _step(damped, descent, inequalities, upper_bounds - inequalities @ z)
+                then = cost(trial)
+                if then < now:
+                    break
+                damping *= 10.0
+            if then >= now:
+                break
+            gain, z, now, damping = now - then, trial, then, max(0.1 * damping, 1e-12)
+            if gain < COST_TOLERANCE * now:
+                break
+    return z
+
+
+def _step(hessian: Array, descent: Array, inequalities: csr_array, room: Array) -> Array:
+    """Return the step d of least ½ dᵀ square d − pull d + ½ HINGE² |max(walls d − room, 0)|².
+
+    Newton's method on the walls that the step itself runs into.
+    """
+    hit = np.flatnonzero(room < 0.0)
+    step = np.zeros(len(descent))
+    for _ in range(ACTIVE_SET_STEPS):
+        active = inequalities[hit]
+        stiff = hessian + LIMIT_WEIGHT**2 * (active.T @ active).toarray()
+        step = cho_solve(cho_factor(stiff), descent + LIMIT_WEIGHT**2 * (active.T @ room[hit]))
+        now = np.flatnonzero(inequalities @ step > room)
+        if np.array_equal(now, hit):
+            break
+        hit = now
+    return step
+
+
+def _misses(problem: ReachProblem, basis: Array, z: Array) -> Array:
+    """Return how far the end effector is off at every point (N, 3 or 6), m."""
+    poses, _ = problem.base.poses(z[: problem.base.size])
+    positions, goal = basis @ problem.joints(z), problem.goal
+    nothing = np.zeros((6, 0))
+    return np.array(
+        [
+            pose_error(
+                problem.arm.end_effector_pose(pose, q), nothing, goal.position(s), goal.rotation(s)
+            )[0]
+            for s, pose, q in zip(problem.s, poses, positions, strict=True)
+        ]
+    )
+
+
+def _linearize(problem: ReachProblem, basis: Array, z: Array) -> tuple[Array, Array]:
+    """Return the misses (N k,), and how the numbers close them (N k, size)."""
+    poses, jacobian = problem.base.poses(z[: problem.base.size])
+    positions, goal = basis @ problem.joints(z), problem.goal
+    misses, rows = [], []
+    for i, s in enumerate(problem.s):
+        found, base, joints = problem.arm.jacobian(poses[i], positions[i])
+        whole = np.hstack([base @ jacobian[i], np.kron(joints, basis[i])])
+        miss, row = pose_error(found, whole, goal.position(s), goal.rotation(s))
+        misses.append(miss)
+        rows.append(row)
+    return np.concatenate(misses), np.vstack(rows)
+
+
+def _metres(problem: ReachProblem) -> float:
+    """Return metres of the end effector's path a unit of s."""
+    return max(problem.goal.length, 0.1) / (problem.s[-1] - problem.s[0])
+
+
+def _regularisation(problem: ReachProblem) -> tuple[Array, Array]:
+    """Return the quadratic cost (size, size) of base and arm, and where it is least (size,)."""
+    scale, size = _metres(problem), problem.base.size
+    half, s = problem.arm.half_range, problem.s
+    count = len(problem.knots) - DEGREE - 1
+    basis = BSpline(problem.knots, np.eye(count), DEGREE)
+    one, two, three = (basis.derivative(i)(s) / scale**i if i else basis(s) for i in (0, 1, 2))
+    arm = (
+        POSTURE_WEIGHT**2 * one.T @ one
+        + JOINT_RATE_WEIGHT**2 * two.T @ two
+        + JOINT_CHANGE_WEIGHT**2 * three.T @ three
+    )
+    total = size + count * len(half)
+    cost = np.zeros((total, total))
+    cost[size:, size:] = np.kron(np.diag(1.0 / half**2), arm / len(s))
+    if isinstance(problem.base, DrivingBase):
+        roll = one / scale
+        change = BASE_CHANGE_WEIGHT**2 * (two / scale).T @ (two / scale)
+        for start in range(3, size, count):
+            place = slice(start, start + count)
+            weight = TURNING_WEIGHT if start + count == size else BASE_SPEED_WEIGHT
+            cost[place, place] = (weight**2 * roll.T @ roll + change) / len(s)
+    preferred = np.zeros(total)
+    preferred[size:] = np.repeat(problem.comfort, count)
+    return cost, preferred
+
+
+def _inequalities(problem: ReachProblem) -> tuple[csr_array, Array]:
+    """Return linear inequalities W z ≤ h that keep the limits, each in shares of one."""
+    size, arm = problem.base.size, problem.arm
+    count = len(problem.knots) - DEGREE - 1
+    inverse = csr_array(np.diag(1.0 / arm.half_range))
+    middle = np.repeat(arm.middle / arm.half_range, count)
+    box = hstack([csr_array((len(middle), size)), kron(inverse, eye_array(count))])
+    inequalities, upper_bounds = [box, -box], [LIMIT_FRACTION + middle, LIMIT_FRACTION - middle]
+    if problem.goal.timed:
+        slope = BSpline(problem.knots, np.eye(count), DEGREE).derivative()(problem.s)
+        rates = kron(
+            csr_array(np.diag(1.0 / (LIMIT_FRACTION * VELOCITY_LIMIT_FRACTION * arm.velocity))),
+            csr_array(slope),
+        )
+        rates = hstack([csr_array((rates.shape[0], size)), rates])
+        inequalities += [rates, -rates]
+        upper_bounds += [np.ones(rates.shape[0])] * 2
+    if isinstance(problem.base, DrivingBase):
+        rows, base_bounds = _base_inequalities(problem)
+        for row, bound in zip(rows, base_bounds, strict=True):
+            part = kron(csr_array(row[None, :]), eye_array(count))
+            after = csr_array((count, count * len(arm.joints)))
+            inequalities.append(hstack([csr_array((count, 3)), part, after]))
+            upper_bounds.append(np.full(count, bound))
+    return csr_array(vstack(inequalities)), np.concatenate(upper_bounds)
+
+
+def _base_inequalities(problem: ReachProblem) -> tuple[list[Array], list[float]]:
+    """Return inequalities on the base's free twist; its coefficients keep them, so it does."""
+    robot, radius = problem.arm.robot, problem.limits.turning_radius
+    columns = [0, 1, 2] if robot.drive.omnidirectional else [0, 2]
+    rows: list[Array] = []
+    base_bounds: list[float] = []
+    if problem.goal.timed:
+        for wheel, rate in zip(robot.drive.wheels, wheel_rates(robot), strict=True):
+            bound = (
+                LIMIT_FRACTION
+                * VELOCITY_LIMIT_FRACTION
+                * robot.description.joint[wheel.joint].velocity
+            )
+            rows += [rate[columns] / bound, -rate[columns] / bound]
+            base_bounds += [1.0, 1.0]
+    if radius > 0.0:
+        forward, turn = np.eye(3)[0], np.eye(3)[2] * radius / LIMIT_FRACTION
+        slow = forward / (MIN_SPEED_RATIO * _metres(problem))
+        rows += [(turn - forward)[columns], (-turn - forward)[columns], -slow[columns]]
+        base_bounds += [0.0, 0.0, -1.0]
+    return rows, base_bounds

@@ -1,0 +1,66 @@
+"""A reference in quasi-velocities, and where it has the steered wheels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.drive.rows import angle_of, rolling_row
+from rpctl.drive.steering import steer
+from rpctl.reference.motion import ReferenceState
+from rpctl.robot.model import Robot
+
+
+class ReferenceRates(NamedTuple):
+    """Quasi-velocities and their derivatives."""
+
+    nu: Array  # (dof,)
+    nu_dot: Array  # (dof,)
+
+
+def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
+    """Return ν and ν̇ of a reference."""
+    drive = robot.drive
+    speeds = np.vstack([state.twist, state.twist_dot])  # (2, 3)
+    if drive.has_axle and drive.steered:
+        base = np.hstack([speeds[:, :1], steering(robot, state)[1:]])
+    elif drive.steered:
+        turned = steering(robot, state)
+        base = np.hstack([_rolling_speed(robot, speeds, turned)[:, None], turned[1:]])
+    else:
+        base = speeds[:, [0, 2]] if drive.has_axle else speeds[:, : len(drive.base_speeds)]
+    arm = np.vstack([state.joint_rates, state.joint_accelerations])
+    return ReferenceRates(*np.hstack([base, arm]))
+
+
+def steering(robot: Robot, state: ReferenceState) -> Array:
+    """Return positions, rates and accelerations (3, n_steered) of a reference's steered joints."""
+    if not robot.drive.steered:
+        return np.zeros((3, 0))
+    return steer(robot.drive, direction(state) @ robot.root_velocity.T)
+
+
+def direction(state: ReferenceState) -> Array:
+    """Return a reference's direction of travel (3, 3); of one that gives none, its twist.
+
+    Where there is neither, wheels point ahead.
+    """
+    if state.direction is not None and state.direction[0].any():
+        return state.direction
+    if state.twist.any():
+        return np.vstack([state.twist, state.twist_dot, np.zeros(3)])
+    return np.eye(3) * [[1.0], [0.0], [0.0]]
+
+
+def _rolling_speed(robot: Robot, speeds: Array, turned: Array) -> Array:
+    """Return the rolling speed of the first steered swivel's wheels and its derivative (2,).
+
+    k·T − y (ω + φ̇), with y the wheels' mean place beside the swivel; along the heading k̇·T = 0.
+    """
+    swivel = robot.drive.steered[0]
+    beside = [robot.drive.wheels[wheel].lateral for wheel in robot.drive.carried(swivel)]
+    row = rolling_row(swivel.pivot, angle_of(swivel, turned[0, 0]))
+    turning = speeds[:, 2] + swivel.sign * turned[1:, 0]
+    return speeds @ robot.root_velocity.T @ row - np.mean(beside) * turning

@@ -1,0 +1,99 @@
+"""A reference that runs along a path by a clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from rpctl.arrays import Array
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.paths import Path, PathPoint, PathTime
+
+
+class TimeLaw(Protocol):
+    """s(t) with two derivatives, and how long it moves."""
+
+    @property
+    def duration(self) -> float:
+        """Time after which it stays, s."""
+
+    def __call__(self, t: float) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s)."""
+
+
+class Curves:
+    """Functions of s with two derivatives, from a spline."""
+
+    def __init__(self, spline: BSpline) -> None:
+        self.spline = spline
+        self._orders = spline, spline.derivative(1), spline.derivative(2)
+
+    def __call__(self, s: float) -> tuple[Array, Array, Array]:
+        """Return values and first and second derivatives by s."""
+        value, slope, bend = (order(s) for order in self._orders)
+        return value, slope, bend
+
+
+@dataclass(frozen=True)
+class TimedPath:
+    """Base and arm along one path, each a function of s, and a clock s(t).
+
+    Attributes:
+        path: The base's path.
+        arm: Positions of the joints (n_joints,) by s.
+        time_law: s(t).
+        travel_direction: A direction along the path, never zero where the path stands; None
+            where the path's own does not, or none is needed.
+    """
+
+    path: Path = field(repr=False)
+    arm: Curves = field(repr=False)
+    time_law: TimeLaw = field(repr=False)
+    travel_direction: Callable[[float], Array] | None = field(default=None, repr=False)
+
+    @property
+    def duration(self) -> float:
+        """Time after which it stays, s."""
+        return self.time_law.duration
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the reference at time ``t`` (s)."""
+        s, ds, dds = self.time_law(t)
+        point = self.path(s)
+        along, bend, _ = point.direction
+        joints, slope, curve = self.arm(s)
+        toward, change, twice = (
+            point.direction if self.travel_direction is None else self.travel_direction(s)
+        )
+        return ReferenceState(
+            point.pose,
+            along * ds,
+            bend * ds**2 + along * dds,
+            joints,
+            slope * ds,
+            curve * ds**2 + slope * dds,
+            np.array([toward, change * ds, twice * ds**2 + change * dds]),
+        )
+
+
+def still(pose: Array) -> Path:
+    """Return the path of a base that stays at a pose (3,)."""
+
+    def at(_: float) -> PathPoint:
+        return PathPoint(pose.copy(), np.zeros((3, 3)))
+
+    return at
+
+
+def constant(values: Array, start: float, end: float) -> Curves:
+    """Return curves that stay at values (n,) from ``start`` to ``end``."""
+    return Curves(BSpline(np.repeat([start, end], 3), np.tile(values, (3, 1)), 2))
+
+
+def along(path: Path, s: Array) -> Array:
+    """Return a path's direction and its first derivative by s at points (N,): (N, 2, 3)."""
+    return np.array([path(float(x)).direction[:2] for x in s])

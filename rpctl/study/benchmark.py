@@ -1,0 +1,299 @@
+"""The benchmark: a grid of runs, a row of figures each."""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from itertools import product
+from multiprocessing import resource_tracker
+from typing import Any, Generic, NamedTuple, TypeVar, cast
+
+import numpy as np
+
+from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import Rest, Startable, started
+from rpctl.control.registry import kinematic_by_name
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
+from rpctl.simulation.loop import track
+from rpctl.simulation.periods import CONTROL_PERIOD, whole_periods
+from rpctl.simulation.run import Run
+from rpctl.simulation.summary import summarize
+from rpctl.study.scenarios import SCENARIOS, LawPair
+
+REFERENCES = ("line", "reverse", "spin", "circle", "eight", "waypoints", "ee-square")
+INITIAL_ERROR = (0.1, -0.1, 0.1)  # m, m, rad
+
+Law = TypeVar("Law")
+Progress = Callable[[int, int], object]
+
+
+class Cell(NamedTuple):
+    """One run of the grid."""
+
+    scenario: str
+    reference: str
+    controller: LawPair
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a run came to.
+
+    Attributes:
+        rms_base: Root mean square of P's distance from its reference, m.
+        final_base: That distance at the end, m.
+        final_lateral: Its lateral part at the end, m.
+        rms_end_effector: Root mean square of the end effector's distance, m; None without an arm.
+        final_end_effector: That distance at the end, m; None without an arm.
+        peak_effort: Largest share of an effort limit; None without limits.
+        rms_effort: Root mean square of these shares over time and actuators; None without limits.
+        violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
+        sample_time: Median of the processor's time that a sample of both laws takes, s.
+        sample_time_99: Its 99th percentile, s.
+    """
+
+    rms_base: float
+    final_base: float
+    final_lateral: float
+    rms_end_effector: float | None
+    final_end_effector: float | None
+    peak_effort: float | None
+    rms_effort: float | None
+    violations: tuple[str, ...]
+    sample_time: float
+    sample_time_99: float
+
+
+class Row(NamedTuple):
+    """A cell and its figures, or why it has none."""
+
+    cell: Cell
+    figures: Figures | None
+    failure: str | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as JSON says it."""
+        scenario, reference, controller = self.cell
+        return {
+            "scenario": scenario,
+            "reference": reference,
+            "controller": str(controller),
+            "kinematic": controller.kinematic,
+            "dynamic": controller.dynamic,
+            "failure": self.failure,
+            **(asdict(self.figures) if self.figures else dict.fromkeys(Figures.__annotations__)),
+        }
+
+
+class Stopwatch:
+    """Times laws in the loop, in seconds of the processor: other programs do not count."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []  # of each call, the laws in turn
+
+    def time_law(self, law: Law | Startable[Law]) -> _Timed[Law]:
+        """Return a law that is timed."""
+        return _Timed(law, self.seconds)
+
+
+class _Timed(Generic[Law]):
+    def __init__(self, law: Law | Startable[Law], call_seconds: list[float]) -> None:
+        self._law, self._seconds = law, call_seconds
+
+    def start(
+        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+    ) -> Law:
+        """Return the law of one run."""
+        law: Any = started(self._law, dynamics, control_period, rest)
+        call_seconds = self._seconds
+
+        def timed(*arguments: Any) -> Any:
+            began = time.thread_time()
+            answer = law(*arguments)
+            call_seconds.append(time.thread_time() - began)
+            return answer
+
+        return cast("Law", timed)
+
+
+class Benchmark:
+    """Runs cells on one robot.
+
+    Args:
+        robot: The robot.
+        duration: Of each run, s; None: as long as its reference moves. It ends with the last whole
+            control period.
+        initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
+
+    Raises:
+        RpctlError: The duration is not positive.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        duration: float | None = None,
+        initial_error: Sequence[float] = INITIAL_ERROR,
+    ) -> None:
+        if duration is not None:
+            duration = whole_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
+        self.robot, self.duration, self.initial_error = robot, duration, tuple(initial_error)
+        self._references: dict[str, Reference] = {}
+
+    def __call__(self, cell: Cell) -> Row:
+        """Return the row of a cell; what keeps it from running is its failure."""
+        try:
+            return Row(cell, self._run(cell), None)
+        except RpctlError as error:
+            return Row(cell, None, str(error))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs; it makes its own references."""
+        return {**vars(self), "_references": {}}
+
+    def _run(self, cell: Cell) -> Figures:
+        reference = self._reference(cell.reference)
+        case = SCENARIOS[cell.scenario].make(self.robot, reference)
+        watch = Stopwatch()
+        run = track(
+            case.robot,
+            reference,
+            self.duration,
+            self.initial_error if self.robot.drive.base_speeds else (0.0, 0.0, 0.0),
+            watch.time_law(kinematic_by_name(cell.controller.kinematic)),
+            watch.time_law(dynamic_by_name(cell.controller.dynamic)),
+            plant=case.plant,
+        )
+        return figures(run, watch.seconds)
+
+    def _reference(self, name: str) -> Reference:
+        if name not in self._references:
+            self._references[name] = load_reference(self.robot, name)
+        return self._references[name]
+
+
+def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
+    """Return the figures of a run.
+
+    Args:
+        run: The run.
+        call_seconds: What each call of its two laws took, in turn, s.
+    """
+    summary = summarize(run)
+    limits = np.array(run.effort_limits)
+    effort_ratios = (run.tau / limits)[:, np.isfinite(limits)]
+    samples = np.reshape(call_seconds, (-1, 2)).sum(axis=1)
+    return Figures(
+        rms_base=summary["rms_base_error"],
+        final_base=summary["final_base_error"],
+        final_lateral=summary["final_lateral_error"],
+        rms_end_effector=summary["rms_end_effector_error"],
+        final_end_effector=summary["final_end_effector_error"],
+        peak_effort=float(np.abs(effort_ratios).max()) if effort_ratios.size else None,
+        rms_effort=float(np.sqrt(np.mean(np.square(effort_ratios))))
+        if effort_ratios.size
+        else None,
+        violations=tuple(f"{each['joint']} {each['limit']}" for each in summary["limits_violated"]),
+        sample_time=float(np.median(samples)),
+        sample_time_99=float(np.percentile(samples, 99.0)),
+    )
+
+
+def grid(
+    scenarios: Sequence[str], references: Sequence[str], controllers: Sequence[LawPair]
+) -> list[Cell]:
+    """Return all cells, scenario by scenario."""
+    return [Cell(*each) for each in product(scenarios, references, controllers)]
+
+
+def run_grid(
+    bench: Benchmark, cells: Sequence[Cell], jobs: int = 1, progress: Progress | None = None
+) -> list[Row]:
+    """Run cells, in several processes if asked; return their rows in order.
+
+    Args:
+        bench: What runs them.
+        cells: Which.
+        jobs: Number of processes; 1 runs them in this one.
+        progress: Called with the cells done and their total.
+
+    Raises:
+        RpctlError: A process was killed.
+    """
+    notify = progress or (lambda done, total: None)
+    if jobs == 1:
+        rows = []
+        for done, cell in enumerate(cells, start=1):
+            rows.append(bench(cell))
+            notify(done, len(cells))
+        return rows
+    try:
+        with _workers(bench, jobs) as submit:
+            futures = [submit(cell) for cell in cells]
+            for done, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                notify(done, len(cells))
+            return [future.result() for future in futures]
+    except BrokenProcessPool:
+        raise RpctlError(
+            "a process of the benchmark was killed; if memory ran out, take fewer --jobs"
+        ) from None
+
+
+@contextmanager
+def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Row]]]:
+    """Yield what sends a cell to another process; none of them outlives this.
+
+    A Ctrl-C reaches every process of a terminal: the workers leave it to this one, which ends them.
+    """
+    before = set(mp.active_children())
+    resource_tracker.ensure_running()  # it would unblock the signal when it starts
+    executor = ProcessPoolExecutor(jobs, mp.get_context("spawn"), _set_bench, (bench,))
+
+    def submit(cell: Cell) -> Future[Row]:
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
+        try:
+            return executor.submit(_run_cell, cell)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+    try:
+        yield submit
+    except BaseException:
+        for process in set(mp.active_children()) - before:
+            process.terminate()
+        raise
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+_benches: list[Benchmark] = []  # of a worker: its one
+
+
+def _set_bench(bench: Benchmark) -> None:
+    _benches[:] = [bench]
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that started it was killed."""
+    parent = mp.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
+
+
+def _run_cell(cell: Cell) -> Row:
+    return _benches[0](cell)

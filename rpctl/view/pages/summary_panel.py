@@ -1,0 +1,303 @@
+"""The texts beside the scene, as HTML; every string from outside is escaped here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import PurePath
+from typing import Any
+
+from rpctl.simulation.run import Run
+from rpctl.view.charts import has_base
+from rpctl.view.scene.obstacles import (
+    OBSTACLE_SETTINGS,
+    OBSTACLE_TITLES,
+    obstacle_texts,
+    run_obstacles,
+)
+
+NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
+SETTING_LABELS = {
+    "reference": "Reference",
+    "kinematic": "Kinematic law",
+    "dynamic": "Dynamic law",
+    "base": "Law of the base",
+    "inner": "Law within",
+    "horizon": "Horizon h, s",
+    "horizon_dyn": "Horizon h₁, s",
+    "beta": "β",
+    "steps": "Steps N",
+    "dt": "Step, s",
+    "period": "Time from solve to solve, s",
+    "end_effector_radius": "End effector's radius, m",
+    "base_radius": "Base's radius, m",
+    "leash": "Leash, m",
+    "lever": "Lever, m",
+    "damping": "Damping, m/s",
+    "gain": "Gain k, 1/s",
+    "softened": "Solves with a softened bound",
+    "largest_lag": "Reference read late by, s",
+    "duration": "Duration, s",
+    "control_period": "Control period, s",
+    "plant_step": "Integration step, s",
+    "smoothing": "Smoothing ω₀, rad/s",
+    "initial_error": "Initial error (m, m, rad)",
+}
+MERIT_LABELS = {
+    "rms_base_error": "Base, rms",
+    "final_base_error": "Base, final",
+    "final_lateral_error": "Base, final lateral",
+    "rms_end_effector_error": "End effector, rms",
+    "final_end_effector_error": "End effector, final",
+}
+KEYBOARD = (
+    ("Space", "play, pause"),
+    ("← →", "1 s back, on; with Shift 0.1 s"),
+    ("Home, End", "start, end"),
+    ("+ −", "faster, slower"),
+    ("R, T, F", "overview, from above, follow"),
+    ("D", "dark or light"),
+)
+
+
+def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
+    """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
+    sections = (
+        _merits(run, summary),
+        _certificate(run.certificate),
+        _settings(run.settings),
+        _robot(run),
+        notes_section(notes),
+        keyboard_section(),
+    )
+    return "\n".join(section for section in sections if section)
+
+
+def legend(run: Run) -> str:
+    """Return what is drawn in the scene: entries that show and hide it."""
+    entries = [("base", "Base")] if has_base(run) else []
+    entries += [("tip", "End effector")] if run.ee.shape[1] == 3 else []
+    entries += [("desired", "Desired"), ("ghost", "Reference robot")]
+    limited = any(math.isfinite(limit) for limit in run.effort_limits)
+    entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
+    if run.tip_margin.size:
+        one = ": equally stiff contacts" if run.load_range.size else ""
+        entries += [("loads", f"Ground reactions{one}")] if run.contact_load.size else []
+        entries += [("zmp", "Support, zero-moment point")]
+    return "".join([*(legend_entry(key, text) for key, text in entries), *obstacle_entries([run])])
+
+
+def obstacle_entries(runs: Iterable[Run]) -> list[str]:
+    """Return the entries of the scene's legend for the obstacles of runs."""
+    bodies = {obstacle.body for run in runs for obstacle in run_obstacles(run)}
+    return [
+        legend_entry(f"obstacles-{body}", text)
+        for body, text in OBSTACLE_TITLES.items()
+        if body in bodies
+    ]
+
+
+def keyboard_section() -> str:
+    """Return the section on the keys."""
+    return _section("Keyboard", _rows(KEYBOARD))
+
+
+def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
+    """Return one entry of the scene's legend; ``style`` is CSS of its swatch."""
+    drawn = f' style="{style}"' if style else ""
+    pressed = str(shown).lower()
+    return (
+        f'<li><button type="button" data-layer="{layer}" aria-pressed="{pressed}">'
+        f'<i class="{layer}"{drawn}></i>{escape(text)}</button></li>'
+    )
+
+
+def headline(run: Run, summary: Mapping[str, Any]) -> str:
+    """Return the few figures that stand above everything else."""
+    known = merits(run, summary)
+    rows = [(MERIT_LABELS[key], text) for key, text in known.items() if key.startswith("rms")]
+    if _has_figure(summary, "max_effort_ratio"):
+        rows.append(("Effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
+    badges = []
+    if run.certificate is not None:
+        badges.append(certificate_badge(run.certificate, "dynamics verified"))
+    broken = summary.get("limits_violated")
+    if broken is not None:
+        badges.append(limits_badge(broken))
+    return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
+
+
+def certificate_badge(certificate: Mapping[str, Any], text: str = "verified") -> str:
+    """Return the badge of a certificate."""
+    passed = bool(certificate["passed"])
+    return badge(passed, text if passed else "not equivalent")
+
+
+def limits_badge(broken: Sequence[Any]) -> str:
+    """Return the badge of the limits that were broken."""
+    return badge(not broken, "limits broken" if broken else "within limits")
+
+
+def subtitle(run: Run) -> str:
+    """Return one line about the run, escaped."""
+    count = len(run.quasi_velocities)
+    words = [f"{count} quasi-velocities", f"{len(run.actuators)} actuators"]
+    if "reference" in run.settings:
+        words.insert(0, f"reference: {setting_text(run.settings['reference'])}")
+    words.append(f"{float(run.t[-1] - run.t[0]):.4g} s")
+    return escape(" · ".join(words))
+
+
+def merits(run: Run, summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return the run's lengths of merit as texts by their keys; a fixed base has none of a base."""
+    return {
+        key: length(summary[key])
+        for key in MERIT_LABELS
+        if _has_figure(summary, key) and (has_base(run) or "end_effector" in key)
+    }
+
+
+def _merits(run: Run, summary: Mapping[str, Any]) -> str:
+    rows = [(MERIT_LABELS[key], text) for key, text in merits(run, summary).items()]
+    if _has_figure(summary, "max_effort_ratio"):
+        rows.append(("Largest effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    if _has_figure(summary, "realtime_factor"):
+        rows.append(("Simulated at", f"{summary['realtime_factor']:.3g} × real time"))
+    if not rows:
+        return ""
+    broken = summary.get("limits_violated")
+    if broken is None:
+        return _section("Tracking error", _rows(rows))
+    mark = limits_badge(broken)
+    sentences = [_violation(each) for each in broken]
+    sentences += [f"{each['told']}." for each in summary.get("limits_bound", ())]
+    if summary.get("ground"):
+        sentences.append(f"On the ground: {summary['ground']}.")
+    details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
+    body = f'<ul class="notes">{details}</ul>' if sentences else ""
+    return _section("Tracking error" + mark, _rows(rows) + body)
+
+
+def _violation(broken: Mapping[str, Any]) -> str:
+    return (
+        f"{broken['joint']}: {broken['limit']} {broken['value']:.4g}, allowed "
+        f"{broken['allowed']:.4g}, from {broken['first_time']:.2f} s"
+    )
+
+
+def finite_figure(summary: Mapping[str, Any], key: str) -> float | None:
+    """Return a figure of merit, or None where it is not defined."""
+    value = summary.get(key)
+    return value if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def _has_figure(summary: Mapping[str, Any], key: str) -> bool:
+    return finite_figure(summary, key) is not None
+
+
+def _certificate(certificate: Mapping[str, Any] | None) -> str:
+    if certificate is None:
+        return ""
+    checks = certificate["checks"]
+    rows = [(f"{check['name']} · {check['against']}", residual(check)) for check in checks]
+    rows += [
+        (check["name"], f"{check['against']}: {check['note']}") for check in certificate["skipped"]
+    ]
+    samples, seed = certificate.get("samples"), certificate.get("seed")
+    sampling = f"Worst of {samples} random states, seed {seed}."
+    mark = certificate_badge(certificate)
+    quiet = f'<p class="quiet">{escape(sampling)}</p>'
+    return _section("Dynamics" + mark, _rows(rows) + quiet)
+
+
+def residual(check: Mapping[str, Any]) -> str:
+    """Return a check's residual beside its limit."""
+    known = check["residual"] is not None and math.isfinite(check["residual"])
+    worst = f"{check['residual']:.1e}" if known else "∞"
+    sign, mark = ("≤", "") if check["passed"] else (">", " ✗")
+    return f"{worst} {sign} {check['limit']:.0e}{mark}"
+
+
+def _settings(settings: Mapping[str, Any]) -> str:
+    rows = setting_texts(settings)
+    return _section("Settings", _rows(rows.items())) if rows else ""
+
+
+def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return settings as texts by their labels."""
+    rows = {}
+    for key, value in settings.items():
+        inner = value if isinstance(value, Mapping) else {"law": value}
+        for name, given in inner.items():
+            label = key if name == "law" else name
+            if isinstance(given, Mapping) and label in NESTED_LAWS:
+                given = given["law"]
+            if given in (None, []) or isinstance(given, Mapping) or name in OBSTACLE_SETTINGS:
+                continue
+            text = SETTING_LABELS.get(label, label.replace("_", " ").capitalize())
+            rows[f"{text} ({key})" if text in rows else text] = setting_text(given)
+        rows |= obstacle_texts(inner)
+    return rows
+
+
+def _robot(run: Run) -> str:
+    drive = run.drive
+    rows = [("Drive", str(drive["type"]))]
+    if drive["wheels"]:
+        radii = dict.fromkeys(f"{wheel['radius']:.4g}" for wheel in drive["wheels"])
+        rows.append(("Wheels", f"{len(drive['wheels'])}, radius {', '.join(radii)} m"))
+    rows += [
+        ("Quasi-velocities", str(len(run.quasi_velocities))),
+        ("Actuators", str(len(run.actuators))),
+        ("Frozen joints", str(len(run.locked))),
+    ]
+    if run.end_effector is not None:
+        rows.append(("End effector", run.end_effector))
+    names = escape(", ".join(run.quasi_velocities))
+    body = f"<details><summary>Names</summary><p>{names}</p></details>"
+    return _section("Robot", _rows(rows) + body)
+
+
+def notes_section(notes: Sequence[str]) -> str:
+    """Return the section of notes, empty where there are none."""
+    if not notes:
+        return ""
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return _section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
+
+
+def length(value: float) -> str:
+    """Return a length in a unit that suits it; metres in."""
+    for unit, size in (("m", 1.0), ("mm", 1e-3)):
+        if abs(value) >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-6:.3g} µm" if value else "0 m"
+
+
+def setting_text(value: Any) -> str:
+    """Return a setting as text; of a file only its name, as reports are passed on."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(setting_text(item) for item in value)
+    text = str(value)
+    return PurePath(text).name if PurePath(text).is_absolute() else text
+
+
+def badge(good: bool, text: str) -> str:
+    """Return a word on a green or red ground."""
+    return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
+
+
+def _section(title: str, body: str) -> str:
+    """Return a section; both strings are HTML already."""
+    return f"<section><h2>{title}</h2>{body}</section>"
+
+
+def _rows(rows: Iterable[tuple[str, str]]) -> str:
+    cells = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
+    return f'<dl class="rows">{cells}</dl>'

@@ -1,0 +1,112 @@
+"""three.js objects as meshcat sends them: JSON with typed arrays, packed with MessagePack."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Json = dict[str, Any]
+
+ARRAY_TYPES = {  # NumPy type: (its name in three.js, MessagePack extension of the viewer)
+    "int8": ("Int8Array", 0x11),
+    "uint8": ("Uint8Array", 0x12),
+    "uint16": ("Uint16Array", 0x14),
+    "uint32": ("Uint32Array", 0x16),
+    "float32": ("Float32Array", 0x17),
+}
+
+
+def typed(array: NDArray[Any]) -> Any:
+    """Return an array as a typed array of the viewer, row after row."""
+    import umsgpack
+
+    return umsgpack.Ext(ARRAY_TYPES[array.dtype.name][1], np.ascontiguousarray(array).tobytes())
+
+
+def attribute(array: NDArray[Any], normalized: bool = False) -> Json:
+    """Return a vertex attribute from an array (n, size)."""
+    return {
+        "itemSize": array.shape[1],
+        "type": ARRAY_TYPES[array.dtype.name][0],
+        "array": typed(array),
+        "normalized": normalized,
+    }
+
+
+def geometry(uuid: str, attributes: Mapping[str, Json], index: NDArray[Any] | None = None) -> Json:
+    """Return a ``BufferGeometry``; ``index`` holds the corners of its triangles."""
+    data: Json = {"attributes": dict(attributes)}
+    if index is not None:
+        small = index.size == 0 or index.max() < 2**16
+        corners = index.reshape(-1).astype(np.uint16 if small else np.uint32)
+        data["index"] = {"type": ARRAY_TYPES[corners.dtype.name][0], "array": typed(corners)}
+    return {"uuid": uuid, "type": "BufferGeometry", "data": data}
+
+
+def node(kind: str, name: str, **entries: Any) -> Json:
+    """Return an object of the scene graph."""
+    return {"uuid": name, "type": kind, "name": name, **entries}
+
+
+def fixed_matrix(pose: NDArray[np.float64]) -> Json:
+    """Return the entries that place an object for good at a matrix (4, 4), mirrored or not."""
+    return {"matrix": pose.T.reshape(-1).tolist(), "matrixAutoUpdate": False}
+
+
+def colour(rgb: Sequence[float]) -> int:
+    """Return 0xRRGGBB of a colour, each in [0, 1]."""
+    red, green, blue = (round(255.0 * min(max(float(part), 0.0), 1.0)) for part in rgb[:3])
+    return red << 16 | green << 8 | blue
+
+
+def set_object(
+    path: str, root: Json, geometries: Sequence[Json] = (), materials: Sequence[Json] = ()
+) -> bytes:
+    """Return the command that puts an object, with all below it, at a path."""
+    scene = {
+        "metadata": {"version": 4.5, "type": "Object"},
+        "geometries": list(geometries),
+        "materials": list(materials),
+        "object": root,
+    }
+    return pack({"type": "set_object", "path": path, "object": scene})
+
+
+def set_property(path: str, key: str, value: Any) -> bytes:
+    """Return the command that sets a property of what is at a path."""
+    return pack({"type": "set_property", "path": path, "property": key, "value": value})
+
+
+def delete(path: str) -> bytes:
+    """Return the command that takes away what is at a path."""
+    return pack({"type": "delete", "path": path})
+
+
+def set_animation(path: str, tracks: Sequence[Json]) -> bytes:
+    """Return the command that animates the nodes below a path; the times of tracks are in s."""
+    clip = {"fps": 1, "name": "run", "tracks": list(tracks)}
+    animation = {"path": path, "clip": clip}
+    options = {"play": True, "repetitions": 1}
+    return pack(
+        {"type": "set_animation", "animations": [animation], "options": options, "path": ""}
+    )
+
+
+def track(name: str, kind: str, times: NDArray[Any], values: NDArray[Any]) -> Json:
+    """Return the track of a property ``node.property`` from times (n,) and values (n, size)."""
+    return {
+        "name": name,
+        "type": kind,
+        "times": typed(times.astype(np.float32)),
+        "values": typed(values.astype(np.float32)),
+    }
+
+
+def pack(command: Json) -> bytes:
+    """Return a command as MessagePack."""
+    import umsgpack
+
+    return bytes(umsgpack.packb(command))

@@ -1,0 +1,89 @@
+"""Events in order for any number of pages, none of which is waited for."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+KEEPALIVE_S = (
+    5.0  # s; a silent stream says this often that it is there, and notices a page that left
+)
+RECONNECT_S = 3.0  # s; a page that is loaded again is away for less
+
+
+class Stream:
+    """A log of server-sent events."""
+
+    def __init__(self) -> None:
+        self._log: list[bytes] = []
+        self._closed = False
+        self._readers = 0
+        self._left = -float("inf")
+        self._changed = threading.Condition()
+
+    def send(self, kind: str, value: Any) -> None:
+        """Add an event.
+
+        Args:
+            kind: Its name in the page.
+            value: Its data, sent as JSON.
+        """
+        data = json.dumps(value, separators=(",", ":"), allow_nan=False)
+        with self._changed:
+            self._log.append(f"id: {len(self._log)}\nevent: {kind}\ndata: {data}\n\n".encode())
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """End the stream: pages get what is left of it."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def events(self, first: int = 0) -> Iterator[bytes]:
+        """Yield the events from number ``first`` on, waiting for each, until the stream is closed.
+
+        A comment that pages ignore comes where there is no event for ``KEEPALIVE_S`` seconds.
+        """
+        at, closed = first, False
+
+        def news() -> bool:
+            return self._closed or len(self._log) > at
+
+        while not closed:
+            with self._changed:
+                self._changed.wait_for(news, KEEPALIVE_S)
+                batch, closed = self._log[at:], self._closed
+            yield b"".join(batch) or b":\n\n"
+            at += len(batch)
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Count a page as a reader while it is entered."""
+        with self._changed:
+            self._readers += 1
+            self._changed.notify_all()
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._readers -= 1
+                self._left = time.monotonic()
+
+    @property
+    def readers(self) -> int:
+        """Number of pages that read now."""
+        return self._readers
+
+    @property
+    def watched(self) -> bool:
+        """Whether a page reads, or did until a moment ago and may come back."""
+        return self._readers > 0 or time.monotonic() - self._left < RECONNECT_S
+
+    def wait_reader(self, seconds: float) -> bool:
+        """Wait for a first page; return whether it came in time."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._readers > 0, seconds)

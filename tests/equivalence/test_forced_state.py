@@ -1,0 +1,109 @@
+"""What a trial is made of: efforts that hold what is driven, sizes that bound what is summed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpctl import ReducedDynamics, Robot, draw_state, load
+from rpctl.arrays import Array
+from rpctl.equivalence.forced_state import (
+    efforts,
+    find_rounding_scales,
+    force_state,
+    inertia_spread,
+    inverse,
+)
+from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.residuals import EPS, allowed, rate
+from rpctl.errors import RpctlError
+from tests.equivalence.ill_scaled import NASTY
+from tests.robots import SET_A, platform, write
+
+
+def test_a_limit_grows_with_the_products_only_where_they_count() -> None:
+    assert allowed(1e-12, 150.0, 1.0) == 1e-12  # 30 · 2.2e-16 · 150 = 1.0e-12, just below
+    assert allowed(1e-12, 1e5, 2.0) == pytest.approx(30.0 * EPS * 5e4, rel=1e-15)
+    assert allowed(1e-12, 1e5, 0.0) == 1e-12
+
+
+def test_differences_are_of_order_four() -> None:
+    exact = np.array([0.3, 0.0])  # of c₁ t + c₂ t² + c₃ t³ + c₄ t⁴, at 0
+
+    def quartic(t: float) -> Array:
+        return np.array([0.3 * t + 0.2 * t**2 - 0.7 * t**3 + 1.1 * t**4, 5.0 + t**2])
+
+    np.testing.assert_allclose(rate(quartic, 0.5), exact, atol=1e-15)
+    # of t⁵ the rule leaves (8·2h⁵ − 2·32h⁵)/12h = −4 h⁴
+    fifth = rate(lambda t: np.array([t**5]), 0.1)
+    np.testing.assert_allclose(fifth, [-4e-4], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["front wheel drives alone", "nothing driven but the arm"])
+def test_efforts_hold_what_is_driven_and_no_more(tmp_path: Path, name: str) -> None:
+    """Held, the actuators' own joints do not accelerate; of one pushed, its own does as told."""
+    robot = NASTY[name](tmp_path)
+    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
+    q, nu, B = state.q, state.nu, dynamics.actuation(state.q)
+    still = np.zeros(len(robot.actuators))
+    held = dynamics.forward(q, nu, efforts(dynamics, q, nu, still))
+    np.testing.assert_allclose(B.T @ held, 0.0, atol=1e-10)
+    assert np.abs(held).max() > 0.01  # what nothing drives moves on
+    for k in range(len(still)):
+        push = np.where(np.arange(len(still)) == k, 0.7, 0.0)
+        pushed = dynamics.forward(q, nu, efforts(dynamics, q, nu, push))
+        assert B[:, k] @ (pushed - held) == pytest.approx(0.7, abs=1e-10)
+
+
+def test_efforts_hold_a_robot_that_is_wholly_driven(paper: Robot) -> None:
+    dynamics, state = ReducedDynamics(paper), draw_state(paper, 0, 0)
+    tau = efforts(dynamics, state.q, state.nu, np.zeros(4))
+    np.testing.assert_allclose(dynamics.forward(state.q, state.nu, tau), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["origin 100 m away", "front wheel drives alone"])
+def test_sizes_bound_what_they_are_of(tmp_path: Path, name: str) -> None:
+    robot = NASTY[name](tmp_path)
+    dynamics, oracle = ReducedDynamics(robot), GibbsAppell(robot)
+    for sample in range(5):
+        state = draw_state(robot, 0, sample)
+        q, nu = state.q, state.nu
+        M, h, known = dynamics.inertia(q), np.abs(dynamics.bias(q, nu)), oracle.reduced(q, nu)
+        alone = find_rounding_scales(dynamics, state, None)
+        assert (alone.bias >= h * (1.0 - 1e-9)).all()
+        assert alone.force == alone.bias.max()
+        scales = find_rounding_scales(dynamics, state, known.h_size)
+        np.testing.assert_array_equal(scales.bias, np.maximum(alone.bias, known.h_size))
+        assert scales.force == known.h_size.max()
+        assert (scales.inertia >= np.abs(M) * (1.0 - 1e-9)).all()
+        forced = force_state(dynamics, state, scales)
+        np.testing.assert_array_equal(forced.nu_dot, dynamics.forward(q, nu, forced.tau))
+        driven = np.abs(dynamics.actuation(q) @ forced.tau)
+        assert (forced.forces >= (np.abs(M @ forced.nu_dot) + h + driven) * (1.0 - 1e-9)).all()
+        v_dot = dynamics.basis(q) @ forced.nu_dot
+        assert forced.size >= np.abs(v_dot).max()
+        row = int(np.argmax(np.abs(forced.response) @ forced.forces))
+        worst = np.sign(forced.response[row]) * forced.forces  # roundings that all add up
+        assert forced.size == pytest.approx(forced.response[row] @ worst, rel=1e-12)
+
+
+def test_an_inertia_of_any_units_is_inverted(paper: Robot) -> None:
+    M = ReducedDynamics(paper).inertia(paper.configuration())
+    units = np.array([1e8, 1e-3, 1.0, 1e-9])
+    np.testing.assert_allclose(
+        inverse(M * np.outer(units, units)) * np.outer(units, units), np.linalg.inv(M), atol=1e-12
+    )
+    with pytest.raises(RpctlError, match="not positive definite"):
+        inverse(np.diag([1.0, -1.0]))
+    with pytest.raises(RpctlError, match="not positive definite"):
+        inverse(np.diag([1.0, 0.0]))
+
+
+def test_the_spread_of_a_platform_is_its_wheels(tmp_path: Path) -> None:
+    """Seen from P, at the wheels' height: two wheels, √m_w b/r of v each, and b of that of ω."""
+    robot = load(write(tmp_path, platform(SET_A)))
+    b, r, m = SET_A["b"], SET_A["r"], SET_A["m_w"]
+    spread = inertia_spread(ReducedDynamics(robot), robot.configuration(), np.array([0.0, 0.0, r]))
+    np.testing.assert_allclose(spread, 2.0 * np.sqrt(m) * b / r * np.array([1.0, b]), rtol=1e-12)

@@ -1,0 +1,370 @@
+"""The rows on the file's shapes: slip by paper and pencil, and what a person is told of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import rpctl
+from rpctl import ReducedDynamics, Robot
+from rpctl.equivalence import file_drive
+from rpctl.equivalence import shape_checks as geometry
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.file_drive import quantities
+from rpctl.equivalence.file_reading import FileReading, read
+from rpctl.equivalence.raw_file import read_file
+from rpctl.equivalence.row import Check
+from rpctl.equivalence.state import draw_state
+from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
+from rpctl.robot.catalog import names
+from tests.drive.drive_cases import Files, body, meshed
+from tests.robots import SET_A, platform, write
+from tests.vehicles import Parts, rear_axle, vehicle
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Files:
+    return Files(tmp_path)
+
+
+def row(proof: Certificate, name: str) -> Check:
+    (found,) = (check for check in proof.checks if check.name == name)
+    return found
+
+
+def moved(
+    reading: FileReading, twist: list[float], rates: dict[str, float], **positions: float
+) -> Slip:
+    raw = reading.raw
+    return slip(
+        FileMotion(raw, reading.drive, positions, np.array(twist), rates, raw.poses(positions))
+    )
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_drive_is_measured_as_it_was_detected(name: str) -> None:
+    robot = rpctl.load(name)
+    reading = read(robot)
+    assert reading.shapeless == ()
+    found = list(quantities(reading.measured))
+    assert len(found) >= 3
+    for (label, one), (_, other) in zip(found, quantities(robot.drive), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12, err_msg=label)
+
+
+def test_slip_of_a_platform_by_hand(tmp_path: Path) -> None:
+    """Track 1.5 m, radius .15 m, straight on at 1 m/s and 10 % too slow a left wheel."""
+    reading = read(rpctl.load(write(tmp_path, platform(SET_A))))
+    found = moved(reading, [1.0, 0.0, 0.0], {"left_joint": 6.0, "right_joint": 1.0 / 0.15})
+    assert found.speed == pytest.approx(1.0)
+    assert found.constrained["left_joint, forward"] == pytest.approx(0.1)
+    assert found.constrained["right_joint, forward"] == pytest.approx(0.0, abs=1e-15)
+    assert found.base == pytest.approx({"v": 1.0, "omega": 0.0})
+    aside = moved(reading, [3.0, 4.0, 0.0], {"left_joint": 20.0, "right_joint": 20.0})
+    assert aside.speed == pytest.approx(5.0)
+    assert aside.constrained["left_joint, sideways"] == pytest.approx(0.8)
+    assert aside.constrained["P, sideways"] == pytest.approx(0.8)
+    turning = moved(reading, [0.0, 0.0, 2.0], {"left_joint": -10.0, "right_joint": 10.0})
+    assert turning.speed == pytest.approx(1.5)
+    assert max(turning.constrained.values()) < 1e-15
+    assert turning.base == pytest.approx({"v": 0.0, "omega": 2.0})
+
+
+def test_slip_of_a_steered_wheel_by_hand(tmp_path: Path) -> None:
+    """Rear axle at x = −.1, front contact 3 cm ahead and 1 cm left of its pivot at x = .6."""
+    reading = read(rpctl.load(write(tmp_path, vehicle("tricycle"))))
+    rates = {"rear_left": 10.0, "rear_right": -10.0, "front": 10.0, "steer": 0.5}
+    found = moved(reading, [1.0, 0.0, 0.0], rates)
+    # The fork takes it along at .5 rad/s: 1.5 cm/s to the left and .5 cm/s back.
+    assert found.constrained["front, sideways"] == pytest.approx(0.015)
+    assert found.constrained["front, forward"] == pytest.approx(0.005)
+    turned = moved(reading, [1.0, 0.0, 0.0], {**rates, "steer": 0.0}, steer=0.5)
+    assert turned.constrained["front, sideways"] == pytest.approx(math.sin(0.5))
+    assert turned.constrained["front, forward"] == pytest.approx(1.0 - math.cos(0.5))
+
+
+def test_rollers_are_held_along_themselves_only() -> None:
+    reading = read(rpctl.load("mecanum"))
+    radius = reading.drive.wheels[0].radius
+    names_ = [wheel.joint for wheel in reading.drive.wheels]
+    spun = moved(reading, [0.7, 0.0, 0.0], dict.fromkeys(names_, 0.7 / radius))
+    assert max(spun.constrained.values()) < 1e-15
+    aside = moved(reading, [0.0, 0.7, 0.0], dict.fromkeys(names_, 0.0))
+    assert set(aside.constrained) == {f"{name}, along its roller" for name in names_}
+    np.testing.assert_allclose(list(aside.constrained.values()), math.sqrt(0.5))
+    assert not aside.by_design
+
+
+def test_what_slides_by_design_is_told_by_hand() -> None:
+    """A skid-steer base: an axle a ahead of P slides sideways at a ω, and so it says."""
+    robot = rpctl.load("skid_steer")
+    reading = read(robot)
+    drive, b = reading.drive, 0.5 * robot.drive.track
+    ahead = float(file_drive.measure(robot, reading.raw)[0].point[0])
+    rates = {w.joint: (0.5 - 0.25 * b * (1 if "left" in w.joint else -1)) / w.radius
+             for w in drive.wheels}  # fmt: skip
+    found = moved(reading, [0.5, 0.0, 0.25], rates)
+    (a,) = {
+        round(abs(float(reading.raw.poses({})[reading.raw.joint[w.joint].child][0, 3]) - ahead), 9)
+        for w in drive.wheels
+    }
+    speed = math.hypot(0.5 + 0.25 * b, 0.25 * a)
+    np.testing.assert_allclose(list(found.by_design.values()), 0.25 * a / speed)
+    assert len(found.by_design) == 4
+    proof = rpctl.verify(robot, samples=2, engines=())
+    assert row(proof, "wheels' contact at S ν").note.startswith("by the drive's model wheel_")
+    assert proof.passed
+
+
+WIDE = """type = "skid-steer"
+track = {track}
+[[wheel]]
+joint = "wheel_front_left_joint"
+[[wheel]]
+joint = "wheel_front_right_joint"
+[[wheel]]
+joint = "wheel_rear_left_joint"
+[[wheel]]
+joint = "wheel_rear_right_joint"
+"""
+
+
+def test_a_declared_track_is_where_the_wheels_grip(tmp_path: Path) -> None:
+    """Of what its own track leaves, a wider one makes (T − t)/2 ω of slip, and says so."""
+    plain = rpctl.load("skid_steer")
+    track = 1.25 * plain.drive.track
+    drive = write(tmp_path, WIDE.format(track=track), "drive.toml")
+    robot = rpctl.load("skid_steer", drive=drive)
+    proof = rpctl.verify(robot, samples=3, engines=())
+    assert row(proof, "wheels' contact at S ν").residual < 1e-12
+    assert proof.passed
+    (declared_row,) = proof.declared
+    assert declared_row.residual > 0.01
+    reading = read(robot)
+    radius, turn = robot.drive.wheels[0].radius, 0.6
+    rates = {w.joint: 0.5 * track * turn / radius * (-1 if "left" in w.joint else 1)
+             for w in robot.drive.wheels}  # fmt: skip
+    found = moved(reading, [0.0, 0.0, turn], rates)
+    forward = [size for key, size in found.constrained.items() if key.endswith("forward")]
+    np.testing.assert_allclose(forward, 0.0, atol=1e-15)
+    bare = dataclasses.replace(reading, drive=reading.measured)
+    slips = [
+        s for k, s in moved(bare, [0.0, 0.0, turn], rates).constrained.items() if "forward" in k
+    ]
+    expected = 0.5 * (track - plain.drive.track) * turn
+    np.testing.assert_allclose(np.array(slips) * found.speed, expected, rtol=1e-12)
+
+
+SPOKE = """
+  <link name="{name}"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>
+    <collision><geometry><sphere radius="{radius}"/></geometry></collision></link>
+  <joint name="{name}_joint" type="{kind}"><parent link="left_wheel"/><child link="{name}"/>
+    <axis xyz="1 0 0"/></joint>"""
+
+
+def test_what_moves_on_a_wheel_is_not_the_wheel(tmp_path: Path) -> None:
+    """A roller that turns on a wheel is none of its shape; one that is frozen, or fixed, is."""
+
+    def radius(kind: str, **options: object) -> float:
+        extra = SPOKE.format(name="spoke", radius=0.153, kind=kind)
+        path = write(tmp_path, platform(SET_A, extra=extra))
+        robot = rpctl.load(path, **options)  # type: ignore[arg-type]
+        measured, _ = file_drive.measure(robot, read_file(robot.description.raw))
+        (left,) = (w for w in measured.wheels if w.joint == "left_joint")
+        return left.radius
+
+    assert radius("continuous") == 0.15
+    assert radius("continuous", lock=["spoke_joint"]) == 0.153
+    assert radius("fixed") == 0.153
+
+
+def test_wheels_that_share_a_lateral_force_are_held_on_average(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, vehicle("parallel")))
+    proof = rpctl.verify(robot, samples=3, engines=())
+    check = row(proof, "wheels' contact at S ν")
+    assert check.residual < 1e-12
+    assert "front_" in check.note
+    assert "sideways" in check.note
+
+
+@pytest.mark.parametrize("degrees", [0.3, 0.8])
+def test_toe_in_is_told_in_words(tmp_path: Path, degrees: float) -> None:
+    text = platform(SET_A)
+    for y, sign in (("0.75", 1), ("-0.75", -1)):
+        turn = f'rpy="0 0 {math.radians(sign * degrees)!r}"'
+        text = text.replace(f'xyz="0 {y} 0.15"', f'xyz="0 {y} 0.15" {turn}')
+    robot = rpctl.load(write(tmp_path, text))
+    assert robot.drive.heading == pytest.approx(0.0, abs=1e-15)  # it goes straight on
+    check = row(rpctl.verify(robot, samples=20, engines=()), "wheels' contact at S ν")
+    # A wheel slides sideways at the sine of its angle, of its own speed: the faster's at most.
+    assert check.residual == pytest.approx(math.sin(math.radians(degrees)), rel=0.01)
+    percent = f"{100.0 * check.residual:.2g} % of the robot's speed"
+    assert check.entry.endswith(f"slides sideways at {percent}")
+    assert check.passed
+
+
+def test_a_record_that_contradicts_the_shapes_fails_in_words(paper: Robot) -> None:
+    left, right = paper.drive.wheels
+    larger = dataclasses.replace(left, radius=0.165)
+    drive = dataclasses.replace(paper.drive, wheels=(larger, right))
+    proof = rpctl.verify(dataclasses.replace(paper, drive=drive), samples=3, engines=())
+    check = row(proof, "wheels' contact at S ν")
+    assert check.residual == pytest.approx(1.0 - 0.15 / 0.165)
+    assert check.entry == "wheel_left_joint slides forward at 9.1 % of the robot's speed"
+    assert row(proof, "drive's geometry").entry == (
+        "radius of wheel_left_joint: 0.165 in the drive, 0.15 as drawn"
+    )
+    assert not proof.passed
+
+
+DECLARED = """type = "differential"
+[[wheel]]
+joint = "left_joint"
+radius = 0.165
+[[wheel]]
+joint = "right_joint"
+"""
+
+
+def test_a_declared_number_is_told_and_fails_when_strict(files: Files) -> None:
+    robot = files.load(platform(SET_A), DECLARED)
+    proof = rpctl.verify(robot, samples=3, engines=())
+    assert proof.passed
+    (declared_row,) = proof.declared
+    assert declared_row.residual == pytest.approx(1.0 - 0.15 / 0.165)
+    assert declared_row.entry == "left_joint slides forward at 9.1 % of the robot's speed"
+    assert "radius of left_joint: 0.165 in the drive, 0.15 as drawn" in declared_row.note
+    assert proof.shared == ("declared radius of left_joint",)
+    strict = rpctl.verify(robot, samples=3, engines=(), strict=True)
+    assert not strict.passed
+    assert [check.name for check in strict.checks if not check.passed] == ["declared numbers"]
+    assert strict.declared == ()
+    plain = json.loads(json.dumps(proof.to_dict(), allow_nan=False))
+    assert plain["declared"][0]["name"] == "declared numbers"
+
+
+def test_a_declared_number_that_is_as_drawn_is_no_news(files: Files) -> None:
+    robot = files.load(platform(SET_A), DECLARED.replace("0.165", "0.15"))
+    proof = rpctl.verify(robot, samples=2, engines=(), strict=True)
+    assert proof.passed
+    assert proof.declared == ()
+    assert proof.shared == ("declared radius of left_joint",)
+
+
+def test_a_whole_drive_from_python_is_declared(tmp_path: Path) -> None:
+    path = write(tmp_path, platform(SET_A))
+    drive = rpctl.load(path).drive
+    left, right = drive.wheels
+    given = dataclasses.replace(drive, wheels=(dataclasses.replace(left, radius=0.165), right))
+    proof = rpctl.verify(rpctl.load(path, drive=given), samples=2, engines=())
+    assert proof.passed
+    assert proof.shared == ("the drive, given as a whole",)
+    assert proof.declared[0].residual == pytest.approx(1.0 - 0.15 / 0.165)
+
+
+def test_a_wheel_without_a_shape_is_told(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    for name, y in (("front_left", 0.3), ("front_right", -0.3)):
+        meshed(parts, name, f"0.5 {y} 0.1")
+    robot = files.load(parts, "skid-steer")
+    proof = rpctl.verify(robot, samples=2, engines=())
+    (skipped,) = (each for each in proof.skipped if each.against == "the file's shapes")
+    assert skipped.note.startswith("no shape of front_left, front_right can be read")
+    assert proof.shared == ("radius of front_left, front_right, which have no shape",)
+    assert proof.passed
+
+
+def test_a_fixed_base_has_no_such_rows() -> None:
+    proof = rpctl.verify(rpctl.load("arm"), samples=2, engines=())
+    assert "the file's shapes" not in {check.against for check in proof.checks}
+
+
+def test_estimated_inertias_are_shared(tmp_path: Path) -> None:
+    bare = Parts([])
+    bare.link("base", 25.0)
+    rear_axle(bare)
+    cube = '<link name="box"><collision><geometry><box size=".1 .2 .3"/></geometry></collision>'
+    bare.xml.append(f"{cube}</link>")
+    bare.joint("box_joint", "fixed", ("base", "box"), "0 0.1 0.3", "0 0 1")
+    path = write(tmp_path, f'<robot name="r">{"".join(bare.xml)}</robot>')
+    proof = rpctl.verify(rpctl.load(path, density=1000.0), samples=3)
+    assert proof.shared == ("estimated inertias of box",)
+    assert proof.passed
+
+
+def test_a_wheel_drawn_as_a_mesh_is_measured(tmp_path: Path) -> None:
+    """A 24-gon of radius .15 m, its middle 2 cm along the axle, and one of half the size visual."""
+    tyre = trimesh.creation.cylinder(radius=150.0, height=40.0, sections=24)
+    tyre.apply_translation([0.0, 0.0, 20.0])  # in mm, along its axis
+    tyre.export(tmp_path / "tyre.stl")
+    text = platform(SET_A).replace(
+        '<cylinder radius="0.15" length="0.04"/>',
+        '<mesh filename="tyre.stl" scale="0.001 0.001 0.001"/>',
+    )
+    robot = rpctl.load(write(tmp_path, text))
+    measured, shapeless = file_drive.measure(robot, read_file(robot.description.raw))
+    assert shapeless == ()
+    for wheel in measured.wheels:
+        assert wheel.radius == pytest.approx(0.15)
+        assert wheel.offset == pytest.approx(-0.02)  # rolled by 90°, its z axis points to −y
+    proof = rpctl.verify(robot, samples=2, engines=())
+    assert proof.passed
+    assert proof.shared == ("the triangles of the meshes of left_joint, right_joint",)
+    left, right = robot.drive.wheels
+    smaller = dataclasses.replace(left, radius=0.14)
+    drive = dataclasses.replace(robot.drive, wheels=(smaller, right))
+    proof = rpctl.verify(dataclasses.replace(robot, drive=drive), samples=3, engines=())
+    assert row(proof, "drive's geometry").entry.startswith(
+        "radius of left_joint: 0.14 in the drive"
+    )
+    assert row(proof, "wheels' contact at S ν").residual == pytest.approx(0.15 / 0.14 - 1.0)
+
+
+def test_the_same_wheels_are_followed_wherever_their_joints_are(tmp_path: Path) -> None:
+    """Slip depends on no wheel angle: the lowest point is not one of the mesh, or of the file."""
+    reading = read(rpctl.load(write(tmp_path, vehicle("tricycle"))))
+    rates = {"rear_left": 9.0, "rear_right": -10.0, "front": 10.0, "steer": 0.5}
+    still = moved(reading, [1.0, 0.1, 0.2], rates, steer=0.3)
+    turned = moved(reading, [1.0, 0.1, 0.2], rates, steer=0.3, front=1.1, rear_left=-2.0)
+    for key, size in still.constrained.items():
+        assert turned.constrained[key] == pytest.approx(size, abs=1e-14)
+
+
+def test_what_slides_most_by_design_is_told() -> None:
+    """Of three wheels the one that slides at 30 % of the speed; less than .1 % is not told."""
+    sizes = {"a, sideways": 0.01, "b, sideways": 0.3, "c, sideways": 0.02}
+    declared_row = "by the drive's model b slides sideways at 30 % of the robot's speed"
+    assert geometry._design_note(Slip(1.0, {}, sizes, {})) == declared_row
+    assert geometry._design_note(Slip(1.0, {}, {"a, sideways": 0.0009}, {})) == ""
+    assert geometry._design_note(Slip(1.0, {}, {}, {})) == ""
+
+
+def test_what_slides_most_is_told_and_what_is_no_number_fails() -> None:
+    held = {"a, forward": 0.01, "b, sideways": 0.015, "c, forward": 0.002}
+    check = geometry._sliding("wheels", Slip(1.0, held, {}, {}), "")
+    assert (check.residual, check.limit, check.passed) == (0.015, 0.02, True)
+    assert check.entry == "b slides sideways at 1.5 % of the robot's speed"
+    lost = geometry._sliding("wheels", Slip(1.0, held | {"c, forward": math.nan}, {}, {}), "")
+    assert (lost.residual, lost.passed) == (math.inf, False)
+
+
+@pytest.mark.parametrize(("speed", "residual"), [(4.0, 0.5), (0.0, 2.0)])
+def test_base_speeds_are_relative_to_the_robots(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, speed: float, residual: float
+) -> None:
+    """The file makes v 2 m/s more than ν says: half of a speed of 4 m/s."""
+    rows, state = geometry.Geometry(ReducedDynamics(paper), read(paper)), draw_state(paper, 0, 0)
+    base = {"v": float(state.nu[0]) + 2.0, "omega": float(state.nu[1])}
+    found = Slip(speed, {"a, forward": 0.0}, {}, base)
+    monkeypatch.setattr(geometry, "slip", lambda motion: found)
+    (check,) = (each for each in rows.at(state) if each.name == "base speeds ν")
+    assert check.residual == pytest.approx(residual)
+    assert check.entry == "v"
