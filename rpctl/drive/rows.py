@@ -96,6 +96,12 @@ class TurningMatrix:
         """Which columns (columns,) have entries that change."""
         return np.asarray(self.harmonics.any(axis=(0, 1)))
 
+    @property
+    def bound(self) -> Array:
+        """The largest size (rows, columns) that each entry may have."""
+        cosines, sines = np.split(self.harmonics, 2)
+        return np.asarray(np.abs(self.constant) + np.hypot(cosines, sines).sum(axis=0))
+
     def turn(self, positions: Array) -> Array:
         """Return u (..., 2m) at joint positions (..., n), rad."""
         angles = positions.dot(self.G.T) + self.phase

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from rpctl.arrays import Array
@@ -40,15 +38,8 @@ def selection(robot: Robot, rolling: RollingConstraints) -> Array:
     return W
 
 
-class Basis(NamedTuple):
-    """v = S ν, and Ṡ ν = −D Ȧ v."""
-
-    S: Array  # (nv, dof)
-    D: Array  # (nv, rows)
-
-
-def basis(A: Array, W: Array) -> Basis:
-    """Return S with A S = 0 and W S = I, from [A; W] S = [0; I] and [A; W] Ṡν = −[Ȧ; 0] v.
+def basis(A: Array, W: Array) -> Array:
+    """Return S (nv, dof) with A S = 0 and W S = I, from [A; W] S = [0; I].
 
     Args:
         A: Constraint matrix (rows, nv); redundant rows are welcome.
@@ -68,7 +59,7 @@ def basis(A: Array, W: Array) -> Basis:
             "the rolling constraints contradict each other: no motion has the quasi-velocities "
             "asked for; are the wheels' axles on one line?"
         )
-    return Basis(S, inverse[:, :rows])
+    return S
 
 
 def square_inverse(left: Array) -> Array:

@@ -28,21 +28,23 @@ ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives
 
 
 class Elimination(NamedTuple):
-    """Equations [A; W] x = b, solved for the unknowns whose columns are constant.
+    """Equations [A; W] x = [a; ν], solved for the unknowns whose columns are constant.
 
-    With y the other unknowns, M y = N b and x = X y + P b.
+    With y the other unknowns, M y = N a + R ν and x = X y + P a + C ν.
     """
 
     core: TurningMatrix  # M (n, n), below it X (nv, n)
-    N: Array  # (n, rows + dof)
-    P: Array  # (nv, rows + dof)
+    N: Array  # (n, rows)
+    P: Array  # (nv, rows)
+    R: Array  # (n, dof)
+    C: Array  # (nv, dof)
 
 
 def eliminate(A: TurningMatrix, W: Array) -> Elimination:
     """Return the equations that are left once the unknowns with constant columns are eliminated.
 
-    As many rows E as there are such unknowns J give them, x_J = L⁻¹ (b_E − A_E y) with the constant
-    L = [A; W]_EJ, and so leave M = A_K − [A; W]_KJ L⁻¹ A_E of the other rows K.
+    As many rows E of L = [A; W] as there are such unknowns J give them, x_J = L_EJ⁻¹ (b_E − L_E y).
+    So the other rows K leave M = L_K − L_KJ L_EJ⁻¹ L_E of the columns that turn.
 
     Args:
         A: Constraint matrix (rows, nv).
@@ -51,31 +53,21 @@ def eliminate(A: TurningMatrix, W: Array) -> Elimination:
     Raises:
         SingularBasisError: No rows determine those unknowns.
     """
-    below = np.zeros_like(W)
-    left = A.map(lambda part: _stack(part, np.broadcast_to(below, (*part.shape[:-2], *W.shape))))
-    left = replace(left, constant=np.vstack([A.constant, W]))
+    rows, nv = A.constant.shape
     kept, gone = np.flatnonzero(A.turning), np.flatnonzero(np.logical_not(A.turning))
-    constant = left.constant[:, gone]
+    constant = np.vstack([A.constant, W])[:, gone]
     order = qr(constant.T, mode="r", pivoting=True)[1]
     E, K = np.sort(order[: len(gone)]), np.sort(order[len(gone) :])
-    P = np.zeros((W.shape[1], len(left.constant)))
+    P = np.zeros((nv, nv))
     P[np.ix_(gone, E)] = square_inverse(constant[E])
-    N = np.eye(len(left.constant))[K] - constant[K] @ P[gone]
-    core = left.map(lambda part: _stack(N @ part[..., kept], -P @ part[..., kept]))
-    itself = np.vstack([np.zeros((len(K), len(kept))), np.eye(W.shape[1])[:, kept]])
-    return Elimination(replace(core, constant=core.constant + itself), N, P)
-
-
-def _stack(upper: Array, lower: Array) -> Array:
-    return np.concatenate([upper, lower], axis=-2)
-
-
-class _Solved(NamedTuple):
-    """The equations of :class:`Elimination` at one configuration, factorised."""
-
-    lu: Array  # of M
-    pivots: Array
-    X: Array  # (nv, n)
+    N = np.eye(nv)[K] - constant[K] @ P[gone]
+    both = np.vstack([N, -P])
+    core = A.map(lambda part: both[:, :rows] @ part[..., kept])
+    rest = both[:, rows:] @ W[:, kept] + np.eye(len(both))[:, len(N) + kept]
+    maps = (
+        np.ascontiguousarray(part) for part in (N[:, :rows], P[:, :rows], N[:, rows:], P[:, rows:])
+    )
+    return Elimination(replace(core, constant=core.constant + rest), *maps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +76,13 @@ class Projection:
 
     Attributes:
         S: Basis (nv, dof): v = S ν.
+        projector: The robot's, which made it.
     """
 
     S: Array
     projector: Projector = field(repr=False)
     _u: Array = field(repr=False)
-    _solved: _Solved | None = field(repr=False)
+    _core: tuple[Array, Array, Array] | None = field(repr=False)  # M's LU factors, pivots, X
 
     @cached_property
     def A(self) -> Array:
@@ -121,11 +114,11 @@ class Projection:
 
     def drift(self, nu: Array) -> Array:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
-        if self._solved is None:
+        if self._core is None:
             return self.projector.still
-        lu, pivots, X = self._solved
-        N, P = self.projector.drift_maps
-        turned = self.projector.rolling.drift(self._u, self.S.dot(nu))  # Ȧv
+        lu, pivots, X = self._core
+        _, N, P, _, _ = self.projector.equations
+        turned = -self.projector.rolling.drift(self._u, self.S.dot(nu))  # −Ȧv
         y, _ = dgetrs(lu, pivots, N.dot(turned))
         return np.asarray(X.dot(y) + P.dot(turned))
 
@@ -150,7 +143,7 @@ class Projector:
         # Where nothing turns, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
         self.constant: Projection | None = None
         if not rolling.matrix.harmonics.any():
-            S = basis(rolling.matrix.constant, self._W).S
+            S = basis(rolling.matrix.constant, self._W)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
             u = np.zeros(len(rolling.matrix.harmonics))
@@ -171,39 +164,29 @@ class Projector:
 
     def _project(self, q: Array) -> Projection:
         try:
-            core, R, C, size = self._equations
+            core, _, _, R, C = self.equations
             u = self.rolling.turn(q)
             found = core.at(u)
             M, X = found[: len(R)], found[len(R) :]
             lu, pivots, Y, _ = dgesv(M, R)
-            if not dgecon(lu, size)[0] > RANK_MARGIN:
+            if not dgecon(lu, self._size)[0] > RANK_MARGIN:
                 raise SingularBasisError(UNDETERMINED)
         except SingularBasisError as error:
             raise SingularBasisError(f"{error}: {self._angles(q)}") from None
         S = X.dot(Y)
         S += C
         S.setflags(write=False)
-        return Projection(S, self, u, _Solved(lu, pivots, X))
+        return Projection(S, self, u, (lu, pivots, X))
 
     @cached_property
-    def _eliminated(self) -> Elimination:
+    def equations(self) -> Elimination:
+        """Those of S and of the drift, for a robot whose wheels swivel."""
         return eliminate(self.rolling.matrix, self._W)
 
     @cached_property
-    def _equations(self) -> tuple[TurningMatrix, Array, Array, float]:
-        """M and X, and what [0; I] makes of them: M Y = R, S = X Y + C; the size of M."""
-        core, N, P = self._eliminated
-        rows = len(self.rolling.matrix.constant)
-        cosines, sines = np.split(core.harmonics[:, : len(N)], 2)
-        size = np.abs(core.constant[: len(N)]) + np.hypot(cosines, sines).sum(axis=0)
-        return core, N[:, rows:].copy(), P[:, rows:].copy(), float(size.sum(axis=0).max())
-
-    @cached_property
-    def drift_maps(self) -> tuple[Array, Array]:
-        """What −[Ȧv; 0] makes of the equations: maps (n, rows) and (nv, rows) of Ȧv."""
-        _, N, P = self._eliminated
-        rows = len(self.rolling.matrix.constant)
-        return -N[:, :rows], -P[:, :rows]
+    def _size(self) -> float:
+        """A bound of |M|, the largest sum of a column, at any q."""
+        return float(self.equations.core.bound[: len(self.equations.R)].sum(axis=0).max())
 
     def _angles(self, q: Array) -> str:
         joints = [swivel.joint for swivel in self.robot.drive.swivels]

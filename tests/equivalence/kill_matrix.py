@@ -253,7 +253,7 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "inverse: 1e-11 of M ν̇": (GENERAL, in_method("inverse", heavier)),
     "forward: 1e-6": (GENERAL, in_method("forward", mutations.scaled(slice(None)))),
     "energy: 1 %": (GENERAL, in_class(ReducedDynamics, "energy", scaled(1.01))),
-    "differences: S": ("swerve", in_module(checks, "basis", field("S", 1.0 + VISIBLE))),
+    "differences: S": ("swerve", in_module(checks, "basis", scaled(1.0 + VISIBLE))),
     "Pinocchio: C": (GENERAL, in_module(pin, "computeCoriolisMatrix", scaled(1.0 + VISIBLE))),
 }
 

@@ -27,10 +27,9 @@ class Steering:
     def __init__(self, robot: Robot) -> None:
         drive = robot.drive
         rolling = find_rolling(robot, gliding=("caster", "follower"))
-        core, N, P = eliminate(rolling.matrix, selection(robot, rolling))
-        rows = len(rolling.matrix.constant)
-        speeds = slice(rows, rows + len(drive.base_speeds))
-        self._R, self._C = N[:, speeds], P[:BASE_NV, speeds]
+        core, _, _, R, C = eliminate(rolling.matrix, selection(robot, rolling))
+        speeds = len(drive.base_speeds)
+        self._R, self._C = R[:, :speeds], C[:BASE_NV, :speeds]
         self._point_velocity = robot.point_velocity
         leaders = [swivel.joint for swivel in drive.steered]
         spread, offset = np.zeros((len(drive.swivels), len(leaders))), np.zeros(len(drive.swivels))
@@ -38,7 +37,7 @@ class Steering:
             if swivel.role in ("steered", "mimic"):
                 spread[i, leaders.index(swivel.shares or swivel.joint)] = swivel.ratio
                 offset[i] = swivel.offset
-        base = core.map(lambda part: part[..., : len(N) + BASE_NV, :])
+        base = core.map(lambda part: part[..., : len(R) + BASE_NV, :])
         self._matrix = base.following(spread, offset)
 
     def maps(self, angles: Array) -> Array:
