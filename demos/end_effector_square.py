@@ -11,7 +11,7 @@ def main() -> None:
     robot = rpctl.load("tiago")
     run = rpctl.track(robot, "ee-square")
     figures = rpctl.summarize(run)
-    sides = (run.ee.max(axis=0) - run.ee.min(axis=0))[:2]
+    sides = (run.log.ee.max(axis=0) - run.log.ee.min(axis=0))[:2]
     print(f"sides of {sides[0]:.3f} m and {sides[1]:.3f} m, drawn in {run.t[-1]:.1f} s")
     print(f"end effector {1e3 * figures['rms_end_effector_error']:.2f} mm rms off its reference")
     print(f"limits broken: {len(figures['limits_violated'])}")

@@ -32,7 +32,7 @@ def main() -> None:
     robot, runs = rpctl.load("tiago"), []
     for name, law in (("together", together), ("hand first", rpctl.EndEffector(together))):
         run = rpctl.track(robot, "eight", 20.0, kinematic=law, dynamic=rpctl.IntegralDynamic())
-        summary, driven = rpctl.summarize(run), clearances(run.base)
+        summary, driven = rpctl.summarize(run), clearances(run.log.base)
         print(f"{name:10} hand {1e3 * summary['rms_end_effector_error']:3.0f} mm rms off its path")
         for obstacle, wanted in clearances(run.base_ref).items():
             print(

@@ -27,7 +27,7 @@ from rpctl.cli.options import (
     read_triple,
 )
 from rpctl.cli.show import console, progress_bar
-from rpctl.control.dynamic import DYNAMIC_LAWS
+from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Row, grid, run_grid

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.linalg import null_space
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command
 from rpctl.control.joint_limits import JointBounds, JointLimits
-from rpctl.control.law import Efforts, Limit, Rest
+from rpctl.control.law import Command, Efforts, Limit, Rest
 from rpctl.control.soft_bound_qp import shortest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
@@ -65,15 +64,19 @@ class BoundedDynamic:
             require_positive(f"the weight of {name}", weight)
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> BoundedLaw:
-        """Return the law of one run; it does not need to know how the robot stands before.
+        """Return the controller of one run.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: Not used.
 
         Raises:
             UnknownNameError: A weight is of no quasi-velocity of the robot.
         """
-        del rest
-        return BoundedLaw(self, dynamics, control_period)
+        return BoundedLaw(self, dynamics, period)
 
 
 class _Sample(NamedTuple):
@@ -92,12 +95,10 @@ class BoundedLaw:
     Args:
         law: Its settings.
         dynamics: The robot's dynamics.
-        control_period: s.
+        period: Control period, s.
     """
 
-    def __init__(
-        self, law: BoundedDynamic, dynamics: ReducedDynamics, control_period: float
-    ) -> None:
+    def __init__(self, law: BoundedDynamic, dynamics: ReducedDynamics, period: float) -> None:
         robot = dynamics.robot
         for name in law.weights:
             if name not in robot.quasi_velocities:
@@ -106,7 +107,7 @@ class BoundedLaw:
         self._box = robot.effort_limits
         self._unit = np.where(np.isfinite(self._box), self._box, 1.0)
         self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
-        self._joints = JointLimits(dynamics, control_period, law.horizon_dyn)
+        self._joints = JointLimits(dynamics, period, law.horizon_dyn)
         self._base = len(robot.drive.base_speeds)
         fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
         self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
@@ -120,6 +121,10 @@ class BoundedLaw:
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind."""
         return self.efforts(dynamics, q, nu, command, np.zeros_like(nu))
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}
 
     def desired_acceleration(self, nu: Array, command: Command) -> Array:
         """Return ν̇* (dof,)."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.box_least_squares import Box, WithRate, nearest
-from rpctl.control.command import Command, KinematicLaw
 from rpctl.control.frame_kinematics import (
     end_effector_frame,
     jacobian,
@@ -16,7 +15,7 @@ from rpctl.control.frame_kinematics import (
     tracking_velocity,
 )
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.law import Rest, Startable, started
+from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
@@ -63,7 +62,7 @@ class EndEffector:
         damping: m/s; a direction in which the arm at full speed is slower counts as lost.
     """
 
-    base: KinematicLaw | Startable[KinematicLaw] = field(default_factory=Horizon)
+    base: KinematicLaw = field(default_factory=Horizon)
     horizon: float = 0.4
     orientation: bool = False
     lever: float = 0.3
@@ -80,15 +79,20 @@ class EndEffector:
             )
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> EndEffectorLaw:
-        """Return the law of one run, its base's law started.
+        """Return the controller of one run, and start that of the base.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: State before the run, for the base's law.
 
         Raises:
             RpctlError: The robot has no arm.
         """
         frame = end_effector_frame(dynamics.robot)
-        return EndEffectorLaw(self, started(self.base, dynamics, control_period, rest), frame)
+        return EndEffectorLaw(self, as_law(self.base).start(dynamics, period, rest), frame)
 
 
 class EndEffectorLaw:
@@ -96,13 +100,12 @@ class EndEffectorLaw:
 
     Args:
         law: Its settings.
-        base: The law of the base, started.
+        base: The controller of the base.
         frame: Pinocchio's index of the end effector.
     """
 
-    def __init__(self, law: EndEffector, base: KinematicLaw, frame: int) -> None:
+    def __init__(self, law: EndEffector, base: KinematicController, frame: int) -> None:
         self._law, self._base, self._frame = law, base, frame
-        self.report = getattr(base, "report", None)
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -125,6 +128,10 @@ class EndEffectorLaw:
             np.concatenate([base.nu_d[:first], full * z.value]),
             np.concatenate([base.nu_d_dot[:first], full * z.rate]),
         )
+
+    def report(self) -> dict[str, float]:
+        """Return the report of the base's controller."""
+        return self._base.report()
 
     def _task(
         self, dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, base: Command

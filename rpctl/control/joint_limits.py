@@ -46,11 +46,11 @@ class JointLimits:
 
     Args:
         dynamics: The robot's dynamics.
-        control_period: s.
+        period: Control period, s.
         horizon: Time constant h1 of the last approach to a position limit, s.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, control_period: float, horizon: float) -> None:
+    def __init__(self, dynamics: ReducedDynamics, period: float, horizon: float) -> None:
         robot = dynamics.robot
         moving = (robot.description.joint[name] for name in robot.model.names[2:])
         joints = [j for j in moving if np.isfinite([j.velocity, j.lower, j.upper]).any()]
@@ -59,7 +59,7 @@ class JointLimits:
         # A joint without position limits may have two entries in q; none of them binds anything.
         ids = (robot.model.getJointId(name) for name in self.names)
         self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
-        self._horizon, beyond = horizon, RETURN_PERIODS * control_period
+        self._horizon, beyond = horizon, RETURN_PERIODS * period
         self._times = np.array([[max(APPROACH_TIME, beyond)], [beyond]])
         self._fastest = (1.0 - LIMIT_MARGIN) * np.array([joint.velocity for joint in joints])
         self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)

@@ -164,13 +164,6 @@ class Description:
             link = joints[-1].parent
         return tuple(reversed(joints))
 
-    def pose(self, link: str, positions: dict[str, float] | None = None) -> Array:
-        """Return the pose (4, 4) of ``link`` in the root link's frame, joints at 0 or as given."""
-        placement = np.eye(4)
-        for joint in self.chain(link):
-            placement = placement @ joint.motion((positions or {}).get(joint.name, 0.0))
-        return placement
-
 
 def rotation(axis: Array, angle: float) -> Array:
     """Return the rotation matrix (3, 3) about a unit axis by ``angle`` (rad), after Rodrigues."""

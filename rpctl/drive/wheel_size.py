@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,8 +10,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description import mesh_files
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.records import Description, Joint, Shape
+from rpctl.description.records import Joint, Shape
 
 SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
@@ -44,45 +44,39 @@ class WheelSize(NamedTuple):
     width: float = 0.0  # along the axle, m; of a sphere 0
 
 
-def wheel_parts(
-    description: Description, locked: Mapping[str, float], joint: Joint
-) -> list[WheelShape]:
+def wheel_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
     """Return the shapes of a joint's child link and of the links fixed to it, collision first.
 
     A joint that is locked holds as a fixed one does.
     """
-    links = [*_fixed_links(description, locked, joint.child)]
+    links = [*tree.rigid_links(joint.child)]
     parts = []
     for role in SHAPE_ROLES:
         for name, pose in links:
-            link = description.link[name]
+            link = tree.description.link[name]
             for shape in link.collisions if role == "collision" else link.visuals:
                 placed = replace(shape, origin=pose @ shape.origin)
                 parts.append(WheelShape(placed, role, name == joint.child))
     return parts
 
 
-def round_parts(
-    description: Description, locked: Mapping[str, float], joint: Joint
-) -> list[WheelShape]:
+def round_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
     """Return the parts of a wheel that are round about its axle, collision before visual.
 
     Spheres are, and cylinders and capsules along the axle; those of another link than the joint's
     own have to be centred on the axle, too, as motors and weights beside it are not.
     """
-    return [part for part in wheel_parts(description, locked, joint) if is_round(part, joint.axis)]
+    return [part for part in wheel_parts(tree, joint) if is_round(part, joint.axis)]
 
 
-def wheel_size(
-    description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> WheelSize:
+def wheel_size(tree: FrozenTree, joint: Joint, paths: MeshPaths) -> WheelSize:
     """Return the size of a wheel: of its widest round part, or of the bounds of its widest mesh.
 
     The first of these that there is tells both radius and offset: round collision shapes, round
     visual ones, collision meshes, visual meshes. Of several the widest counts, for it is the tyre;
     of several of that radius, the middle between them.
     """
-    parts = wheel_parts(description, locked, joint)
+    parts = wheel_parts(tree, joint)
     reasons: list[str] = []
     for role in SHAPE_ROLES:
         size = _round_size(parts, joint.axis, role)
@@ -95,29 +89,12 @@ def wheel_size(
     return WheelSize(None, reasons[-1] if reasons else "", 0.0)
 
 
-def shape_sizes(
-    description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> list[tuple[str, WheelSize]]:
+def shape_sizes(tree: FrozenTree, joint: Joint, paths: MeshPaths) -> list[tuple[str, WheelSize]]:
     """Return all sizes that a wheel's shapes tell, each with its role: the round ones', meshes'."""
-    parts = wheel_parts(description, locked, joint)
+    parts = wheel_parts(tree, joint)
     found = [(role, _round_size(parts, joint.axis, role)) for role in SHAPE_ROLES]
     found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in SHAPE_ROLES]
     return [(role, size) for role, size in found if size is not None]
-
-
-def _fixed_links(
-    description: Description, locked: Mapping[str, float], link: str
-) -> Iterator[tuple[str, Array]]:
-    """Yield a link and those fixed to it, each with its pose (4, 4) in the first one's frame."""
-    stack = [(link, np.eye(4))]
-    while stack:
-        name, pose = stack.pop()
-        yield name, pose
-        stack += [
-            (below.child, pose @ below.motion(locked.get(below.name, 0.0)))
-            for below in reversed(description.child_joints[name])
-            if below.name in locked or not below.moving
-        ]
 
 
 def is_round(part: WheelShape, axis: Array) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
@@ -48,6 +49,11 @@ class Robot:
     end_effector: str | None
     findings: tuple[Finding, ...] = field(repr=False)
     density: float | None = None
+
+    @cached_property
+    def tree(self) -> FrozenTree:
+        """Its links, with the locked joints held."""
+        return FrozenTree(self.description, self.locked)
 
     @cached_property
     def quasi_velocities(self) -> tuple[str, ...]:

@@ -41,10 +41,10 @@ def ground(run: Run) -> dict[str, Any]:
     All are None where the contacts known do not hold a balance, and the sentence says why; a fixed
     base has no sentence. Of a run that logged no ranges, only what one split tells is not None.
     """
-    if not run.tip_margin.size:
-        sentence = run.ground_notes[0] if run.ground_notes else None
-        return {**dict.fromkeys(GROUND_KEYS), "friction": run.friction, "ground": sentence}
-    margin, equal = float(run.tip_margin.min()), float(run.slip_ratio.max())
+    if not run.log.tip_margin.size:
+        sentence = run.ground.notes[0] if run.ground.notes else None
+        return {**dict.fromkeys(GROUND_KEYS), "friction": run.ground.friction, "ground": sentence}
+    margin, equal = float(run.log.tip_margin.min()), float(run.log.slip_ratio.max())
     slips = _slips(run)
     found: dict[str, Any] = {
         **dict.fromkeys(GROUND_KEYS),
@@ -53,7 +53,7 @@ def ground(run: Run) -> dict[str, Any]:
         "equal_springs_slip_ratio": equal,
         "could_slip": True if slips is None and equal > 1.0 else None,
         "contact_loads": _load_ranges(run),
-        "friction": run.friction,
+        "friction": run.ground.friction,
         "ground": f"{_balance(run, margin)} and {_grip(run, slips, equal)}",
     }
     if slips is None or np.isnan(slips).all():
@@ -69,37 +69,39 @@ def ground(run: Run) -> dict[str, Any]:
 
 def _slips(run: Run) -> Array | None:
     """Return the range of the worst wheel's slip ratio (K, 2); None where no range was logged."""
-    if run.slip_range.size:
-        return run.slip_range
-    if len(run.contacts) > DETERMINATE_CONTACTS:
+    if run.log.slip_range.size:
+        return run.log.slip_range
+    if len(run.ground.contacts) > DETERMINATE_CONTACTS:
         return None
-    return np.column_stack([run.slip_ratio, run.slip_ratio])
+    return np.column_stack([run.log.slip_ratio, run.log.slip_ratio])
 
 
 def _load_ranges(run: Run) -> list[dict[str, Any]] | None:
     """Return the range of each contact's load, N; None where it was not logged, or tips always."""
-    loads = run.load_range
-    if not loads.size and len(run.contacts) <= DETERMINATE_CONTACTS:
-        loads = run.contact_load[:, :, None]
+    loads = run.log.load_range
+    if not loads.size and len(run.ground.contacts) <= DETERMINATE_CONTACTS:
+        loads = run.log.contact_load[:, :, None]
     if not loads.size or np.isnan(loads).all():
         return None
     least, most = np.nanmin(loads, axis=(0, 2)).tolist(), np.nanmax(loads, axis=(0, 2)).tolist()
-    rows = zip(run.contacts, least, most, strict=True)
+    rows = zip(run.ground.contacts, least, most, strict=True)
     return [{"name": name, "min": low, "max": high} for name, low, high in rows]
 
 
 def _balance(run: Run, margin: float) -> str:
     if margin >= 0.0:
         return f"keeps {margin:.2g} m from tipping"
-    first = run.t[int(np.argmax(run.tip_margin < 0.0))]
+    first = run.t[int(np.argmax(run.log.tip_margin < 0.0))]
     return f"would tip over at {first:.3g} s, by {-margin:.2g} m at worst,"
 
 
 def _grip(run: Run, slips: Array | None, equal: float) -> str:
     """Return what the motion needs of the grip, in words."""
-    many, friction = len(run.contacts), f"the grip at friction {run.friction:g}"
+    many, friction = len(run.ground.contacts), f"the grip at friction {run.ground.friction:g}"
     if slips is None:
-        grip_text = _grip_needed(run, np.column_stack([run.slip_ratio, run.slip_ratio]), friction)
+        grip_text = _grip_needed(
+            run, np.column_stack([run.log.slip_ratio, run.log.slip_ratio]), friction
+        )
         return f"{grip_text} ({many} contacts, taken as equally stiff)"
     if np.isnan(slips).all():
         return "nothing can be said of its grip"

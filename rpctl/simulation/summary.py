@@ -25,23 +25,27 @@ def summarize(run: Run) -> dict[str, Any]:
     counts is in ``kinematic_report``, None for a law that counts nothing. What the ground does is
     in the keys of :func:`ground`.
     """
-    base = np.hypot(run.e[:, 0], run.e[:, 1])
-    joints = run.e[:, 3:]
-    arm = np.linalg.norm(run.ee - run.ee_ref, axis=1) if run.end_effector else None
+    base = np.hypot(run.log.e[:, 0], run.log.e[:, 1])
+    joints = run.log.e[:, 3:]
+    arm = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1) if run.robot.end_effector else None
     half = len(run.t) // 2
     tau = np.abs(run.tau).max(axis=0)
-    limited = np.isfinite(run.effort_limits)
-    peaks = np.where(limited, tau / np.array(run.effort_limits), -1.0)  # -1: never the largest
+    limited = np.isfinite(run.robot.effort_limits)
+    peaks = np.where(
+        limited, tau / np.array(run.robot.effort_limits), -1.0
+    )  # -1: never the largest
     duration = float(run.t[-1])
     return {
         "duration": duration,
         "rms_base_error": _rms(base),
         "final_base_error": float(base[-1]),
         "settled_base_error": float(base[half:].max()),
-        "final_lateral_error": float(abs(run.e[-1, 1])),
+        "final_lateral_error": float(abs(run.log.e[-1, 1])),
         "joint_errors": [
             {"joint": name, "unit": unit, **_errors(error, half)}
-            for name, unit, error in zip(run.joint_names, run.units, joints.T, strict=True)
+            for name, unit, error in zip(
+                run.robot.joint_names, run.robot.units, joints.T, strict=True
+            )
         ],
         "rms_end_effector_error": None if arm is None else _rms(arm),
         "final_end_effector_error": None if arm is None else float(arm[-1]),
@@ -49,17 +53,17 @@ def summarize(run: Run) -> dict[str, Any]:
         "efforts": [
             {"actuator": name, "peak": peak, "limit": limit, "ratio": peak / limit}
             for name, peak, limit in zip(
-                run.actuators, tau.tolist(), run.effort_limits, strict=True
+                run.robot.actuators, tau.tolist(), run.robot.effort_limits, strict=True
             )
         ],
         "max_effort_ratio": float(peaks.max()) if limited.any() else None,
-        "max_effort_joint": run.actuators[int(peaks.argmax())] if limited.any() else None,
+        "max_effort_joint": run.robot.actuators[int(peaks.argmax())] if limited.any() else None,
         "limits_violated": violations(run),
         "limits_bound": binding_limits(run),
         **ground(run),
         "kinematic_report": run.settings.get("kinematic_report"),
         "energy_residual": _energy_residual(run),
-        "constraint_residual": float(run.constraint_residual.max()),
+        "constraint_residual": float(run.log.constraint_residual.max()),
         "wall_time": run.wall_time,
         "realtime_factor": duration / run.wall_time,
     }
@@ -73,24 +77,37 @@ def violations(run: Run) -> list[dict[str, Any]]:
     """
     found = []
     for name, tau, rate, effort_limit, velocity_limit in zip(
-        run.actuators, run.tau.T, run.rates.T, run.effort_limits, run.velocity_limits, strict=True
+        run.robot.actuators,
+        run.tau.T,
+        run.log.rates.T,
+        run.robot.effort_limits,
+        run.robot.velocity_limits,
+        strict=True,
     ):
         found += _violation(run, name, "effort", np.abs(tau), effort_limit)
         found += _violation(run, name, "velocity", np.abs(rate), velocity_limit)
     for name, position, lower, upper in zip(
-        run.joint_names, run.joints.T, run.lower_limits, run.upper_limits, strict=True
+        run.robot.joint_names,
+        run.log.joints.T,
+        run.robot.lower_limits,
+        run.robot.upper_limits,
+        strict=True,
     ):
         found += _position_violations(run, name, position, lower, upper)
     for name, position, (lower, upper) in zip(
-        run.steering_names, run.steering.T, run.steering_limits, strict=True
+        run.robot.steering_names, run.log.steering.T, run.robot.steering_limits, strict=True
     ):
         found += _position_violations(run, name, position, lower, upper)
     for name, position, rate, (lower, upper, fastest) in zip(
-        run.other_names, run.others.T, run.other_rates.T, run.other_limits, strict=True
+        run.robot.other_names,
+        run.log.others.T,
+        run.log.other_rates.T,
+        run.robot.other_limits,
+        strict=True,
     ):
-        if name not in run.actuators:
+        if name not in run.robot.actuators:
             found += _violation(run, name, "velocity", np.abs(rate), fastest)
-        if name not in run.steering_names:
+        if name not in run.robot.steering_names:
             found += _position_violations(run, name, position, lower, upper)
     return found
 
@@ -101,9 +118,9 @@ def binding_limits(run: Run) -> list[dict[str, Any]]:
     ``first_place`` is where P was (x, y), m; ``told`` says it all in one sentence.
     """
     found = []
-    for (joint, kind), active in zip(run.bound_limits, run.active_limits.T, strict=True):
+    for (joint, kind), active in zip(run.log.bound_limits, run.log.active_limits.T, strict=True):
         first, duration = int(np.argmax(active)), float(active.mean() * run.t[-1])
-        x, y = run.base[first, :2].tolist()
+        x, y = run.log.base[first, :2].tolist()
         at, limit_name = float(run.t[first]), LIMIT_NAMES.get(kind, kind)
         found.append(
             {
@@ -147,8 +164,8 @@ def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> l
 
 def _energy_residual(run: Run) -> float:
     """Return the largest gap between energy and work, relative to the work's swing."""
-    gap = run.energy - run.energy[0] - run.work
-    return float(np.abs(gap).max() / max(float(np.ptp(run.work)), 1e-12))
+    gap = run.log.energy - run.log.energy[0] - run.log.work
+    return float(np.abs(gap).max() / max(float(np.ptp(run.log.work)), 1e-12))
 
 
 def _errors(error: Array, half: int) -> dict[str, float]:

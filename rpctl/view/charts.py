@@ -74,7 +74,7 @@ def charts(run: Run) -> list[Chart]:
 
 def has_base(run: Run) -> bool:
     """Return whether the base moves."""
-    return any(_of_base(run, name) for name in run.quasi_velocities)
+    return any(_of_base(run, name) for name in run.robot.quasi_velocities)
 
 
 def short_name(joint: str) -> str:
@@ -85,7 +85,7 @@ def short_name(joint: str) -> str:
 def _base_error(run: Run) -> Chart | None:
     if not has_base(run):
         return None
-    x1, x2, x3 = run.e[:, :3].T
+    x1, x2, x3 = run.log.e[:, :3].T
     lines = (
         ChartLine("distance", "m", np.hypot(x1, x2), 3, shown=False),
         ChartLine("longitudinal x₁", "m", x1, 0),
@@ -96,12 +96,12 @@ def _base_error(run: Run) -> Chart | None:
 
 
 def _tip_error(run: Run) -> Chart | None:
-    if not run.ee.shape[1]:
+    if not run.log.ee.shape[1]:
         return None
-    distance = np.linalg.norm(run.ee_ref - run.ee, axis=1)
+    distance = np.linalg.norm(run.log.ee_ref - run.log.ee, axis=1)
     lines = (
         ChartLine("position", "m", distance, 1),
-        ChartLine("orientation", "rad", run.ee_angle, 4),
+        ChartLine("orientation", "rad", run.log.ee_angle, 4),
     )
     return Chart("End-effector error", "m, rad", lines, errors=True)
 
@@ -109,7 +109,9 @@ def _tip_error(run: Run) -> Chart | None:
 def _joint_errors(run: Run) -> Chart:
     lines = tuple(
         ChartLine(short_name(name), unit, error, _colour(run, name))
-        for name, unit, error in zip(run.joint_names, run.units, run.e[:, 3:].T, strict=True)
+        for name, unit, error in zip(
+            run.robot.joint_names, run.robot.units, run.log.e[:, 3:].T, strict=True
+        )
     )
     return Chart("Joint errors", _units(lines), lines, errors=True)
 
@@ -117,13 +119,15 @@ def _joint_errors(run: Run) -> Chart:
 def _speeds(run: Run) -> list[Chart]:
     """Return the quasi-velocities with their reference: of the base, the arm, and the rest."""
     groups: dict[str, list[ChartLine]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
-    for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
+    for name, actual, wanted in zip(
+        run.robot.quasi_velocities, run.nu.T, run.log.nu_ref.T, strict=True
+    ):
         if _of_base(run, name):
             label, unit = BASE_SPEED_LABELS[name]
             title, colour = "Base speeds", len(groups["Base speeds"])
         else:
             label, unit, colour = short_name(name), f"{_unit(run, name)}/s", _colour(run, name)
-            title = "Joint speeds" if name in run.joint_names else "Other speeds"
+            title = "Joint speeds" if name in run.robot.joint_names else "Other speeds"
         groups[title].append(ChartLine(label, unit, actual, colour, reference=wanted))
     return [
         Chart(title, _units(lines), tuple(lines), note="dashed: reference")
@@ -135,7 +139,9 @@ def _efforts(run: Run) -> list[Chart]:
     """Return the efforts as shares of their limits, and for each unit those without limits."""
     limited: list[ChartLine] = []
     free: dict[str, list[ChartLine]] = {"N·m": [], "N": []}
-    for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
+    for name, tau, limit in zip(
+        run.robot.actuators, run.tau.T, run.robot.effort_limits, strict=True
+    ):
         unit, colour = "N" if _unit(run, name) == "m" else "N·m", _colour(run, name)
         if np.isfinite(limit) and limit > 0.0:
             limited.append(
@@ -150,18 +156,18 @@ def _efforts(run: Run) -> list[Chart]:
 
 
 def _margins(run: Run) -> list[Chart]:
-    if not run.tip_margin.size:
+    if not run.log.tip_margin.size:
         return []
-    tip = ChartLine("zero-moment point to edge", "m", run.tip_margin, 0)
+    tip = ChartLine("zero-moment point to edge", "m", run.log.tip_margin, 0)
     top = grip_top(run)
-    used, band = 100.0 * np.minimum(run.slip_ratio, top), None
-    if run.slip_range.size:
-        least, most = 100.0 * run.slip_range.T
+    used, band = 100.0 * np.minimum(run.log.slip_ratio, top), None
+    if run.log.slip_range.size:
+        least, most = 100.0 * run.log.slip_range.T
         band = np.minimum(least, 100.0 * top), np.where(most > 100.0 * top, np.inf, most)
     grip = ChartLine("force / (friction · load)", "%", used, 1, band=band)
-    most = max(float(run.slip_ratio.max()), float(np.nanmax(run.slip_range, initial=0.0)))
+    most = max(float(run.log.slip_ratio.max()), float(np.nanmax(run.log.slip_range, initial=0.0)))
     beyond = f" (drawn up to {100.0 * top:.0f})" if most > top else ""
-    slips = f"friction {run.friction:g}, slips above 100{beyond}"
+    slips = f"friction {run.ground.friction:g}, slips above 100{beyond}"
     return [
         Chart("Tip-over margin", "m", (tip,), (0.0,), note="tips below the dashed line"),
         Chart("Grip used", "%", (grip,), (100.0,), note=slips + _shading(run)),
@@ -170,23 +176,23 @@ def _margins(run: Run) -> list[Chart]:
 
 def grip_top(run: Run) -> float:
     """Return how far a grip's axis reaches: to all that is needed, unless that is far too much."""
-    needed = [1.0, min(float(run.slip_ratio.max()), GRIP_SHOWN_MAX)]
-    most = float(np.nanmax(run.slip_range, initial=0.0))
+    needed = [1.0, min(float(run.log.slip_ratio.max()), GRIP_SHOWN_MAX)]
+    most = float(np.nanmax(run.log.slip_range, initial=0.0))
     return max(*needed, most if most <= GRIP_SHOWN_MAX else 0.0)
 
 
 def _shading(run: Run) -> str:
-    return "; shaded: all splits of the load" if run.slip_range.size else ""
+    return "; shaded: all splits of the load" if run.log.slip_range.size else ""
 
 
 def _loads(run: Run) -> Chart:
-    bands: list[tuple[Array, Array] | None] = [None] * len(run.contacts)
-    if run.load_range.size:
-        bands = [(low, high) for low, high in run.load_range.transpose(1, 2, 0)]
+    bands: list[tuple[Array, Array] | None] = [None] * len(run.ground.contacts)
+    if run.log.load_range.size:
+        bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
     lines = tuple(
         ChartLine(short_name(name), "N", load, k, band=band)
         for k, (name, load, band) in enumerate(
-            zip(run.contacts, run.contact_load.T, bands, strict=False)
+            zip(run.ground.contacts, run.log.contact_load.T, bands, strict=False)
         )
     )
     return Chart("Ground loads", "N", lines, note=_shading(run).removeprefix("; "))
@@ -194,12 +200,16 @@ def _loads(run: Run) -> Chart:
 
 def _of_base(run: Run, name: str) -> bool:
     """Return whether a quasi-velocity is the base's, and not that of a joint which is called so."""
-    return name in BASE_SPEED_LABELS and name not in run.joint_names
+    return name in BASE_SPEED_LABELS and name not in run.robot.joint_names
 
 
 def _unit(run: Run, joint: str) -> str:
     """Return the unit of a joint's position; wheels and steering, which are no arm's, turn."""
-    return run.units[run.joint_names.index(joint)] if joint in run.joint_names else "rad"
+    return (
+        run.robot.units[run.robot.joint_names.index(joint)]
+        if joint in run.robot.joint_names
+        else "rad"
+    )
 
 
 def _units(lines: tuple[ChartLine, ...] | list[ChartLine]) -> str:
@@ -208,4 +218,4 @@ def _units(lines: tuple[ChartLine, ...] | list[ChartLine]) -> str:
 
 def _colour(run: Run, joint: str) -> int:
     """Return a joint's number, the same in all charts."""
-    return list(dict.fromkeys((*run.actuators, *run.joint_names, joint))).index(joint)
+    return list(dict.fromkeys((*run.robot.actuators, *run.robot.joint_names, joint))).index(joint)

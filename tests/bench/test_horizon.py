@@ -16,10 +16,10 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.command import Command
 from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.qp import QuadraticProgram, Solver
 from rpctl.control.horizon.target import TimeScaling, look_ahead
+from rpctl.control.law import Command
 from rpctl.reference.motion import reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
 

@@ -18,10 +18,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.law import started
-from rpctl.control.registry import kinematic_by_name
+from rpctl.control.law import Command
+from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.motion import rk4_step
 from rpctl.reference.motion import reference_by_name
 from rpctl.robot import catalog
@@ -99,8 +97,8 @@ def test_forward_of_each_drive(
 def test_control_sample(benchmark: BenchmarkFixture, tiago: Robot, pair: LawPair) -> None:
     """Both laws of each controller that ``rpctl compare`` compares, off their reference."""
     dynamics, reference = ReducedDynamics(tiago), reference_by_name(tiago, "eight")
-    kinematic = started(kinematic_by_name(pair.kinematic), dynamics, 0.002)
-    dynamic = started(dynamic_by_name(pair.dynamic), dynamics, 0.002)
+    kinematic = kinematic_by_name(pair.kinematic).start(dynamics, 0.002)
+    dynamic = dynamic_by_name(pair.dynamic).start(dynamics, 0.002)
     state = reference(7.0)
     q = tiago.configuration_at(state.pose + 0.05, state.joints)
     nu = np.concatenate([state.twist[[0, 2]], state.joint_rates])
@@ -121,7 +119,7 @@ def test_dynamic_law(
 ) -> None:
     dynamics, q = ReducedDynamics(tiago), tiago.configuration_at(np.zeros(3), tiago.home)
     nu, nu_d, nu_d_dot = size * rng.normal(size=(3, tiago.dof))
-    law = started(dynamic_by_name(name), dynamics, 0.002)
+    law = dynamic_by_name(name).start(dynamics, 0.002)
     benchmark(law, dynamics, q, nu, Command(nu_d, nu_d_dot))
 
 

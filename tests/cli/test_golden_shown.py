@@ -26,6 +26,7 @@ from rpctl.study.benchmark import Cell, Figures, Row, figures
 from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
 from tests.golden import COUNT, TRICYCLE
 from tests.robots import write
+from tests.runs import vary
 from tests.vehicles import vehicle
 
 KANAYAMA = LawPair("kanayama", "paper")
@@ -46,9 +47,9 @@ def printed(monkeypatch: pytest.MonkeyPatch) -> Printed:
 
 
 def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
-    tau, rates = np.array(golden.tau), np.array(golden.rates)
+    tau, rates = np.array(golden.tau), np.array(golden.log.rates)
     tau[2:4, 3], rates[4, 4] = -25.0, 0.75
-    summary = summarize(replace(golden, tau=tau, rates=rates))
+    summary = summarize(vary(golden, tau=tau, rates=rates))
     notes = {"notes": ["a note"], "report": "out/report.html", "report_bytes": 1_250_000}
     show.show_summary({**summary, **notes}, Path("out"))
     rms = {
@@ -87,8 +88,8 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     ("margin", "slip", "marked"), [(0.1, 0.5, 0), (-0.1, 0.5, 1), (0.1, 2.0, 1)]
 )
 def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked: int) -> None:
-    run = replace(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
-    run = replace(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
+    run = vary(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
+    run = vary(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
     console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(show, "console", lambda: console)
@@ -102,9 +103,7 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
 
 def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, printed: Printed) -> None:
     none = np.empty((COUNT, 0))
-    bare = replace(
-        golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none
-    )
+    bare = vary(golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none)
     more = {"notes": [], "report": "r", "report_bytes": 0}
     show.show_summary({**summarize(bare), **more}, Path("out"))
     assert not [line for line in printed() if line.startswith(("end effector", "ground"))]
@@ -266,11 +265,9 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
         "sample_time_99": pytest.approx(4e-5),
     }
     assert asdict(found) == expected
-    lifted = np.array(golden.joints)
+    lifted = np.array(golden.log.joints)
     lifted[2, 1] = 0.5
-    assert figures(replace(golden, joints=lifted), [1e-5, 1e-5]).violations == (
-        "slide_joint upper",
-    )
+    assert figures(vary(golden, joints=lifted), [1e-5, 1e-5]).violations == ("slide_joint upper",)
 
 
 def row(law: LawPair, base: float, tip: float | None, *broken: str) -> Row:

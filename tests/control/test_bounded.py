@@ -25,8 +25,8 @@ from rpctl import (
     track,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import Command
+from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.plant import advance
@@ -185,8 +185,8 @@ def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot)
     """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
     plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
     run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
-    beyond = run.lower_limits[0] - run.joints[:, 0]
-    assert run.joint_names[0] == "torso_lift_joint"
+    beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
+    assert run.robot.joint_names[0] == "torso_lift_joint"
     assert 1e-4 < beyond.max() < 5e-3
 
 
@@ -199,12 +199,14 @@ def clipped(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) ->
 def curvature_error(run: Run) -> float:
     """Return the rms gap between the curvature driven and the one asked for, wheels at a limit."""
     wheels = slice(2)
-    at_limit = np.abs(run.tau[:, wheels]) > 0.999 * np.array(run.effort_limits[wheels])
-    at_limit |= np.abs(run.rates[:, wheels]) > 0.99 * np.array(run.velocity_limits[wheels])
+    at_limit = np.abs(run.tau[:, wheels]) > 0.999 * np.array(run.robot.effort_limits[wheels])
+    at_limit |= np.abs(run.log.rates[:, wheels]) > 0.99 * np.array(
+        run.robot.velocity_limits[wheels]
+    )
     kept = at_limit.any(axis=1) & (run.nu[:, 0] > 0.05)
     assert kept.sum() > 20
     driven = run.nu[kept, 1] / run.nu[kept, 0]
-    return float(np.sqrt(np.mean((driven - run.nu_d[kept, 1] / run.nu_d[kept, 0]) ** 2)))
+    return float(np.sqrt(np.mean((driven - run.log.nu_d[kept, 1] / run.log.nu_d[kept, 0]) ** 2)))
 
 
 def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None:

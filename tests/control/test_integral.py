@@ -19,14 +19,13 @@ from rpctl import (
     track,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
+from rpctl.control.law import Command, DynamicLaw, Rest, as_efforts
 from rpctl.simulation.plant import advance
 
 
 def follow(
     robot: Robot,
-    law: DynamicLaw | Startable[DynamicLaw],
+    law: DynamicLaw,
     nu_d: Array,
     bias: Array,
     seconds: float,
@@ -35,10 +34,10 @@ def follow(
     """Return ν (K, dof) of a robot that follows a constant command from rest."""
     dynamics, nu = ReducedDynamics(robot), np.zeros(robot.dof)
     q = robot.configuration_at(np.zeros(3), robot.home)
-    efforts = started(law, dynamics, period)
+    controller = law.start(dynamics, period)
     log = [nu]
     for _ in range(round(seconds / period)):
-        tau = as_efforts(efforts(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
+        tau = as_efforts(controller(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
         q, nu, _ = advance(dynamics, q, nu, tau + bias, period, period)
         log.append(nu)
     return np.array(log)

@@ -12,9 +12,8 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.error import observe
-from rpctl.control.holonomic import holonomic
 from rpctl.control.steering import base_command, steering_targets
-from rpctl.control.twist import Twist
+from rpctl.control.twist import Twist, omnidirectional_twist
 from rpctl.drive.steering import turning_radius
 from rpctl.reference.motion import ReferenceState, reference_by_name
 from rpctl.reference.quasi_velocities import direction, reference_rates, steering
@@ -80,7 +79,7 @@ def test_the_angles_asked_for_change_as_their_rates_say(
             at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
             tracking = observe(dynamics, reference(t + s), at, nu)  # noqa: B023
             unicycle = UnifiedKinematic().unicycle(tracking)
-            twist = unicycle if robot.drive.has_axle else holonomic(tracking, 0.6)
+            twist = unicycle if robot.drive.has_axle else omnidirectional_twist(tracking, 0.6)
             return steering_targets(dynamics, tracking.state, twist)
 
         slope = (asked(STEP)[0] - asked(-STEP)[0]) / (2 * STEP)
@@ -101,12 +100,12 @@ def test_the_rolling_speed_changes_as_its_rate_says(
     def asked(s: float) -> tuple[Array, Array]:
         at = pin.integrate(robot.model, q, s * v)
         tracking = observe(dynamics, reference(4.0 + s), at, nu)
-        twist = holonomic(tracking, 0.6)
+        twist = omnidirectional_twist(tracking, 0.6)
         return base_command(dynamics, tracking.state, at, nu + s * rates, twist, 0.6)
 
     for _ in range(3):  # steering accelerates as it is asked to
         rates[1:3] = asked(0.0)[1][1:]
-    twist = holonomic(observe(dynamics, reference(4.0), q, nu), 0.6)
+    twist = omnidirectional_twist(observe(dynamics, reference(4.0), q, nu), 0.6)
     moved = dynamics.twist(q, asked(0.0)[0] @ np.eye(robot.dof)[:3])
     assert abs(moved[0] - twist.value[0]) < 0.2
     slope = (asked(STEP)[0][0] - asked(-STEP)[0][0]) / (2 * STEP)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.equivalence import file_drive, file_wheels, raw_file, wheel_slip
 from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.raw_file import read_file
@@ -23,10 +24,10 @@ def test_the_minimal_reader_places_every_link_as_the_strict_one(name: str) -> No
     raw = read_file(description.raw)
     rng = np.random.default_rng(3)
     positions = {joint.name: float(rng.uniform(-1.0, 1.0)) for joint in description.joints}
-    poses = raw.poses(positions)
+    poses, tree = raw.poses(positions), FrozenTree(description, positions)
     assert list(raw.link) == list(description.link)
     for link in description.links:
-        expected = description.pose(link.name, positions)
+        expected = tree.pose(link.name)
         np.testing.assert_allclose(poses[link.name], expected, rtol=0, atol=1e-13)
         shapes = [(s.kind, s.size) for s in (*link.collisions, *link.visuals)]
         assert [(s.kind, s.size) for s in raw.link[link.name].shapes] == shapes

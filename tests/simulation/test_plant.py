@@ -8,7 +8,7 @@ import pytest
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError, scale_masses, summarize, track
 from rpctl.arrays import Array
-from rpctl.control.command import Command
+from rpctl.control.law import Command
 from rpctl.errors import UnknownNameError
 
 OFF = (0.1, -0.1, 0.1)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command, KinematicLaw
 from rpctl.control.horizon.clearance import (
     ArmClearance,
     BaseClearance,
@@ -29,7 +28,7 @@ from rpctl.control.horizon.qp import QuadraticProgram, Solver
 from rpctl.control.horizon.qp_builder import QpBuilder, stage_indices
 from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target, look_ahead
 from rpctl.control.horizon.time_scaling import TimeScaler
-from rpctl.control.law import Rest
+from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.obstacles import Obstacle
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts
@@ -105,17 +104,16 @@ class Horizon:
             )
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> HorizonLaw:
-        """Return the law of one run, with nothing foreseen and nothing counted.
+        """Return the controller of one run, without a plan and with all counts at zero.
 
         Args:
-            dynamics: The robot's dynamics.
-            control_period: Time between two calls, s; the law looks at the clock, not at it.
-            rest: Not needed.
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s, for the fallback: solves are :attr:`period` apart.
+            rest: State before the run, for the fallback.
         """
-        del control_period, rest
-        return HorizonLaw(self, dynamics)
+        return HorizonLaw(self, dynamics, as_law(self.fallback).start(dynamics, period, rest))
 
 
 class HorizonPlan(NamedTuple):
@@ -127,15 +125,18 @@ class HorizonPlan(NamedTuple):
 
 
 class HorizonLaw:
-    """:class:`Horizon` on one robot, with what it foresees and what it has counted.
+    """:class:`Horizon` on one robot, with its plan and its counts.
 
     Args:
         law: Its settings.
         dynamics: The robot's dynamics.
+        fallback: Controller of the samples without a plan.
     """
 
-    def __init__(self, law: Horizon, dynamics: ReducedDynamics) -> None:
-        self._law = law
+    def __init__(
+        self, law: Horizon, dynamics: ReducedDynamics, fallback: KinematicController
+    ) -> None:
+        self._law, self._fallback = law, fallback
         self._plan: HorizonPlan | None = None
         self.solved_at = -np.inf
         self.solves = self.fallbacks = self.softened = 0
@@ -171,7 +172,7 @@ class HorizonLaw:
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
+        """Return the command; see :class:`~rpctl.control.law.KinematicFunction`."""
         if t - self.solved_at >= self._law.period - TIME_ROUNDING:
             self.solved_at = t
             try:
@@ -180,7 +181,7 @@ class HorizonLaw:
                 self.fallbacks += 1
                 self._plan = None
         if self._plan is None:
-            return self._law.fallback(dynamics, reference, t, q, nu)
+            return self._fallback(dynamics, reference, t, q, nu)
         nu_dot = self._plan.nu_dot[0]
         return Command(self._plan.nu + (t - self._plan.t) * nu_dot, nu_dot)
 

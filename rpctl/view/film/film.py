@@ -133,7 +133,7 @@ def _checked(size: Size) -> Size:
 def _camera(run: Run, size: Size) -> Iterator[Callable[[float, bool], bytes]]:
     """Open the scene of a run; yields what takes a PNG at a time (s), stamped with it or not."""
     scene = build_scene(run.load_robot(), run)
-    html = player(scene, run.robot, size[0] / size[1], asset("film.js"))
+    html = player(scene, run.robot.name, size[0] / size[1], asset("film.js"))
     with open_page(html, *size) as page:
 
         def photograph(time: float, stamped: bool) -> bytes:

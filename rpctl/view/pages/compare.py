@@ -27,7 +27,7 @@ def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
         scenes: Their scenes.
     """
     first = scenes[0]
-    ground = float(runs[0].drive["ground"])
+    ground = float(runs[0].robot.drive.ground)
     lower = np.min([scene.lower for scene in scenes], axis=0)
     upper = np.max([scene.upper for scene in scenes], axis=0)
     around = {
@@ -120,7 +120,7 @@ def covered_trails(first: Run, other: Run) -> set[str]:
         return set()
     pairs = {
         "trail-base-desired": (first.base_ref[:count, :2], other.base_ref[:, :2]),
-        "trail-tip-desired": (first.ee_ref[:count], other.ee_ref),
+        "trail-tip-desired": (first.log.ee_ref[:count], other.log.ee_ref),
     }
     return {name for name, (a, b) in pairs.items() if a.shape == b.shape and np.allclose(a, b)}
 

@@ -83,9 +83,9 @@ def write_report(
 def single(run: Run, robot: Robot, scene: Scene, summary: Mapping[str, Any]) -> Page:
     """Return what stands in the page of one run."""
     return Page(
-        title=run.robot,
+        title=run.robot.name,
         subtitle=subtitle(run),
-        scene_label=f"{run.robot} following its reference, in three dimensions",
+        scene_label=f"{run.robot.name} following its reference, in three dimensions",
         figures=headline(run, summary),
         legend=legend(run),
         panel=panel(run, summary, scene.notes),
@@ -93,7 +93,7 @@ def single(run: Run, robot: Robot, scene: Scene, summary: Mapping[str, Any]) -> 
         data={
             **_scene_data([scene], scene),
             **overlay(robot, run, scene.times),
-            "plots": chart_data([run], [run.robot]),
+            "plots": chart_data([run], [run.robot.name]),
         },
     )
 
@@ -108,7 +108,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
         raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
     scenes = [build_scene(run.load_robot(), run) for run in runs]
     scene = merge(runs, scenes)
-    robots = " · ".join(dict.fromkeys(run.robot for run in runs))
+    robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
     return Page(
         title=robots,
         subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
@@ -125,7 +125,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
     """Return names that tell runs apart: what differs of robot, reference and laws, or numbers."""
     facts = [
         (
-            run.robot,
+            run.robot.name,
             *(
                 _setting_label(run.settings.get(key))
                 for key in ("reference", "kinematic", "dynamic")

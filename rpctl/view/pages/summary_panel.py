@@ -77,13 +77,13 @@ def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
 def legend(run: Run) -> str:
     """Return what is drawn in the scene: entries that show and hide it."""
     entries = [("base", "Base")] if has_base(run) else []
-    entries += [("tip", "End effector")] if run.ee.shape[1] == 3 else []
+    entries += [("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    limited = any(math.isfinite(limit) for limit in run.effort_limits)
+    limited = any(math.isfinite(limit) for limit in run.robot.effort_limits)
     entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
-    if run.tip_margin.size:
-        one = ": equally stiff contacts" if run.load_range.size else ""
-        entries += [("loads", f"Ground reactions{one}")] if run.contact_load.size else []
+    if run.log.tip_margin.size:
+        one = ": equally stiff contacts" if run.log.load_range.size else ""
+        entries += [("loads", f"Ground reactions{one}")] if run.log.contact_load.size else []
         entries += [("zmp", "Support, zero-moment point")]
     return "".join([*(legend_entry(key, text) for key, text in entries), *obstacle_entries([run])])
 
@@ -142,8 +142,8 @@ def limits_badge(broken: Sequence[Any]) -> str:
 
 def subtitle(run: Run) -> str:
     """Return one line about the run, escaped."""
-    count = len(run.quasi_velocities)
-    words = [f"{count} quasi-velocities", f"{len(run.actuators)} actuators"]
+    count = len(run.robot.quasi_velocities)
+    words = [f"{count} quasi-velocities", f"{len(run.robot.actuators)} actuators"]
     if "reference" in run.settings:
         words.insert(0, f"reference: {setting_text(run.settings['reference'])}")
     words.append(f"{float(run.t[-1] - run.t[0]):.4g} s")
@@ -243,19 +243,19 @@ def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _robot(run: Run) -> str:
-    drive = run.drive
-    rows = [("Drive", str(drive["type"]))]
-    if drive["wheels"]:
-        radii = dict.fromkeys(f"{wheel['radius']:.4g}" for wheel in drive["wheels"])
-        rows.append(("Wheels", f"{len(drive['wheels'])}, radius {', '.join(radii)} m"))
+    drive = run.robot.drive
+    rows = [("Drive", str(drive.type))]
+    if drive.wheels:
+        radii = dict.fromkeys(f"{wheel.radius:.4g}" for wheel in drive.wheels)
+        rows.append(("Wheels", f"{len(drive.wheels)}, radius {', '.join(radii)} m"))
     rows += [
-        ("Quasi-velocities", str(len(run.quasi_velocities))),
-        ("Actuators", str(len(run.actuators))),
-        ("Frozen joints", str(len(run.locked))),
+        ("Quasi-velocities", str(len(run.robot.quasi_velocities))),
+        ("Actuators", str(len(run.robot.actuators))),
+        ("Frozen joints", str(len(run.robot.locked))),
     ]
-    if run.end_effector is not None:
-        rows.append(("End effector", run.end_effector))
-    names = escape(", ".join(run.quasi_velocities))
+    if run.robot.end_effector is not None:
+        rows.append(("End effector", run.robot.end_effector))
+    names = escape(", ".join(run.robot.quasi_velocities))
     body = f"<details><summary>Names</summary><p>{names}</p></details>"
     return _section("Robot", _rows(rows) + body)
 

@@ -65,7 +65,7 @@ def _nearest_points(obstacles: Sequence[DrawnObstacle], run: Run) -> list[Array]
     """Return the points (1, 2) of the lines of half-planes that the bodies come nearest to, m."""
     feet = []
     for body, shape in ((o.body, o.shape) for o in obstacles):
-        path = (run.base if body == BASE else run.ee)[:, :2]
+        path = (run.log.base if body == BASE else run.log.ee)[:, :2]
         if isinstance(shape, HalfPlane) and path.size:
             gaps = shape.distance(path)
             k = int(np.argmin(gaps))

@@ -55,37 +55,37 @@ class FigurePanel:
 
 def find_panels(run: Run) -> list[FigurePanel]:
     """Return the panels that a run has something for."""
-    wheeled, arm = bool(_base_speeds(run)), run.ee.shape[1] > 0
+    wheeled, arm = bool(_base_speeds(run)), run.log.ee.shape[1] > 0
     panels = []
     if wheeled or arm:
         panels.append(FigurePanel("paths", "Paths", draw_paths, wide=True))
     if wheeled:
         panels.append(FigurePanel("base", "Base error", _base_error))
-    if run.joint_names:
+    if run.robot.joint_names:
         panels.append(FigurePanel("joints", "Joint errors", _joint_errors, joints=True))
     if arm:
         panels.append(FigurePanel("tip", "End-effector error", _tip_error))
     if wheeled:
         panels.append(FigurePanel("speeds", "Base speeds", _speeds))
-    if run.joint_names:
+    if run.robot.joint_names:
         panels.append(FigurePanel("joint-speeds", "Joint speeds", _joint_speeds, joints=True))
     panels += _effort_panels(run)
-    if run.tip_margin.size:
+    if run.log.tip_margin.size:
         panels.append(FigurePanel("tip-over", "Tip-over margin, limit dashed", _tip_margin))
-    if run.slip_ratio.size:
-        grip = f"Grip at friction {run.friction:g}, limit dashed"
+    if run.log.slip_ratio.size:
+        grip = f"Grip at friction {run.ground.friction:g}, limit dashed"
         panels.append(FigurePanel("grip", grip, _grip))
     return panels
 
 
 def _base_speeds(run: Run) -> list[str]:
     """Return the quasi-velocities that are no joint of the arm."""
-    return [name for name in run.quasi_velocities if name not in run.joint_names]
+    return [name for name in run.robot.quasi_velocities if name not in run.robot.joint_names]
 
 
 def _effort_panels(run: Run) -> list[FigurePanel]:
     """Return one panel for efforts with limits, and one for each unit of those without."""
-    limits = np.array(run.effort_limits)
+    limits = np.array(run.robot.effort_limits)
     limited = [i for i, limit in enumerate(limits) if np.isfinite(limit) and limit > 0.0]
     panels = []
     if limited:
@@ -119,8 +119,10 @@ def _absolute(chosen: list[int], unit: str) -> Draw:
 
 def _unit(run: Run, actuator: int) -> str:
     """Return the unit of an actuator's effort; wheels turn, so theirs is a torque."""
-    name = run.actuators[actuator]
-    prismatic = name in run.joint_names and run.units[run.joint_names.index(name)] == "m"
+    name = run.robot.actuators[actuator]
+    prismatic = (
+        name in run.robot.joint_names and run.robot.units[run.robot.joint_names.index(name)] == "m"
+    )
     return "N" if prismatic else "N·m"
 
 
@@ -128,20 +130,20 @@ def _base_error(axes: Axes, run: Run, theme: Theme) -> None:
     labels = ("longitudinal |x₁|, m", "lateral |x₂|, m", "heading |x₃|, rad")
     colours = (theme.base, theme.tip, theme.third)
     for i, (label, colour, dashes) in enumerate(zip(labels, colours, DASH_STYLES[:3], strict=True)):
-        _log(axes, run, run.e[:, i], color=colour, ls=dashes, lw=1.1, label=label)
-    _log_axis(axes, run.e[:, :3], "m or rad")
+        _log(axes, run, run.log.e[:, i], color=colour, ls=dashes, lw=1.1, label=label)
+    _log_axis(axes, run.log.e[:, :3], "m or rad")
 
 
 def _joint_errors(axes: Axes, run: Run, theme: Theme) -> None:
-    errors = run.e[:, 3:]
-    for i, name in enumerate(run.joint_names):
+    errors = run.log.e[:, 3:]
+    for i, name in enumerate(run.robot.joint_names):
         _log(axes, run, errors[:, i], **joint_style(run, name, theme))
-    _log_axis(axes, errors, " or ".join(sorted(set(run.units), reverse=True)))
+    _log_axis(axes, errors, " or ".join(sorted(set(run.robot.units), reverse=True)))
 
 
 def _tip_error(axes: Axes, run: Run, theme: Theme) -> None:
-    distance = 1e3 * np.linalg.norm(run.ee_ref - run.ee, axis=1)
-    angle = 1e3 * run.ee_angle
+    distance = 1e3 * np.linalg.norm(run.log.ee_ref - run.log.ee, axis=1)
+    angle = 1e3 * run.log.ee_angle
     _log(axes, run, distance, color=theme.tip, lw=1.2, label="position, mm")
     _log(
         axes, run, angle, color=theme.desired, ls=DASH_STYLES[1], lw=0.9, label="orientation, mrad"
@@ -154,11 +156,11 @@ def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
     for number, name in enumerate(_base_speeds(run)):
         units.append("m/s" if name in ("v", "vx", "vy") else "rad/s")
         label = f"{SYMBOLS.get(name) or short_name(name)}, {units[-1]}"
-        column = run.quasi_velocities.index(name)
+        column = run.robot.quasi_velocities.index(name)
         colour = theme.cycle[number % len(theme.cycle)]
         axes.plot(thin(run.t), thin(run.nu[:, column]), color=colour, lw=1.1, label=label)
     for name in _base_speeds(run):
-        desired = run.nu_ref[:, run.quasi_velocities.index(name)]
+        desired = run.log.nu_ref[:, run.robot.quasi_velocities.index(name)]
         axes.plot(thin(run.t), thin(desired), color=theme.desired, **DESIRED_STYLE)
     axes.plot([], [], color=theme.desired, label="reference", **DESIRED_STYLE)
     axes.set_xlabel("t, s")
@@ -166,22 +168,22 @@ def _speeds(axes: Axes, run: Run, theme: Theme) -> None:
 
 
 def _joint_speeds(axes: Axes, run: Run, theme: Theme) -> None:
-    for column, name in enumerate(run.quasi_velocities):
-        if name not in run.joint_names:
+    for column, name in enumerate(run.robot.quasi_velocities):
+        if name not in run.robot.joint_names:
             continue
         axes.plot(thin(run.t), thin(run.nu[:, column]), **joint_style(run, name, theme))
-        if len(run.joint_names) <= MAX_JOINTS_WITH_REFERENCE:
+        if len(run.robot.joint_names) <= MAX_JOINTS_WITH_REFERENCE:
             axes.plot(
-                thin(run.t), thin(run.nu_ref[:, column]), color=theme.desired, **DESIRED_STYLE
+                thin(run.t), thin(run.log.nu_ref[:, column]), color=theme.desired, **DESIRED_STYLE
             )
     axes.set_xlabel("t, s")
-    axes.set_ylabel(" or ".join(f"{unit}/s" for unit in sorted(set(run.units), reverse=True)))
+    axes.set_ylabel(" or ".join(f"{unit}/s" for unit in sorted(set(run.robot.units), reverse=True)))
 
 
 def _tip_margin(axes: Axes, run: Run, theme: Theme) -> None:
     axes.axhline(0.0, color=theme.ink, **LIMIT_STYLE)
-    axes.plot(thin(run.t), thin(run.tip_margin), color=theme.base, lw=1.1)
-    low, high = min(0.0, run.tip_margin.min()), max(0.0, run.tip_margin.max())
+    axes.plot(thin(run.t), thin(run.log.tip_margin), color=theme.base, lw=1.1)
+    low, high = min(0.0, run.log.tip_margin.min()), max(0.0, run.log.tip_margin.max())
     axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     axes.set_xlabel("t, s")
     axes.set_ylabel("zero-moment point to edge, m")
@@ -191,14 +193,14 @@ def _grip(axes: Axes, run: Run, theme: Theme) -> None:
     axes.axhline(1.0, color=theme.ink, **LIMIT_STYLE)
     top = 1.12 * grip_top(run)
     line: dict[str, Any] = {"color": theme.tip, "lw": 1.1}
-    if run.slip_range.size:
-        low, high = np.minimum(run.slip_range.T, top)  # beyond, it leaves through the frame
+    if run.log.slip_range.size:
+        low, high = np.minimum(run.log.slip_range.T, top)  # beyond, it leaves through the frame
         shade: dict[str, Any] = {"color": theme.tip, "alpha": 0.2, "lw": 0.0}
         axes.fill_between(
             thin(run.t), thin(low), thin(high), label="all splits of the load", **shade
         )
         line["label"] = "equally stiff contacts"
-    axes.plot(thin(run.t), thin(run.slip_ratio), **line)
+    axes.plot(thin(run.t), thin(run.log.slip_ratio), **line)
     axes.set_ylim(0.0, top)
     axes.set_xlabel("t, s")
     axes.set_ylabel("force / (friction · load)")
@@ -207,7 +209,7 @@ def _grip(axes: Axes, run: Run, theme: Theme) -> None:
 def _actuator_lines(axes: Axes, run: Run, chosen: list[int], scale: Array, theme: Theme) -> None:
     for i, factor in zip(chosen, scale, strict=True):
         efforts = thin(run.tau[:, i] * factor)
-        axes.plot(thin(run.t), efforts, **joint_style(run, run.actuators[i], theme))
+        axes.plot(thin(run.t), efforts, **joint_style(run, run.robot.actuators[i], theme))
     axes.set_xlabel("t, s")
 
 

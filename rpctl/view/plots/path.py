@@ -26,10 +26,10 @@ def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
     from matplotlib.ticker import MaxNLocator
 
     pairs = []
-    if run.drive["wheels"]:
-        pairs.append((run.base, run.base_ref, theme.base, "base"))
-    if run.ee.shape[1]:
-        pairs.append((run.ee, run.ee_ref, theme.tip, "end effector"))
+    if run.robot.drive.wheels:
+        pairs.append((run.log.base, run.base_ref, theme.base, "base"))
+    if run.log.ee.shape[1]:
+        pairs.append((run.log.ee, run.log.ee_ref, theme.tip, "end effector"))
     for actual, _, colour, label in pairs:
         axes.plot(*thin(actual[:, :2]).T, color=colour, lw=1.2, label=label)
         axes.plot(*actual[0, :2], "o", color=theme.paper, mec=colour, mew=1.1, ms=4.2, zorder=4)
@@ -37,7 +37,7 @@ def draw_paths(axes: Axes, run: Run, theme: Theme) -> None:
         explained = None if number else "desired"
         axes.plot(*thin(desired[:, :2]).T, color=theme.desired, label=explained, **DESIRED_STYLE)
     axes.plot([], [], "o", color=theme.paper, mec=theme.ink, mew=0.9, ms=3.6, label="start")
-    if run.drive["wheels"]:
+    if run.robot.drive.wheels:
         _draw_poses(axes, run, theme)
     draw_obstacles(axes, run, theme)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=MAX_TICKS, steps=[1, 2, 5, 10]))
@@ -53,7 +53,7 @@ def _draw_poses(axes: Axes, run: Run, theme: Theme) -> None:
     interval = _interval(run, size)
     wanted = np.arange(run.t[0], run.t[-1] + 1e-9, interval) if interval else run.t[:1]
     for k in np.searchsorted(run.t, wanted).clip(max=len(run.t) - 1):
-        x, y, heading = run.base[k]
+        x, y, heading = run.log.base[k]
         length = HEADING_TICK_RATIO * size
         tick = [x, x + length * np.cos(heading)], [y, y + length * np.sin(heading)]
         axes.plot(*tick, color=theme.ink, lw=0.9, zorder=3.5)
@@ -73,7 +73,7 @@ def support_outline(run: Run) -> Array | None:
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    points = np.array(run.contact_points).reshape(-1, 2)
+    points = np.array(run.ground.points).reshape(-1, 2)
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except (QhullError, ValueError):
@@ -88,15 +88,15 @@ def _rotation(q: Array) -> Array:
 
 def _size(run: Run) -> float:
     """Return how far apart the contacts are, m: the size of what is drawn of the robot."""
-    points = np.array(run.contact_points).reshape(-1, 2)
+    points = np.array(run.ground.points).reshape(-1, 2)
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    return max(extent, run.drive["track"]) or 1.0
+    return max(extent, run.robot.drive.track) or 1.0
 
 
 def _interval(run: Run, size: float) -> float:
     """Return a round time between poses, s, in which the robot leaves its place; 0: never."""
     duration = float(run.t[-1] - run.t[0])
-    length = float(np.linalg.norm(np.diff(run.base[:, :2], axis=0), axis=1).sum())
+    length = float(np.linalg.norm(np.diff(run.log.base[:, :2], axis=0), axis=1).sum())
     count = min(MAX_POSES, length / (MIN_POSE_SPACING * size))
     if count < 1.0:
         return 0.0

@@ -58,7 +58,7 @@ def thin(values: Array) -> Array:
 
 def names(run: Run, theme: Theme) -> list[tuple[str, dict[str, Any]]]:
     """Return the actuators and joints of the common legend, each with its look."""
-    names = dict.fromkeys((*run.actuators, *run.joint_names))
+    names = dict.fromkeys((*run.robot.actuators, *run.robot.joint_names))
     return [(short_name(name), joint_style(run, name, theme)) for name in names]
 
 
@@ -69,7 +69,7 @@ def short_name(name: str) -> str:
 
 def joint_style(run: Run, name: str, theme: Theme) -> dict[str, Any]:
     """Return how a joint is drawn, the same in every panel: seven colours in four dashes."""
-    names = list(dict.fromkeys((*run.actuators, *run.joint_names)))
+    names = list(dict.fromkeys((*run.robot.actuators, *run.robot.joint_names)))
     turn, colour = divmod(names.index(name), len(theme.cycle))
     width = 1.0 if len(names) <= MAX_WIDE_LINES else 0.8
     return {"color": theme.cycle[colour], "ls": DASH_STYLES[turn % len(DASH_STYLES)], "lw": width}

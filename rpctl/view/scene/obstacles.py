@@ -44,7 +44,7 @@ class DrawnObstacle:
 
 def run_obstacles(run: Run) -> tuple[DrawnObstacle, ...]:
     """Return the obstacles of a run, each once."""
-    points = np.array(run.contact_points).reshape(-1, 2) - run.drive["point"]
+    points = np.array(run.ground.points).reshape(-1, 2) - run.robot.drive.point
     farthest = float(np.hypot(*points.T).max(initial=0.0))  # the base's radius, if none is set
     return find_obstacles(run.settings, farthest)
 

@@ -140,10 +140,10 @@ def _paths(robot: Robot, run: Run, frames: NDArray[np.int64]) -> dict[str, Array
     ground = np.full((len(frames), 1), robot.drive.ground)
     paths = {
         "base-desired": np.hstack([run.base_ref[frames, :2], ground]),
-        "base": np.hstack([run.base[frames, :2], ground]),
+        "base": np.hstack([run.log.base[frames, :2], ground]),
     }
-    if run.ee.shape[1] == 3:
-        paths |= {"tip-desired": run.ee_ref[frames], "tip": run.ee[frames]}
+    if run.log.ee.shape[1] == 3:
+        paths |= {"tip-desired": run.log.ee_ref[frames], "tip": run.log.ee[frames]}
     return paths
 
 

@@ -111,9 +111,9 @@ def test_driven_wheels_keep_their_speed(tmp_path: Path) -> None:
     )
     slow = replace(robot, description=replace(robot.description, joints=joints))
     run = run_of(slow, "line", 6.0)
-    assert np.abs(run.rates).max() <= 2.0
+    assert np.abs(run.log.rates).max() <= 2.0
     assert np.abs(run.nu[-1, 0]) > 0.9 * 2.0 * 0.1  # m/s: radius 0.1 m
-    assert np.abs(run.base[-1, 1]) < 0.01
+    assert np.abs(run.log.base[-1, 1]) < 0.01
 
 
 @pytest.mark.parametrize("turns", [0, 1, -2])
@@ -148,7 +148,7 @@ def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
     run = run_of(robot, "circle", 0.1)
     assert summarize(run)["kinematic_report"]["fallbacks"] == 6
     unified = track(robot, "circle", 0.1, OFF, control_period=PERIOD, plant_step=PERIOD)
-    np.testing.assert_array_equal(run.nu_d, unified.nu_d)
+    np.testing.assert_array_equal(run.log.nu_d, unified.log.nu_d)
 
 
 def test_angles_that_fix_no_one_motion_are_told(tmp_path: Path) -> None:

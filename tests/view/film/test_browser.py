@@ -5,7 +5,6 @@ import io
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from PIL import Image
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
+from tests.runs import vary
 from tests.view.samples import DISC, PILLAR, WALL, with_obstacles
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -221,7 +221,7 @@ def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
     sample = int(np.argmin(np.abs(paper_run.t - time)))
     value_text = lateral.inner_text().replace("−", "-").split()
     scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[value_text[1]]
-    assert float(value_text[0]) * scale == pytest.approx(paper_run.e[sample, 1], rel=0.05)
+    assert float(value_text[0]) * scale == pytest.approx(paper_run.log.e[sample, 1], rel=0.05)
     assert page.locator(".chart .at").nth(3).inner_text() == f"at {paper_run.t[sample]:.2f} s"
     page.mouse.move(5, 5)
     wait(page, "document.querySelector('.chart .at').textContent === ''")
@@ -280,10 +280,10 @@ def test_scene_legend_hides_what_it_names(page: Any) -> None:
 
 
 def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> None:
-    shares = np.abs(paper_run.tau) / np.array(paper_run.effort_limits)
+    shares = np.abs(paper_run.tau) / np.array(paper_run.robot.effort_limits)
     shares[paper_run.t < 0.5] = 0.0  # the efforts of the first moments last less than a frame
     sample, actuator = np.unravel_index(shares.argmax(), shares.shape)
-    joint = paper.model.getJointId(paper_run.actuators[actuator])
+    joint = paper.model.getJointId(paper_run.robot.actuators[actuator])
     colour = f"""() => {{ let found;
         rpctl.viewer.scene.getObjectByName('robot-{joint}').traverse((node) => {{
           if (node.material) found = found || node.material.color.toArray(); }});
@@ -311,9 +311,9 @@ def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> No
         float(paper_run.t[sample]),
     )
     x, y, cos, sin = paper_run.q[sample, :4]
-    points = np.array(paper_run.contact_points) @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
+    points = np.array(paper_run.ground.points) @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
     np.testing.assert_allclose(np.array(bases)[:, :2], points, atol=3e-3)
-    order = np.argsort(paper_run.contact_load[sample])
+    order = np.argsort(paper_run.log.contact_load[sample])
     np.testing.assert_array_equal(np.argsort(lengths), order)
 
 
@@ -321,9 +321,9 @@ def test_what_is_an_interval_is_shaded_and_told(
     browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
 ) -> None:
     """The first half of the grip ends at twice the line, the second nowhere."""
-    slip, loads = paper_run.slip_ratio, paper_run.contact_load
+    slip, loads = paper_run.log.slip_ratio, paper_run.log.contact_load
     endless = np.where(paper_run.t < 1.5, 2.0 * slip, np.inf)
-    run = replace(
+    run = vary(
         paper_run,
         slip_range=np.column_stack([0.5 * slip, endless]),
         load_range=np.stack([loads - 20.0, loads + 30.0], axis=2),

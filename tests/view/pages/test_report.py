@@ -24,6 +24,7 @@ from rpctl.simulation.log import describe
 from rpctl.view.pages.page import embed
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.summary_panel import legend, length, panel, setting_text, setting_texts
+from tests.runs import vary
 from tests.view.samples import (
     BOX,
     DISC,
@@ -104,11 +105,11 @@ def test_no_path_of_the_machine_is_passed_on(tmp_path: Path) -> None:
 def test_names_from_files_cannot_become_markup(
     paper: Robot, paper_run: Run, tmp_path: Path
 ) -> None:
-    evil = replace(
+    evil = vary(
         paper_run,
         robot=EVIL,
         end_effector=EVIL,
-        quasi_velocities=(*paper_run.quasi_velocities[:-1], EVIL),
+        quasi_velocities=(*paper_run.robot.quasi_velocities[:-1], EVIL),
         settings={EVIL: EVIL, "kinematic": {"law": EVIL, EVIL: 1.0}},
         certificate={
             "passed": False,

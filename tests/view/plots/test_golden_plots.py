@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from rpctl.view.plots.panels import find_panels
 from rpctl.view.plots.style import LIGHT
 from tests import golden as made
 from tests.golden import COUNT, TIMES, speeds
+from tests.runs import vary
 from tests.view.readers import Array, curves, labelled, panel
 
 EFFORTS = np.array(made.EFFORTS)
@@ -33,10 +33,10 @@ def test_panels_and_where_they_stand(golden: Run) -> None:
     assert spans == [[0, 1], *([[0], [1]] * 5)][: len(spans)]
     assert rows == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5]
     none = np.empty((COUNT, 0))
-    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
-    names = [panel.name for panel in find_panels(replace(arm, slip_ratio=none))]
+    arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
+    names = [panel.name for panel in find_panels(vary(arm, slip_ratio=none))]
     assert names == ["paths", "joints", "tip", "joint-speeds", "efforts", "efforts"]
-    base = replace(golden, ee=none, joint_names=(), quasi_velocities=("v", "omega"))
+    base = vary(golden, ee=none, joint_names=(), quasi_velocities=("v", "omega"))
     names = [panel.name for panel in find_panels(base)]
     assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
@@ -74,18 +74,18 @@ def test_errors_are_told_with_their_units(golden: Run) -> None:
 
 
 def test_axis_of_errors_that_vanish_or_stay(golden: Run) -> None:
-    perfect = panel(replace(golden, e=np.zeros((COUNT, 5))), "base")
+    perfect = panel(vary(golden, e=np.zeros((COUNT, 5))), "base")
     assert perfect.get_ylim() == pytest.approx((2e-13, 2e-11))
     assert all((over_time(c) == 1e-12).all() for c in curves(perfect))
-    settled = panel(replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
+    settled = panel(vary(golden, e=golden.log.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
     assert settled.get_ylim() == pytest.approx((8e-6, 8.0))
     tiled = np.tile(np.arange(COUNT), 4)
     arrays: dict[str, Any] = {
-        n: a[tiled] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+        n: a[tiled] for n, a in vars(golden.log).items() if isinstance(a, np.ndarray)
     }
-    longer = replace(golden, **{**arrays, "t": 0.1 * np.arange(4.0 * COUNT)})
+    longer = vary(golden, **{**arrays, "t": 0.1 * np.arange(4.0 * COUNT)})
     assert panel(longer, "base").get_ylim() == pytest.approx((0.2 * 0.055, 8.0))  # of a last fifth
-    coarse = panel(replace(golden, e=np.full((COUNT, 5), -0.5)), "base")
+    coarse = panel(vary(golden, e=np.full((COUNT, 5), -0.5)), "base")
     assert coarse.get_ylim() == pytest.approx((0.01, 1.0))
 
 
@@ -114,7 +114,7 @@ def test_speeds_and_their_references(golden: Run) -> None:
 
 
 def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
-    run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
+    run = vary(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
     axes = panel(run, "speeds")
     drawn = labelled(axes)
     assert [*drawn] == ["$v_x$, m/s", "$v_y$, m/s", "ω, rad/s"]
@@ -125,11 +125,11 @@ def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
 def test_references_of_many_joints_are_not_drawn(golden: Run) -> None:
     four = ("v", "a", "b", "c", "d")
     wide: dict[str, Any] = {name: np.ones((COUNT, 5)) for name in ("nu", "nu_ref")}
-    run = replace(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
-    run = replace(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
-    run = replace(run, effort_limits=(1.0,) * 4)
+    run = vary(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
+    run = vary(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
+    run = vary(run, effort_limits=(1.0,) * 4)
     assert len(curves(panel(run, "joint-speeds"))) == 4
-    three = replace(run, joint_names=four[2:], units=("rad",) * 3)
+    three = vary(run, joint_names=four[2:], units=("rad",) * 3)
     assert len(curves(panel(three, "joint-speeds"))) == 6
 
 
@@ -154,10 +154,10 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     assert [colour for _, colour in looks] == [*LIGHT.cycle[:5]]
     assert [line.get_color() for line in shares.lines[2:]] == [LIGHT.cycle[i] for i in (0, 2, 3, 4)]
     assert free.lines[0].get_color() == LIGHT.cycle[1]
-    loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
+    loose = tracking_figure(vary(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
     turning, sliding = loose.axes
     assert len(loose.legends) == 1
-    limited = tracking_figure(replace(golden, effort_limits=(80.0,) * 5), panels=["efforts"])
+    limited = tracking_figure(vary(golden, effort_limits=(80.0,) * 5), panels=["efforts"])
     assert (len(limited.axes), len(limited.legends)) == (1, 1)
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
@@ -165,7 +165,7 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
 
 
 def test_efforts_beyond_their_limits_stay_in_view(golden: Run) -> None:
-    axes = panel(replace(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
+    axes = panel(vary(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
     assert axes.get_ylim() == pytest.approx((1.12 * -8.0, 1.12 * 4.0))
 
 
@@ -180,10 +180,10 @@ def test_margins_with_their_limits(golden: Run) -> None:
     assert limit[:, 1].tolist() == [1.0, 1.0]
     assert over_time(ratio) == pytest.approx(made.SLIP_RATIOS)
     assert grip.get_ylim() == pytest.approx((0.0, 1.12))
-    beyond = replace(
-        golden, tip_margin=golden.tip_margin - 0.225, slip_ratio=5.0 * golden.slip_ratio
+    beyond = vary(
+        golden, tip_margin=golden.log.tip_margin - 0.225, slip_ratio=5.0 * golden.log.slip_ratio
     )
     assert panel(beyond, "tip-over").get_ylim() == pytest.approx((-0.1 - 0.014, 0.075 + 0.014))
     assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
-    far = replace(golden, slip_ratio=50.0 * golden.slip_ratio)
+    far = vary(golden, slip_ratio=50.0 * golden.log.slip_ratio)
     assert panel(far, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 3.0))

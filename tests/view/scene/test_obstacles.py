@@ -39,7 +39,7 @@ def test_obstacles_are_found_at_any_depth_and_once() -> None:
 
 def test_base_reaches_as_far_as_its_contacts(paper_run: Run) -> None:
     (obstacle,) = run_obstacles(with_obstacles(paper_run, DISC))
-    away = np.array(paper_run.contact_points) - paper_run.drive["point"]
+    away = np.array(paper_run.ground.points) - paper_run.robot.drive.point
     assert obstacle.radius == pytest.approx(np.linalg.norm(away, axis=1).max())
 
 

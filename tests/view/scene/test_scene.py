@@ -16,6 +16,7 @@ from rpctl.view.scene import keyframes, surroundings
 from rpctl.view.scene import scene as scenes
 from rpctl.view.scene.robot_meshes import build_bodies
 from rpctl.view.scene.scene import Scene, build_scene
+from tests.runs import vary
 from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
 
 FRAME = (
@@ -206,9 +207,9 @@ def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
 
 
 def test_run_of_one_sample_is_a_still(paper: Robot, paper_run: Run) -> None:
-    arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
+    arrays = {k: v for k, v in vars(paper_run.log).items() if isinstance(v, np.ndarray)}
     first: dict[str, Any] = {name: array[:1] for name, array in arrays.items()}
-    scene = build_scene(paper, replace(paper_run, **first))
+    scene = build_scene(paper, vary(paper_run, **first))
     assert scene.duration == 0.0
     assert (scene.lower < scene.upper).all()
 

@@ -230,7 +230,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         said = page.locator("#status").inner_text()
     assert drawn["count"] == 6 * (len(golden.t) - 1)
     trail = np.array(drawn["trail"]).reshape(-1, 2, 3).mean(axis=1)
-    assert trail[:, :2] == pytest.approx(golden.base[:, :2], abs=1e-5)
+    assert trail[:, :2] == pytest.approx(golden.log.base[:, :2], abs=1e-5)
     data, wanted = tricycle.model.createData(), golden.q_ref[-1].copy()
     tricycle.set_joint(wanted, "steer_joint", float(np.arctan(0.8 * -0.1 / 0.5)))
     upright = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -239,7 +239,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         for elements, joint in zip(shown, joints, strict=True):
             pose = upright @ np.array(elements).reshape(4, 4).T
             assert pose == pytest.approx(data.oMi[joint].homogeneous, abs=1e-4)
-    gap = 1e3 * np.linalg.norm(golden.base[-1, :2] - golden.base_ref[-1, :2])
+    gap = 1e3 * np.linalg.norm(golden.log.base[-1, :2] - golden.base_ref[-1, :2])
     assert said == f"0.5 of 0.5 s · base error {gap:.1f} mm"
 
 
