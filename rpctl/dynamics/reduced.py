@@ -85,9 +85,9 @@ class ReducedDynamics:
 
         This is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
         """
-        S = self.basis(q)
-        acceleration = S @ nu_dot + self.basis_drift(q, nu)
-        return S.T @ pin.rnea(self._model, self._data, q, S @ nu, acceleration)
+        at = self.at(q)
+        acceleration = at.S @ nu_dot + at.drift(nu)
+        return at.S.T @ pin.rnea(self._model, self._data, q, at.S @ nu, acceleration)
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,).
@@ -125,9 +125,9 @@ class ReducedDynamics:
             less gravity's share ([F08, Ch. 5]), so it has what the planar joint hides: the
             vertical force, the roll and the pitch moment.
         """
-        S = self.basis(q)
-        acceleration = S @ self.forward(q, nu, tau) + self.basis_drift(q, nu)
-        force = pin.rnea(self._model, self._data, q, S @ nu, acceleration)
+        at = self.at(q)
+        acceleration = at.S @ self.forward(q, nu, tau) + at.drift(nu)
+        force = pin.rnea(self._model, self._data, q, at.S @ nu, acceleration)
         return force - self._columns @ tau, self._data.f[ROOT_JOINT].vector.copy()
 
     def energy(self, q: Array, nu: Array) -> float:

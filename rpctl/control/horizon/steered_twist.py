@@ -16,7 +16,7 @@ class Steering:
     """Maps from the base's speed and the steering rates to the twist of P.
 
     They are S's rows of the base. Casters and followers have no part in them, so they glide here.
-    With the equations M(δ) y = R ν and T = X(δ) y + C ν of :class:`rpctl.dynamics.projection`,
+    With M(δ) y = R ν and T = X(δ) y + C ν from :func:`rpctl.dynamics.projection.eliminate`,
 
         ∂T/∂δ_i = (∂X/∂δ_i) y − X M⁻¹ (∂M/∂δ_i) y   at given ν.
 
@@ -34,8 +34,10 @@ class Steering:
         leaders = [swivel.joint for swivel in drive.steered]
         spread, offset = np.zeros((len(drive.swivels), len(leaders))), np.zeros(len(drive.swivels))
         for i, swivel in enumerate(drive.swivels):
-            if swivel.role in ("steered", "mimic"):
-                spread[i, leaders.index(swivel.shares or swivel.joint)] = swivel.ratio
+            if swivel.role == "steered":
+                spread[i, leaders.index(swivel.joint)] = 1.0
+            elif swivel.role == "mimic":
+                spread[i, leaders.index(str(swivel.shares))] = swivel.ratio
                 offset[i] = swivel.offset
         base = core.map(lambda part: part[..., : len(R) + BASE_NV, :])
         self._matrix = base.following(spread, offset)
