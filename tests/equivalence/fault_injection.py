@@ -16,21 +16,21 @@ from rpctl.dynamics import basis, rolling
 Injection = Callable[[Robot], AbstractContextManager[Robot]]
 
 
-def in_method(name: str, change: Callable[..., Any]) -> Injection:
+def in_method(name: str, change: Callable[..., Any], owner: type = ReducedDynamics) -> Injection:
     """Plant ``change(original, dynamics, *arguments)`` in place of a method's result."""
 
     @contextmanager
     def inject(robot: Robot) -> Iterator[Robot]:
-        original = getattr(ReducedDynamics, name)
+        original = getattr(owner, name)
 
-        def changed(dynamics: ReducedDynamics, *arguments: Any) -> Any:
+        def changed(dynamics: Any, *arguments: Any) -> Any:
             return change(original, dynamics, *arguments)
 
-        setattr(ReducedDynamics, name, changed)
+        setattr(owner, name, changed)
         try:
             yield robot
         finally:
-            setattr(ReducedDynamics, name, original)
+            setattr(owner, name, original)
 
     return inject
 
