@@ -95,6 +95,13 @@ def test_the_model_needs_no_viewer() -> None:
     assert not heavy & loaded
 
 
+def test_the_list_of_commands_needs_no_command() -> None:
+    heavy = {"numpy", "scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "lxml"}
+    loaded = modules_after("from rpctl.cli.app import app; app(['--help'], standalone_mode=False)")
+    assert "typer" in loaded
+    assert not heavy & loaded
+
+
 def test_type_checkers_see_what_rpctl_exports() -> None:
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
     (block,) = (node for node in tree.body if isinstance(node, ast.If) and node.orelse)

@@ -52,13 +52,12 @@ class JointLimits:
 
     def __init__(self, dynamics: ReducedDynamics, period: float, horizon: float) -> None:
         robot = dynamics.robot
-        moving = (robot.description.joint[name] for name in robot.model.names[2:])
+        moving = (robot.description.joint[name] for name in robot.moving_joint_names)
         joints = [j for j in moving if np.isfinite([j.velocity, j.lower, j.upper]).any()]
         self.names = tuple(joint.name for joint in joints)
         self._rows = [robot.velocity_index(name) for name in self.names]
         # A joint without position limits may have two entries in q; none of them binds anything.
-        ids = (robot.model.getJointId(name) for name in self.names)
-        self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
+        self._entries = [robot.entries[name].index for name in self.names]
         self._horizon, beyond = horizon, RETURN_PERIODS * period
         self._times = np.array([[max(APPROACH_TIME, beyond)], [beyond]])
         self._fastest = (1.0 - LIMIT_MARGIN) * np.array([joint.velocity for joint in joints])

@@ -63,6 +63,10 @@ class Evidence:
         """The swivels that steer."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "steered")
 
+    def on_caster(self, wheel: WheelCandidate) -> bool:
+        """Return whether a caster carries a wheel."""
+        return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role == "caster")
+
 
 def gather_evidence(
     tree: FrozenTree, candidates: list[WheelCandidate], spec: DriveSpec

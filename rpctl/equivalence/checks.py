@@ -213,6 +213,6 @@ def _swing(spread: Array, nu: Array) -> float:
 def velocity_names(robot: Robot) -> list[str]:
     """Return the names of v's entries."""
     names = ["vx", "vy", "omega"] + [""] * (robot.nv - BASE_NV)
-    for name in robot.model.names[2:]:
+    for name in robot.moving_joint_names:
         names[robot.velocity_index(name)] = name
     return names

@@ -9,9 +9,9 @@ from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.reference.paths import Path, PathPoint
+from rpctl.reference.splines import basis, quintic
 from rpctl.reference.timed_path import still
 
-DEGREE = 5
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to degree 11
 
 
@@ -73,14 +73,14 @@ class DrivingBase:
 
     def __init__(self, s: Array, knots: Array, columns: list[int]) -> None:
         self.knots, self._columns, self._s = knots, columns, s
-        self.count = len(knots) - DEGREE - 1
+        functions = basis(knots)
+        self.count = len(functions.c)
         self.size = 3 + self.count * len(columns)
-        basis = BSpline(knots, np.eye(self.count), DEGREE)
         step = s[1] - s[0]
         points = (s[:-1, None] + 0.5 * step * (1.0 + GAUSS_NODES)).ravel()
         self._quadrature_weights = np.tile(0.5 * step * GAUSS_WEIGHTS, len(s) - 1)
-        whole = basis.antiderivative()
-        self._basis, self._angle_basis = basis(points), whole(points) - whole(s[0])  # (Q, m)
+        whole = functions.antiderivative()
+        self._basis, self._angle_basis = functions(points), whole(points) - whole(s[0])  # (Q, m)
         self._angle_basis_at_s = whole(s) - whole(s[0])  # (N, m)
 
     def twist(self, z: Array) -> Array:
@@ -116,7 +116,7 @@ class DrivingBase:
 
     def path(self, z: Array) -> Path:
         """Return the path: poses by quadrature from the nearest point before."""
-        return _TwistPath(self._s, self.poses(z)[0], BSpline(self.knots, self.twist(z), DEGREE))
+        return _TwistPath(self._s, self.poses(z)[0], quintic(self.knots, self.twist(z)))
 
 
 class _TwistPath:
@@ -125,7 +125,7 @@ class _TwistPath:
     def __init__(self, s: Array, poses: Array, twist: BSpline) -> None:
         self._s, self._poses, self._twist = s, poses, twist
         self._first, self._second = twist.derivative(1), twist.derivative(2)
-        self._whole = BSpline(twist.t, np.ascontiguousarray(twist.c[:, 2]), DEGREE).antiderivative()
+        self._whole = quintic(twist.t, np.ascontiguousarray(twist.c[:, 2])).antiderivative()
 
     def __call__(self, s: float) -> PathPoint:
         """Return the point at s."""

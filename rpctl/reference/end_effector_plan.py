@@ -6,13 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.arm import Arm, pose_error
 from rpctl.reference.base_parametrisation import (
-    DEGREE,
     BaseMotion,
     DrivingBase,
     GivenBase,
@@ -22,6 +21,7 @@ from rpctl.reference.end_effector_plan_problem import POINTS_PER_KNOT, ReachProb
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
 from rpctl.reference.paths import Path
+from rpctl.reference.splines import DEGREE, clamped_knots, quintic, through
 from rpctl.reference.timed_path import still
 from rpctl.robot.model import Robot
 
@@ -69,10 +69,7 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
     )
     comfort = arm.comfortable_posture(height)
     count = _knot_count(goal)
-    knots = np.concatenate(
-        [np.full(DEGREE, goal.start), np.linspace(goal.start, goal.end, count - DEGREE + 1),
-         np.full(DEGREE, goal.end)]
-    )  # fmt: skip
+    knots = clamped_knots(np.linspace(goal.start, goal.end, count - DEGREE + 1))
     s = np.linspace(goal.start, goal.end, POINTS_PER_KNOT * count + 1)
     plans: list[tuple[BaseMotion, Array]] = []
     if base is not None or fixed:
@@ -87,13 +84,13 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
         problem = ReachProblem(arm, goal, motion, comfort, s, knots, limits)
         z = solve(problem, start, np.tile(comfort, (count, 1)))
         path = motion.path(z[: motion.size])
-        coarse = BSpline(knots, problem.joints(z), DEGREE)
+        coarse = quintic(knots, problem.joints(z))
         joints = _solve_arm(arm, goal, path, coarse)
         fault = _fault(arm, goal, path, joints, coarse)
         if fault is None:
             whole = np.tile(robot.home, (len(joints.c), 1))
             whole[:, arm.joints] = joints.c
-            return ReachPlan(path, BSpline(joints.t, whole, DEGREE))
+            return ReachPlan(path, quintic(joints.t, whole))
     raise RpctlError(fault or "")
 
 
@@ -112,7 +109,7 @@ def _solve_arm(arm: Arm, goal: Goal, path: Path, coarse: BSpline) -> BSpline:
         arm.solve_ik(path(float(x)).pose, coarse(x), goal.position(x), goal.rotation(float(x)))
         for x in s
     ]
-    return make_interp_spline(s, np.array(positions), k=DEGREE)
+    return through(s, np.array(positions))
 
 
 def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline, coarse: BSpline) -> str | None:

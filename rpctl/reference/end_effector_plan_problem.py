@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
 from rpctl.arrays import Array
 from rpctl.reference.arm import Arm, pose_error
-from rpctl.reference.base_parametrisation import DEGREE, BaseMotion, DrivingBase
+from rpctl.reference.base_parametrisation import BaseMotion, DrivingBase
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
+from rpctl.reference.splines import basis
 
 POINTS_PER_KNOT = 3  # a knot, where the end effector is compared with its path
 LIMIT_FRACTION = 0.95  # of a joint's range and of a curvature limit: what a plan uses
@@ -80,14 +80,14 @@ def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
     z = np.concatenate([base, coefficients.T.ravel()])
     regulariser, preferred = _regularisation(problem)
     inequalities, upper_bounds = _inequalities(problem)
-    basis = BSpline(problem.knots, np.eye(len(coefficients)), DEGREE)(problem.s)
+    values = basis(problem.knots)(problem.s)
     for sigma in END_EFFECTOR_SIGMAS:
         damping = 1e-3
 
         def cost(x: Array, tolerance: float = sigma) -> float:
             beyond = np.maximum(inequalities @ x - upper_bounds, 0.0)
             away = x - preferred
-            miss = _misses(problem, basis, x)
+            miss = _misses(problem, values, x)
             return float(
                 np.mean(miss**2) / tolerance**2
                 + away @ (regulariser @ away)
@@ -96,7 +96,7 @@ def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
 
         now = cost(z)
         for _ in range(LEVENBERG_STEPS):
-            miss, rows = _linearize(problem, basis, z)
+            miss, rows = _linearize(problem, values, z)
             weight = 1.0 / (sigma**2 * len(miss))
             hessian = weight * rows.T @ rows + regulariser
             descent = weight * rows.T @ miss - regulariser @ (z - preferred)
@@ -134,10 +134,10 @@ def _step(hessian: Array, descent: Array, inequalities: csr_array, room: Array) 
     return step
 
 
-def _misses(problem: ReachProblem, basis: Array, z: Array) -> Array:
+def _misses(problem: ReachProblem, values: Array, z: Array) -> Array:
     """Return how far the end effector is off at every point (N, 3 or 6), m."""
     poses, _ = problem.base.poses(z[: problem.base.size])
-    positions, goal = basis @ problem.joints(z), problem.goal
+    positions, goal = values @ problem.joints(z), problem.goal
     nothing = np.zeros((6, 0))
     return np.array(
         [
@@ -149,14 +149,14 @@ def _misses(problem: ReachProblem, basis: Array, z: Array) -> Array:
     )
 
 
-def _linearize(problem: ReachProblem, basis: Array, z: Array) -> tuple[Array, Array]:
+def _linearize(problem: ReachProblem, values: Array, z: Array) -> tuple[Array, Array]:
     """Return the misses (N k,), and how the numbers close them (N k, size)."""
     poses, jacobian = problem.base.poses(z[: problem.base.size])
-    positions, goal = basis @ problem.joints(z), problem.goal
+    positions, goal = values @ problem.joints(z), problem.goal
     misses, rows = [], []
     for i, s in enumerate(problem.s):
         found, base, joints = problem.arm.jacobian(poses[i], positions[i])
-        whole = np.hstack([base @ jacobian[i], np.kron(joints, basis[i])])
+        whole = np.hstack([base @ jacobian[i], np.kron(joints, values[i])])
         miss, row = pose_error(found, whole, goal.position(s), goal.rotation(s))
         misses.append(miss)
         rows.append(row)
@@ -172,9 +172,11 @@ def _regularisation(problem: ReachProblem) -> tuple[Array, Array]:
     """Return the quadratic cost (size, size) of base and arm, and where it is least (size,)."""
     scale, size = _metres(problem), problem.base.size
     half, s = problem.arm.half_range, problem.s
-    count = len(problem.knots) - DEGREE - 1
-    basis = BSpline(problem.knots, np.eye(count), DEGREE)
-    one, two, three = (basis.derivative(i)(s) / scale**i if i else basis(s) for i in (0, 1, 2))
+    functions = basis(problem.knots)
+    count = len(functions.c)
+    one, two, three = (
+        functions.derivative(i)(s) / scale**i if i else functions(s) for i in (0, 1, 2)
+    )
     arm = (
         POSTURE_WEIGHT**2 * one.T @ one
         + JOINT_RATE_WEIGHT**2 * two.T @ two
@@ -198,13 +200,14 @@ def _regularisation(problem: ReachProblem) -> tuple[Array, Array]:
 def _inequalities(problem: ReachProblem) -> tuple[csr_array, Array]:
     """Return linear inequalities W z ≤ h that keep the limits, each in shares of one."""
     size, arm = problem.base.size, problem.arm
-    count = len(problem.knots) - DEGREE - 1
+    functions = basis(problem.knots)
+    count = len(functions.c)
     inverse = csr_array(np.diag(1.0 / arm.half_range))
     middle = np.repeat(arm.middle / arm.half_range, count)
     box = hstack([csr_array((len(middle), size)), kron(inverse, eye_array(count))])
     inequalities, upper_bounds = [box, -box], [LIMIT_FRACTION + middle, LIMIT_FRACTION - middle]
     if problem.goal.timed:
-        slope = BSpline(problem.knots, np.eye(count), DEGREE).derivative()(problem.s)
+        slope = functions.derivative()(problem.s)
         rates = kron(
             csr_array(np.diag(1.0 / (LIMIT_FRACTION * VELOCITY_LIMIT_FRACTION * arm.velocity))),
             csr_array(slope),

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.reference.splines import quintic, uniform_knots
 
-DEGREE = 5
 COINCIDENT = 1e-6  # m; points nearer than this are one
 
 
@@ -86,5 +86,6 @@ def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
     places[-1] += 3.0 * step * after
     samples = step * np.arange(-2, count + 3)
     values = np.column_stack([np.interp(samples, way, places[:, i]) for i in range(3)])
-    knots = step * np.arange(-DEGREE, count + DEGREE + 1)
-    return Goal(BSpline(knots, values, DEGREE), None, 0.0, way[-1] - 3.0 * step, False)
+    return Goal(
+        quintic(step * uniform_knots(len(values)), values), None, 0.0, way[-1] - 3.0 * step, False
+    )

@@ -12,11 +12,11 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, is_number
-from rpctl.reference.motion import TURNING_RADIUS_FACTOR
 from rpctl.reference.time_law import Bound
 from rpctl.robot.model import BASE_NV, Robot
 
 VELOCITY_LIMIT_FRACTION = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
+TURNING_RADIUS_FACTOR = 1.5  # of the least radius that a robot can steer: room for corrections
 SPEED_RISE_TIME = 0.5  # s; a joint takes at least this long to its velocity limit
 
 
@@ -58,8 +58,7 @@ class Limits:
 
     def steerable(self, robot: Robot) -> Limits:
         """Return limits whose turning radius a robot can steer, with room for corrections."""
-        least = TURNING_RADIUS_FACTOR * turning_radius(robot.drive, robot.description.joint)
-        return replace(self, turning_radius=max(self.turning_radius, least))
+        return replace(self, turning_radius=max(self.turning_radius, steerable_radius(robot)))
 
     def base(self, robot: Robot, direction: Array) -> list[Bound]:
         """Return the bounds of a base path.
@@ -92,6 +91,11 @@ class Limits:
                 for i in range(3)
             ),
         ]
+
+
+def steerable_radius(robot: Robot) -> float:
+    """Return the least radius (m) of a path for a robot, with room for corrections."""
+    return TURNING_RADIUS_FACTOR * turning_radius(robot.drive, robot.description.joint)
 
 
 def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:

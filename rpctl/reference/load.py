@@ -15,10 +15,12 @@ from rpctl.reference.curve import Waypoint, curve_through
 from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, arm_bounds
-from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.recorded import reference_from_table
+from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import time_law
-from rpctl.reference.timed_path import Curves, TimedPath, along, constant
+from rpctl.reference.timed_path import TimedPath, along, constant
 from rpctl.reference.toml_file import DEFAULT_CORNER, read_path_file
 from rpctl.robot.model import Robot
 
@@ -41,7 +43,7 @@ def load_reference(robot: Robot, source: str) -> Reference:
     """
     suffix = FilePath(source).suffix.lower()
     if suffix == ".csv":
-        table = read_table(source, [joint.name for joint in robot.joints])
+        table = read_table(source, robot.joint_names)
         return _in_file(source, lambda: reference_from_table(robot, table, Limits()))
     if suffix == ".toml":
         asked = read_path_file(source)

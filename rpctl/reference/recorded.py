@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.reference.csv_file import (
@@ -22,10 +22,10 @@ from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
 from rpctl.reference.paths import Path, PathPoint, PathTime, ramped_time
-from rpctl.reference.timed_path import Curves, TimedPath, still
+from rpctl.reference.splines import Curves, through
+from rpctl.reference.timed_path import TimedPath, still
 from rpctl.robot.model import Robot
 
-DEGREE = 5
 REST_RATE = 2e-3  # a second, in m or rad: data that begin or end slower do so at rest
 MOVING_SPEED = 0.02  # m/s: from here on the way of P tells its heading
 MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
@@ -94,15 +94,13 @@ def fit_spline(t: Array, values: Array) -> FittedSpline:
 
     Where the data begin or end at rest it has zero velocity and acceleration there.
     """
-    free = make_interp_spline(t, values, k=DEGREE)
+    free = through(t, values)
     ends, moving = [], []
     for at in (t[0], t[-1]):
         rates = free(at, 1), free(at, 2)
         moving.append(bool(np.linalg.norm(rates[0]) > REST_RATE))
         ends.append([(i, r if moving[-1] else 0.0 * r) for i, r in enumerate(rates, start=1)])
-    return FittedSpline(
-        make_interp_spline(t, values, k=DEGREE, bc_type=(ends[0], ends[1])), *moving
-    )
+    return FittedSpline(through(t, values, (ends[0], ends[1])), *moving)
 
 
 def reference_from_table(robot: Robot, table: Table, limits: Limits) -> TimedPath:
@@ -186,7 +184,7 @@ def _goal(table: Table) -> tuple[Goal, FittedSpline]:
     if QUATERNION[0] in table.columns:
         turns = table.stack(QUATERNION)
         turns *= np.cumprod(np.where(_same_hemisphere(turns), 1.0, -1.0))[:, None]
-        turn = make_interp_spline(table.t, turns, k=DEGREE)
+        turn = through(table.t, turns)
     return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
 
 
@@ -264,7 +262,7 @@ def _travel_direction(robot: Robot, spline: BSpline, t: Array) -> Callable[[floa
     if len(moving):
         found = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
         angle = np.interp(np.arange(len(t)), moving, found)
-    orders = Curves(make_interp_spline(t, angle, k=DEGREE))
+    orders = Curves(through(t, angle))
 
     def at(s: float) -> Array:
         phi, slope, bend = (float(order) for order in orders(s))

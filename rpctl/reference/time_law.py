@@ -14,8 +14,8 @@ from scipy.sparse import coo_array
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import PathTime
+from rpctl.reference.splines import DEGREE, quintic, uniform_knots
 
-DEGREE = 5
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
 SAMPLES_PER_KNOT = 4  # a knot interval, where the limits are looked at once more
 SLOWDOWN_GUARD = 1.002  # limits are looked at in points, and lie between
@@ -121,9 +121,9 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
     samples = _positions(np.linspace(0.0, times[-1], count + 1), times, s, rate)
     ends = np.ones(DEGREE - 1)
     values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
-    knots = (np.arange(len(values) + DEGREE + 1) - DEGREE) * times[-1] / count
-    stretch = SLOWDOWN_GUARD * _slowdown(SplineTimeLaw(BSpline(knots, values, DEGREE)), s, bounds)
-    return SplineTimeLaw(BSpline(knots * max(1.0, stretch), values, DEGREE))
+    knots = uniform_knots(len(values)) * times[-1] / count
+    stretch = SLOWDOWN_GUARD * _slowdown(SplineTimeLaw(quintic(knots, values)), s, bounds)
+    return SplineTimeLaw(quintic(knots * max(1.0, stretch), values))
 
 
 def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:

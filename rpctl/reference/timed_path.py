@@ -12,6 +12,7 @@ from scipy.interpolate import BSpline
 from rpctl.arrays import Array
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path, PathPoint, PathTime
+from rpctl.reference.splines import Curves
 
 
 class TimeLaw(Protocol):
@@ -23,19 +24,6 @@ class TimeLaw(Protocol):
 
     def __call__(self, t: float) -> PathTime:
         """Return s and its derivatives by time at ``t`` (s)."""
-
-
-class Curves:
-    """Functions of s with two derivatives, from a spline."""
-
-    def __init__(self, spline: BSpline) -> None:
-        self.spline = spline
-        self._orders = spline, spline.derivative(1), spline.derivative(2)
-
-    def __call__(self, s: float) -> tuple[Array, Array, Array]:
-        """Return values and first and second derivatives by s."""
-        value, slope, bend = (order(s) for order in self._orders)
-        return value, slope, bend
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
+from rpctl.robot.coordinates import joint_entries
 
 MIN_SCALED_EIGENVALUE = (
     1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
@@ -70,12 +71,9 @@ def _model(tree: FrozenTree) -> pin.Model:
     if not locked:  # buildReducedModel refuses a link and a joint of one name; do without it
         return full
     at = pin.neutral(full)
+    entries = joint_entries(full)
     for name, position in locked.items():
-        joint = full.joints[full.getJointId(name)]
-        two = joint.nq == 2
-        at[joint.idx_q : joint.idx_q + joint.nq] = (
-            (math.cos(position), math.sin(position)) if two else (position,)
-        )
+        entries[name].write(at, position)
     return pin.buildReducedModel(full, [full.getJointId(name) for name in locked], at)
 
 
@@ -205,15 +203,12 @@ def _postures(
     description: Description, model: pin.Model, rng: np.random.Generator
 ) -> Iterator[Array]:
     """Yield the neutral configuration and random ones within the limits."""
+    entries = joint_entries(model)
     yield pin.neutral(model)
     for _ in range(POSTURES - 1):
         q = pin.neutral(model)
-        for name, joint in zip(model.names[2:], list(model.joints)[2:], strict=True):
-            position = rng.uniform(*_reach(description.joint[name]))
-            two = joint.nq == 2
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                (math.cos(position), math.sin(position)) if two else position
-            )
+        for name, entry in entries.items():
+            entry.write(q, rng.uniform(*_reach(description.joint[name])))
         yield q
 
 

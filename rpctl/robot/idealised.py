@@ -81,7 +81,7 @@ def _singular_ranges(robot: Robot, name: str, low: float, high: float) -> list[t
 
 def _losses(robot: Robot) -> Iterator[Idealisation]:
     """Yield the damping and friction of ``<dynamics>``, for turning joints and for sliding ones."""
-    joints = [robot.description.joint[name] for name in robot.model.names[2:]]
+    joints = [robot.description.joint[name] for name in robot.moving_joint_names]
     for slides in (False, True):
         group = [joint for joint in joints if (joint.kind == "prismatic") is slides]
         damping = "N·s/m" if slides else "N·m·s/rad"

@@ -93,7 +93,7 @@ def robot_facts(robot: Robot) -> RobotFacts:
         package_dirs=tuple(map(str, robot.description.package_dirs)),
         quasi_velocities=robot.quasi_velocities,
         actuators=robot.actuators,
-        joint_names=tuple(joint.name for joint in robot.joints),
+        joint_names=robot.joint_names,
         units=tuple("m" if joint.kind == "prismatic" else "rad" for joint in robot.joints),
         effort_limits=tuple(robot.effort_limits.tolist()),
         velocity_limits=tuple(described[name].velocity for name in robot.actuators),
@@ -135,5 +135,4 @@ def steered_joints(robot: Robot) -> tuple[str, ...]:
 
 def other_joints(robot: Robot) -> tuple[str, ...]:
     """Return the moving joints that are not the arm's: wheels', swivels, and mimic joints."""
-    arm = {joint.name for joint in robot.joints}
-    return tuple(name for name in robot.model.names[2:] if name not in arm)
+    return tuple(name for name in robot.moving_joint_names if name not in robot.joint_names)

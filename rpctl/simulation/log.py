@@ -16,8 +16,7 @@ from rpctl.control.law import Command, Limit
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import ReferenceState
+from rpctl.reference.motion import ReferenceState, end_effector_reference
 from rpctl.reference.quasi_velocities import reference_rates, steering
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import other_joints, steered_joints

@@ -198,16 +198,16 @@ def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
     effort_ratios = (run.tau / limits)[:, np.isfinite(limits)]
     samples = np.reshape(call_seconds, (-1, 2)).sum(axis=1)
     return Figures(
-        rms_base=summary["rms_base_error"],
-        final_base=summary["final_base_error"],
-        final_lateral=summary["final_lateral_error"],
-        rms_end_effector=summary["rms_end_effector_error"],
-        final_end_effector=summary["final_end_effector_error"],
+        rms_base=summary.rms_base_error,
+        final_base=summary.final_base_error,
+        final_lateral=summary.final_lateral_error,
+        rms_end_effector=summary.rms_end_effector_error,
+        final_end_effector=summary.final_end_effector_error,
         peak_effort=float(np.abs(effort_ratios).max()) if effort_ratios.size else None,
         rms_effort=float(np.sqrt(np.mean(np.square(effort_ratios))))
         if effort_ratios.size
         else None,
-        violations=tuple(f"{each['joint']} {each['limit']}" for each in summary["limits_violated"]),
+        violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
         sample_time=float(np.median(samples)),
         sample_time_99=float(np.percentile(samples, 99.0)),
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,7 +12,7 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
+from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.report import write_report
 from rpctl.view.plots.figures import save_tracking_figure
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES
@@ -32,7 +32,33 @@ SIZE_TARGET_RATIO = (
 )
 
 
-def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> dict[str, Any]:
+@dataclass(frozen=True)
+class RunFolder:
+    """What was written of a run.
+
+    Attributes:
+        summary: Its figures of merit.
+        report: The report.
+        report_bytes: Its size.
+        notes: What could not be done, in sentences.
+    """
+
+    summary: Summary
+    report: Path
+    report_bytes: int
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as ``summary.json`` says it."""
+        return {
+            **self.summary.to_dict(),
+            "report": str(self.report),
+            "report_bytes": self.report_bytes,
+            "notes": self.notes,
+        }
+
+
+def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> RunFolder:
     """Write all files of a run; each is there whole or not at all.
 
     Args:
@@ -41,7 +67,7 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> di
         megabytes: What the report may take, MB; meshes are simplified until it does.
 
     Returns:
-        The figures of merit, with the report's path and size, and notes on what could not be done.
+        The figures of merit, the report's path and size, and notes on what could not be done.
 
     Raises:
         RpctlError: The folder cannot be made or written to.
@@ -56,15 +82,12 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> di
     save_tracking_figure(run, folder / FIGURE_FILE)
     report = folder / REPORT_FILE
     scene = _write_sized(run, robot, summary, report, megabytes)
-    summary |= {"report": str(report), "report_bytes": report.stat().st_size}
-    summary |= {"notes": list(scene.notes)}
-    write_atomically(folder / SUMMARY_FILE, (to_json(summary) + "\n").encode())
-    return summary
+    written = RunFolder(summary, report, report.stat().st_size, tuple(scene.notes))
+    write_atomically(folder / SUMMARY_FILE, (to_json(written.to_dict()) + "\n").encode())
+    return written
 
 
-def _write_sized(
-    run: Run, robot: Robot, summary: Mapping[str, Any], path: Path, megabytes: float
-) -> Scene:
+def _write_sized(run: Run, robot: Robot, summary: Summary, path: Path, megabytes: float) -> Scene:
     """Write a report that is no larger than asked, if fewer triangles can bring that about."""
     triangles = MAX_TRIANGLES
     for _ in range(REPORT_ATTEMPTS):

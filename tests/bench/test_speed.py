@@ -21,7 +21,7 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.motion import rk4_step
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 from rpctl.robot import catalog
 from rpctl.study.scenarios import LawPair, controllers
 

@@ -225,7 +225,7 @@ def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     apart = track(slow, "circle", 4.0, dynamic=BoundedDynamic(along=1.0))
     kept = track(slow, "circle", 4.0, dynamic=BoundedDynamic())
     assert curvature_error(kept) < 0.05 * curvature_error(apart)
-    assert {limit["limit"] for limit in summarize(kept)["limits_bound"]} == {"velocity"}
+    assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
 def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None:
@@ -233,10 +233,10 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None
     half = scale_limits(tiago, effort=0.5)
     free = summarize(track(tiago, "eight", 3.0, OFF))
     told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))
-    assert told["limits_violated"] == []
-    assert {"joint": "arm_2_joint", "limit": "effort"}.items() <= told["limits_bound"][1].items()
-    assert told["rms_base_error"] == pytest.approx(free["rms_base_error"], rel=1e-2)
-    assert summarize(track(half, "eight", 0.5, OFF))["limits_violated"]
+    assert told.limits_violated == ()
+    assert (told.limits_bound[1].joint, told.limits_bound[1].limit) == ("arm_2_joint", "effort")
+    assert told.rms_base_error == pytest.approx(free.rms_base_error, rel=1e-2)
+    assert summarize(track(half, "eight", 0.5, OFF)).limits_violated
 
 
 @pytest.mark.slow
@@ -244,19 +244,19 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None
 def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
     half = scale_limits(tiago, effort=0.5)
     law = dynamic_by_name(dynamic)
-    assert summarize(track(half, "eight", 20.0, OFF, dynamic=law))["limits_violated"] == []
+    assert summarize(track(half, "eight", 20.0, OFF, dynamic=law)).limits_violated == ()
 
 
 def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
     hard = scale_limits(paper, effort=0.1, velocity=0.3)
-    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5)))["limits_violated"]
-    assert {(b["joint"], b["limit"]) for b in broken} >= {
+    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5))).limits_violated
+    assert {(b.joint, b.limit) for b in broken} >= {
         ("wheel_right_joint", "effort"),
         ("wheel_right_joint", "velocity"),
     }
     told = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
-    assert told["limits_violated"] == []
-    assert {b["limit"] for b in told["limits_bound"]} >= {"effort", "velocity"}
+    assert told.limits_violated == ()
+    assert {b.limit for b in told.limits_bound} >= {"effort", "velocity"}
 
 
 def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generator) -> None:

@@ -29,8 +29,8 @@ from rpctl.control.error import tracking_error
 from rpctl.control.frame_kinematics import end_effector_frame, jacobian, reference_motion
 from rpctl.control.law import KinematicLaw
 from rpctl.control.registry import kinematic_by_name
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
+from rpctl.reference.named import reference_by_name
 from tests.robots import SET_B, platform, write
 
 STEP = 1e-6
@@ -282,8 +282,8 @@ def test_over_a_base_that_looks_ahead_both_errors_are_less(paper: Robot) -> None
     for law in (EndEffector(), EndEffector(UnifiedKinematic())):
         run = rpctl.track(paper, "circle", 3.0, (0.2, -0.2, 0.2), law, BoundedDynamic())
         told = summarize(run)
-        rms.append([told["rms_base_error"], told["rms_end_effector_error"]])
-        assert told["limits_violated"] == []
+        rms.append([told.rms_base_error, told.rms_end_effector_error or np.inf])
+        assert told.limits_violated == ()
         counted = run.settings.get("kinematic_report", {})
         assert counted.get("solves", 0) == (151 if law == EndEffector() else 0)
     assert rms[0][0] < 0.95 * rms[1][0]

@@ -13,7 +13,8 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.law import Command, KinematicLaw, as_law
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.named import reference_by_name
 from tests.robots import SET_B, platform, write
 from tests.vehicles import vehicle
 

@@ -86,8 +86,8 @@ def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
     plant = Plant(tau_bias={"wheel_left_joint": 2.0})
     plain = summarize(track(paper, "eight", 8.0, plant=plant))
     integral = summarize(track(paper, "eight", 8.0, dynamic=IntegralDynamic(), plant=plant))
-    assert plain["rms_base_error"] > 0.02
-    assert integral["rms_base_error"] < 3e-5
+    assert plain.rms_base_error > 0.02
+    assert integral.rms_base_error < 3e-5
 
 
 def test_at_rest_it_knows_what_its_model_does_not(tiago: Robot) -> None:

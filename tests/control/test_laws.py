@@ -15,7 +15,7 @@ from rpctl.arrays import Array
 from rpctl.control.registry import KINEMATIC_LAWS, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 
 STEP = 1e-6
 APART = ("horizon", "end-effector")  # the one plans and may be late, the other needs an arm

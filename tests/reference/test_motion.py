@@ -14,8 +14,8 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
+from rpctl.reference.motion import Reference, end_effector_reference
+from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
 

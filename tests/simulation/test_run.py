@@ -149,7 +149,7 @@ def test_older_runs_come_back_without_what_they_lack(run: Run, tmp_path: Path) -
     back = Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, **gone}, **arrays))
     assert back.log.others.shape == back.log.other_rates.shape == (len(run.t), 0)
     assert (back.robot.other_names, back.robot.other_limits, back.notes) == ((), (), ())
-    assert rpctl.summarize(back)["limits_violated"] == []
+    assert rpctl.summarize(back).limits_violated == ()
     with pytest.raises(RunFileError, match="missing or not known: robot"):
         Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, "robot": None}))
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.view.chart_data import MAX_POINTS, chart_data
-from rpctl.view.charts import Chart, charts, grip_top
+from rpctl.view.chart import Chart
+from rpctl.view.charts import charts, grip_top
+from rpctl.view.pages.chart_data import MAX_POINTS, chart_data
 from rpctl.view.pages.forces import contact_forces, effort_ratios, overlay
 from tests.runs import vary
 from tests.view.samples import short_run
@@ -124,11 +125,12 @@ def test_a_band_without_an_end_leaves_the_axis_to_the_line(paper_run: Run) -> No
     assert grip_top(run) == max(1.0, paper_run.log.slip_ratio.max())
     grip = chart(run, "Grip used")
     assert "(drawn up to 100)" in grip.note
-    assert grip.lines[0].band is not None
-    least, most = grip.lines[0].band
+    data = chart_data([run], ["run"])
+    json.dumps(data, allow_nan=False)
+    drawn = next(c for c in data["charts"] if c["title"] == "Grip used")["variants"][0]["lines"]
+    least, most = (floats(edge) for edge in drawn[0]["band"])
     np.testing.assert_array_equal(np.isnan(least), np.arange(len(least)) == 6)
     assert np.isinf(most[[5, 7]]).all()
-    json.dumps(chart_data([run], ["run"]), allow_nan=False)
 
 
 def test_no_peak_is_lost(paper_run: Run) -> None:

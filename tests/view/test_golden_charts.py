@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import Run
-from rpctl.view.chart_data import chart_data
+from rpctl.view.pages.chart_data import chart_data
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part, speeds
 from tests.runs import vary

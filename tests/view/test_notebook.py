@@ -75,6 +75,7 @@ def test_a_robot_that_is_gone_is_told(tmp_path: Path) -> None:
     assert "cart.urdf" in html
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, browser.BROWSER_NAMES)), reason="no chromium on PATH")
 def test_the_frame_plays(shown: dict[str, Any], paper_run: Run) -> None:
     pytest.importorskip("playwright", reason="playwright is not installed")

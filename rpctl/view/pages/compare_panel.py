@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
 
 from rpctl.simulation.run import Run
+from rpctl.simulation.summary import Summary
 from rpctl.view.charts import has_base
 from rpctl.view.pages.summary_panel import (
     MERIT_LABELS,
     certificate_badge,
-    finite_figure,
+    is_finite,
     keyboard_section,
     legend_entry,
     limits_badge,
@@ -27,19 +27,19 @@ PALETTE_SIZE = 12  # colours --c0 to --c11 of the style sheet
 def compare_panel(
     runs: Sequence[Run],
     names: Sequence[str],
-    summaries: Sequence[Mapping[str, Any]],
+    summaries: Sequence[Summary],
     notes: Sequence[str],
 ) -> str:
     """Return the panel of several runs: figures of merit, settings, notes, keys."""
     texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
     rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERIT_LABELS.items()]
-    effort_ratios = [finite_figure(summary, "max_effort_ratio") for summary in summaries]
+    effort_ratios = [summary.max_effort_ratio for summary in summaries]
     rows.append(
-        ("Largest effort / limit", ["–" if v is None else f"{v:.0%}" for v in effort_ratios])
+        ("Largest effort / limit", [f"{v:.0%}" if is_finite(v) else "–" for v in effort_ratios])
     )
     rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
     marks = [
-        ("Limits", [limits_badge(summary["limits_violated"]) for summary in summaries]),
+        ("Limits", [limits_badge(summary.limits_violated) for summary in summaries]),
         (
             "Dynamics",
             ["–" if r.certificate is None else certificate_badge(r.certificate) for r in runs],

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.view.chart_data import packed
 from rpctl.view.charts import BASE_SPEED_LABELS
+from rpctl.view.pages.chart_data import packed
 
 
 def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:

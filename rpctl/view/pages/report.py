@@ -16,8 +16,8 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
-from rpctl.view.chart_data import chart_data
+from rpctl.simulation.summary import Summary, summarize
+from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import merge
 from rpctl.view.pages.compare_panel import compare_legend, compare_panel
 from rpctl.view.pages.forces import overlay
@@ -48,7 +48,7 @@ def write_report(
     *,
     robot: Robot | None = None,
     scene: Scene | None = None,
-    summary: Mapping[str, Any] | None = None,
+    summary: Summary | None = None,
     names: Sequence[str] | None = None,
 ) -> Path:
     """Write the report of a run, or the comparison of several: one HTML file, whole or not at all.
@@ -80,7 +80,7 @@ def write_report(
     return write_atomically(path, _render(page).encode())
 
 
-def single(run: Run, robot: Robot, scene: Scene, summary: Mapping[str, Any]) -> Page:
+def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
     """Return what stands in the page of one run."""
     return Page(
         title=run.robot.name,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
 from rpctl.view.scene import materials, obstacle_shapes, surroundings, threejs
@@ -22,7 +23,7 @@ from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
 from rpctl.view.scene.obstacles import DrawnObstacle
 from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
 from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, joint_poses
-from rpctl.view.scene.skeleton import ROOT, joints, skeleton
+from rpctl.view.scene.skeleton import joints, skeleton
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
 REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
@@ -106,7 +107,7 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "wheels": markers.wheels,
         "point": robot.drive.point,
         "ground": robot.drive.ground,
-        "start": [float(q[0]), float(q[1]), float(np.arctan2(q[3], q[2]))],
+        "start": read_root(q),
         "reach": [-reach, reach] if moves else None,
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
@@ -157,7 +158,7 @@ def _box(robot: Robot, bodies: Bodies, q: Array) -> Array:
     """Return the least and the largest coordinates (2, 3) of a robot and of its ground, m."""
     (poses,) = joint_poses(robot, q[None])
     corners = [np.array([[q[0], q[1], robot.drive.ground]])]
-    for j in range(ROOT, robot.model.njoints):
+    for j in range(ROOT_JOINT, robot.model.njoints):
         part = bounding_corners(bodies, j)
         if part is not None:
             turn = _rotation(poses[j, 3:])

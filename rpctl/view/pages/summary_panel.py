@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypeGuard
 
 from rpctl.simulation.run import Run
+from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
 from rpctl.view.scene.obstacles import (
     OBSTACLE_SETTINGS,
@@ -61,7 +62,7 @@ KEYBOARD = (
 )
 
 
-def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
+def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
     """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
     sections = (
         _merits(run, summary),
@@ -113,19 +114,17 @@ def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> 
     )
 
 
-def headline(run: Run, summary: Mapping[str, Any]) -> str:
+def headline(run: Run, summary: Summary) -> str:
     """Return the few figures that stand above everything else."""
     known = merits(run, summary)
     rows = [(MERIT_LABELS[key], text) for key, text in known.items() if key.startswith("rms")]
-    if _has_figure(summary, "max_effort_ratio"):
-        rows.append(("Effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    if is_finite(summary.max_effort_ratio):
+        rows.append(("Effort / limit", f"{100.0 * summary.max_effort_ratio:.0f} %"))
     figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
     badges = []
     if run.certificate is not None:
         badges.append(certificate_badge(run.certificate, "dynamics verified"))
-    broken = summary.get("limits_violated")
-    if broken is not None:
-        badges.append(limits_badge(broken))
+    badges.append(limits_badge(summary.limits_violated))
     return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
 
 
@@ -135,7 +134,7 @@ def certificate_badge(certificate: Mapping[str, Any], text: str = "verified") ->
     return badge(passed, text if passed else "not equivalent")
 
 
-def limits_badge(broken: Sequence[Any]) -> str:
+def limits_badge(broken: Sequence[Violation]) -> str:
     """Return the badge of the limits that were broken."""
     return badge(not broken, "limits broken" if broken else "within limits")
 
@@ -150,51 +149,41 @@ def subtitle(run: Run) -> str:
     return escape(" · ".join(words))
 
 
-def merits(run: Run, summary: Mapping[str, Any]) -> dict[str, str]:
+def merits(run: Run, summary: Summary) -> dict[str, str]:
     """Return the run's lengths of merit as texts by their keys; a fixed base has none of a base."""
     return {
-        key: length(summary[key])
+        key: length(figure)
         for key in MERIT_LABELS
-        if _has_figure(summary, key) and (has_base(run) or "end_effector" in key)
+        if is_finite(figure := getattr(summary, key)) and (has_base(run) or "end_effector" in key)
     }
 
 
-def _merits(run: Run, summary: Mapping[str, Any]) -> str:
+def _merits(run: Run, summary: Summary) -> str:
     rows = [(MERIT_LABELS[key], text) for key, text in merits(run, summary).items()]
-    if _has_figure(summary, "max_effort_ratio"):
-        rows.append(("Largest effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
-    if _has_figure(summary, "realtime_factor"):
-        rows.append(("Simulated at", f"{summary['realtime_factor']:.3g} × real time"))
-    if not rows:
-        return ""
-    broken = summary.get("limits_violated")
-    if broken is None:
-        return _section("Tracking error", _rows(rows))
-    mark = limits_badge(broken)
-    sentences = [_violation(each) for each in broken]
-    sentences += [f"{each['told']}." for each in summary.get("limits_bound", ())]
-    if summary.get("ground"):
-        sentences.append(f"On the ground: {summary['ground']}.")
+    if is_finite(summary.max_effort_ratio):
+        rows.append(("Largest effort / limit", f"{100.0 * summary.max_effort_ratio:.0f} %"))
+    if is_finite(summary.realtime_factor):
+        rows.append(("Simulated at", f"{summary.realtime_factor:.3g} × real time"))
+    mark = limits_badge(summary.limits_violated)
+    sentences = [_violation(each) for each in summary.limits_violated]
+    sentences += [f"{each.sentence}." for each in summary.limits_bound]
+    if summary.ground.sentence:
+        sentences.append(f"On the ground: {summary.ground.sentence}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
     body = f'<ul class="notes">{details}</ul>' if sentences else ""
     return _section("Tracking error" + mark, _rows(rows) + body)
 
 
-def _violation(broken: Mapping[str, Any]) -> str:
+def _violation(broken: Violation) -> str:
     return (
-        f"{broken['joint']}: {broken['limit']} {broken['value']:.4g}, allowed "
-        f"{broken['allowed']:.4g}, from {broken['first_time']:.2f} s"
+        f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
+        f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
     )
 
 
-def finite_figure(summary: Mapping[str, Any], key: str) -> float | None:
-    """Return a figure of merit, or None where it is not defined."""
-    value = summary.get(key)
-    return value if isinstance(value, int | float) and math.isfinite(value) else None
-
-
-def _has_figure(summary: Mapping[str, Any], key: str) -> bool:
-    return finite_figure(summary, key) is not None
+def is_finite(figure: float | None) -> TypeGuard[float]:
+    """Return whether a figure of merit is a finite number."""
+    return figure is not None and math.isfinite(figure)
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> str:

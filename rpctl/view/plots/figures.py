@@ -12,8 +12,9 @@ import numpy as np
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.run import Run
+from rpctl.view.charts import coloured_joints
 from rpctl.view.plots.panels import FigurePanel, find_panels
-from rpctl.view.plots.style import LIGHT, add_legend, joint_legend, names, style_axes
+from rpctl.view.plots.style import PAPER, add_legend, joint_legend, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +80,6 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    theme = LIGHT
     shown = _choose(find_panels(run), panels)
     width, columns = (COLUMN_WIDTH_IN, 1) if column or len(shown) == 1 else (PAGE_WIDTH_IN, 2)
     places = _places(shown, columns)
@@ -87,19 +87,19 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
     for panel, (row, _) in zip(shown, places, strict=True):
         if panel.wide:
             heights[row] = WIDE_ROW_HEIGHT_IN
-    legend = names(run, theme) if any(panel.joints for panel in shown) else []
+    legend = coloured_joints(run) if any(panel.joints for panel in shown) else []
     strip = LEGEND_ROW_IN * -(-len(legend) // (3 * columns))
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.02)
     figure = Figure((width, sum(heights) + strip), dpi=DPI, layout=layout)
-    figure.set_facecolor(theme.paper)
+    figure.set_facecolor(PAPER)
     grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
     for panel, letter, (row, cells) in zip(shown, PANEL_LETTERS, places, strict=False):
         axes = figure.add_subplot(grid[row, cells])
         number = f"({letter})  " if len(shown) > 1 else ""
-        style_axes(axes, number + panel.title, theme)
-        panel.draw(axes, run, theme)
-        add_legend(axes, theme, below=panel.wide and columns == 1)
-    joint_legend(figure, legend, 3 * columns, theme)
+        style_axes(axes, number + panel.title)
+        panel.draw(axes)
+        add_legend(axes, below=panel.wide and columns == 1)
+    joint_legend(figure, legend, 3 * columns)
     return figure
 
 

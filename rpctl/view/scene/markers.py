@@ -13,9 +13,9 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.rolling import contact_point
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.view.scene import marker_shapes, threejs
-from rpctl.view.scene.skeleton import ROOT
 
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
 MIN_BALL_RADIUS_M = 0.004  # m; radius below which nobody would see it
@@ -55,7 +55,8 @@ def build_markers(robot: Robot, size: float) -> Markers:
         robot: The robot.
         size: Its size, m; frames and arrows are in proportion.
     """
-    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in range(ROOT, robot.model.njoints)}
+    indices = range(ROOT_JOINT, robot.model.njoints)
+    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
     markers = Markers(
         joint_nodes, [], [], [], marker_shapes.geometries(), marker_shapes.materials()
     )
@@ -98,7 +99,7 @@ def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> N
         _mesh("arrow", "contact", _scaled(1.5 * wheel.radius)),
     ]
     along = np.array([1.0, 0.0])
-    if carrier == ROOT:  # the direction is told in the root link's frame
+    if carrier == ROOT_JOINT:  # the direction is told in the root link's frame
         along = contact[:2, :2].T @ wheel.direction
         turn = math.atan2(along[1], along[0])
         if abs(math.sin(turn)) > math.sin(ROLLING_TOLERANCE_RAD):
@@ -138,7 +139,7 @@ def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
         _mesh("disc", "point", _scaled(0.012 * size)),
         _mesh("arrow", "point", _scaled(0.16 * size)),
     ]
-    _attach(markers, ROOT, "contact-P", pose, shapes)
+    _attach(markers, ROOT_JOINT, "contact-P", pose, shapes)
     markers.labels.append(_label("contact-P", "P", CONTACT_RANK))
 
 

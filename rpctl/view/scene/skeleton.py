@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.view.scene import threejs
-
-ROOT = 1  # Pinocchio's index of the planar root
 
 
 def skeleton(
@@ -31,13 +30,13 @@ def skeleton(
     model = robot.model
     groups = {
         j: threejs.node("Group", f"{prefix}-{j}", children=nodes_of(j))
-        for j in range(ROOT, model.njoints)
+        for j in range(ROOT_JOINT, model.njoints)
     }
-    for j in range(ROOT + 1, model.njoints):
+    for j in range(ROOT_JOINT + 1, model.njoints):
         place = threejs.fixed_matrix(model.jointPlacements[j].homogeneous)
         seat = threejs.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
         groups[model.parents[j]]["children"].append(seat)
-    return groups[ROOT]
+    return groups[ROOT_JOINT]
 
 
 def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
@@ -53,8 +52,8 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
         there is none) and, of a mimic joint, ``mimic`` (``follows``: index in this list or None
         where the joint that it follows is locked; ``multiplier``; ``offset``).
     """
-    names = list(robot.model.names)[ROOT + 1 :]
-    wheels, arm = {w.joint for w in robot.drive.wheels}, {j.name for j in robot.joints}
+    names = list(robot.moving_joint_names)
+    wheels, arm = {w.joint for w in robot.drive.wheels}, set(robot.joint_names)
     mimics = {joint.name for joint in robot.mimics}
     entries = []
     for number, name in enumerate(names):
@@ -62,7 +61,7 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
         role = "wheel" if name in wheels else "arm" if name in arm else "other"
         entry: dict[str, Any] = {
             "name": name,
-            "node": ROOT + 1 + number,
+            "node": ROOT_JOINT + 1 + number,
             "slides": joint.kind == "prismatic",
             "axis": joint.axis.tolist(),
             "role": "mimic" if name in mimics else role,

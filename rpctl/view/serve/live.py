@@ -15,6 +15,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import steering
+from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene.obstacles import DrawnObstacle
@@ -138,9 +139,7 @@ def broadcast(
 
 def _coordinates(robot: Robot, q: Array) -> list[float]:
     """Return the pose (x, y, heading) of the root link and all joints, in the model's order."""
-    names = list(robot.model.names)[2:]
-    heading = float(np.arctan2(q[3], q[2]))
-    return [q[0], q[1], heading, *(robot.joint_position(q, name) for name in names)]
+    return [*read_root(q), *(entry.read(q) for entry in robot.entries.values())]
 
 
 def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
@@ -149,7 +148,7 @@ def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
     wanted = q.copy()
     wanted[:4] = there[:4]
     turned = [swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster"]
-    for name in (*turned, *(joint.name for joint in (*robot.joints, *robot.mimics))):
+    for name in (*turned, *robot.joint_names, *(joint.name for joint in robot.mimics)):
         robot.set_joint(wanted, name, robot.joint_position(there, name))
     return wanted
 

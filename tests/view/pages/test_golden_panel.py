@@ -98,8 +98,8 @@ def test_panel_of_a_run(golden: Run) -> None:
 def test_rms_lengths_come_from_paper(golden: Run) -> None:
     """2.06 m is √(25.5294/6), 314 mm √(0.5916/6): the sums of the squares of six distances."""
     setting_rows = summarize(golden)
-    assert setting_rows["rms_base_error"] == pytest.approx((25.5294 / 6) ** 0.5)
-    assert setting_rows["rms_end_effector_error"] == pytest.approx((0.5916 / 6) ** 0.5)
+    assert setting_rows.rms_base_error == pytest.approx((25.5294 / 6) ** 0.5)
+    assert setting_rows.rms_end_effector_error == pytest.approx((0.5916 / 6) ** 0.5)
 
 
 def test_headline_of_a_run(golden: Run) -> None:
@@ -118,7 +118,7 @@ def test_headline_of_a_run(golden: Run) -> None:
     page = panel(broken, summarize(broken), ())
     assert "left_wheel_joint: effort 50, allowed 40, from 0.20 s" in page
     assert badges(page) == [("bad", "limits broken"), ("bad", "not equivalent")]
-    assert badges(headline(golden, {})) == []
+    assert badges(headline(golden, summarize(golden))) == [("good", "within limits")]
     arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
     assert not any(label.startswith("Base") for label in rows(headline(arm, summarize(arm))))
     late = vary(golden, t=golden.t + 3.0)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rpctl import Run
+from rpctl.view.plots import style
 from rpctl.view.plots.figures import tracking_figure
 from rpctl.view.plots.panels import find_panels
-from rpctl.view.plots.style import LIGHT
 from tests import golden as made
 from tests.golden import COUNT, TIMES, speeds
 from tests.runs import vary
@@ -34,9 +34,11 @@ def test_panels_and_where_they_stand(golden: Run) -> None:
     assert rows == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5]
     none = np.empty((COUNT, 0))
     arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
+    arm = vary(arm, nu=golden.nu[:, 2:], nu_ref=golden.log.nu_ref[:, 2:])
     names = [panel.name for panel in find_panels(vary(arm, slip_ratio=none))]
     assert names == ["paths", "joints", "tip", "joint-speeds", "efforts", "efforts"]
-    base = vary(golden, ee=none, joint_names=(), quasi_velocities=("v", "omega"))
+    base = vary(golden, ee=none, joint_names=(), units=(), quasi_velocities=("v", "omega"))
+    base = vary(base, e=golden.log.e[:, :3], nu=golden.nu[:, :2], nu_ref=golden.log.nu_ref[:, :2])
     names = [panel.name for panel in find_panels(base)]
     assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
@@ -95,21 +97,21 @@ def test_speeds_and_their_references(golden: Run) -> None:
     drawn = labelled(axes)
     assert over_time(drawn["v, m/s"]) == pytest.approx(speeds(0.5, 0.1))
     assert over_time(drawn["steer, rad/s"]) == pytest.approx(speeds(0.5, -0.2))
-    references = curves(axes, LIGHT.desired)
+    references = curves(axes, style.DESIRED)
     assert [over_time(c) for c in references] == [
         pytest.approx(speeds(-7.0, 0.1)), pytest.approx(speeds(-7.0, -0.2)),
     ]  # fmt: skip
     handles, named = axes.get_legend_handles_labels()
     assert named == ["v, m/s", "steer, rad/s", "reference"]
-    assert handles[-1].get_color() == LIGHT.desired  # type: ignore[attr-defined]
+    assert handles[-1].get_color() == style.DESIRED  # type: ignore[attr-defined]
     assert axes.get_ylabel() == "m/s or rad/s"
     joints = panel(golden, "joint-speeds")
-    swing, swing_ref, slide, slide_ref = curves(joints)
+    swing, slide, swing_ref, slide_ref = curves(joints)
     assert over_time(swing) == pytest.approx(speeds(0.5, 0.37))
     assert over_time(slide) == pytest.approx(speeds(0.5, -0.55))
     assert over_time(swing_ref) == pytest.approx(speeds(-7.0, 0.37))
     assert over_time(slide_ref) == pytest.approx(speeds(-7.0, -0.55))
-    assert len(curves(joints, LIGHT.desired)) == 2
+    assert len(curves(joints, style.DESIRED)) == 2
     assert joints.get_ylabel() == "rad/s or m/s"
 
 
@@ -129,7 +131,7 @@ def test_references_of_many_joints_are_not_drawn(golden: Run) -> None:
     run = vary(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
     run = vary(run, effort_limits=(1.0,) * 4)
     assert len(curves(panel(run, "joint-speeds"))) == 4
-    three = vary(run, joint_names=four[2:], units=("rad",) * 3)
+    three = vary(run, joint_names=four[2:], units=("rad",) * 3, e=np.ones((COUNT, 6)))
     assert len(curves(panel(three, "joint-speeds"))) == 6
 
 
@@ -151,9 +153,9 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
         for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
     ]
     assert [name for name, _ in looks] == ["left_wheel", "right_wheel", "steer", "swing", "slide"]
-    assert [colour for _, colour in looks] == [*LIGHT.cycle[:5]]
-    assert [line.get_color() for line in shares.lines[2:]] == [LIGHT.cycle[i] for i in (0, 2, 3, 4)]
-    assert free.lines[0].get_color() == LIGHT.cycle[1]
+    assert [colour for _, colour in looks] == [*style.CYCLE[:5]]
+    assert [line.get_color() for line in shares.lines[2:]] == [style.CYCLE[i] for i in (0, 2, 3, 4)]
+    assert free.lines[0].get_color() == style.CYCLE[1]
     loose = tracking_figure(vary(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
     turning, sliding = loose.axes
     assert len(loose.legends) == 1

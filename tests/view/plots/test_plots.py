@@ -10,14 +10,15 @@ from PIL import Image
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.view.chart import PANELS
 from rpctl.view.plots.figures import (
     save_figure,
     save_tracking_figure,
     tracking_figure,
     tracking_image,
 )
-from rpctl.view.plots.obstacles import half_plane
-from rpctl.view.plots.panels import PANELS, find_panels
+from rpctl.view.plots.panels import find_panels
+from rpctl.view.plots.paths import half_plane
 from tests.runs import vary
 from tests.view.samples import PILLAR, short_run, with_obstacles
 

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 
 import rpctl
 from rpctl import Run
-from rpctl.view.plots.style import LIGHT
+from rpctl.view.plots import style
 from tests.golden import COUNT
 from tests.runs import vary
 from tests.view.readers import curves, labelled, panel
@@ -24,20 +24,20 @@ def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
     assert drawn["base"] == pytest.approx(golden.log.base[:, :2])
     assert drawn["end effector"] == pytest.approx(golden.log.ee[:, :2])
     assert drawn["desired"] == pytest.approx(golden.base_ref[:, :2])
-    base, tip = curves(axes, LIGHT.desired)
+    base, tip = curves(axes, style.DESIRED)
     assert base == pytest.approx(golden.base_ref[:, :2])
     assert tip == pytest.approx(golden.log.ee_ref[:, :2])
-    (base,) = curves(axes, LIGHT.base)
+    (base,) = curves(axes, style.BASE)
     assert base == pytest.approx(golden.log.base[:, :2])
-    (tip,) = curves(axes, LIGHT.tip)
+    (tip,) = curves(axes, style.TIP)
     assert tip == pytest.approx(golden.log.ee[:, :2])
     starts = {
         line.get_markeredgecolor(): np.column_stack(line.get_data())
         for line in axes.lines
         if line.get_marker() == "o" and np.size(line.get_xdata())
     }
-    assert starts[LIGHT.base] == pytest.approx(golden.log.base[:1, :2])
-    assert starts[LIGHT.tip] == pytest.approx(golden.log.ee[:1, :2])
+    assert starts[style.BASE] == pytest.approx(golden.log.base[:1, :2])
+    assert starts[style.TIP] == pytest.approx(golden.log.ee[:1, :2])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
     assert axes.get_aspect() == 1.0
 
@@ -55,7 +55,7 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
     """Its contacts are 0.8 m apart; it goes 2 m in 0.5 s, and may be drawn every 0.96 m."""
     askew = ((0.7, 0.1), (-0.1, 0.3), (-0.1, -0.3))  # no mirror image of itself
     axes = panel(vary(straight(golden, 2.0), contact_points=askew), "paths")
-    ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+    ticks = [c for c in curves(axes, style.INK) if len(c) == 2]
     starts = [2.0 * t / 0.5 - 0.1 for t in (0.0, 0.3, 0.5)]  # every 0.25 s, at the next sample
     assert [tick[0].tolist() for tick in ticks] == [pytest.approx([2.0, y]) for y in starts]
     for tick in ticks:
@@ -80,12 +80,12 @@ def test_time_of_a_run_may_start_anywhere(golden: Run) -> None:
     run = straight(golden, 2.0)
     axes = panel(vary(run, t=run.t + 7.0), "paths")
     assert "contacts and heading, every 0.25 s" in axes.get_legend_handles_labels()[1]
-    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 3
+    assert len([c for c in curves(axes, style.INK) if len(c) == 2]) == 3
 
 
 def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
     axes = panel(straight(golden, 0.95), "paths")  # less than 1.2 of its length
-    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 1
+    assert len([c for c in curves(axes, style.INK) if len(c) == 2]) == 1
     assert "contacts and heading" not in str(axes.get_legend_handles_labels()[1])
 
 
@@ -100,11 +100,11 @@ def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
     for points in (((0.0, 0.1), (0.0, -0.1)), ((0.0, 0.1), (0.0, 0.0), (0.0, -0.1)), ()):
         axes = panel(vary(run, contact_points=points), "paths")
         assert not axes.patches
-        ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+        ticks = [c for c in curves(axes, style.INK) if len(c) == 2]
         assert np.linalg.norm(ticks[0][1] - ticks[0][0]) == pytest.approx(0.4 * 0.6)
         nothing = replace(run.robot.drive, track=0.0)
         axes = panel(vary(run, contact_points=(), drive=nothing), "paths")
-        tick = next(c for c in curves(axes, LIGHT.ink) if len(c) == 2)
+        tick = next(c for c in curves(axes, style.INK) if len(c) == 2)
         assert np.linalg.norm(tick[1] - tick[0]) == pytest.approx(0.4)
 
 
@@ -119,7 +119,7 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
         for patch in drawn
         if hasattr(patch, "radius")
     ]
-    base, tip = LIGHT.base_obstacle, LIGHT.tip_obstacle
+    base, tip = style.BASE_OBSTACLE, style.TIP_OBSTACLE
     assert circles == [
         (1.0, -0.75, 0.25, base, True),
         (1.0, -0.75, pytest.approx(0.25 + 0.8), base, False),
@@ -187,6 +187,6 @@ def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
     along = np.array([-0.8, 0.6])
     assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
     assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])
-    (kept,) = curves(axes, LIGHT.base_obstacle)
+    (kept,) = curves(axes, style.BASE_OBSTACLE)
     assert wall.distance(kept) == pytest.approx([0.8, 0.8])
     assert sorted((kept - middle) @ along) == pytest.approx([-far, far])
