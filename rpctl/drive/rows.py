@@ -110,12 +110,13 @@ class TurningMatrix:
     def at(self, u: Array) -> Array:
         """Return A (..., rows, columns)."""
         constant, harmonics, _ = self._flat
-        return np.asarray((u.dot(harmonics) + constant).reshape(u.shape[:-1] + self.constant.shape))
+        A: Array = (u.dot(harmonics) + constant).reshape(u.shape[:-1] + self.constant.shape)
+        return A
 
     def rate(self, u: Array, rates: Array) -> Array:
         """Return Ȧ (..., rows, columns) at rates (..., n) of the joints."""
-        change = (u * rates.dot(self._twice)).dot(self._flat[2])
-        return np.asarray(change.reshape(change.shape[:-1] + self.constant.shape))
+        change: Array = (u * rates.dot(self._twice)).dot(self._flat[2])
+        return change.reshape(change.shape[:-1] + self.constant.shape)
 
     def map(self, linear: Callable[[Array], Array]) -> TurningMatrix:
         """Return the image under a linear map of matrices (..., rows, columns)."""

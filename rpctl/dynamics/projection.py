@@ -120,7 +120,8 @@ class Projection:
         _, N, P, _, _ = self.projector.equations
         turned = -self.projector.rolling.drift(self._u, self.S.dot(nu))  # −Ȧv
         y, _ = dgetrs(lu, pivots, N.dot(turned))
-        return np.asarray(X.dot(y) + P.dot(turned))
+        drift: Array = X.dot(y) + P.dot(turned)
+        return drift
 
 
 class Projector:

@@ -34,6 +34,7 @@ class RollingConstraints:
         index: Each swivel's index in v.
         entry: Each swivel's index in q.
         pairs: Which of the swivels are a pair (cos, sin) in q.
+        cosines_sines: Where in q (2, n_pairs) those are.
     """
 
     matrix: TurningMatrix
@@ -43,18 +44,20 @@ class RollingConstraints:
     index: NDArray[np.intp]
     entry: NDArray[np.intp]
     pairs: NDArray[np.intp]
+    cosines_sines: NDArray[np.intp]
 
     def turn(self, q: Array) -> Array:
         """Return the cosines and sines of which A is linear, at q (nq,)."""
         positions = q.take(self.entry)
         if self.pairs.size:
-            sines = q.take(self.entry[self.pairs] + 1)
-            positions[self.pairs] = np.arctan2(sines, positions[self.pairs])
+            cosines, sines = q.take(self.cosines_sines)
+            positions[self.pairs] = np.arctan2(sines, cosines)
         return self.matrix.turn(positions)
 
     def drift(self, u: Array, v: Array) -> Array:
         """Return Ȧ v (rows,) at such cosines and sines: what A v̇ must cancel."""
-        return np.asarray(self.matrix.rate(u, v.take(self.index)).dot(v))
+        drift: Array = self.matrix.rate(u, v.take(self.index)).dot(v)
+        return drift
 
 
 def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstraints:
@@ -86,14 +89,17 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for row, wheel in enumerate(drive.wheels, start=first):
         constant[row] += _wheel_row(robot, data, wheel)
+    entry = np.array([joint.idx_q for joint in joints], dtype=np.intp)
+    pairs = np.array([i for i, joint in enumerate(joints) if joint.nq == 2], dtype=np.intp)
     return RollingConstraints(
         matrix=replace(matrix, constant=constant),
         along=tuple(range(first, first + len(drive.wheels))),
         across=tuple((first + row, wheels) for row, wheels in rows.across),
         gliding=tuple(first + row for row in rows.gliding),
         index=index,
-        entry=np.array([joint.idx_q for joint in joints], dtype=np.intp),
-        pairs=np.array([i for i, joint in enumerate(joints) if joint.nq == 2], dtype=np.intp),
+        entry=entry,
+        pairs=pairs,
+        cosines_sines=np.array([entry[pairs], entry[pairs] + 1]),
     )
 
 
