@@ -16,6 +16,8 @@ import rpctl
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
 ROOMS += ["equivalence", "derive", "reference", "control", "simulation", "study", "view", "cli"]
+VIEW = ["chart", "charts", "obstacles", "scene", "plots", "pages", "serve", "film"]
+VIEW += ["notebook", "run_folder"]
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 
@@ -45,6 +47,16 @@ def test_data_flows_one_way() -> None:
             continue
         if ROOMS.index(other) > ROOMS.index(room) or other in NOT_FOR.get(room, ()):
             wrong.append(f"{file.as_posix()} imports {module}")
+    assert not wrong
+
+
+def test_data_flows_one_way_inside_the_view() -> None:
+    wrong = []
+    for file, room, module in imports():
+        if room == "view" and file.name != "__init__.py" and module.startswith("rpctl.view."):
+            here, there = file.parts[1].removesuffix(".py"), module.split(".")[2]
+            if VIEW.index(there) > VIEW.index(here):
+                wrong.append(f"{file.as_posix()} imports {module}")
     assert not wrong
 
 

@@ -12,7 +12,7 @@ from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.findings import excerpt
-from rpctl.description.inertial import AXES
+from rpctl.description.links import AXES
 from rpctl.description.mesh_files import read
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Description, Link, Shape

@@ -18,8 +18,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.chart_data import chart_data
-from rpctl.view.pages.compare import merge
-from rpctl.view.pages.compare_panel import compare_legend, compare_panel
+from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle

@@ -13,9 +13,9 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.simulation.run import Run
+from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rims, run_obstacles
 from rpctl.view.plots import style
 from rpctl.view.plots.style import thin
-from rpctl.view.scene.obstacles import BASE, TIP, DrawnObstacle, near, rims, run_obstacles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,8 +8,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.view.scene import surroundings, threejs, trails
-from rpctl.view.scene.obstacles import BASE, TIP, DrawnObstacle, near, rim, rims
+from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rim, rims
+from rpctl.view.scene import threejs, trails
+from rpctl.view.scene.ground import ground_disc
 
 OBSTACLES_PATH = "/rpctl/obstacles"
 OBSTACLE_COLOURS = {BASE: 0xB0325F, TIP: 0x9A6A00}
@@ -58,8 +59,8 @@ def commands(
         ground: Height of the ground, m.
         size: Height of the robot, m.
     """
-    width = surroundings.trail_width(lower, upper)
-    place = surroundings.ground_disc(lower, upper)
+    width = trails.trail_width(lower, upper)
+    place = ground_disc(lower, upper)
     geometries, materials, nodes = [], [], []
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
         shapes = [obstacle.shape for obstacle in obstacles if obstacle.body == body]

@@ -17,8 +17,8 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
+from rpctl.view.obstacles import DrawnObstacle
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
-from rpctl.view.scene.obstacles import DrawnObstacle
 from rpctl.view.serve.events import Stream
 from rpctl.view.serve.server import EVENTS, PageServer, PageSource
 
