@@ -66,13 +66,12 @@ def load(
         if strict:
             _refuse_doubts(path, findings)
         check(tree)
-        if isinstance(drive, Drive):
-            drive = replace(drive, declared=("drive",))
-        else:
-            spec = entry.drive if drive is None and entry else drive
-            drive = detect(tree, None if spec is None else _specification(spec))
+        if not isinstance(drive, Drive):
+            drive = detect(tree, _specification(entry.drive if drive is None and entry else drive))
             if strict:
                 _refuse_doubts(path, [Finding("warning", None, doubt) for doubt in drive.doubts])
+        else:
+            drive = replace(drive, declared=("drive",))
         model, joints = build(tree), _arm_joints(tree, drive)
         if end_effector is not None and end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
@@ -100,8 +99,10 @@ def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     )
 
 
-def _specification(source: str | Path) -> DriveSpec:
-    """Return what the name of a type, or a drive file, says of the drive."""
+def _specification(source: str | Path | None) -> DriveSpec:
+    """Return what the name of a type, or a drive file, says of the drive; None says nothing."""
+    if source is None:
+        return DriveSpec()
     if isinstance(source, str) and not Path(source).suffix and "/" not in source:
         if source not in DRIVE_TYPES:
             raise UnknownNameError("drive", source, DRIVE_TYPES)
