@@ -16,6 +16,8 @@ import rpctl
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
 ROOMS += ["equivalence", "derive", "reference", "control", "simulation", "study", "view", "cli"]
+VIEW = ["chart", "charts", "obstacles", "scene", "plots", "pages", "serve", "film"]
+VIEW += ["notebook", "run_folder"]
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 
@@ -45,6 +47,16 @@ def test_data_flows_one_way() -> None:
             continue
         if ROOMS.index(other) > ROOMS.index(room) or other in NOT_FOR.get(room, ()):
             wrong.append(f"{file.as_posix()} imports {module}")
+    assert not wrong
+
+
+def test_data_flows_one_way_inside_the_view() -> None:
+    wrong = []
+    for file, room, module in imports():
+        if room == "view" and file.name != "__init__.py" and module.startswith("rpctl.view."):
+            here, there = file.parts[1].removesuffix(".py"), module.split(".")[2]
+            if VIEW.index(there) > VIEW.index(here):
+                wrong.append(f"{file.as_posix()} imports {module}")
     assert not wrong
 
 
@@ -95,9 +107,10 @@ def test_the_model_needs_no_viewer() -> None:
     assert not heavy & loaded
 
 
-def test_the_list_of_commands_needs_no_command() -> None:
-    heavy = {"numpy", "scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "lxml"}
-    loaded = modules_after("from rpctl.cli.app import app; app(['--help'], standalone_mode=False)")
+@pytest.mark.parametrize("word", ["--help", "robots"])
+def test_what_needs_no_robot_loads_no_engine(word: str) -> None:
+    heavy = {"scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "yourdfpy", "meshcat"}
+    loaded = modules_after(f"from rpctl.cli.app import app; app(['{word}'], standalone_mode=False)")
     assert "typer" in loaded
     assert not heavy & loaded
 

@@ -17,10 +17,11 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
+from rpctl.view.obstacles import DrawnObstacle
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
-from rpctl.view.scene import materials, obstacle_shapes, surroundings, threejs
+from rpctl.view.scene import materials, obstacle_shapes, threejs, trails
+from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
-from rpctl.view.scene.obstacles import DrawnObstacle
 from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
 from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, joint_poses
 from rpctl.view.scene.skeleton import joints, skeleton
@@ -50,7 +51,7 @@ class LiveMotion:
 
 
 def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
-    """Return the page of a robot as HTML; it fetches nothing but the motion of a show.
+    """Return the page of a robot as HTML; only a live page fetches anything, its motion.
 
     Args:
         robot: The robot.
@@ -111,7 +112,7 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "reach": [-reach, reach] if moves else None,
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
-        "trail": surroundings.trail_width(*shown),
+        "trail": trails.trail_width(*shown),
         "stream": None if motion is None else motion.stream,
         "duration": None if motion is None else motion.duration,
     }
@@ -131,8 +132,8 @@ def _commands(
     commands = [threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")]
     commands += [
         threejs.set_property("/Background", "visible", False),
-        surroundings.lights_command(lower, upper),
-        surroundings.ground_command(lower, upper, ground),
+        lights_command(lower, upper),
+        ground_command(lower, upper, ground),
     ]
     figures = [
         total_mass_marker(robot.mass),
@@ -143,7 +144,7 @@ def _commands(
         paths = {"base-desired": desired, "base": desired[:1]}
         size = float(box[1, 2]) - ground
         commands += obstacle_shapes.commands(motion.obstacles, lower, upper, ground, size)
-        commands.append(surroundings.trails_command(paths, lower, upper))
+        commands.append(trails.trails_command(paths, lower, upper))
         figures.append(skeleton(robot, REFERENCE, lambda j: materials.ghost(bodies, j)))
     drawn = threejs.set_object(
         ROBOTS_PATH,
@@ -174,7 +175,7 @@ def _rotation(quaternion: Array) -> Array:
 
 
 def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
-    """Return the box (2, 3) of the robot, wherever P is to be, and of the obstacles near it."""
+    """Return the box (2, 3) around the robot along its desired path, and obstacles nearby, m."""
     places = motion.desired[:, :2]
     radius = 0.5 * float(np.linalg.norm((box[1] - box[0])[:2]))
     area = box.copy()

@@ -11,12 +11,13 @@ from typing import Any, TypeGuard
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
-from rpctl.view.scene.obstacles import (
+from rpctl.view.obstacles import (
     OBSTACLE_SETTINGS,
     OBSTACLE_TITLES,
     obstacle_texts,
     run_obstacles,
 )
+from rpctl.view.pages.page import badge, definitions, section
 
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
 SETTING_LABELS = {
@@ -63,7 +64,13 @@ KEYBOARD = (
 
 
 def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
-    """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
+    """Return the panel: figures of merit, certificate, settings, robot, notes, keys.
+
+    Args:
+        run: The run.
+        summary: Its figures of merit.
+        notes: Notes on the scene, in sentences.
+    """
     sections = (
         _merits(run, summary),
         _certificate(run.certificate),
@@ -76,7 +83,7 @@ def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
 
 
 def legend(run: Run) -> str:
-    """Return what is drawn in the scene: entries that show and hide it."""
+    """Return the scene's legend, whose entries show and hide what is drawn."""
     entries = [("base", "Base")] if has_base(run) else []
     entries += [("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
@@ -101,11 +108,18 @@ def obstacle_entries(runs: Iterable[Run]) -> list[str]:
 
 def keyboard_section() -> str:
     """Return the section on the keys."""
-    return _section("Keyboard", _rows(KEYBOARD))
+    return section("Keyboard", definitions(KEYBOARD))
 
 
 def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
-    """Return one entry of the scene's legend; ``style`` is CSS of its swatch."""
+    """Return one entry of the scene's legend; ``style`` is CSS of its swatch.
+
+    Args:
+        layer: What it shows and hides; a CSS class too.
+        text: Its name.
+        style: CSS of its swatch.
+        shown: Whether it is shown at first.
+    """
     drawn = f' style="{style}"' if style else ""
     pressed = str(shown).lower()
     return (
@@ -171,7 +185,7 @@ def _merits(run: Run, summary: Summary) -> str:
         sentences.append(f"On the ground: {summary.ground.sentence}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
     body = f'<ul class="notes">{details}</ul>' if sentences else ""
-    return _section("Tracking error" + mark, _rows(rows) + body)
+    return section("Tracking error" + mark, definitions(rows) + body)
 
 
 def _violation(broken: Violation) -> str:
@@ -198,7 +212,7 @@ def _certificate(certificate: Mapping[str, Any] | None) -> str:
     sampling = f"Worst of {samples} random states, seed {seed}."
     mark = certificate_badge(certificate)
     quiet = f'<p class="quiet">{escape(sampling)}</p>'
-    return _section("Dynamics" + mark, _rows(rows) + quiet)
+    return section("Dynamics" + mark, definitions(rows) + quiet)
 
 
 def residual(check: Mapping[str, Any]) -> str:
@@ -211,7 +225,7 @@ def residual(check: Mapping[str, Any]) -> str:
 
 def _settings(settings: Mapping[str, Any]) -> str:
     rows = setting_texts(settings)
-    return _section("Settings", _rows(rows.items())) if rows else ""
+    return section("Settings", definitions(rows.items())) if rows else ""
 
 
 def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
@@ -246,7 +260,7 @@ def _robot(run: Run) -> str:
         rows.append(("End effector", run.robot.end_effector))
     names = escape(", ".join(run.robot.quasi_velocities))
     body = f"<details><summary>Names</summary><p>{names}</p></details>"
-    return _section("Robot", _rows(rows) + body)
+    return section("Robot", definitions(rows) + body)
 
 
 def notes_section(notes: Sequence[str]) -> str:
@@ -254,11 +268,11 @@ def notes_section(notes: Sequence[str]) -> str:
     if not notes:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return _section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
+    return section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
 
 
 def length(value: float) -> str:
-    """Return a length in a unit that suits it; metres in."""
+    """Return a length, given in m, as text in m, mm or µm."""
     for unit, size in (("m", 1.0), ("mm", 1e-3)):
         if abs(value) >= size:
             return f"{value / size:.3g} {unit}"
@@ -275,18 +289,3 @@ def setting_text(value: Any) -> str:
         return ", ".join(setting_text(item) for item in value)
     text = str(value)
     return PurePath(text).name if PurePath(text).is_absolute() else text
-
-
-def badge(good: bool, text: str) -> str:
-    """Return a word on a green or red ground."""
-    return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
-
-
-def _section(title: str, body: str) -> str:
-    """Return a section; both strings are HTML already."""
-    return f"<section><h2>{title}</h2>{body}</section>"
-
-
-def _rows(rows: Iterable[tuple[str, str]]) -> str:
-    cells = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
-    return f'<dl class="rows">{cells}</dl>'

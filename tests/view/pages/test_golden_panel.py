@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rpctl import Run, summarize
-from rpctl.view.pages.compare_panel import compare_legend, compare_panel
+from rpctl.view.pages.compare import compare_legend, compare_panel
 from rpctl.view.pages.summary_panel import headline, legend, length, panel, residual, subtitle
 from tests.golden import COUNT
 from tests.runs import vary

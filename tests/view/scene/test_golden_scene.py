@@ -17,7 +17,7 @@ from rpctl.view.pages.report import write_report
 from rpctl.view.pages.scene_page import player
 from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH
 from rpctl.view.scene.scene import Scene, build_scene
-from rpctl.view.scene.surroundings import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
+from rpctl.view.scene.trails import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
 from tests.golden import COUNT, TIMES
 from tests.runs import vary
 from tests.view.readers import Array, drawn_by, embedded, middles, path_distances, tracks, trails
