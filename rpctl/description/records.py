@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.description.mesh_paths import MeshPaths
 from rpctl.errors import Finding
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
@@ -150,6 +151,11 @@ class Description:
         for joint in self.joints:
             below[joint.parent].append(joint)
         return {name: tuple(joints) for name, joints in below.items()}
+
+    @cached_property
+    def mesh_paths(self) -> MeshPaths:
+        """Finds the mesh files that the URDF names."""
+        return MeshPaths(self.path, self.package_dirs)
 
     @property
     def estimated_links(self) -> tuple[str, ...]:

@@ -83,10 +83,14 @@ def follower_positions(drive: Drive, positions: Mapping[str, float]) -> dict[str
 
 
 def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
-    """Return whether steering is far from where it leaves no one motion, or more than one.
+    """Return whether the steering angles are far from singular ones.
 
-    The base's speed is that of P along the heading, or that of the first steered wheel along its
-    own; N must not vanish, nor lie across it.
+    At a singular steering the base's speed (that of P along the heading, or that of the first
+    steered wheel along its own) does not fix its motion: N vanishes, or lies across that speed.
+
+    Args:
+        drive: The drive.
+        positions: Positions of the steered joints, rad; 0 for those left out.
     """
     if not drive.steered:
         return True
@@ -196,7 +200,7 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
 
 
 class SteeringLimits(NamedTuple):
-    """What the steered joints may do so that they and their followers keep their limits."""
+    """Limits of the steered joints that keep their followers within theirs, too."""
 
     lower: Array  # (n_steered,) rad
     upper: Array  # (n_steered,) rad
@@ -204,10 +208,10 @@ class SteeringLimits(NamedTuple):
 
 
 def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits:
-    """Return the limits of the steered joints, tighter where a follower's would be broken.
+    """Return the limits of the steered joints, tightened so that followers keep theirs.
 
-    With one leader and a fixed axle, each follower is a function of it: its range is looked
-    through in small steps. Followers of two leaders keep to their own limits only.
+    With one leader and a fixed axle, each follower is a function of it, sampled over its range.
+    Followers of two leaders keep to their own limits only.
 
     Args:
         drive: The drive.
@@ -235,7 +239,14 @@ def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits
 
 
 def _allowed_branch(drive: Drive, leader: str, follower: Joint, grid: Array) -> tuple[Array, Array]:
-    """Return the leader's positions from 0 on along which a follower keeps its limits, and its."""
+    """Return the leader's positions at which a follower keeps its limits, and the follower's.
+
+    Args:
+        drive: The drive.
+        leader: Name of the leading joint.
+        follower: The following joint.
+        grid: Positions of the leader, from 0 outwards, rad.
+    """
     turned = np.array([follower_positions(drive, {leader: x})[follower.name] for x in grid])
     broken = (turned < follower.lower) | (turned > follower.upper)
     broken[1:] |= (

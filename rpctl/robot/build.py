@@ -19,9 +19,7 @@ from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.coordinates import joint_entries
 
-MIN_SCALED_EIGENVALUE = (
-    1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
-)
+MIN_SCALED_EIGENVALUE = 1e-12  # of M with its diagonal scaled to one; below is rounding
 POSTURES = 3  # configurations at which M is tried: the neutral one and random ones
 POSTURE_SEED = 20210601  # of the random ones
 UNLIMITED_REACH = 1.0  # m or rad; how far from neutral an unlimited joint is tried
@@ -213,16 +211,11 @@ def _postures(
 
 
 def _reach(joint: Joint) -> tuple[float, float]:
-    low = (
-        joint.lower
-        if math.isfinite(joint.lower)
-        else min(-UNLIMITED_REACH, joint.upper - UNLIMITED_REACH)
-    )
-    high = (
-        joint.upper
-        if math.isfinite(joint.upper)
-        else max(UNLIMITED_REACH, joint.lower + UNLIMITED_REACH)
-    )
+    low, high = joint.lower, joint.upper
+    if math.isinf(low):
+        low = min(-UNLIMITED_REACH, joint.upper - UNLIMITED_REACH)
+    if math.isinf(high):
+        high = max(UNLIMITED_REACH, joint.lower + UNLIMITED_REACH)
     return low, max(low, high)
 
 
