@@ -16,7 +16,8 @@ from rpctl.arrays import Array
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from rpctl.robot.model import Robot
 
-RANK_MARGIN = 1e-9  # of the largest: below it a row of A, seen through M⁻¹, repeats others
+# The oracle's own margin, of the largest: below it a row of A, seen through M⁻¹, repeats others.
+RANK_MARGIN = 1e-9
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A reference in quasi-velocities, and where it has the steered wheels."""
+"""Quasi-velocities of a reference, and the angles of its steered wheels."""
 
 from __future__ import annotations
 
