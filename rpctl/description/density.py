@@ -71,7 +71,7 @@ class _Estimator:
 
     def __init__(self, description: Description, density: float) -> None:
         self.findings: list[Finding] = []
-        self._paths = MeshPaths(description.path, description.package_dirs)
+        self._paths = description.mesh_paths
         self._density = density
         self._moved = {joint.child for joint in description.joints if joint.moving}
 

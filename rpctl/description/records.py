@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.description.mesh_paths import MeshPaths
 from rpctl.errors import Finding
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
@@ -91,6 +92,15 @@ class Joint:
         """Whether the joint has a degree of freedom."""
         return self.kind in MOVING_KINDS
 
+    def span(self, reach: float) -> tuple[float, float]:
+        """Return the limits (rad or m), those that are infinite ``reach`` beyond 0 or the other."""
+        low, high = self.lower, self.upper
+        if math.isinf(low):
+            low = min(-reach, high - reach)
+        if math.isinf(high):
+            high = max(reach, low + reach)
+        return low, high
+
     def motion(self, position: float) -> Array:
         """Return the pose (4, 4) of the child frame in the parent's at ``position`` (rad or m)."""
         step = np.eye(4)
@@ -150,6 +160,11 @@ class Description:
         for joint in self.joints:
             below[joint.parent].append(joint)
         return {name: tuple(joints) for name, joints in below.items()}
+
+    @cached_property
+    def mesh_paths(self) -> MeshPaths:
+        """Finds the mesh files that the URDF names."""
+        return MeshPaths(self.path, self.package_dirs)
 
     @property
     def estimated_links(self) -> tuple[str, ...]:

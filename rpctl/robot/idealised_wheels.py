@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_paths import MeshPaths
 from rpctl.drive.drive import Swivel
 from rpctl.drive.evidence import lines_of
 from rpctl.drive.wheel_size import SHAPE_ROLES, WheelSize, is_round, shape_sizes, wheel_parts
@@ -19,9 +18,7 @@ from rpctl.robot.model import Robot
 
 ANGLE_ROUNDING = 1e-4  # rad; smaller ones are the rounding of a file's angles
 LENGTH_ROUNDING_M = 1e-5  # m; shorter ones are the rounding of a file's places
-MESH_RADIUS_TOLERANCE = (
-    5e-3  # of the radius: so near to it the bounds of a circle of 32 corners are
-)
+MESH_RADIUS_TOLERANCE = 5e-3  # of the radius; a circle of 32 corners is drawn as near to it
 
 
 def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
@@ -197,10 +194,9 @@ class _OtherRadius(NamedTuple):
 
 def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield other radii than the one used, shapes off the axle, and the width that is left out."""
-    paths = MeshPaths(robot.description.path, robot.description.package_dirs)
     widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, _OtherRadius]]]()
     for wheel in wheels:
-        sizes = shape_sizes(robot.tree, wheel.joint, paths)
+        sizes = shape_sizes(robot.tree, wheel.joint)
         drawn = _unambiguous_roles(robot, wheel)
         for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
             others.setdefault(other[:2] + other[3:], []).append((wheel, other))

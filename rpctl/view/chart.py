@@ -99,7 +99,7 @@ class Chart:
 
 
 def decades(lines: Iterable[Line]) -> tuple[float, float]:
-    """Return the ends of an error's axis: from below what the lines settle at to their maximum."""
+    """Return the ends of an error's axis: a fifth of the settled error, twice the maximum."""
     errors = [np.abs(line.values) for line in lines if line.shown]
     top = 2.0 * max(*(float(error.max()) for error in errors), 10.0 * ERROR_FLOOR)
     settled = min(float(np.median(error[-max(1, len(error) // 5) :])) for error in errors)

@@ -76,7 +76,16 @@ def save_figure(
 
 
 def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
-    """Return the figure of a run; panels that the robot has nothing for are left out."""
+    """Return the figure of a run; panels without data are left out.
+
+    Args:
+        run: The run.
+        panels: Names of panels, in order; all that the run has if empty.
+        column: Whether it is as wide as a column (88 mm) or as a page (180 mm).
+
+    Raises:
+        UnknownNameError: The run has no such panel.
+    """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -126,7 +135,7 @@ def _choose(found: Sequence[FigurePanel], wanted: Sequence[str]) -> list[FigureP
 
 
 def to_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as the bytes of a PNG, its colours few."""
+    """Return a figure as the bytes of a PNG with a palette of 256 colours."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 

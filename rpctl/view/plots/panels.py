@@ -41,7 +41,7 @@ class FigurePanel:
 
 
 def find_panels(run: Run) -> list[FigurePanel]:
-    """Return the panels that a run has something for, in the order of ``PANELS``."""
+    """Return the panels that a run has data for, in the order of ``PANELS``."""
     found = []
     if has_base(run) or run.log.ee.shape[1]:
         found.append(FigurePanel("paths", "Paths", partial(draw_paths, run=run), wide=True))
