@@ -18,68 +18,40 @@ from rpctl import Robot, Run
 from rpctl.arrays import Array
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
+from tests import urdf
 from tests.runs import vary
 
-LINK = """<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="0.02" iyy="0.03"
-  izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial><visual><origin xyz="{at}" rpy="{rpy}"/>
-  <geometry>{shape}</geometry></visual></link>
-"""
-JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
-  <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>
-"""
-ROUND = "1.5707963267948966 0 0"  # turns a cylinder's z axis to y
-WHEEL = '<cylinder radius="0.1" length="0.04"/>'
+WHEEL = 'cylinder radius="0.1" length="0.04"'
 
 
-def _link(name: str, mass: float, shape: str, at: str = "0 0 0", rpy: str = "0 0 0") -> str:
-    return LINK.format(name=name, mass=mass, shape=shape, at=at, rpy=rpy)
+def _link(name: str, mass: float, shape: str, at: str = "", rpy: str = "") -> str:
+    inertia = urdf.inertial(mass, (0.02, 0.03, 0.04))
+    return urdf.link(name, inertia, urdf.shape(shape, "visual", at, rpy))
 
 
-def _joint(
-    name: str, kind: str, parent: str, xyz: str, axis: str, limit: str = "", rpy: str = "0 0 0"
-) -> str:
-    child = name.removesuffix("_joint")
-    return JOINT.format(
-        name=name, kind=kind, parent=parent, child=child, xyz=xyz, rpy=rpy, axis=axis, limit=limit
-    )
+def _joint(name: str, kind: str, parent: str, xyz: str, axis: str, limit: str = "") -> str:
+    return urdf.joint(name, kind, (parent, name.removesuffix("_joint")), xyz, axis, limit)
 
 
-LIMIT = '<limit lower="{}" upper="{}" effort="{}" velocity="{}"/>'
+STEER, SWING, SLIDE = (
+    urdf.limit(*values) for values in ((-0.5, 0.6, 15, 3), (-1.0, 1.5, 20, 2), (-0.1, 0.4, 80, 0.5))
+)
 DRIVEN = '<limit effort="40" velocity="5"/>'
-TRICYCLE = "".join(
-    (
-        '<robot name="golden">\n',
-        _link("base", 20.0, '<box size="0.9 0.4 0.1"/>', "0.2 0 0.1"),
-        _link("left_wheel", 1.0, WHEEL, rpy=ROUND),
-        _link("right_wheel", 1.5, WHEEL, rpy=ROUND),
-        _link("steer", 0.5, '<box size="0.05 0.05 0.2"/>'),
-        _link("front_wheel", 1.0, WHEEL, rpy=ROUND),
-        _link("swing", 2.0, '<box size="0.4 0.06 0.06"/>', "0.2 0 0"),
-        _link("slide", 1.0, '<box size="0.1 0.1 0.1"/>', "0.05 0 0"),
-        _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.05", "0 1 0", DRIVEN),
-        _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.05", "0 1 0"),
-        _joint(
-            "steer_joint", "revolute", "base", "0.7 0 0.25", "0 0 1", LIMIT.format(-0.5, 0.6, 15, 3)
-        ),
-        _joint("front_wheel_joint", "continuous", "steer", "0 0 -0.2", "0 1 0"),
-        _joint(
-            "swing_joint",
-            "revolute",
-            "base",
-            "0.1 0.05 0.45",
-            "0 0 1",
-            LIMIT.format(-1.0, 1.5, 20, 2),
-        ),
-        _joint(
-            "slide_joint",
-            "prismatic",
-            "swing",
-            "0.4 0 0",
-            "1 0 0",
-            LIMIT.format(-0.1, 0.4, 80, 0.5),
-        ),
-        "</robot>\n",
-    )
+TRICYCLE = urdf.robot(
+    "golden",
+    _link("base", 20.0, 'box size="0.9 0.4 0.1"', "0.2 0 0.1"),
+    _link("left_wheel", 1.0, WHEEL, rpy=urdf.ROUND),
+    _link("right_wheel", 1.5, WHEEL, rpy=urdf.ROUND),
+    _link("steer", 0.5, 'box size="0.05 0.05 0.2"'),
+    _link("front_wheel", 1.0, WHEEL, rpy=urdf.ROUND),
+    _link("swing", 2.0, 'box size="0.4 0.06 0.06"', "0.2 0 0"),
+    _link("slide", 1.0, 'box size="0.1 0.1 0.1"', "0.05 0 0"),
+    _joint("left_wheel_joint", "continuous", "base", "-0.1 0.3 0.05", "0 1 0", DRIVEN),
+    _joint("right_wheel_joint", "continuous", "base", "-0.1 -0.3 0.05", "0 1 0"),
+    _joint("steer_joint", "revolute", "base", "0.7 0 0.25", "0 0 1", STEER),
+    _joint("front_wheel_joint", "continuous", "steer", "0 0 -0.2", "0 1 0"),
+    _joint("swing_joint", "revolute", "base", "0.1 0.05 0.45", "0 0 1", SWING),
+    _joint("slide_joint", "prismatic", "swing", "0.4 0 0", "1 0 0", SLIDE),
 )
 
 TIMES: Array = 0.1 * np.arange(6.0)  # s

@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tests import urdf
+
 Array = NDArray[np.float64]
 
 MAX_JOINTS = 6
@@ -77,30 +79,27 @@ class RobotBuilder:
 
     def link(self, name: str, mass: tuple[float, float] | None, shape: str = "") -> None:
         """Add a link; its principal moments b + c, c + a, a + b are those of a real body."""
-        inertial = ""
+        inertia = ""
         if mass is not None:
             m = self.choose.number(*mass)
             a, b, c = (m * self.choose.number(1e-3, 3e-2) for _ in range(3))
             R = rotation(self.angles())
-            tensor = R @ np.diag([b + c, c + a, a + b]) @ R.T
-            entries = " ".join(
-                f'i{"xyz"[i]}{"xyz"[j]}="{tensor[i, j].item()!r}"'
-                for i in range(3)
-                for j in range(i, 3)
-            )
-            inertial = (
-                f"<inertial>{origin(self.vector(0.2), self.angles())}"
-                f'<mass value="{m!r}"/><inertia {entries}/></inertial>'
-            )
-        self.parts.append(f'  <link name="{name}">{inertial}{shape}</link>')
+            I = R @ np.diag([b + c, c + a, a + b]) @ R.T  # noqa: E741 (the field's letter)
+            products = I[0, 1], I[0, 2], I[1, 2]
+            inertia = urdf.inertial(m, np.diag(I), products, self.vector(0.2), self.angles())
+        self.parts.append(urdf.link(name, inertia, shape))
 
     def joint(
-        self, name: str, kind: str, ends: tuple[str, str], xyz: Array, rpy: Array, more: str = ""
+        self,
+        name: str,
+        kind: str,
+        ends: tuple[str, str],
+        xyz: Array,
+        rpy: Array,
+        axis: urdf.Numbers = "",
+        more: str = "",
     ) -> None:
-        self.parts.append(
-            f'  <joint name="{name}" type="{kind}"><parent link="{ends[0]}"/>'
-            f'<child link="{ends[1]}"/>{origin(xyz, rpy)}{more}</joint>'
-        )
+        self.parts.append(urdf.joint(name, kind, ends, xyz, axis, more, rpy))
 
 
 def rotation(rpy: Array) -> Array:
@@ -108,39 +107,34 @@ def rotation(rpy: Array) -> Array:
     return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix())
 
 
-def numbers(values: Array) -> str:
-    return " ".join(repr(value) for value in values.tolist())
-
-
-def origin(xyz: Array, rpy: Array) -> str:
-    return f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/>'
-
-
 def build(choose: NumberSource, joints: int | None = None) -> WheeledRobot:
     """Return a differential drive with an arm, or several; ``joints`` says how many they have."""
     tree = RobotBuilder(choose)
     height = choose.number(-0.3, 0.3)  # of the axle over the root link's origin
-    carrier, place, turn = _base(tree)
+    place, turn = add_base(tree)
     radius, track = choose.number(0.03, 0.3), choose.number(0.3, 1.2)
     point = choose.number(-0.4, 0.4), choose.number(-0.4, 0.4)
     heading, R = choose.number(-MAX_HEADING_RAD, MAX_HEADING_RAD), rotation(turn)
     for name, side in (("left", 1.0), ("right", -1.0)):
         left = np.array([-math.sin(heading), math.cos(heading), 0.0])
         centre = np.array([*point, height]) + 0.5 * side * track * left
-        add_wheel(tree, name, radius, carrier, R.T @ (centre - place), R, left)
+        add_wheel(tree, name, radius, "base", R.T @ (centre - place), R, left)
     mount = R.T @ (np.array([0.0, 0.0, height + MIN_MOUNT_HEIGHT_M]) - place)
     count = choose.integer(0, MAX_JOINTS) if joints is None else joints
     for index in range(count):
         add_arm_joint(tree, index, mount)
     if tree.flag():  # a file may name its parts in any order
         tree.parts.reverse()
-    text = "\n".join(['<robot name="random">', *tree.parts, "</robot>\n"])
+    text = urdf.robot("random", *tree.parts)
     ground = height - radius
     return WheeledRobot(text, radius, track, point, heading, ground, count, tree.mimics)
 
 
-def _base(tree: RobotBuilder) -> tuple[str, Array, Array]:
-    """Add the root, or a massless one that holds it; return the wheels' link and its pose."""
+def add_base(tree: RobotBuilder) -> tuple[Array, Array]:
+    """Add ``base``, or a massless root that holds it; return its origin (3,), m, and angles (3,).
+
+    They are in the root link's frame; the angles are roll, pitch and yaw, rad.
+    """
     place, turn = np.zeros(3), np.zeros(3)
     if tree.flag():
         place, turn = tree.vector(0.3), tree.angles()
@@ -149,7 +143,7 @@ def _base(tree: RobotBuilder) -> tuple[str, Array, Array]:
     tree.link("base", (5.0, 50.0))
     tree.movable.append("base")
     tree.on_base.add("base")
-    return "base", place, turn
+    return place, turn
 
 
 def add_wheel(
@@ -181,12 +175,10 @@ def add_wheel(
     axis = axis / np.linalg.norm(axis)
     upright = np.array([0.0, math.acos(np.clip(axis[2], -1.0, 1.0)), math.atan2(axis[1], axis[0])])
     tyre = "sphere" if ball else 'cylinder length="0.04"'
-    tyre = f'<geometry><{tyre} radius="{radius!r}"/></geometry>'
-    shape = f"<collision>{origin(offset * axis, upright)}{tyre}</collision>"
+    shape = urdf.shape(f'{tyre} radius="{radius}"', xyz=offset * axis, rpy=upright)
     tree.link(f"{name}_wheel", (0.2, 3.0), shape)
-    more = f'<axis xyz="{numbers(axis)}"/>'
     ends = carrier, f"{name}_wheel"
-    tree.joint(f"{name}_joint", "continuous", ends, centre - offset * in_carrier, rpy, more)
+    tree.joint(f"{name}_joint", "continuous", ends, centre - offset * in_carrier, rpy, axis)
 
 
 def add_arm_joint(tree: RobotBuilder, index: int, mount: Array) -> None:
@@ -201,12 +193,12 @@ def add_arm_joint(tree: RobotBuilder, index: int, mount: Array) -> None:
         tree.joint(f"{name}_flange_joint", "fixed", (parent, f"{name}_flange"), xyz, tree.angles())
         parent, xyz = f"{name}_flange", tree.vector(0.1)
     kind = JOINT_KINDS[choose.integer(0, 1 if rigid else 2)]
-    more = f'<axis xyz="{numbers(tree.axis() * choose.number(0.5, 2.0))}"/>' + _limits(tree, kind)
+    axis, more = tree.axis() * choose.number(0.5, 2.0), _limits(tree, kind)
     if tree.leaders and choose.integer(0, 3) == 3:
         more += _mimic(tree)
     else:
         tree.leaders.append(name)
-    tree.joint(name, kind, (parent, f"{name}_link"), xyz, tree.angles(), more)
+    tree.joint(name, kind, (parent, f"{name}_link"), xyz, tree.angles(), axis, more)
     if bare := choose.integer(0, 3) == 3:
         tree.link(f"{name}_tool", (0.2, 5.0))
         ends = f"{name}_link", f"{name}_tool"
@@ -219,7 +211,7 @@ def _limits(tree: RobotBuilder, kind: str) -> str:
     if kind == "continuous":
         return ""
     low, high = -tree.choose.number(0.1, 2.5), tree.choose.number(0.1, 2.5)
-    return f'<limit lower="{low!r}" upper="{high!r}" effort="50.0" velocity="2.0"/>'
+    return urdf.limit(low, high, 50.0, 2.0)
 
 
 def _mimic(tree: RobotBuilder) -> str:

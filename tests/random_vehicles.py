@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tests import urdf
 from tests.random_robots import (
     MAX_HEADING_RAD,
     MIN_MOUNT_HEIGHT_M,
@@ -18,8 +19,8 @@ from tests.random_robots import (
     RandomSource,
     RobotBuilder,
     add_arm_joint,
+    add_base,
     add_wheel,
-    numbers,
     rotation,
 )
 
@@ -120,12 +121,11 @@ class Vehicle:
         R = self.R @ rotation(local)
         axis = R.T @ (sign * self.leaning(np.array([0.0, 0.0, 1.0])))
         tree.link(f"{name}_fork", (0.3, 2.0))
-        more += f'<axis xyz="{numbers(axis)}"/>'
         if math.isfinite(limit):
-            more += f'<limit lower="{-limit!r}" upper="{limit!r}" effort="30.0" velocity="5.0"/>'
+            more += urdf.limit(-limit, limit, 30.0, 5.0)
         kind = "revolute" if math.isfinite(limit) else "continuous"
         xyz = self.R.T @ (origin - self.place)
-        tree.joint(name, kind, ("base", f"{name}_fork"), xyz, local, more)
+        tree.joint(name, kind, ("base", f"{name}_fork"), xyz, local, axis, more)
         self.roles[name] = role
         ahead = np.array([math.cos(angle), math.sin(angle)])
         left = np.array([-ahead[1], ahead[0]])
@@ -218,14 +218,7 @@ def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
     """Return the URDF of a random vehicle of a kind (see ``KINDS``), and what it is."""
     tree = RobotBuilder(RandomSource(np.random.default_rng([seed, KINDS.index(kind)])))
     number = tree.choose.number
-    place, turn = np.zeros(3), np.zeros(3)
-    if tree.flag():
-        place, turn = tree.vector(0.3), tree.angles()
-        tree.link("footprint", None)
-        tree.joint("footprint_joint", "fixed", ("footprint", "base"), place, turn)
-    tree.link("base", (5.0, 50.0))
-    tree.movable.append("base")
-    tree.on_base.add("base")
+    place, turn = add_base(tree)
     point = np.array([number(-0.4, 0.4), number(-0.4, 0.4)])
     heading, ground = number(-MAX_HEADING_RAD, MAX_HEADING_RAD), number(-2.0, 1.0)
     tilt = 10.0 ** number(-6.0, -4.0) if tree.flag() else 0.0
@@ -241,4 +234,4 @@ def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
     mount = built.R.T @ (np.array([0.0, 0.0, ground + 0.3 + MIN_MOUNT_HEIGHT_M]) - place)
     for index in range(tree.choose.integer(0, 3)):
         add_arm_joint(tree, index, mount)
-    return "\n".join([f'<robot name="{kind}">', *tree.parts, "</robot>\n"]), built
+    return urdf.robot(kind, *tree.parts), built

@@ -11,47 +11,18 @@ from rpctl.drive.detect import detect
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from tests import urdf
 
-WHEEL = """
-  <link name="{side}_wheel">
-    <inertial>
-      <mass value="{m_w}"/>
-      <inertia ixx="{I_d}" ixy="0" ixz="0" iyy="{I_s}" iyz="0" izz="{I_d}"/>
-    </inertial>
-    <collision>
-      <origin rpy="1.5707963267948966 0 0"/>
-      <geometry><cylinder radius="{r}" length="0.04"/></geometry>
-    </collision>
-  </link>
-  <joint name="{side}_joint" type="continuous">
-    <parent link="base"/><child link="{side}_wheel"/>
-    <origin xyz="0 {y} {r}"/><axis xyz="0 {sign} 0"/>
-  </joint>"""
 
-CASTER = """
-  <link name="fork">
-    <inertial><origin xyz="-0.03 0 0"/><mass value="0.4"/>
-      <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.0012"/></inertial>
-  </link>
-  <joint name="swivel" type="continuous">
-    <parent link="base"/><child link="fork"/><origin xyz="0.5 0.02 0.1"/><axis xyz="0 0 1"/>
-  </joint>
-  <link name="roller">
-    <inertial><mass value="0.3"/>
-      <inertia ixx="0.0003" ixy="0" ixz="0" iyy="0.0005" iyz="0" izz="0.0003"/></inertial>
-  </link>
-  <joint name="roller_joint" type="continuous">
-    <parent link="fork"/><child link="roller"/>
-    <origin xyz="-0.06 0 -0.05"/><axis xyz="0 1 0"/>
-  </joint>"""
-
-BALL = """
-  <link name="{name}">
-    <{role}><geometry><sphere radius="0.05"/></geometry></{role}>
-  </link>
-  <joint name="{name}_joint" type="fixed">
-    <parent link="{parent}"/><child link="{name}"/><origin xyz="{x} {y} {z}"/>
-  </joint>"""
+def free_caster(*shapes: str) -> str:
+    """Return a caster on the base: a fork that swivels and its roller, of these shapes."""
+    parts = [
+        urdf.link("fork", urdf.inertial(0.4, (0.001, 0.001, 0.0012), xyz="-0.03 0 0")),
+        urdf.joint("swivel", "continuous", ("base", "fork"), "0.5 0.02 0.1", "0 0 1"),
+        urdf.link("roller", urdf.inertial(0.3, (0.0003, 0.0005, 0.0003)), *shapes),
+        urdf.joint("roller_joint", "continuous", ("fork", "roller"), "-0.06 0 -0.05", "0 1 0"),
+    ]
+    return "\n".join(parts)
 
 
 def ball(
@@ -63,51 +34,57 @@ def ball(
     parent: str = "base",
 ) -> str:
     """Return a massless support of radius 5 cm, its centre at (x, y, z) in its parent, m."""
-    return BALL.format(x=x, y=y, z=z, name=name, role=role, parent=parent)
+    sphere = urdf.link(name, urdf.shape('sphere radius="0.05"', role))
+    return f"{sphere}\n{urdf.joint(f'{name}_joint', 'fixed', (parent, name), (x, y, z))}"
 
 
 def cargo(mass: float, x: float, y: float, z: float) -> str:
-    """Return a point mass fixed to the base."""
-    return f"""
-  <link name="cargo">
-    <inertial><mass value="{mass}"/>
-      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>
-  </link>
-  <joint name="cargo_joint" type="fixed">
-    <parent link="base"/><child link="cargo"/><origin xyz="{x} {y} {z}"/>
-  </joint>"""
+    """Return a point mass (kg) fixed to the base at (x, y, z), m."""
+    point = urdf.link("cargo", urdf.inertial(mass, (0, 0, 0)))
+    return f"{point}\n{urdf.joint('cargo_joint', 'fixed', ('base', 'cargo'), (x, y, z))}"
+
+
+def wheel(
+    name: str, place: tuple[float, float], sign: int, parameters: Mapping[str, float]
+) -> tuple[str, str]:
+    """Return a platform's wheel (link and joint) at a place (x, y), m, its axis to the left or not.
+
+    Its link is called ``NAME_wheel``, its joint ``NAME_joint``; see :func:`platform`.
+    """
+    m_w, I_s, I_d, r = (parameters[key] for key in ("m_w", "I_s", "I_d", "r"))
+    tyre = urdf.shape(f'cylinder radius="{r}" length="0.04"', rpy=urdf.ROUND)
+    ends = "base", f"{name}_wheel"
+    return (
+        urdf.link(ends[1], urdf.inertial(m_w, (I_d, I_s, I_d)), tyre),
+        urdf.joint(f"{name}_joint", "continuous", ends, (*place, r), (0, sign, 0)),
+    )
 
 
 def platform(parameters: Mapping[str, float], *, right_sign: int = 1, extra: str = "") -> str:
     """Return a differential-drive platform: symbols as in the design's closed form."""
-    wheels = "".join(
-        WHEEL.format(side=side, y=y, sign=sign, **parameters)
-        for side, y, sign in (("left", parameters["b"], 1), ("right", -parameters["b"], right_sign))
+    d, m_c, I_c, b = (parameters[key] for key in ("d", "m_c", "I_c", "b"))
+    return urdf.robot(
+        "platform",
+        urdf.link("base", urdf.inertial(m_c, (I_c, I_c, I_c), xyz=(d, 0, 0.2))),
+        *wheel("left", (0, b), 1, parameters),
+        *wheel("right", (0, -b), right_sign, parameters),
+        extra,
     )
-    d, m_c, I_c = (parameters[key] for key in ("d", "m_c", "I_c"))
-    return f"""<robot name="platform">
-  <link name="base">
-    <inertial>
-      <origin xyz="{d} 0 0.2"/><mass value="{m_c}"/>
-      <inertia ixx="{I_c}" ixy="0" ixz="0" iyy="{I_c}" iyz="0" izz="{I_c}"/>
-    </inertial>
-  </link>{wheels}{extra}
-</robot>
-"""
 
 
 def four_wheels(folder: Path, kind: str) -> Robot:
     """Return a robot on four fixed wheels: a skid-steer or a mecanum drive, with an arm joint."""
-    rear = platform(SET_A)
-    rear = rear[rear.index('<link name="left_wheel">') : rear.index("</robot>")]
-    rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
-    rear = rear.replace('origin xyz="0 ', 'origin xyz="-0.9 ')
-    arm = """<link name="arm"><inertial><origin xyz="0.2 0.1 0.3"/><mass value="3"/>
-      <inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
-      <joint name="arm_joint" type="revolute"><parent link="base"/><child link="arm"/>
-      <origin xyz="0.1 0.05 0.4" rpy="0.3 0.2 0"/><axis xyz="0 0 1"/>
-      <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
-    path = write(folder, platform(SET_A, right_sign=-1, extra=rear + arm), f"{kind}.urdf")
+    b = SET_A["b"]
+    inertia = urdf.inertial(3, (0.1, 0.1, 0.1), (0.01, 0, 0), "0.2 0.1 0.3")
+    limit = urdf.limit(-2, 2, 30, 2)
+    ends, place, turn = ("base", "arm"), "0.1 0.05 0.4", "0.3 0.2 0"
+    parts = [
+        *wheel("rear_left", (-0.9, b), 1, SET_A),
+        *wheel("rear_right", (-0.9, -b), 1, SET_A),
+        urdf.link("arm", inertia),
+        urdf.joint("arm_joint", "revolute", ends, place, "0 0 1", limit, turn),
+    ]
+    path = write(folder, platform(SET_A, right_sign=-1, extra="\n".join(parts)), f"{kind}.urdf")
     return load(path, drive=detect(FrozenTree(read(path)), DriveSpec(kind)))
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import cos, pi, sin
 
-ROUND = "1.5707963267948966 0 0"  # turns a cylinder's z axis to y
+from tests import urdf
+
+LIMIT = urdf.limit(-1.2, 1.2, 40, 6)
 
 
 @dataclass
@@ -16,28 +18,25 @@ class Parts:
 
     def link(self, name: str, mass: float, shape: str = "", com: str = "0 0 0") -> None:
         i = 0.02 * mass
-        self.xml.append(
-            f'<link name="{name}"><inertial><origin xyz="{com}" rpy="0.2 -0.1 0.3"/>'
-            f'<mass value="{mass}"/><inertia ixx="{i}" ixy="{0.1 * i}" ixz="0" iyy="{1.2 * i}" '
-            f'iyz="{-0.05 * i}" izz="{0.9 * i}"/></inertial>{shape}</link>'
-        )
+        moments, products = (i, 1.2 * i, 0.9 * i), (0.1 * i, 0.0, -0.05 * i)
+        inertia = urdf.inertial(mass, moments, products, com, "0.2 -0.1 0.3")
+        self.xml.append(urdf.link(name, inertia, shape))
 
     def joint(
         self, name: str, kind: str, ends: tuple[str, str], xyz: str, axis: str, more: str = ""
     ) -> None:
-        limit = '<limit lower="-1.2" upper="1.2" effort="40" velocity="6"/>'
-        self.xml.append(
-            f'<joint name="{name}" type="{kind}"><parent link="{ends[0]}"/>'
-            f'<child link="{ends[1]}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-            f"{limit if kind == 'revolute' else ''}{more}</joint>"
-        )
+        limit = LIMIT if kind == "revolute" else ""
+        self.xml.append(urdf.joint(name, kind, ends, xyz, axis, limit + more))
+
+    def text(self, name: str) -> str:
+        """Return the URDF, all on its first line, as some programs write it."""
+        return urdf.robot(name, *self.xml).replace("\n", "")
 
     def wheel(
         self, name: str, parent: str, xyz: str, axis: str = "0 1 0", r: float = 0.1, turn: float = 0
     ) -> None:
-        shape = f'<collision><origin rpy="{pi / 2} 0 {turn}"/><geometry>'
-        shape += f'<cylinder radius="{r}" length="0.04"/></geometry></collision>'
-        self.link(f"{name}_link", 1.0, shape)
+        shape = f'cylinder radius="{r}" length="0.04"'
+        self.link(f"{name}_link", 1.0, urdf.shape(shape, rpy=(pi / 2, 0, turn)))
         self.joint(name, "continuous", (parent, f"{name}_link"), xyz, axis)
 
     def swivel(self, name: str, xyz: str, kind: str, axis: str = "0 0 1", more: str = "") -> None:
@@ -100,12 +99,10 @@ def vehicle(kind: str) -> str:
                 parts.wheel(f"{name}_r_wheel", f"{name}_steer_fork", "0 -0.05 0")
     elif kind == "omni":
         for k, turn in enumerate((0.0, 2 * pi / 3, -2 * pi / 3)):
-            from math import cos, sin
-
             x, y = 0.3 * cos(turn), 0.3 * sin(turn)
             axis = f"{cos(turn)!r} {sin(turn)!r} 0"
             parts.wheel(f"omni_{k}", "base", f"{x!r} {y!r} 0.1", axis, turn=turn + pi / 2)
-    return f'<robot name="{kind}">{"".join(parts.xml)}</robot>'
+    return parts.text(kind)
 
 
 KINDS = {  # type of the drive, quasi-velocities of the base

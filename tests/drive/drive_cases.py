@@ -11,6 +11,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.errors import DescriptionError, DriveError, UnknownNameError
+from tests import urdf
 from tests.robots import write
 from tests.vehicles import Parts, rear_axle
 
@@ -25,10 +26,7 @@ class Files:
     folder: Path
 
     def load(self, parts: Parts | str, drive: str = "", **options: object) -> Robot:
-        xml = (
-            parts if isinstance(parts, str) else f'<robot name="wild">{"".join(parts.xml)}</robot>'
-        )
-        path = write(self.folder, xml)
+        path = write(self.folder, parts if isinstance(parts, str) else xml(parts))
         drive_source = write(self.folder, drive, "drive.toml") if "=" in drive else drive or None
         return rpctl.load(path, drive=drive_source, **options)  # type: ignore[arg-type]
 
@@ -41,20 +39,18 @@ class Files:
 def body(z: float = 0.25, height: float = 0.3) -> Parts:
     """Return a base with a box for a body, without an arm; the ground is at z = 0."""
     parts = Parts([])
-    shape = f'<collision><origin xyz="0 0 {z}"/><geometry><box size="0.6 0.4 {height}"/>'
-    parts.link("base", 25.0, f"{shape}</geometry></collision>")
+    parts.link("base", 25.0, urdf.shape(f'box size="0.6 0.4 {height}"', xyz=(0, 0, z)))
     return parts
 
 
 def meshed(parts: Parts, name: str, xyz: str, axis: str = "0 1 0") -> None:
     """Add a wheel that only a mesh tells of, which is not there."""
-    shape = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual>'
-    parts.link(f"{name}_link", 1.0, shape)
+    parts.link(f"{name}_link", 1.0, urdf.shape('mesh filename="gone.stl"', "visual"))
     parts.joint(name, "continuous", ("base", f"{name}_link"), xyz, axis)
 
 
 def xml(parts: Parts) -> str:
-    return f'<robot name="wild">{"".join(parts.xml)}</robot>'
+    return parts.text("wild")
 
 
 def tricycle() -> Parts:

@@ -14,13 +14,13 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.errors import SingularBasisError
-from tests.robots import CASTER, SET_A, platform, write
+from tests.robots import SET_A, free_caster, platform, write
 
 
 @pytest.fixture
 def caster(tmp_path: Path) -> Robot:
     """A platform whose third wheel swivels: its two rates follow from v and ω."""
-    return rpctl.load(write(tmp_path, platform(SET_A, extra=CASTER)))
+    return rpctl.load(write(tmp_path, platform(SET_A, extra=free_caster())))
 
 
 def state(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -12,14 +12,12 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.supports import find_supports
-from tests.robots import CASTER, SET_A, ball, platform, write
+from tests import urdf
+from tests.robots import SET_A, ball, free_caster, platform, write
 
-TYRE = '<collision><geometry><sphere radius="0.05"/></geometry></collision></link>'
-ROLLING_CASTER = CASTER.replace(
-    'izz="0.0003"/></inertial>\n  </link>', f'izz="0.0003"/></inertial>{TYRE}'
-)
-MESH = '<visual><geometry><mesh filename="roller.stl"/></geometry></visual></link>'
-MESH_CASTER = ROLLING_CASTER.replace(TYRE, MESH)
+ROLLING_CASTER = free_caster(urdf.shape('sphere radius="0.05"'))
+
+MESH_CASTER = free_caster(urdf.shape('mesh filename="roller.stl"', "visual"))
 
 
 def names(folder: Path, extra: str, lock: tuple[str, ...] = ()) -> list[str]:

@@ -17,11 +17,11 @@ import numpy as np
 
 import rpctl
 from rpctl import Robot
+from tests import urdf
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 
 SAMPLES = 5
-INERTIA = "ixx='{0}' ixy='{1}' ixz='{2}' iyy='{3}' iyz='{4}' izz='{5}'"
 
 
 def link(name: str, mass: float, length: float, rng: np.random.Generator) -> str:
@@ -29,13 +29,9 @@ def link(name: str, mass: float, length: float, rng: np.random.Generator) -> str
     a, b, c = mass * length**2 * rng.uniform(0.02, 0.09, 3)
     R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     I = R @ np.diag([b + c, c + a, a + b]) @ R.T  # noqa: E741 (the field's letter)
-    entries = [float(x) for x in (I[0, 0], I[0, 1], I[0, 2], I[1, 1], I[1, 2], I[2, 2])]
-    x, y, z = (length * rng.uniform([0.3, -0.1, -0.1], [0.6, 0.1, 0.1])).tolist()
-    inertia = INERTIA.format(*entries)
-    return (
-        f"<link name='{name}'><inertial><origin xyz='{x} {y} {z}'/><mass value='{mass}'/>"
-        f"<inertia {inertia}/></inertial></link>"
-    )
+    products = I[0, 1], I[0, 2], I[1, 2]
+    centre = length * rng.uniform([0.3, -0.1, -0.1], [0.6, 0.1, 0.1])
+    return urdf.link(name, urdf.inertial(mass, np.diag(I), products, centre))
 
 
 def arm(masses: list[float], length: float = 0.2, seed: int = 0, kinds: str = "r") -> str:
@@ -43,19 +39,18 @@ def arm(masses: list[float], length: float = 0.2, seed: int = 0, kinds: str = "r
     rng, parent, parts = np.random.default_rng(seed), "base", []
     for k, mass in enumerate(masses):
         axis = rng.normal(size=3)
-        x, y, z = (axis / np.linalg.norm(axis)).tolist()
+        axis /= np.linalg.norm(axis)
         slide = kinds[k % len(kinds)] == "p"
         reach = 0.5 * length if slide else 2.5
-        place = f"{length} 0.01 0.02" if k else f"0.1 0.05 {2 * SET_A['r'] + 0.3}"
-        parts.append(
-            f"{link(f'link_{k}', mass, length, rng)}"
-            f"<joint name='joint_{k}' type='{'prismatic' if slide else 'revolute'}'>"
-            f"<parent link='{parent}'/><child link='link_{k}'/>"
-            f"<origin xyz='{place}' rpy='0.3 {-0.2 + 0.01 * k} 0.1'/><axis xyz='{x} {y} {z}'/>"
-            f"<limit lower='{-reach}' upper='{reach}' effort='100' velocity='3'/></joint>"
-        )
-        parent = f"link_{k}"
-    return "".join(parts)
+        kind, limit = "prismatic" if slide else "revolute", urdf.limit(-reach, reach, 100, 3)
+        place = (length, 0.01, 0.02) if k else (0.1, 0.05, 2 * SET_A["r"] + 0.3)
+        ends, turn = (parent, f"link_{k}"), (0.3, -0.2 + 0.01 * k, 0.1)
+        parts += [
+            link(ends[1], mass, length, rng),
+            urdf.joint(f"joint_{k}", kind, ends, place, axis, limit, turn),
+        ]
+        parent = ends[1]
+    return "\n".join(parts)
 
 
 def on_platform(folder: Path, extra: str, **changes: float) -> Robot:
@@ -87,10 +82,8 @@ def size(folder: Path, scale: float) -> Robot:
 def far_origin(folder: Path, distance: float) -> Robot:
     """Return a robot whose root link's frame lies ``distance`` (m) away from it, as CAD exports."""
     inner = platform(SET_A, right_sign=-1, extra=arm([3.0, 2.0]))
-    root = (
-        "<link name='root'/><joint name='mount' type='fixed'><parent link='root'/>"
-        f"<child link='base'/><origin xyz='{distance} {-0.7 * distance} 0'/></joint>"
-    )
+    place = distance, -0.7 * distance, 0
+    root = urdf.link("root") + urdf.joint("mount", "fixed", ("root", "base"), place)
     return rpctl.load(write(folder, inner.replace("</robot>", f"{root}</robot>")))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,9 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine, installed
 from tests.random_robots import WheeledRobot, generate, random_robot, robots
+from tests.robots import write
 
 EXACT = 1e-12  # as in the certificate
-FOLDER = Path(tempfile.gettempdir()) / "rpctl-random-robots"  # the last URDF that failed stays
 REPEATABLE = settings(
     derandomize=True,
     database=None,
@@ -25,11 +24,15 @@ REPEATABLE = settings(
 )
 
 
-def check(built: WheeledRobot, seed: int = 0) -> None:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for all examples of a test: the last that fails, the simplest, stays in it."""
+    return tmp_path_factory.mktemp("robots")
+
+
+def check(folder: Path, built: WheeledRobot, seed: int = 0) -> None:
     """Write, load, verify; a file that fails stays, and the command that repeats it is told."""
-    FOLDER.mkdir(exist_ok=True)
-    path = FOLDER / f"seed_{seed}.urdf"  # one name: the last that fails is the simplest
-    path.write_text(built.text, encoding="utf-8")
+    path = write(folder, built.text, f"seed_{seed}.urdf")
     try:
         robot = rpctl.load(path)
         check_drive(robot, built)
@@ -40,7 +43,6 @@ def check(built: WheeledRobot, seed: int = 0) -> None:
     except Exception as error:
         again = f"rpctl verify {path} --samples 2 --seed {seed}"
         raise AssertionError(f"{error}\nto repeat: {again}") from error
-    path.unlink()
 
 
 def check_drive(robot: Robot, built: WheeledRobot) -> None:
@@ -68,20 +70,20 @@ def check_engine(robot: Robot, seed: int) -> None:
 
 @settings(REPEATABLE, max_examples=60)
 @given(robots())
-def test_random_robots_are_verified(built: WheeledRobot) -> None:
-    check(built)
+def test_random_robots_are_verified(folder: Path, built: WheeledRobot) -> None:
+    check(folder, built)
 
 
 @pytest.mark.thorough
 @settings(REPEATABLE, max_examples=500)
 @given(robots())
-def test_many_random_robots_are_verified(built: WheeledRobot) -> None:
-    check(built, seed=1)
+def test_many_random_robots_are_verified(folder: Path, built: WheeledRobot) -> None:
+    check(folder, built, seed=1)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_robots_of_general_numbers_are_verified(seed: int) -> None:
-    check(generate(np.random.default_rng(seed)), seed)
+def test_robots_of_general_numbers_are_verified(folder: Path, seed: int) -> None:
+    check(folder, generate(np.random.default_rng(seed)), seed)
 
 
 def test_a_seed_is_one_robot() -> None:

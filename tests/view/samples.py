@@ -12,83 +12,60 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.control.obstacles import Obstacle
 from rpctl.simulation.log import describe
+from tests import urdf
+from tests.robots import write
 
-WHEEL = """
-  <link name="{side}_wheel">
-    <inertial><mass value="0.5"/><inertia ixx="0.001" iyy="0.002" izz="0.001"
-      ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><origin rpy="1.5707963 0 0"/><geometry><cylinder radius="0.1" length="0.04"/>
-      </geometry></visual>
-    <collision><origin rpy="1.5707963 0 0"/><geometry><cylinder radius="0.1" length="0.04"/>
-      </geometry></collision>
-  </link>
-  <joint name="{side}_wheel_joint" type="continuous">
-    <parent link="base"/><child link="{side}_wheel"/><origin xyz="0 {y} 0.1"/>
-    <axis xyz="0 1 0"/>
-  </joint>
-"""
-CART = (
-    """<robot name="{name}">
-  <link name="base">
-    <inertial><origin xyz="0 0 0.2"/><mass value="10"/><inertia ixx="0.2" iyy="0.3" izz="0.4"
-      ixy="0" ixz="0" iyz="0"/></inertial>
-    {visual}
-  </link>
-"""
-    + WHEEL.format(side="left", y=0.2)
-    + WHEEL.format(side="right", y=-0.2)
-    + "</robot>"
-)
-BOX = '<visual><origin xyz="0 0 0.15"/><geometry><box size="0.5 0.3 0.1"/></geometry></visual>'
+BOX = urdf.shape('box size="0.5 0.3 0.1"', "visual", "0 0 0.15")
+TYRE = 'cylinder radius="0.1" length="0.04"'
+
+
+def _cart(visual: str, name: str, *more: str) -> str:
+    """Return a cart on two wheels, without an arm."""
+    parts = [urdf.link("base", urdf.inertial(10, (0.2, 0.3, 0.4), xyz="0 0 0.2"), visual)]
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        wheel = f"{side}_wheel"
+        shapes = (urdf.shape(TYRE, role, rpy="1.5707963 0 0") for role in ("visual", "collision"))
+        inertia = urdf.inertial(0.5, (0.001, 0.002, 0.001))
+        place = f"0 {y} 0.1"
+        parts += [
+            urdf.link(wheel, inertia, *shapes),
+            urdf.joint(f"{wheel}_joint", "continuous", ("base", wheel), place, "0 1 0"),
+        ]
+    return urdf.robot(name, *parts, *more)
 
 
 def write_cart(folder: Path, visual: str = BOX, name: str = "cart") -> Path:
     """Write the URDF of a cart on two wheels, without an arm."""
-    path = folder / "cart.urdf"
-    path.write_text(CART.format(visual=visual, name=name))
-    return path
+    return write(folder, _cart(visual, name), "cart.urdf")
 
 
-FINGER = """
-  <link name="{side}_finger">
-    <inertial><origin xyz="0.1 0 0"/><mass value="0.2"/><inertia ixx="0.001" iyy="0.002"
-      izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><origin xyz="0.1 0 0"/><geometry><box size="0.2 0.02 0.06"/></geometry></visual>
-  </link>
-  <joint name="{side}_finger_joint" type="revolute">
-    <parent link="lift"/><child link="{side}_finger"/>
-    <origin xyz="0.05 {y} 0.02" rpy="0.1 -0.2 0.3"/><axis xyz="0 0.6 0.8"/>
-    <limit lower="-1" upper="1.2" effort="5" velocity="2"/>{mimic}
-  </joint>
-"""
-LIFT = """
-  <link name="lift">
-    <inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"
-      ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><geometry><box size="0.1 0.1 0.3"/></geometry></visual>
-  </link>
-  <joint name="lift_joint" type="prismatic">
-    <parent link="base"/><child link="lift"/><origin xyz="0.1 0 0.4" rpy="0 0.3 0"/>
-    <axis xyz="0 0 1"/><limit lower="-0.1" upper="0.5" effort="100" velocity="1"/>
-  </joint>
-"""
-MIMIC = '<mimic joint="left_finger_joint" multiplier="-0.5" offset="0.1"/>'
-GRIPPER = (
-    LIFT
-    + FINGER.format(side="left", y=0.06, mimic="")
-    + FINGER.format(side="right", y=-0.06, mimic=MIMIC)
-)
+def _finger(side: str, y: float, mimic: str = "") -> tuple[str, str]:
+    finger = f"{side}_finger"
+    box = urdf.shape('box size="0.2 0.02 0.06"', "visual", "0.1 0 0")
+    more = urdf.limit(-1, 1.2, 5, 2) + mimic
+    ends, place, turn = ("lift", finger), f"0.05 {y} 0.02", "0.1 -0.2 0.3"
+    return (
+        urdf.link(finger, urdf.inertial(0.2, (0.001, 0.002, 0.002), xyz="0.1 0 0"), box),
+        urdf.joint(f"{finger}_joint", "revolute", ends, place, "0 0.6 0.8", more, turn),
+    )
 
 
 def write_gripper(folder: Path) -> Path:
     """Write the URDF of the cart with a lift and a gripper, one finger of which follows."""
-    path = write_cart(folder, name="gripper")
-    path.write_text(path.read_text().replace("</robot>", GRIPPER + "</robot>"))
-    return path
+    box = urdf.shape('box size="0.1 0.1 0.3"', "visual")
+    ends, limit = ("base", "lift"), urdf.limit(-0.1, 0.5, 100, 1)
+    mimic = '<mimic joint="left_finger_joint" multiplier="-0.5" offset="0.1"/>'
+    parts = [
+        urdf.link("lift", urdf.inertial(1, (0.01, 0.01, 0.01)), box),
+        urdf.joint("lift_joint", "prismatic", ends, "0.1 0 0.4", "0 0 1", limit, "0 0.3 0"),
+        *_finger("left", 0.06),
+        *_finger("right", -0.06, mimic),
+    ]
+    return write(folder, _cart(BOX, "gripper", *parts), "cart.urdf")
 
 
 def mesh_visual(filename: str, scale: str = "1 1 1") -> str:
-    return f'<visual><geometry><mesh filename="{filename}" scale="{scale}"/></geometry></visual>'
+    return urdf.shape(f'mesh filename="{filename}" scale="{scale}"', "visual")
 
 
 def short_run(robot: Robot, duration: float = 3.0) -> Run:
