@@ -107,9 +107,10 @@ def test_the_model_needs_no_viewer() -> None:
     assert not heavy & loaded
 
 
-def test_the_list_of_commands_needs_no_command() -> None:
-    heavy = {"numpy", "scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "lxml"}
-    loaded = modules_after("from rpctl.cli.app import app; app(['--help'], standalone_mode=False)")
+@pytest.mark.parametrize("word", ["--help", "robots"])
+def test_what_needs_no_robot_loads_no_engine(word: str) -> None:
+    heavy = {"scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "yourdfpy", "meshcat"}
+    loaded = modules_after(f"from rpctl.cli.app import app; app(['{word}'], standalone_mode=False)")
     assert "typer" in loaded
     assert not heavy & loaded
 

@@ -72,12 +72,12 @@ COMMANDS = {
         "rpctl compare tiago --references line,eight",
     ),
     "expand": Command(
-        "rpctl.cli.inspect:expand_command",
+        "rpctl.cli.sources:expand_command",
         "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",
         "rpctl expand robot.urdf.xacro > robot.urdf",
     ),
     "robots": Command(
-        "rpctl.cli.inspect:robots_command",
+        "rpctl.cli.sources:robots_command",
         "List the catalogue: the project's own robots and those of example-robot-data.",
         "rpctl robots --json",
     ),

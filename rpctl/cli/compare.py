@@ -118,22 +118,28 @@ def compare_command(
     if all(row.figures is None for row in rows):
         raise RpctlError(f"nothing ran: {rows[0].failure}")
     ours = proposed(loaded)
-    summary = {
-        "robot": loaded.name,
-        "duration": bench.duration,
-        "initial_error": list(error),
-        "scenarios": {cell.scenario: SCENARIOS[cell.scenario].summary for cell in cells},
-        "controllers": list(dict.fromkeys(str(cell.controller) for cell in cells)),
-        "ours": str(ours),
-        "rows": [row.to_dict() for row in rows],
-        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
-    }
+    summary = _summary(bench, rows, ours)
     folder = out or default_folder(f"{loaded.name}-compare")
     _write(folder, summary, rows, ours)
     if as_json:
         print_json(summary)
     else:
         show_comparison(rows, ours, folder)
+
+
+def _summary(bench: Benchmark, rows: Sequence[Row], ours: LawPair) -> dict[str, Any]:
+    """Return all that is known of a benchmark, as JSON says it."""
+    cells = [row.cell for row in rows]
+    return {
+        "robot": bench.robot.name,
+        "duration": bench.duration,
+        "initial_error": list(bench.initial_error),
+        "scenarios": {cell.scenario: SCENARIOS[cell.scenario].summary for cell in cells},
+        "controllers": list(dict.fromkeys(str(cell.controller) for cell in cells)),
+        "ours": str(ours),
+        "rows": [row.to_dict() for row in rows],
+        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
+    }
 
 
 def _write(folder: Path, summary: Mapping[str, Any], rows: Sequence[Row], ours: LawPair) -> None:

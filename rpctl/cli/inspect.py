@@ -1,24 +1,18 @@
-"""The commands that tell what a robot is: ``rpctl inspect``, ``rpctl expand``, ``rpctl robots``."""
+"""The command that tells what a robot is: ``rpctl inspect``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.markup import escape
 from rich.table import Table
 
-from rpctl.cli.options import JsonOption, LoadOptions, PackageDirOption, RobotArgument
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.terminal import console, format_limit, new_table, print_json
-from rpctl.description.expansion import expand
-from rpctl.description.packages import require_folders
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import format_finding
-from rpctl.robot.catalog import ENTRIES
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
@@ -35,37 +29,6 @@ def inspect_command(
         print_json(facts(loaded))
     else:
         show_robot(loaded)
-
-
-def expand_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .xacro file. It is evaluated.")],
-    package_dir: PackageDirOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
-    text, findings = expand(file, require_folders(package_dir or ()))
-    for finding in findings:
-        typer.echo(format_finding(str(file), finding), err=True)
-    if as_json:
-        print_json({"file": str(file), "text": text})
-    else:
-        typer.echo(text, nl=False)
-
-
-def robots_command(as_json: JsonOption = False) -> None:
-    """List the catalogue: the project's own robots and those of example-robot-data."""
-    if as_json:
-        print_json(
-            [
-                {"name": e.name, "base": e.base, "summary": e.summary, "file": str(e.path)}
-                for e in ENTRIES
-            ]
-        )
-        return
-    table = new_table("name", "base", "what it is")
-    for entry in ENTRIES:
-        table.add_row(entry.name, entry.base, escape(entry.summary))
-    console().print(table)
 
 
 def show_robot(robot: Robot) -> None:

@@ -9,10 +9,9 @@ from typing import Annotated
 
 import typer
 
+import rpctl
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
-from rpctl.robot.load import load
-from rpctl.robot.model import Robot
 
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 
@@ -69,7 +68,7 @@ class LoadOptions:
     ] = False
     package_dir: PackageDirOption = None
 
-    def load(self, source: str) -> Robot:
+    def load(self, source: str) -> rpctl.Robot:
         """Load the robot that is called ``source``.
 
         Raises:
@@ -84,7 +83,7 @@ class LoadOptions:
                 raise RpctlError(
                     f"--lock {item}: {position!r} is not a number; write NAME=0.1"
                 ) from None
-        return load(
+        return rpctl.load(
             source, self.drive, positions, self.density,
             strict=self.strict, package_dirs=self.package_dir or (),
         )  # fmt: skip

@@ -90,7 +90,14 @@ class IntegralLaw:
         self._expected: Array | None = None  # ν now, if d had been right
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind; the integral advances by one period."""
+        """Return τ (n_act,) and the limits that bind; the integral advances by one period.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
         if self._expected is not None:
             self._disturbance = self._disturbance + self._gain * (nu - self._expected)
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)

@@ -18,9 +18,7 @@ from rpctl.drive.wheels import WheelCandidate, leftward
 MIN_TRAIL_M = 5e-3  # m, or
 MIN_TRAIL_RADII = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
 CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
-SHARED_TRAIL_ROUNDING_M = (
-    2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
-)
+SHARED_TRAIL_ROUNDING_M = 2e-3  # m; rounding of a file: a smaller trail of one of several
 TRAIL_ROUNDING_M = 1e-9  # m; a smaller one is that of numbers
 
 

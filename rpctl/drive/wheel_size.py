@@ -16,30 +16,26 @@ from rpctl.description.records import Joint, Shape
 
 SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
-MAX_ECCENTRICITY = (
-    0.1  # of its radius: a tyre on a link of its own is no further off the wheel's axle
-)
+MAX_ECCENTRICITY = 0.1  # of its radius; a tyre on a link of its own is no further off the axle
 RADIUS_ROUNDING_M = 1e-9  # m: cylinders of radii nearer than this are one wheel's two tyres
-MIN_EXTENT_RATIO = (
-    0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
-)
+MIN_EXTENT_RATIO = 0.8  # of a wheel's extents across its axle; a tread's lugs make it 0.95
 
 
 class WheelShape(NamedTuple):
     """A shape that turns with a wheel's joint."""
 
     shape: Shape  # its origin is in the frame of the joint's child link
-    role: str  # one of ROLES
+    role: str  # one of SHAPE_ROLES
     own: bool  # of that link itself, not of one fixed to it
 
 
 class WheelSize(NamedTuple):
-    """What a wheel's shapes tell of it; without a radius the source says why no mesh does."""
+    """Size of a wheel from its shapes. Without a radius, ``source`` says why no mesh gave one."""
 
     radius: float | None  # m
     source: str
     offset: float  # of its centre from the joint's origin along the axle, m
-    uneven: str = ""  # the extents of its mesh across the axle, where they are not a wheel's
+    uneven: str = ""  # the two extents of its mesh across the axle, if they differ too much
     aside: float = 0.0  # distance of its middle from the axle, m
     width: float = 0.0  # along the axle, m; of a sphere 0
 
@@ -69,14 +65,14 @@ def round_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
     return [part for part in wheel_parts(tree, joint) if is_round(part, joint.axis)]
 
 
-def wheel_size(tree: FrozenTree, joint: Joint, paths: MeshPaths) -> WheelSize:
-    """Return the size of a wheel: of its widest round part, or of the bounds of its widest mesh.
+def wheel_size(tree: FrozenTree, joint: Joint) -> WheelSize:
+    """Return the size of a wheel, from its widest round shape or its widest mesh.
 
-    The first of these that there is tells both radius and offset: round collision shapes, round
-    visual ones, collision meshes, visual meshes. Of several the widest counts, for it is the tyre;
-    of several of that radius, the middle between them.
+    Radius and offset come from the first of these kinds that there is: round collision shapes,
+    round visual ones, collision meshes, visual meshes. The widest of a kind is the tyre; if there
+    are several of its radius, the wheel's centre is in the middle between them.
     """
-    parts = wheel_parts(tree, joint)
+    parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
     reasons: list[str] = []
     for role in SHAPE_ROLES:
         size = _round_size(parts, joint.axis, role)
@@ -89,19 +85,19 @@ def wheel_size(tree: FrozenTree, joint: Joint, paths: MeshPaths) -> WheelSize:
     return WheelSize(None, reasons[-1] if reasons else "", 0.0)
 
 
-def shape_sizes(tree: FrozenTree, joint: Joint, paths: MeshPaths) -> list[tuple[str, WheelSize]]:
-    """Return all sizes that a wheel's shapes tell, each with its role: the round ones', meshes'."""
-    parts = wheel_parts(tree, joint)
+def shape_sizes(tree: FrozenTree, joint: Joint) -> list[tuple[str, WheelSize]]:
+    """Return the size from each kind of shape, with its role: round shapes first, then meshes."""
+    parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
     found = [(role, _round_size(parts, joint.axis, role)) for role in SHAPE_ROLES]
     found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in SHAPE_ROLES]
     return [(role, size) for role, size in found if size is not None]
 
 
 def is_round(part: WheelShape, axis: Array) -> bool:
-    """Tell whether a part is round about an axle (3,) through the frame's origin.
+    """Return whether a part is round about an axle (3,) through the frame's origin.
 
-    A cylinder may be off the parallel by SHAPE_TILT, a part of another link than the joint's own
-    off the axle by CENTRED of its radius.
+    The sine between a cylinder and the axle may be SHAPE_TILT. A part of another link than the
+    joint's own may be MAX_ECCENTRICITY of its radius off the axle.
     """
     shape, centre = part.shape, part.shape.origin[:3, 3]
     if shape.kind not in ("sphere", "cylinder", "capsule") or not shape.size[0] > 0.0:
@@ -115,7 +111,7 @@ def is_round(part: WheelShape, axis: Array) -> bool:
 
 
 def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | None:
-    """Return the size that the widest round part of a role tells, if there is one."""
+    """Return the size of the widest round part of a role, if there is one."""
     found = []
     for shape in (part.shape for part in parts if part.role == role and is_round(part, axis)):
         middle = shape.origin[:3, 3]
@@ -131,9 +127,9 @@ def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | 
 def _mesh_size(
     parts: list[WheelShape], axis: Array, role: str, paths: MeshPaths, reasons: list[str]
 ) -> WheelSize | None:
-    """Return the size that the bounds of a role's widest mesh tell, if one can be read.
+    """Return the size of a role's widest mesh, from its bounds, if one can be read.
 
-    Why one cannot is added to ``reasons``.
+    The reason why one cannot be read is added to ``reasons``.
     """
     found = []
     for shape, its_role, own in parts:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
-from rpctl.description.mesh_paths import MeshPaths
 from rpctl.description.records import Joint
 from rpctl.drive.drive_file import WheelSpec
 from rpctl.drive.wheel_size import round_parts, wheel_size
@@ -65,9 +64,8 @@ def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[Wh
         tree: The robot; its locked joints hold as fixed ones do.
         specs: What the user says of wheels, by joint.
     """
-    paths = MeshPaths(tree.description.path, tree.description.package_dirs)
     return [
-        _candidate(tree, joint, specs.get(joint.name, WheelSpec()), paths)
+        _candidate(tree, joint, specs.get(joint.name, WheelSpec()))
         for joint in tree.description.joints
         if turns_like_wheel(tree, joint)
         and _is_held(tree, joint)
@@ -76,8 +74,8 @@ def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[Wh
     ]
 
 
-def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec, paths: MeshPaths) -> WheelCandidate:
-    size = wheel_size(tree, joint, paths)
+def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidate:
+    size = wheel_size(tree, joint)
     if spec.radius is not None:
         size = size._replace(radius=spec.radius, source="drive file", uneven="")
     frame = tree.frame(joint)

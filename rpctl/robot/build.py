@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import tempfile
@@ -14,14 +13,12 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.records import Description, Joint
+from rpctl.description.records import Description
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.coordinates import joint_entries
 
-MIN_SCALED_EIGENVALUE = (
-    1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
-)
+MIN_SCALED_EIGENVALUE = 1e-12  # of M with its diagonal scaled to one; below is rounding
 POSTURES = 3  # configurations at which M is tried: the neutral one and random ones
 POSTURE_SEED = 20210601  # of the random ones
 UNLIMITED_REACH = 1.0  # m or rad; how far from neutral an unlimited joint is tried
@@ -208,22 +205,8 @@ def _postures(
     for _ in range(POSTURES - 1):
         q = pin.neutral(model)
         for name, entry in entries.items():
-            entry.write(q, rng.uniform(*_reach(description.joint[name])))
+            entry.write(q, rng.uniform(*description.joint[name].span(UNLIMITED_REACH)))
         yield q
-
-
-def _reach(joint: Joint) -> tuple[float, float]:
-    low = (
-        joint.lower
-        if math.isfinite(joint.lower)
-        else min(-UNLIMITED_REACH, joint.upper - UNLIMITED_REACH)
-    )
-    high = (
-        joint.upper
-        if math.isfinite(joint.upper)
-        else max(UNLIMITED_REACH, joint.lower + UNLIMITED_REACH)
-    )
-    return low, max(low, high)
 
 
 def _no_dynamics(description: Description, model: pin.Model, index: int) -> DescriptionError:

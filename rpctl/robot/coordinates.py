@@ -41,7 +41,14 @@ def joint_entries(model: pin.Model) -> dict[str, JointEntry]:
 
 
 def write_root(q: Array, x: float, y: float, theta: float) -> None:
-    """Set the root link's pose (m, m, rad) in q (nq,), in place."""
+    """Set the root link's pose in q, in place.
+
+    Args:
+        q: Configuration (nq,).
+        x: Position, m.
+        y: Position, m.
+        theta: Heading, rad.
+    """
     q[:BASE_NQ] = x, y, math.cos(theta), math.sin(theta)
 
 

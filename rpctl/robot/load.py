@@ -1,4 +1,4 @@
-"""``load``: from a file or a name to a ``Robot``, with every fault named."""
+"""Load a ``Robot`` from a file or a catalogue name; every fault is named."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def load(
         density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
             None leaves these links massless, or refuses them where a joint moves nothing else.
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
-        strict: Whether warnings are errors, and what was assumed of the drive.
+        strict: Whether warnings are errors, and so are assumptions about the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
             ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
             the file come after them.
@@ -66,13 +66,7 @@ def load(
         if strict:
             _refuse_doubts(path, findings)
         check(tree)
-        if isinstance(drive, Drive):
-            drive = replace(drive, declared=("drive",))
-        else:
-            spec = entry.drive if drive is None and entry else drive
-            drive = detect(tree, None if spec is None else _specification(spec))
-            if strict:
-                _refuse_doubts(path, [Finding("warning", None, doubt) for doubt in drive.doubts])
+        drive = _drive(tree, entry.drive if drive is None and entry else drive, strict)
         model, joints = build(tree), _arm_joints(tree, drive)
         if end_effector is not None and end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
@@ -90,6 +84,17 @@ def load(
         )
 
 
+def _drive(tree: FrozenTree, source: Drive | str | Path | None, strict: bool) -> Drive:
+    """Return the drive that a user gives, or the one that is found; ``strict`` refuses doubts."""
+    if isinstance(source, Drive):
+        return replace(source, declared=("drive",))
+    drive = detect(tree, _specification(source))
+    if strict:
+        doubts = [Finding("warning", None, doubt) for doubt in drive.doubts]
+        _refuse_doubts(tree.description.path, doubts)
+    return drive
+
+
 def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     """Return the free joints that are no wheels, swivels or mimics, in file order."""
     rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
@@ -100,8 +105,10 @@ def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     )
 
 
-def _specification(source: str | Path) -> DriveSpec:
-    """Return what the name of a type, or a drive file, says of the drive."""
+def _specification(source: str | Path | None) -> DriveSpec:
+    """Return the drive that the name of a type or a drive file declares; None declares nothing."""
+    if source is None:
+        return DriveSpec()
     if isinstance(source, str) and not Path(source).suffix and "/" not in source:
         if source not in DRIVE_TYPES:
             raise UnknownNameError("drive", source, DRIVE_TYPES)

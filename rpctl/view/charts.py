@@ -27,7 +27,7 @@ AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
 
 def charts(run: Run) -> tuple[Chart, ...]:
-    """Return the charts that suit a run: errors, speeds, efforts, and what the ground bears."""
+    """Return the charts that a run has data for: errors, speeds, efforts, margins, loads."""
     found = (
         *_base_error(run),
         *_tip_error(run),
@@ -51,7 +51,7 @@ def coloured_joints(run: Run) -> list[str]:
 
 
 def short_name(joint: str) -> str:
-    """Return a joint's name without what all joints' names end in."""
+    """Return a joint's name without its suffix ``_joint``."""
     return joint.removesuffix("_joint")
 
 

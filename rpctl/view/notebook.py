@@ -38,7 +38,7 @@ CONTROLS = """<div class="bar" role="group" aria-label="Timeline">
 
 
 def show(run: Run) -> str:
-    """Return a run as HTML for a notebook: what it is, and its scene, which can be played.
+    """Return a run as HTML for a notebook: one line of text, and its scene with controls.
 
     Where the robot cannot be loaded any more, the reason stands in the place of the scene.
     """
@@ -72,7 +72,7 @@ def _summary_line(run: Run) -> str:
 
 
 def pack(page: str) -> str:
-    """Return a page that unpacks itself, of half the size: notebooks keep all that they show."""
+    """Return a page that unpacks itself, at half the size: notebooks store their outputs."""
     script = asset("unpack.js")
     inner = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
     packed = base64.b64encode(zlib.compress(page.encode(), level=9)).decode()

@@ -1,9 +1,9 @@
-"""The obstacles that a run's settings tell of: their shapes, and the same in words."""
+"""The obstacles of a run: read from its settings, and described in words."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +14,7 @@ from rpctl.control.unregistered import name_of, settings_of
 from rpctl.simulation.config import Config
 from rpctl.simulation.run import Run
 
-BASE, TIP = "base", "tip"  # whom an obstacle is for: the end effector's paths are called so, too
+BASE, TIP = "base", "tip"  # the body that avoids an obstacle, named as the scene's paths
 OBSTACLE_SETTINGS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
 RADIUS_SETTINGS = {BASE: "base_radius", TIP: "end_effector_radius"}
 OBSTACLE_TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
@@ -26,7 +26,7 @@ NEGLIGIBLE = 1e-9  # of a normal: a component that a reader need not see
 
 @dataclass(frozen=True)
 class DrawnObstacle:
-    """A part of the floor that a body keeps clear of; equal where the same shape is for the same.
+    """An obstacle as drawn; two are equal if their shapes and bodies are.
 
     Attributes:
         body: Whose it is, ``BASE`` or ``TIP``.
@@ -65,7 +65,7 @@ def find_obstacles(config: Config, base_radius: float = 0.0) -> tuple[DrawnObsta
 
 
 def obstacle_texts(law: object) -> dict[str, str]:
-    """Return the obstacles of a law and of those within it as texts, by whom they are for."""
+    """Return the obstacles of a law and of those within it as texts, by the body that avoids them."""
     texts_of: dict[str, list[str]] = {}
     for body, shape, _ in _obstacles(law):
         text = shape_text(shape) if isinstance(shape, Disc | HalfPlane) else name_of(shape)
@@ -101,7 +101,7 @@ def rims(obstacles: Iterable[DrawnObstacle]) -> Array:
 
 
 def near(points: Array, lower: Array, upper: Array) -> Array:
-    """Return those of points (n, 2) that a picture of a motion shows as well, m.
+    """Return the points (n, 2) near enough to a motion to be included in its picture, m.
 
     Args:
         points: Of obstacles, m.
@@ -114,8 +114,8 @@ def near(points: Array, lower: Array, upper: Array) -> Array:
 
 
 def _obstacles(law: object) -> Iterator[tuple[str, object, object]]:
-    """Yield each obstacle of a law: whom it is for, its shape, and the radius of that body."""
-    settings = settings_of(law)
+    """Yield each obstacle of a law: the body that avoids it, its shape, and that body's radius."""
+    settings = law if isinstance(law, Mapping) else settings_of(law)
     for key, value in settings.items():
         if key in OBSTACLE_SETTINGS and isinstance(value, tuple):
             body = OBSTACLE_SETTINGS[key]

@@ -28,7 +28,7 @@ MAX_REPORT_MB = 6.0  # of a report, unless the user says otherwise
 BYTES_PER_MB = 1_000_000  # of a megabyte
 REPORT_ATTEMPTS = 6  # at a report within its size
 SIZE_TARGET_RATIO = (
-    0.97  # of the size that is aimed at: triangles are only about as many as asked for
+    0.97  # fraction of the size limit aimed at: simplification misses its count a little
 )
 
 
@@ -88,7 +88,7 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> Ru
 
 
 def _write_sized(run: Run, robot: Robot, summary: Summary, path: Path, megabytes: float) -> Scene:
-    """Write a report that is no larger than asked, if fewer triangles can bring that about."""
+    """Write a report within a size, simplifying meshes until it fits or cannot become smaller."""
     triangles = MAX_TRIANGLES
     for _ in range(REPORT_ATTEMPTS):
         scene = build_scene(robot, run, triangles)
@@ -114,7 +114,7 @@ def is_run(name: str) -> bool:
 def report_source(
     runs: Sequence[Path], package_dirs: Sequence[str | Path] = ()
 ) -> Callable[[], bytes]:
-    """Return what reads the report of a run, or of several; written anew where there is none.
+    """Return a function that reads the report of one run or several, written first if missing.
 
     Args:
         runs: Their folders or ``run.npz`` files.
@@ -131,7 +131,7 @@ def report_source(
 
 
 def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
-    """Return the report of a run's folder or ``run.npz``; written anew where it is not there.
+    """Return the path of a run's report; it is written first if it is missing.
 
     Args:
         run: The folder or file.

@@ -17,7 +17,8 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.qp import QuadraticProgram, Solver
+from rpctl.control.horizon.qp import QuadraticProgram
+from rpctl.control.horizon.solver import Solver
 from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.control.law import Command
 from rpctl.reference.named import reference_by_name

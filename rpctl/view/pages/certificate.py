@@ -95,7 +95,7 @@ def _estimates(links: Sequence[str]) -> str:
 
 
 def _shared(phrases: Sequence[str]) -> str:
-    """Return the sentence on what no derivation found for itself, or nothing."""
+    """Return the sentence on what all derivations take from a common source, or nothing."""
     if not phrases:
         return ""
     return f'<p class="remark">Shared by all derivations: {escape("; ".join(phrases))}.</p>'

@@ -89,12 +89,12 @@ def _unpack(command: bytes) -> threejs.Json:
 
 
 def _command_key(command: threejs.Json) -> str:
-    """Return the path that a command is about, or the type of the one that is about no path."""
+    """Return a command's path, or its type if it has none."""
     return str(command["path"] or command["type"])
 
 
 def _add_ghost(scene: threejs.Json, other: threejs.Json, k: int) -> None:
-    """Add another run's robot, drawn as its reference is; the page gives it the run's colour."""
+    """Add another run's robot with the ghost's material; the page gives it the run's colour."""
     names = _share_geometries(scene, other, k)
     tint = next(m for m in other["materials"] if m["uuid"] == "tint")
     scene["materials"].append({**tint, "uuid": f"tint-{k}", "opacity": GHOST_RUN_OPACITY})
@@ -118,7 +118,7 @@ def _add_ghost(scene: threejs.Json, other: threejs.Json, k: int) -> None:
 
 
 def _share_geometries(scene: threejs.Json, other: threejs.Json, k: int) -> dict[str, str]:
-    """Add the geometries that the scene lacks; return under which name each is there."""
+    """Add the geometries that the scene lacks; return the name of each in the scene."""
     known = {threejs.pack(g["data"]): g["uuid"] for g in scene["geometries"] if "data" in g}
     names = {}
     for geometry in other["geometries"]:
@@ -131,7 +131,7 @@ def _share_geometries(scene: threejs.Json, other: threejs.Json, k: int) -> dict[
 
 
 def covered_trails(first: Run, other: Run) -> set[str]:
-    """Return the desired trails of a run that the first run's cover, however they are dashed."""
+    """Return the names of the desired trails of a run that coincide with the first run's."""
     count = len(other.t)
     if count > len(first.t) or not np.allclose(first.t[:count], other.t):
         return set()
@@ -143,7 +143,7 @@ def covered_trails(first: Run, other: Run) -> set[str]:
 
 
 def _add_trails(scene: threejs.Json, other: threejs.Json, k: int, known: set[str]) -> None:
-    """Add another run's trails but those that are known already."""
+    """Add another run's trails except the names in ``known``."""
     for kind in ("geometries", "materials"):
         scene[kind] += [{**item, "uuid": f"run{k}-{item['uuid']}"} for item in other[kind]]
     names = ("uuid", "name", "geometry", "material")
@@ -170,7 +170,14 @@ def compare_panel(
     summaries: Sequence[Summary],
     notes: Sequence[str],
 ) -> str:
-    """Return the panel of several runs: figures of merit, settings, notes, keys."""
+    """Return the panel of several runs: figures of merit, settings, notes, keys.
+
+    Args:
+        runs: The runs.
+        names: What they are called.
+        summaries: Their figures of merit.
+        notes: Notes on the scene, in sentences.
+    """
     texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
     rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERIT_LABELS.items()]
     effort_ratios = [summary.max_effort_ratio for summary in summaries]
@@ -196,7 +203,7 @@ def compare_panel(
 
 
 def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return what is drawn in the scene: every run, what they follow and keep clear of, ghost."""
+    """Return the scene's legend: every run, the desired paths, obstacles, and the ghost."""
     entries = [
         legend_entry(
             f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE_SIZE})"

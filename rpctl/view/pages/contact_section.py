@@ -68,7 +68,7 @@ def _badge(trial: ContactTrial) -> str:
 
 
 def _failing(trial: ContactTrial, place: int) -> str:
-    """Return the mark of a chart whose gap leaves its band: the first is the path's."""
+    """Return the CSS class of a failed chart; only the first, of the paths, has a check."""
     return ' class="failed"' if place == 0 and not trial.path.passed else ""
 
 

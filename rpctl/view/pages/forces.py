@@ -1,4 +1,4 @@
-"""What a page adds to the moving robot: its efforts, and what the ground does to it."""
+"""Efforts and ground reactions at each frame of the animation."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
         times: Times of the frames (n,), s, from 0.
     """
     frames = np.searchsorted(run.t - run.t[0], times)
-    ratios = np.maximum.reduceat(effort_ratios(run), frames)  # a frame tells of what it skips
+    ratios = np.maximum.reduceat(effort_ratios(run), frames)  # the largest up to the next frame
     return {
         "effort": {
             "joints": [robot.model.getJointId(name) for name in run.robot.actuators],
@@ -34,7 +34,7 @@ def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
 
 
 def effort_ratios(run: Run) -> Array:
-    """Return |τ| as shares (K, n_act) of the limits; of the run's peak where there is no limit."""
+    """Return |τ| / limit (K, n_act); without a limit, |τ| over its maximum in the run."""
     size = np.abs(run.tau)
     limits = np.array(run.robot.effort_limits)
     known = np.isfinite(limits) & (limits > 0.0)

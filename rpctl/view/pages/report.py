@@ -30,7 +30,7 @@ SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
 
 @dataclass(frozen=True)
 class Page:
-    """What stands in a page; all texts but ``title`` and ``scene_label`` are HTML already."""
+    """The content of a report; all texts but ``title`` and ``scene_label`` are HTML already."""
 
     title: str
     subtitle: str
@@ -81,7 +81,14 @@ def write_report(
 
 
 def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
-    """Return what stands in the page of one run."""
+    """Return the content of the page of one run.
+
+    Args:
+        run: The run.
+        robot: Its robot.
+        scene: Its scene.
+        summary: Its figures of merit.
+    """
     return Page(
         title=run.robot.name,
         subtitle=subtitle(run),
@@ -99,7 +106,7 @@ def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
 
 
 def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
-    """Return what stands in the page of several runs.
+    """Return the content of the page of several runs.
 
     Raises:
         RpctlError: There are more or fewer names than runs.
@@ -161,7 +168,7 @@ def _render(page: Page) -> str:
 
 
 def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
-    """Return what the page needs of the runs' scenes and of the one that they make up."""
+    """Return the page's data of the runs' scenes and of the scene merged from them."""
     return {
         "runs": [
             {
@@ -181,5 +188,5 @@ def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
 
 
 def _uplot() -> str:
-    """Return uPlot's script with its licence, which goes where the script goes."""
+    """Return uPlot's script with its licence."""
     return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"

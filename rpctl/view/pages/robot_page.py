@@ -51,7 +51,7 @@ class LiveMotion:
 
 
 def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
-    """Return the page of a robot as HTML; it fetches nothing but the motion of a show.
+    """Return the page of a robot as HTML; only a live page fetches anything, its motion.
 
     Args:
         robot: The robot.
@@ -175,7 +175,7 @@ def _rotation(quaternion: Array) -> Array:
 
 
 def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
-    """Return the box (2, 3) of the robot, wherever P is to be, and of the obstacles near it."""
+    """Return the box (2, 3) around the robot along its desired path, and obstacles nearby, m."""
     places = motion.desired[:, :2]
     radius = 0.5 * float(np.linalg.norm((box[1] - box[0])[:2]))
     area = box.copy()

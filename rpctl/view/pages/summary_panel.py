@@ -66,7 +66,13 @@ KEYBOARD = (
 
 
 def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
-    """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
+    """Return the panel: figures of merit, certificate, settings, robot, notes, keys.
+
+    Args:
+        run: The run.
+        summary: Its figures of merit.
+        notes: Notes on the scene, in sentences.
+    """
     sections = (
         _merits(run, summary),
         _certificate(run.certificate),
@@ -79,7 +85,7 @@ def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
 
 
 def legend(run: Run) -> str:
-    """Return what is drawn in the scene: entries that show and hide it."""
+    """Return the scene's legend, whose entries show and hide what is drawn."""
     entries = [("base", "Base")] if has_base(run) else []
     entries += [("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
@@ -108,7 +114,14 @@ def keyboard_section() -> str:
 
 
 def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
-    """Return one entry of the scene's legend; ``style`` is CSS of its swatch."""
+    """Return one entry of the scene's legend; ``style`` is CSS of its swatch.
+
+    Args:
+        layer: What it shows and hides; a CSS class too.
+        text: Its name.
+        style: CSS of its swatch.
+        shown: Whether it is shown at first.
+    """
     drawn = f' style="{style}"' if style else ""
     pressed = str(shown).lower()
     return (
@@ -273,7 +286,7 @@ def notes_section(notes: Sequence[str]) -> str:
 
 
 def length(value: float) -> str:
-    """Return a length in a unit that suits it; metres in."""
+    """Return a length, given in m, as text in m, mm or µm."""
     for unit, size in (("m", 1.0), ("mm", 1e-3)):
         if abs(value) >= size:
             return f"{value / size:.3g} {unit}"

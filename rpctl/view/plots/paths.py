@@ -13,6 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.simulation.run import Run
+from rpctl.view.chart import PATHS
 from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rims, run_obstacles
 from rpctl.view.plots import style
 from rpctl.view.plots.style import thin
@@ -54,7 +55,7 @@ def draw_paths(axes: Axes, run: Run) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(nbins=MAX_TICKS, steps=[1, 2, 5, 10]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, m")
-    axes.set_ylabel("y, m")
+    axes.set_ylabel(PATHS.axis)
 
 
 def _draw_poses(axes: Axes, run: Run) -> None:
@@ -98,14 +99,14 @@ def _rotation(q: Array) -> Array:
 
 
 def _size(run: Run) -> float:
-    """Return how far apart the contacts are, m: the size of what is drawn of the robot."""
+    """Return the size of the robot as drawn, m: the extent of its contacts, or its track."""
     points = np.array(run.ground.points).reshape(-1, 2)
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     return max(extent, run.robot.drive.track) or 1.0
 
 
 def _interval(run: Run, size: float) -> float:
-    """Return a round time between poses, s, in which the robot leaves its place; 0: never."""
+    """Return a round time between drawn poses, s; 0 where the robot moves less than one spacing."""
     duration = float(run.t[-1] - run.t[0])
     length = float(np.linalg.norm(np.diff(run.log.base[:, :2], axis=0), axis=1).sum())
     count = min(MAX_POSES, length / (MIN_POSE_SPACING * size))
@@ -117,7 +118,7 @@ def _interval(run: Run, size: float) -> float:
 
 
 def draw_obstacles(axes: Axes, run: Run) -> None:
-    """Draw the obstacles of a run whose paths are drawn already; those near them come in view."""
+    """Draw the obstacles of a run after its paths; the axes widen to include those nearby."""
     obstacles = run_obstacles(run)
     if not obstacles:
         return
@@ -140,7 +141,9 @@ def draw_obstacles(axes: Axes, run: Run) -> None:
 
 
 def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
-    """Return the corners (4, 2) of so much of the floor beyond a line, m; two are on the line.
+    """Return the corners (4, 2) of a rectangle on the blocked side of a half-plane, m.
+
+    The first two lie on its line.
 
     Args:
         plane: The half-plane.
@@ -155,7 +158,7 @@ def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
 
 
 def _nearest_points(obstacles: Sequence[DrawnObstacle], run: Run) -> list[Array]:
-    """Return the points (1, 2) of the lines of half-planes that the bodies come nearest to, m."""
+    """Return, for each half-plane, the point (1, 2) of its line nearest to its body's path, m."""
     feet = []
     for body, shape in ((o.body, o.shape) for o in obstacles):
         path = (run.log.base if body == BASE else run.log.ee)[:, :2]
@@ -169,7 +172,7 @@ def _nearest_points(obstacles: Sequence[DrawnObstacle], run: Run) -> list[Array]
 def _draw(
     axes: Axes, obstacle: DrawnObstacle, centre: Array, far: float, fill_style: dict[str, Any]
 ) -> None:
-    """Draw one; unlike what is plotted, it has no say in how far the axes go."""
+    """Draw one obstacle; it does not widen the axes."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Polygon
 

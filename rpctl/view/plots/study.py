@@ -21,6 +21,7 @@ MM_PER_M = 1e3  # mm of a m
 AXIS_MARGIN_RATIO = 1.6  # times the extreme errors: where the axis ends
 NARROW_SPAN_RATIO = 50.0  # times the least value of an axis: up to there 3 is marked, too
 GREY = "#9aa2ad"
+TITLE_STYLE: dict[str, Any] = {"fontsize": TEXT_PT, "fontweight": "bold", "color": style.INK}
 Colours = dict[LawPair, str]  # of the two that matter
 BROKEN_LIMIT_STYLE: dict[str, Any] = {"marker": "^", "color": style.INK, "ms": 3.0, "ls": ""}
 
@@ -48,36 +49,21 @@ def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
     spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
     for i, scenario in enumerate(scenarios):
         for j, reference in enumerate(references):
+            left = LABELS_WIDTH_IN + j * PANEL_WIDTH_IN + 0.04
             bottom = height - HEAD_IN - (i + 1) * panel_height - i * GAP_IN
-            box = (
-                LABELS_WIDTH_IN + j * PANEL_WIDTH_IN + 0.04,
-                bottom,
-                PANEL_WIDTH_IN - 0.08,
-                panel_height,
-            )
-            axes = figure.add_axes(
-                (box[0] / width, box[1] / height, box[2] / width, box[3] / height)
-            )
-            last = i == len(scenarios) - 1
-            _panel(
-                axes, groups.get((scenario, reference), []), laws, colours, spans[reference], last
-            )
+            size = (PANEL_WIDTH_IN - 0.08) / width, panel_height / height
+            axes = figure.add_axes((left / width, bottom / height, *size))
+            shown, last = groups.get((scenario, reference), []), i == len(scenarios) - 1
+            _panel(axes, shown, laws, colours, spans[reference], last)
             if i == 0:
-                axes.set_title(
-                    reference, fontsize=TEXT_PT, fontweight="bold", color=style.INK, pad=5
-                )
+                axes.set_title(reference, pad=5, **TITLE_STYLE)
             if j == 0:
                 _names(axes, scenario, laws, colours)
-    figure.text(
-        (LABELS_WIDTH_IN + 0.5 * PANEL_WIDTH_IN * len(references)) / width,
-        0.36 / height,
-        "rms error, mm (logarithmic)",
-        ha="center",
-        fontsize=SMALL_PT,
-        color=style.INK,
-    )
-    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", fontsize=TEXT_PT + 1,
-                fontweight="bold", color=style.INK)  # fmt: skip
+    middle = LABELS_WIDTH_IN + 0.5 * PANEL_WIDTH_IN * len(references)
+    figure.text(middle / width, 0.36 / height, "rms error, mm (logarithmic)", ha="center",
+                fontsize=SMALL_PT, color=style.INK)  # fmt: skip
+    heading = {**TITLE_STYLE, "fontsize": TEXT_PT + 1}
+    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", **heading)
     _legend(figure, height, proposed)
     return figure
 
@@ -150,7 +136,7 @@ def _names(axes: Axes, scenario: str, laws: Sequence[LawPair], colours: Colours)
                       color=style.INK if law in colours else style.DESIRED)  # fmt: skip
     left = -LABELS_WIDTH_IN * 72 + 4
     axes.annotate(scenario, (0, 1), (left, 1), "axes fraction", "offset points", ha="left",
-                  va="bottom", fontsize=TEXT_PT, fontweight="bold", color=style.INK)  # fmt: skip
+                  va="bottom", **TITLE_STYLE)  # fmt: skip
 
 
 def _legend(figure: Figure, height: float, proposed: LawPair) -> None:

@@ -35,7 +35,7 @@ DASH_STYLES = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
 def thin(values: Array) -> Array:
-    """Return as many samples as a line needs."""
+    """Return every n-th of samples (K, ...), so that at most ``MAX_POINTS`` remain."""
     return values[:: -(-len(values) // MAX_POINTS)]
 
 
@@ -101,7 +101,7 @@ def add_legend(axes: Axes, below: bool = False) -> None:
 
 
 def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
-    """Add the names of joints below the panels, in all of which they look the same.
+    """Add the legend of joints, common to all panels, below them.
 
     Args:
         figure: The figure.

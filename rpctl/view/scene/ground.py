@@ -14,13 +14,19 @@ SUN_DIRECTION = np.array([-0.35, -0.55, 1.0])  # direction to the light that cas
 
 
 def ground_disc(lower: Array, upper: Array) -> tuple[Array, float]:
-    """Return the centre (2,) and the radius of the ground of a scene that shows so much, m."""
+    """Return centre (2,) and radius of the ground for a scene between two corners (3,), m."""
     radius = 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 1.0
     return 0.5 * (lower + upper)[:2], radius
 
 
 def ground_command(lower: Array, upper: Array, height: float) -> bytes:
-    """Return the command that draws the grid, of half or whole metres, and catches shadows."""
+    """Return the command that draws the ground: a grid of round spacing, and shadows.
+
+    Args:
+        lower: Least coordinates of what the scene shows (3,), m.
+        upper: Largest coordinates (3,), m.
+        height: Height of the ground, m.
+    """
     centre, radius = ground_disc(lower, upper)
     step = float(next(s for s in (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 1e9) if radius / s <= 16))
     step = max(min(step, radius), 0.25)
@@ -59,7 +65,14 @@ def ground_command(lower: Array, upper: Array, height: float) -> bytes:
 
 
 def grid_lines(centre: Array, radius: float, step: float, height: float) -> tuple[Array, Array]:
-    """Return line ends (n, 3), m, and their opacity (n,): lines that fade out at ``radius``."""
+    """Return the grid's line ends (n, 3), m, and their opacity (n,), 0 at ``radius``.
+
+    Args:
+        centre: Of the grid (2,), m.
+        radius: Where the lines end, m.
+        step: Distance between lines, which lie on its multiples, m.
+        height: z of all lines, m.
+    """
     count = int(np.ceil(radius / step))
     offsets = step * np.arange(-count, count + 1)
     stops = np.linspace(-count * step, count * step, 2 * GRID_PIECES + 1)
@@ -75,7 +88,7 @@ def grid_lines(centre: Array, radius: float, step: float, height: float) -> tupl
 
 
 def lights_command(lower: Array, upper: Array) -> bytes:
-    """Return the command that lights the scene: soft from the sky, and one sun with shadows."""
+    """Return the command that lights the scene: a sky, and a sun that casts shadows."""
     axes = _sun_axes()
     corners = np.array([[(lower, upper)[k >> i & 1][i] for i in range(3)] for k in range(8)])
     seen = corners @ axes.T

@@ -1,4 +1,4 @@
-"""What a viewer shows of a robot beside its shapes: frames, masses, and how it meets the ground."""
+"""Markers on a robot: link frames, centres of mass, wheel contacts and P."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rpctl.view.scene import threejs
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
 MIN_BALL_RADIUS_M = 0.004  # m; radius below which nobody would see it
 FRAME_AXIS_RATIO = 0.05  # length of a frame's axes, of the size of the robot
-CONTACT_RANK = 1e9  # rank of the names of contacts; masses rank by their kg, frames last
+CONTACT_RANK = 1e9  # label priority of contacts, above all masses (ranked by kg); frames have 0
 ROLLING_TOLERANCE_RAD = math.radians(
     1.0
 )  # a direction nearer to rolling than this is the rolling direction
@@ -42,7 +42,7 @@ MASS_COLOUR, TOTAL_MASS_COLOUR, CONTACT_COLOUR, ROLLER_COLOUR, POINT_COLOUR = (
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Markers, and the joints that they hang on.
+    """Markers by the joint that carries them.
 
     Attributes:
         joint_nodes: Nodes by the index of the joint; the names of all begin with their layer.
@@ -101,7 +101,7 @@ def total_mass_marker(mass: float) -> threejs.Json:
 
 
 def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> None:
-    """Hang a wheel's contact on what carries the wheel: it does not turn with it."""
+    """Attach a wheel's contact to the link that carries the wheel, so that it does not turn."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.configuration())
     contact, axle = _contact(robot, data, wheel)
@@ -143,7 +143,7 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
 
 
 def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
-    """Hang P with the robot's forward direction on the root link."""
+    """Attach P, with the robot's forward direction, to the root link."""
     drive = robot.drive
     pose = _rotated(drive.heading)
     pose[:3, 3] = *drive.point, drive.ground
@@ -163,12 +163,12 @@ def _attach(
 
 
 def _label(name: str, text: str, rank: float) -> dict[str, Any]:
-    """Return a label; of two that do not fit beside each other, the one of higher rank is shown."""
+    """Return a label; of two that overlap, the one of higher rank is shown."""
     return {"node": name, "layer": name.partition("-")[0], "text": text, "rank": rank}
 
 
 def _mesh(shape: str, paint: str, pose: Array) -> threejs.Json:
-    """Return a marker that is seen through the robot; P and contacts lie below the others."""
+    """Return a marker visible through the robot; P and contacts are drawn first."""
     order = 10 + ("contact", "roller", "point", "whole", "mass", "axes").index(paint)
     entries = {"geometry": f"marker-{shape}", "material": f"marker-{paint}", "renderOrder": order}
     return threejs.node("Mesh", f"{paint}-{shape}", **entries, **threejs.fixed_matrix(pose))
@@ -190,7 +190,7 @@ def _scaled(factor: float) -> Array:
 
 
 def _rotated(angle: float) -> Array:
-    """Return a turn (4, 4) about z."""
+    """Return a rotation (4, 4) about z."""
     pose = np.eye(4)
     cos, sin = math.cos(angle), math.sin(angle)
     pose[:2, :2] = [[cos, -sin], [sin, cos]]
@@ -213,7 +213,7 @@ def _geometries() -> list[threejs.Json]:
 
 
 def _materials() -> list[threejs.Json]:
-    """Return the paint of each kind of marker, all seen through the robot."""
+    """Return the material of each kind of marker, visible through the robot."""
     seen = {"transparent": True, "depthTest": False, "depthWrite": False, "side": 2}
     flat = {"type": "MeshBasicMaterial", **seen}
     ball = {"type": "MeshLambertMaterial", "opacity": 0.7, **seen}
@@ -257,7 +257,7 @@ def _geometry(uuid: str, vertices: Array, faces: NDArray[np.int64]) -> threejs.J
 
 
 def _flat(upper: list[tuple[float, float]]) -> tuple[Array, NDArray[np.int64]]:
-    """Return a level figure that is its own mirror image about the x axis, from its upper edge."""
+    """Return a flat mesh in the xy plane, symmetric about the x axis, from its upper outline."""
     edge = np.array(upper)
     outline = np.concatenate([edge, edge[::-1] * [1.0, -1.0]])
     count = len(edge)

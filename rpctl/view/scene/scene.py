@@ -161,7 +161,7 @@ def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
 
 
 def _hull(cloud: Array) -> Array:
-    """Return the farthest points (n, 3) of a cloud in directions all around."""
+    """Return the extreme points (n, 3) of a cloud in evenly spread directions."""
     count = 128
     heights = np.linspace(-1.0, 1.0, count)
     turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere

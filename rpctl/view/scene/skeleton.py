@@ -1,4 +1,4 @@
-"""A robot's kinematic tree as nested three.js groups: one that turns or slides for each joint."""
+"""A robot's kinematic tree as nested three.js groups, one moving group for each joint."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ def skeleton(
 ) -> threejs.Json:
     """Return the group of the root link, all others nested below it.
 
-    The group ``PREFIX-j`` of joint j is fixed to nothing but its joint: turned or slid by the
-    joint's position, it carries all that the joint moves. Where the joint sits on its parent is
-    the matrix of a group of its own above it.
+    Group ``PREFIX-j`` holds all that joint j moves; its parent group ``PREFIX-seat-j`` holds the
+    joint's fixed placement.
 
     Args:
         robot: The robot.
@@ -40,7 +39,7 @@ def skeleton(
 
 
 def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
-    """Return what a page has to know of each joint above the root, in the order of the model.
+    """Return the page's data of each joint after the root, in the model's order.
 
     Args:
         robot: The robot.

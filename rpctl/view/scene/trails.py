@@ -1,4 +1,4 @@
-"""The paths of base and end effector in a scene: solid where they went, dashed as desired."""
+"""Trails of base and end effector in a scene: actual paths solid, desired ones dashed."""
 
 from __future__ import annotations
 
@@ -23,6 +23,11 @@ def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes
     """Return the command that draws the paths, the desired ones dashed.
 
     A viewer that plays the run shows the first part of ``trail-base`` and ``trail-tip``.
+
+    Args:
+        paths: Paths (n, 3) by name, m: ``base``, ``tip`` and their ``-desired``.
+        lower: Least coordinates of what the scene shows (3,), m.
+        upper: Largest coordinates (3,), m.
     """
     width = trail_width(lower, upper)
     geometries, materials, nodes = [], [], []
@@ -53,14 +58,14 @@ def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes
 
 
 def trail_width(lower: Array, upper: Array) -> float:
-    """Return how wide a trail is in a scene that shows so much, m."""
+    """Return the width of trails for a scene between two corners (3,), m."""
     return float(np.clip(0.006 * np.linalg.norm((upper - lower)[:2]), 0.006, 0.05))
 
 
 def ribbon(path: Array, width: float) -> Mesh | None:
-    """Return a level band along a path (n, 3), m; None where the path goes nowhere.
+    """Return a level band along a path (n, 3), m; None for a path without length.
 
-    Each step of the path is two triangles, in order, so that a part of them is a part of the way.
+    The triangles follow the path in order, so a viewer can draw its first part only.
     """
     ahead = _directions(path * [1.0, 1.0, 0.0])
     if ahead is None:
@@ -70,7 +75,7 @@ def ribbon(path: Array, width: float) -> Mesh | None:
 
 
 def tube(path: Array, width: float) -> Mesh | None:
-    """Return a round tube along a path (n, 3), m; None where the path goes nowhere."""
+    """Return a round tube along a path (n, 3), m; None for a path without length."""
     ahead = _directions(path)
     if ahead is None:
         return None

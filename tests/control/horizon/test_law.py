@@ -23,7 +23,8 @@ from rpctl import (
     summarize,
 )
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.qp import QpSolution, QuadraticProgram, Solver
+from rpctl.control.horizon.qp import QuadraticProgram
+from rpctl.control.horizon.solver import QpSolution, Solver
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
