@@ -65,7 +65,7 @@ def find_obstacles(config: Config, base_radius: float = 0.0) -> tuple[DrawnObsta
 
 
 def obstacle_texts(law: object) -> dict[str, str]:
-    """Return the obstacles of a law and of those within it as texts, by the body that avoids them."""
+    """Return the obstacles of a law and of laws within it as texts, by the body they are for."""
     texts_of: dict[str, list[str]] = {}
     for body, shape, _ in _obstacles(law):
         text = shape_text(shape) if isinstance(shape, Disc | HalfPlane) else name_of(shape)
