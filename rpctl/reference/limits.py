@@ -135,8 +135,8 @@ def wheel_rates(robot: Robot) -> Array:
     rolling, rows = find_rolling(robot), np.zeros((len(robot.drive.wheels), BASE_NV))
     for row, wheel, at in zip(rows, robot.drive.wheels, rolling.along, strict=True):
         if wheel.swivel is None:
-            lever = rolling.constant[at, robot.velocity_index(wheel.joint)]
-            row[:] = -rolling.constant[at, :BASE_NV] @ robot.root_velocity / lever
+            lever = rolling.matrix.constant[at, robot.velocity_index(wheel.joint)]
+            row[:] = -rolling.matrix.constant[at, :BASE_NV] @ robot.root_velocity / lever
     return rows
 
 

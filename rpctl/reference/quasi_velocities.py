@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.steering import angle_of, rolling_row, steer
+from rpctl.drive.rows import angle_of, rolling_row
+from rpctl.drive.steering import steer
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
 

@@ -179,8 +179,9 @@ class ForceBounds:
         return [*found, LinearisedConstraint(value, jacobian)]
 
     def _first_step(self, motion: PredictedMotion) -> list[LinearisedConstraint]:
+        dynamics = self._model.dynamics
         forces = self._forces.with_derivatives(
-            motion.start, motion.nu[0], motion.nu_dot[0], now=True
+            motion.start, motion.nu[0], motion.nu_dot[0], dynamics
         )
         dof = len(motion.nu[0])
         tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
