@@ -12,7 +12,7 @@ from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint, Link, Shape
 from rpctl.drive.grounded import GROUND_TOLERANCE_M
-from rpctl.dynamics.rolling import ROOT_JOINT
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
 MIN_SHAPE_SIZE_M = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
