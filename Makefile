@@ -28,11 +28,12 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
+# BENCH adds options, as BENCH=--benchmark-max-time=0.1 for a quick look
 bench: $(READY)
-	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts=
+	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts= $(BENCH)
 
 pictures: $(READY)
-	$(BIN)/python demos/readme_picture.py
+	$(BIN)/python demos/readme_picture.py demos
 
 clean:
 	rm -rf $(VENV) runs

@@ -35,6 +35,13 @@ class PaperDynamic(StatelessLaw):
         require_positive("horizon_dyn", self.horizon_dyn)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        """Return τ (n_act,)."""
+        """Return τ (n_act,).
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.horizon_dyn
         return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))

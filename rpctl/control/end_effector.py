@@ -1,4 +1,4 @@
-"""The end effector first: the arm makes up for what the base has not reached yet."""
+"""Kinematic law that tracks the end effector first: the arm compensates the base's error."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
-MAX_FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
-SPEED_FRACTION = 0.9  # of a velocity limit: what is asked for, so that following it overshoots none
+MAX_FULL_SPEED = 1.0  # rad/s or m/s; full speed of joints with a higher velocity limit
+SPEED_FRACTION = 0.9  # of a velocity limit: largest commanded rate, with room for overshoot
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class EndEffector:
     so it decays as exp(−t/h) whatever the base's error does. The reference p_r is where the end
     effector is when base and arm are on theirs, so both outputs agree once the base is there.
 
-    - Redundancy: of all such rates they are the nearest, in shares of the joints' full speeds, to
-      those that the base's law has for the arm: q̇_r + (q_r − q)/h, or the horizon law's plan.
+    - Redundancy: of all such rates the law takes those nearest, relative to the joints' full
+      speeds, to the rates that the base's law gives the arm (q̇_r + (q_r − q)/h, or the horizon
+      law's plan).
     - Limits: |q̇| ≤ 0.9 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
-      the position limits: a joint comes to its limit as exp(−t/h), and never beyond.
-    - Singularities, and what limits leave out of reach: p* is met as long as that takes a pull on
-      the posture of 1/``damping`` at most; beyond, the rates come as near as that pull brings them,
-      see :func:`nearest`. Along a direction in which the arm at full speed moves the end effector
-      at σ (m/s), they leave the posture's by σ/``damping`` shares at most. An arm of few joints
-      does what it can, and the base goes its way.
+      the position limits: a joint approaches its limit as exp(−t/h), and never passes it.
+    - Singularities and unreachable targets: p* is met as long as the multiplier of that equality is
+      at most 1/``damping``; beyond, the rates come as near as a multiplier of that size brings
+      them, see :func:`nearest`. Along a direction in which the arm at full speed moves the end
+      effector at σ (m/s), they differ from the posture's by at most σ/``damping`` full speeds.
 
-    The base does not wait for the arm: where it passes out of the arm's reach of p_r, the error
-    grows until it is back. By default it looks ahead, within its limits; any other law will do.
+    The base does not wait for the arm: where it leaves p_r out of the arm's reach, the error grows
+    until it is back. By default the base's law is the horizon law; any other law will do.
 
     ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
     any; it jumps when a bound becomes active, ν_d does not. Of a base whose S changes with q the
@@ -59,7 +59,7 @@ class EndEffector:
         horizon: Prediction time h of the end effector, s.
         orientation: Whether its orientation is an output too, or its position only.
         lever: Length (m) at the end of which an error of orientation counts as one of position.
-        damping: m/s; a direction in which the arm at full speed is slower counts as lost.
+        damping: m/s; directions in which the arm at full speed is slower count as singular.
     """
 
     base: KinematicLaw = field(default_factory=Horizon)
@@ -110,7 +110,15 @@ class EndEffectorLaw:
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return ν_d and its analytic derivative along the actual motion."""
+        """Return ν_d and its analytic derivative along the actual motion.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
         robot = dynamics.robot
         first = robot.dof - len(robot.joints)
         base = self._base(dynamics, reference, t, q, nu)
@@ -136,9 +144,16 @@ class EndEffectorLaw:
     def _task(
         self, dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, base: Command
     ) -> tuple[WithRate, WithRate]:
-        """Return the end effector's Jacobian, and what the base leaves to do of p*.
+        """Return the end effector's Jacobian J_arm, and p* less the base's part, J_base ν_b.
 
-        Rows are 3, or with the orientation 6, in m/s.
+        Both have 3 rows, or 6 with the orientation, in m/s.
+
+        Args:
+            dynamics: The robot's dynamics.
+            state: The reference.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+            base: Command of the base's law.
         """
         law, frame = self._law, self._frame
         first = dynamics.robot.dof - len(dynamics.robot.joints)
@@ -158,13 +173,13 @@ class EndEffectorLaw:
         )
 
     def _box(self, robot: Robot, q: Array, rates: Array, full: Array) -> Box:
-        """Return the bounds of the arm's rates, in shares of ``full``.
+        """Return the bounds of the arm's rates, divided by ``full``.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            rates: Rates that the arm's joints have (n_joints,).
-            full: What a share is of (n_joints,).
+            rates: Rates of the arm's joints (n_joints,).
+            full: Full speeds of the joints (n_joints,).
         """
         fastest, positions = SPEED_FRACTION * _velocity_limits(robot), robot.joint_positions(q)
         bounds = []

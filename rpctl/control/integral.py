@@ -1,4 +1,4 @@
-"""Integral action on top of the law within limits; it does not wind up."""
+"""The dynamic law within limits with integral action that does not wind up."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rpctl.errors import RpctlError, require_positive
 class IntegralDynamic:
     """The law within limits, plus integral action against what the model does not know.
 
-    Without limits the acceleration asked for is
+    Without limits the desired acceleration is
 
         ν̇* = ν̇_d − ε/h1 − k (ε + ∫ε/h1),    ε = ν − ν_d,
 
@@ -90,7 +90,14 @@ class IntegralLaw:
         self._expected: Array | None = None  # ν now, if d had been right
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind; the integral advances by one period."""
+        """Return τ (n_act,) and the limits that bind; the integral advances by one period.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
         if self._expected is not None:
             self._disturbance = self._disturbance + self._gain * (nu - self._expected)
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)

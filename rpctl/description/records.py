@@ -92,6 +92,15 @@ class Joint:
         """Whether the joint has a degree of freedom."""
         return self.kind in MOVING_KINDS
 
+    def span(self, reach: float) -> tuple[float, float]:
+        """Return the limits (rad or m), those that are infinite ``reach`` beyond 0 or the other."""
+        low, high = self.lower, self.upper
+        if math.isinf(low):
+            low = min(-reach, high - reach)
+        if math.isinf(high):
+            high = max(reach, low + reach)
+        return low, high
+
     def motion(self, position: float) -> Array:
         """Return the pose (4, 4) of the child frame in the parent's at ``position`` (rad or m)."""
         step = np.eye(4)

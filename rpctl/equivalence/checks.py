@@ -164,7 +164,7 @@ def consistent(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check
     W = selection(robot, dynamics.rolling)
 
     def along(time: float) -> Array:
-        return basis(dynamics.constraint(pin.integrate(robot.model, q, time * v)), W).S
+        return basis(dynamics.constraint(pin.integrate(robot.model, q, time * v)), W)
 
     change = rate(along, difference_step(v)) @ nu - dynamics.basis_drift(q, nu)
     drift = change / max(1.0, float(np.abs(v).max()))

@@ -1,4 +1,4 @@
-"""Base motions to choose from: the poses that a few numbers mean, and how these change them."""
+"""Parametrised base motions for planning: poses along a path, and their derivatives."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to d
 
 
 class BaseMotion(Protocol):
-    """Poses of the base at N points of a path, by ``size`` numbers."""
+    """Poses of the base at N points of a path, as functions of ``size`` parameters."""
 
     size: int
 
     def poses(self, z: Array) -> tuple[Array, Array]:
-        """Return poses (N, 3) and their derivatives by the numbers (N, 3, size)."""
+        """Return poses (N, 3) and their derivatives by the parameters (N, 3, size)."""
 
     def path(self, z: Array) -> Path:
         """Return the base's path."""
 
 
 class GivenBase:
-    """A base whose path is known."""
+    """A base whose path is given: no parameters."""
 
     size = 0
 
@@ -46,7 +46,7 @@ class GivenBase:
 
 
 class StationaryBase:
-    """A base that stays at a pose, which is chosen."""
+    """A base that stays at a pose: its three coordinates are the parameters."""
 
     size = 3
 
@@ -67,8 +67,8 @@ class DrivingBase:
 
     Args:
         s: Points of the path (N,), uniform.
-        knots: Of the spline.
-        columns: Which of the twist's entries (forward, left, turning) are free; others are zero.
+        knots: Knots of the spline (m + 6,).
+        columns: Free entries of the twist (forward, left, turning); the others are zero.
     """
 
     def __init__(self, s: Array, knots: Array, columns: list[int]) -> None:

@@ -16,15 +16,15 @@ from rpctl.reference.paths import Path, PathPoint, planar
 from rpctl.reference.splines import basis, clamped_knots, quintic
 
 SPANS_PER_LEG = 4  # of the spline between two waypoints
-SAMPLES_PER_LEG = 24  # a piece between two waypoints, where bending is measured
+SAMPLES_PER_LEG = 24  # points between two waypoints where bending is measured
 STIFFNESS_LENGTH = 0.3  # of the mean distance: over this length curvature changes
-REWEIGHTING_STEPS = 60  # in which the bend is shifted from where it is too sharp
+REWEIGHTING_STEPS = 60  # steps that shift the bend away from where it is too sharp
 COINCIDENT = 1e-6  # m; waypoints nearer than this are one
 MAX_TURN = math.radians(170.0)  # a turn beyond is a cusp
 
 
 class Waypoint(NamedTuple):
-    """A place to pass, and the heading there; None leaves it open."""
+    """A position to pass (m), and the heading there (rad); None leaves the heading open."""
 
     x: float
     y: float
@@ -32,7 +32,7 @@ class Waypoint(NamedTuple):
 
 
 def check_waypoints(waypoints: Sequence[Waypoint]) -> list[str]:
-    """Return what keeps a smooth curve from passing waypoints; nothing if all is well."""
+    """Return the faults of waypoints that no smooth curve can pass; empty if there are none."""
     if len(waypoints) < 2:
         return [f"{len(waypoints)} waypoints; give two or more"]
     legs = np.diff([complex(w.x, w.y) for w in waypoints])

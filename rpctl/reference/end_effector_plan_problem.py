@@ -1,4 +1,4 @@
-"""The least squares of a reach: base and arm that take the end effector along its path."""
+"""Nonlinear least squares of a plan: base and arm that take the end effector along its path."""
 
 from __future__ import annotations
 
@@ -16,43 +16,35 @@ from rpctl.reference.goal import Goal
 from rpctl.reference.limits import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
 from rpctl.reference.splines import basis
 
-POINTS_PER_KNOT = 3  # a knot, where the end effector is compared with its path
+POINTS_PER_KNOT = 3  # points a knot at which the end effector is compared with its path
 LIMIT_FRACTION = 0.95  # of a joint's range and of a curvature limit: what a plan uses
-MIN_SPEED_RATIO = (
-    0.05  # of the end effector's mean speed: a base with a turning radius keeps rolling
-)
+MIN_SPEED_RATIO = 0.05  # of the end effector's mean speed: a base that steers keeps rolling
 
-# Weights of the plan's wishes, each a mean over the path. Derivatives are by metres of the end
-# effector's path, joints in halves of their ranges. They only rank what is left free.
-POSTURE_WEIGHT, JOINT_RATE_WEIGHT, JOINT_CHANGE_WEIGHT = (
-    0.3,
-    0.15,
-    0.05,
-)  # off comfort, joint rates and their changes
-BASE_SPEED_WEIGHT, TURNING_WEIGHT, BASE_CHANGE_WEIGHT = (
-    0.1,
-    0.1,
-    0.2,
-)  # base speed, turning, changes of both
-LIMIT_WEIGHT = 30.0  # beyond a limit, in shares of it
+# Weights of the regularising cost, each a mean over the path; derivatives are by metres of the end
+# effector's path, joints in halves of their ranges. They only resolve what the path leaves free.
+POSTURE_WEIGHT = 0.3  # distance from the comfortable posture
+JOINT_RATE_WEIGHT, JOINT_CHANGE_WEIGHT = 0.15, 0.05  # joint rates, and their changes
+BASE_SPEED_WEIGHT, TURNING_WEIGHT = 0.1, 0.1
+BASE_CHANGE_WEIGHT = 0.2  # changes of base speed and turning
+LIMIT_WEIGHT = 30.0  # of exceeding a limit, relative to the limit
 END_EFFECTOR_SIGMAS = (0.2, 0.05, 0.01)  # m; tolerances of the end effector, one after the other
-LEVENBERG_STEPS = 12  # Levenberg-Marquardt steps each
+LEVENBERG_STEPS = 12  # Levenberg-Marquardt steps for each tolerance
 COST_TOLERANCE = 1e-3  # of the cost: a step that gains less ends it
-ACTIVE_SET_STEPS = 8  # of Newton's method, to find the limits that a step runs into
-MAX_DAMPING = 1e8  # damping at which no step helps any more
+ACTIVE_SET_STEPS = 8  # Newton steps that find the limits a step runs into
+MAX_DAMPING = 1e8  # damping beyond which no smaller step is tried
 
 
 @dataclass(frozen=True)
 class ReachProblem:
-    """A reach to plan.
+    """An end effector's motion to plan.
 
     Attributes:
         arm: The arm.
         goal: The end effector's path.
-        base: The base's motions to choose from.
-        comfort: The posture to stay near (n,).
+        base: The base's parametrised motion.
+        comfort: Posture to stay near (n,).
         s: Points of the path (N,), uniform.
-        knots: Of the arm's spline.
+        knots: Knots of the arm's spline (m + 6,).
         limits: The user's limits.
     """
 
@@ -70,12 +62,12 @@ class ReachProblem:
 
 
 def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
-    """Return the numbers of base and arm that meet the path best, after Levenberg-Marquardt.
+    """Return the parameters of base and arm that follow the path best, by Levenberg-Marquardt.
 
     Args:
         problem: The problem.
-        base: The base's numbers to start from (size,).
-        coefficients: The arm's to start from (m, n).
+        base: Initial parameters of the base (size,).
+        coefficients: Initial coefficients of the arm's spline (m, n).
     """
     z = np.concatenate([base, coefficients.T.ravel()])
     regulariser, preferred = _regularisation(problem)
@@ -117,9 +109,15 @@ def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
 
 
 def _step(hessian: Array, descent: Array, inequalities: csr_array, room: Array) -> Array:
-    """Return the step d of least ½ dᵀ square d − pull d + ½ HINGE² |max(walls d − room, 0)|².
+    """Return the step d of least ½ dᵀ H d − gᵀ d + ½ w² |max(W d − r, 0)|².
 
-    Newton's method on the walls that the step itself runs into.
+    Newton's method on the inequalities that the step itself runs into, with w = LIMIT_WEIGHT.
+
+    Args:
+        hessian: H (size, size).
+        descent: Negative gradient g (size,).
+        inequalities: W (k, size).
+        room: r (k,).
     """
     hit = np.flatnonzero(room < 0.0)
     step = np.zeros(len(descent))
@@ -135,7 +133,7 @@ def _step(hessian: Array, descent: Array, inequalities: csr_array, room: Array) 
 
 
 def _misses(problem: ReachProblem, values: Array, z: Array) -> Array:
-    """Return how far the end effector is off at every point (N, 3 or 6), m."""
+    """Return the end effector's error at every point (N, 3 or 6), m."""
     poses, _ = problem.base.poses(z[: problem.base.size])
     positions, goal = values @ problem.joints(z), problem.goal
     nothing = np.zeros((6, 0))
@@ -150,7 +148,7 @@ def _misses(problem: ReachProblem, values: Array, z: Array) -> Array:
 
 
 def _linearize(problem: ReachProblem, values: Array, z: Array) -> tuple[Array, Array]:
-    """Return the misses (N k,), and how the numbers close them (N k, size)."""
+    """Return the errors (N k,), and their derivatives by the parameters (N k, size), negated."""
     poses, jacobian = problem.base.poses(z[: problem.base.size])
     positions, goal = values @ problem.joints(z), problem.goal
     misses, rows = [], []
@@ -198,7 +196,7 @@ def _regularisation(problem: ReachProblem) -> tuple[Array, Array]:
 
 
 def _inequalities(problem: ReachProblem) -> tuple[csr_array, Array]:
-    """Return linear inequalities W z ≤ h that keep the limits, each in shares of one."""
+    """Return linear inequalities W z ≤ r that keep the limits, each divided by its limit."""
     size, arm = problem.base.size, problem.arm
     functions = basis(problem.knots)
     count = len(functions.c)
@@ -226,7 +224,7 @@ def _inequalities(problem: ReachProblem) -> tuple[csr_array, Array]:
 
 
 def _base_inequalities(problem: ReachProblem) -> tuple[list[Array], list[float]]:
-    """Return inequalities on the base's free twist; its coefficients keep them, so it does."""
+    """Return inequalities on the base's free twist; if its coefficients keep them, it does."""
     robot, radius = problem.arm.robot, problem.limits.turning_radius
     columns = [0, 1, 2] if robot.drive.omnidirectional else [0, 2]
     rows: list[Array] = []

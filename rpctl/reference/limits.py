@@ -1,4 +1,4 @@
-"""What a reference made from data keeps to: the limits that a user sets, and the robot's own."""
+"""Limits of planned references: those that the user sets, and the robot's own."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class Limits:
     """Limits of a reference; the velocity limits of the URDF come on top of them.
 
     Attributes:
-        speed: Of P, m/s.
-        acceleration: Of P along its path, m/s².
-        turning_speed: rad/s.
-        turning_acceleration: rad/s².
+        speed: Speed of P, m/s.
+        acceleration: Acceleration of P along its path, m/s².
+        turning_speed: Turning rate of the base, rad/s.
+        turning_acceleration: Angular acceleration of the base, rad/s².
         lateral_acceleration: Speed times turning speed, m/s².
         turning_radius: Least radius of the base's path, m; 0 lets it turn on the spot.
-        end_effector_speed: m/s.
-        end_effector_acceleration: m/s², along each axis of the world.
+        end_effector_speed: Speed of the end effector, m/s.
+        end_effector_acceleration: Its acceleration along each axis of the world, m/s².
     """
 
     speed: float = 0.5
@@ -99,7 +99,13 @@ def steerable_radius(robot: Robot) -> float:
 
 
 def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:
-    """Return the bounds of the joints from their derivatives by s, (N, n_joints) each."""
+    """Return the bounds that the joints' velocity limits set.
+
+    Args:
+        robot: The robot.
+        slope: Derivatives of the joints' positions by s (N, n_joints).
+        bend: Second derivatives (N, n_joints).
+    """
     limits = (VELOCITY_LIMIT_FRACTION * joint.velocity for joint in robot.joints)
     return [
         Bound(slope[:, i], bend[:, i], limit, limit / SPEED_RISE_TIME)
@@ -129,8 +135,8 @@ def wheel_rates(robot: Robot) -> Array:
     rolling, rows = find_rolling(robot), np.zeros((len(robot.drive.wheels), BASE_NV))
     for row, wheel, at in zip(rows, robot.drive.wheels, rolling.along, strict=True):
         if wheel.swivel is None:
-            lever = rolling.constant[at, robot.velocity_index(wheel.joint)]
-            row[:] = -rolling.constant[at, :BASE_NV] @ robot.root_velocity / lever
+            lever = rolling.matrix.constant[at, robot.velocity_index(wheel.joint)]
+            row[:] = -rolling.matrix.constant[at, :BASE_NV] @ robot.root_velocity / lever
     return rows
 
 

@@ -1,4 +1,4 @@
-"""A reference through a table's poses: splines in time, met at their times."""
+"""A reference through a table's poses: splines in time that pass every pose at its time."""
 
 from __future__ import annotations
 
@@ -26,26 +26,23 @@ from rpctl.reference.splines import Curves, through
 from rpctl.reference.timed_path import TimedPath, still
 from rpctl.robot.model import Robot
 
-REST_RATE = 2e-3  # a second, in m or rad: data that begin or end slower do so at rest
-MOVING_SPEED = 0.02  # m/s: from here on the way of P tells its heading
-MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
-MAX_SIDEWAYS_RATIO = 0.05  # ... or this share of its speed
-METRES_PER_RADIAN = 0.3  # m/rad: what turning counts beside travelling
-EDGE_TIME = 1.0  # s; data that begin or end in motion are started and stopped over so much of them
-CATCH_UP_COEFFICIENTS = (
-    20.0,
-    -45.0,
-    36.0,
-    -10.0,
-)  # of u⁴..u⁷: 0 with three derivatives at 0; 1, 1, 0, 0 at 1
+REST_RATE = 2e-3  # m/s or rad/s: data that begin or end slower do so at rest
+MOVING_SPEED = 0.02  # m/s: above it the heading is that of P's velocity
+MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed tolerated of a base that cannot slide, ...
+MAX_SIDEWAYS_RATIO = 0.05  # ... or this fraction of its speed
+METRES_PER_RADIAN = 0.3  # m/rad: weight of turning relative to travelling
+EDGE_TIME = 1.0  # s; duration of the start and the stop of data that begin or end in motion
+# Of u⁴..u⁷: zero with three derivatives at 0, and 1, 1, 0, 0 at 1.
+CATCH_UP_COEFFICIENTS = 20.0, -45.0, 36.0, -10.0
 
 
 class EdgeTimeLaw(NamedTuple):
     """s(t) = t, but at rest where data begin or end in motion.
 
-    A start in motion is caught up with in ``edge`` seconds: s = edge f(t/edge), f of degree 7,
-    from rest with three derivatives zero to pace one, on time. The last ``edge`` seconds of data
-    that end in motion take twice as long, at a pace that falls to zero. Every pose is passed.
+    Data that start in motion are reached from rest within ``edge`` seconds: s = edge f(t/edge),
+    with f of degree 7 from rest (three zero derivatives) to rate one, on time. The last ``edge``
+    seconds of data that end in motion take twice as long while the rate falls to zero. Every
+    recorded pose is passed.
     """
 
     end: float
@@ -106,8 +103,13 @@ def fit_spline(t: Array, values: Array) -> FittedSpline:
 def reference_from_table(robot: Robot, table: Table, limits: Limits) -> TimedPath:
     """Return the reference through a table's rows; the first is at time zero.
 
-    With a base alone, joints that the table does not name stay at home. An end effector beside a
-    base moves the arm by inverse kinematics; alone, it has a base path planned.
+    If the table has no end effector, joints that it does not name stay at home. An end effector
+    beside a base moves the arm by inverse kinematics; for one alone a base path is planned.
+
+    Args:
+        robot: The robot.
+        table: The rows.
+        limits: The user's limits, for a planned base path.
 
     Raises:
         DescriptionError: The rows do not fit the robot; each is named by its line.
@@ -189,7 +191,7 @@ def _goal(table: Table) -> tuple[Goal, FittedSpline]:
 
 
 def _same_hemisphere(turns: Array) -> Array:
-    """Return whether each quaternion (K, 4) is on its forerunner's side: q and −q turn alike."""
+    """Return whether each quaternion (K, 4) has its predecessor's sign: q and −q turn alike."""
     return np.concatenate([[True], np.einsum("ki,ki->k", turns[1:], turns[:-1]) >= 0.0])
 
 
@@ -216,9 +218,9 @@ def _fit_base(robot: Robot, table: Table) -> FittedSpline:
 
 
 def _headings(rate: Array) -> Array:
-    """Return headings (K,) along velocities (K, 2), held where P all but stands.
+    """Return headings (K,) along velocities (K, 2), held where P almost stands.
 
-    The first is forward; a way that turns back by more than a right angle is driven in reverse.
+    The first is forward; after a turn of more than a right angle the base drives in reverse.
     """
     speed = np.hypot(rate[:, 0], rate[:, 1])
     moving = np.flatnonzero(speed > min(MOVING_SPEED, 0.5 * speed.max()))

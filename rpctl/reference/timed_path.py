@@ -1,4 +1,4 @@
-"""A reference that runs along a path by a clock."""
+"""A reference along a path, with a time law."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rpctl.reference.splines import Curves
 
 
 class TimeLaw(Protocol):
-    """s(t) with two derivatives, and how long it moves."""
+    """s(t) with two derivatives, and the duration of its motion."""
 
     @property
     def duration(self) -> float:
@@ -28,14 +28,14 @@ class TimeLaw(Protocol):
 
 @dataclass(frozen=True)
 class TimedPath:
-    """Base and arm along one path, each a function of s, and a clock s(t).
+    """Base and arm as functions of one path parameter s, and a time law s(t).
 
     Attributes:
         path: The base's path.
         arm: Positions of the joints (n_joints,) by s.
         time_law: s(t).
-        travel_direction: A direction along the path, never zero where the path stands; None
-            where the path's own does not, or none is needed.
+        travel_direction: Direction of travel by s that does not vanish where the path stands
+            still; None takes the path's own.
     """
 
     path: Path = field(repr=False)
@@ -78,7 +78,13 @@ def still(pose: Array) -> Path:
 
 
 def constant(values: Array, start: float, end: float) -> Curves:
-    """Return curves that stay at values (n,) from ``start`` to ``end``."""
+    """Return constant curves.
+
+    Args:
+        values: Their values (n,).
+        start: First s.
+        end: Last s.
+    """
     return Curves(BSpline(np.repeat([start, end], 3), np.tile(values, (3, 1)), 2))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import tempfile
@@ -14,7 +13,7 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.records import Description, Joint
+from rpctl.description.records import Description
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.coordinates import joint_entries
@@ -206,17 +205,8 @@ def _postures(
     for _ in range(POSTURES - 1):
         q = pin.neutral(model)
         for name, entry in entries.items():
-            entry.write(q, rng.uniform(*_reach(description.joint[name])))
+            entry.write(q, rng.uniform(*description.joint[name].span(UNLIMITED_REACH)))
         yield q
-
-
-def _reach(joint: Joint) -> tuple[float, float]:
-    low, high = joint.lower, joint.upper
-    if math.isinf(low):
-        low = min(-UNLIMITED_REACH, joint.upper - UNLIMITED_REACH)
-    if math.isinf(high):
-        high = max(UNLIMITED_REACH, joint.lower + UNLIMITED_REACH)
-    return low, max(low, high)
 
 
 def _no_dynamics(description: Description, model: pin.Model, index: int) -> DescriptionError:

@@ -257,12 +257,7 @@ class Robot:
         """Return a random position of a joint within its limits."""
         joint = self.description.joint[name]
         reach = 1.0 if joint.kind == "prismatic" else math.pi
-        low, high = joint.lower, joint.upper
-        if math.isinf(low):
-            low = min(-reach, high - reach)
-        if math.isinf(high):
-            high = max(reach, low + reach)
-        return float(rng.uniform(low, high))
+        return float(rng.uniform(*joint.span(reach)))
 
     @cached_property
     def home(self) -> Array:

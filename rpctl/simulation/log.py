@@ -117,6 +117,8 @@ class Recorder:
     def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None, bias: Array) -> None:
         self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
         self._data = dynamics.robot.model.createData()
+        self._steered, self._others = steered_joints(dynamics.robot), other_joints(dynamics.robot)
+        self._other_indices = [dynamics.robot.velocity_index(name) for name in self._others]
         self._rows: list[LogRow] = []
         self._limits: list[tuple[Limit, ...]] = []
         self._reactions: list[GroundReaction] = []
@@ -139,7 +141,8 @@ class Recorder:
         """
         self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
-        v = dynamics.basis(q) @ nu
+        at = dynamics.at(q)
+        v = at.S @ nu
         if self._contacts is not None:
             push = tau + self._bias
             self._reactions.append(ground_reaction(dynamics, self._contacts, q, nu, push))
@@ -149,7 +152,7 @@ class Recorder:
                 "q": q,
                 "nu": nu,
                 "tau": tau,
-                "rates": dynamics.actuation(q).T @ nu,
+                "rates": at.B.T @ nu,
                 "nu_d": command.nu_d,
                 "nu_ref": reference_rates(robot, state).nu,
                 "base": robot.base_pose(q),
@@ -157,11 +160,9 @@ class Recorder:
                 "joints": robot.joint_positions(q),
                 "joints_ref": state.joints,
                 "steering_ref": steering(robot, state)[0],
-                "steering": np.array(
-                    [robot.joint_position(q, name) for name in steered_joints(robot)]
-                ),
-                "others": np.array([robot.joint_position(q, name) for name in other_joints(robot)]),
-                "other_rates": v[[robot.velocity_index(name) for name in other_joints(robot)]],
+                "steering": np.array([robot.joint_position(q, name) for name in self._steered]),
+                "others": np.array([robot.joint_position(q, name) for name in self._others]),
+                "other_rates": v[self._other_indices],
                 "e": e,
                 "energy": dynamics.energy(q, nu),
                 "work": work,

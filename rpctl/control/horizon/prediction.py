@@ -187,7 +187,7 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
         base=base,
         joints=joints,
         steered=len(steered),
-        steering=Steering(dynamics) if steered else None,
+        steering=Steering(robot) if steered else None,
         twist_map=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
         joint_columns=joint_columns,
         entries=tuple(robot.entries[joint.name] for joint in joints),

@@ -11,9 +11,10 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.constraints import Bounds, ForceBounds, WheelSpeeds
+from rpctl.control.horizon.constraints import ForceBounds, WheelSpeeds
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Model, make_model
+from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from tests.robots import write
@@ -168,7 +169,7 @@ def test_forces_now_where_wheels_swivel(
         q = robot.random_configuration(rng)
         nu, nu_dot = 0.1 * rng.normal(size=(2, robot.dof))
         forces.update_contacts(q)
-        found = forces.with_derivatives(q, nu, nu_dot, now=True)
+        found = forces.with_derivatives(q, nu, nu_dot, dynamics)
         tau = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
         np.testing.assert_allclose(forces.efforts(found)[:, 0], tau, atol=1e-9)
         ground = ground_reaction(dynamics, contacts, q, nu, tau)
@@ -188,7 +189,9 @@ def test_casters_ahead_glide(tmp_path: Path) -> None:
     model = make_model(dynamics, STEPS, DT)
     forces = ForceModel(model, find_contacts(dynamics), tip_margin=0.02, grip=0.9)
     q, nu = model.configuration(robot.home), np.array([0.34, -1.06, 0.0])
-    ahead, there = (forces.with_derivatives(q, nu, np.zeros(3), now=now) for now in (False, True))
+    ahead, there = (
+        forces.with_derivatives(q, nu, np.zeros(3), which) for which in (None, dynamics)
+    )
     assert forces.ground(ahead).min(axis=0)[0] > 0.05  # a gentle bend neither tips nor slips
     assert forces.ground(there).min(axis=0)[0] < -0.1
     wheels = [np.abs(forces.efforts(found)[:2, 0]).max() for found in (ahead, there)]
@@ -205,7 +208,7 @@ def test_soft_rows_are_over_what_there_is(rng: np.random.Generator) -> None:
     nothing = Target(motion.pose, motion.joints, motion.nu)
     sample = Sample(motion, nothing, None)
     forces = ForceModel(model, None, tip_margin=0.02, grip=0.9)
-    efforts = ForceBounds(model, bounds, forces, []).linearise(sample)[0]
+    efforts = ForceBounds(model, bounds, forces).linearise(sample)[0]
     wheels = WheelSpeeds(model, bounds).linearise(sample)[0]
     q = robot.configuration_at(motion.pose[0], motion.joints[0])
     tau = dynamics.efforts(q, dynamics.inverse(q, motion.nu[0], motion.nu_dot[0]))
@@ -223,13 +226,13 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
     dynamics = ReducedDynamics(tiago)
     model, bounds = make_model(dynamics, STEPS, DT), Bounds()
     forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
-    rows, still = ForceBounds(model, bounds, forces, []), np.zeros((STEPS, tiago.dof))
+    rows, still = ForceBounds(model, bounds, forces), np.zeros((STEPS, tiago.dof))
     q, nu = tiago.configuration(), np.eye(tiago.dof)[0] * 0.4
     load_splits, found = [], []
     for braking in (0.0, -1.5):
         motion = model.predict(q, nu, still + braking * np.eye(tiago.dof)[0])
         now = rows.linearise(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
-        at = forces.with_derivatives(q, nu, motion.nu_dot[0], now=True)
+        at = forces.with_derivatives(q, nu, motion.nu_dot[0], dynamics)
         load_splits.append(forces.load_split(at))
         found.append(
             (-now.value[0], [forces.grip_margins(at, [piece])[:, 0] for piece in load_splits])

@@ -168,7 +168,7 @@ def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
 
 def test_angles_that_fix_no_one_motion_are_told(tmp_path: Path) -> None:
     """Both leading wheels of the swerve drive sideways: their axles are one line."""
-    steered = Steering(ReducedDynamics(load(tmp_path, "steered")))
+    steered = Steering(load(tmp_path, "steered"))
     steered.maps(np.array([[0.5, 0.5]]))
     with pytest.raises(SingularBasisError, match="fix no one motion"):
         steered.maps(np.array([[0.5 * math.pi, 0.5 * math.pi]]))

@@ -111,7 +111,7 @@ def rolled(robot: Robot, poses: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     for (x, y, theta), step in zip(poses[:-1], np.diff(poses, axis=0), strict=True):
         middle = theta + 0.5 * step[2]
         cos, sin = np.cos(middle), np.sin(middle)
-        A = constraint(robot, rolling, robot.configuration(x, y, middle))[rows]
+        A = constraint(rolling, robot.configuration(x, y, middle))[rows]
         base = [cos * step[0] + sin * step[1], -sin * step[0] + cos * step[1], step[2]]
         angles += np.linalg.solve(A[:, columns], -A[:, :3] @ base)
     return angles
