@@ -23,16 +23,14 @@ from rpctl.cli.options import (
 )
 from rpctl.cli.terminal import console, format_limit, new_table, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
-from rpctl.control.config import Config, read_config, write_config
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import set_limits
-from rpctl.simulation.log import describe
-from rpctl.simulation.loop import default_duration, track
+from rpctl.simulation.config import Config, read_config, write_config
+from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import EffortPeak
@@ -169,7 +167,7 @@ def track_command(
     """
     config = settings.read()
     loaded = options.load(robot)
-    loaded = set_limits(loaded, config.limits.effort, config.limits.velocity)
+    loaded = config.limits.apply(loaded)
     reference = load_reference(loaded, config.run.reference)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
@@ -206,7 +204,7 @@ def _live_page(
     duration, period = config.run.duration, config.run.control_period
     duration = default_duration(reference) if duration is None else duration
     duration = whole_periods(duration, period) * period
-    return broadcast(robot, reference, duration, say, find_obstacles(describe(config.kinematic)))
+    return broadcast(robot, reference, duration, say, find_obstacles(config))
 
 
 def _simulate(
@@ -218,16 +216,7 @@ def _simulate(
 ) -> Run:
     """Close the loop, with a bar on a terminal."""
     with progress_bar("simulate") as advance:
-        return track(
-            robot,
-            kinematic=config.kinematic,
-            dynamic=config.dynamic,
-            **{**vars(config.run), "reference": reference},
-            name=config.run.reference,
-            certificate=certificate,
-            progress=advance,
-            watch=page,
-        )
+        return simulate(robot, config, reference, certificate, progress=advance, watch=page)
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:
