@@ -227,7 +227,7 @@ class Model:
         return joints + 0.5 * self.dt * rates + 0.125 * self.dt**2 * accelerations
 
     def jacobian(self, motion: PredictedMotion) -> PoseJacobian:
-        """Return the derivatives of a motion's poses by the states and accelerations before them."""
+        """Return the derivatives of the poses by the state and acceleration before each."""
         dt, n = self.dt, self.steps
         cos, sin = _cos_sin(motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2])
         rotation = np.zeros((n, 3, 3))
