@@ -59,7 +59,7 @@ def find_obstacles(
         base_radius: Of the base where they do not set it, m.
 
     Returns:
-        Discs and half-planes; a shape of somebody's own cannot be drawn, and is left out.
+        Discs and half-planes; other shapes cannot be drawn and are left out.
     """
     found = []
     for body, table, law in _tables(settings):
