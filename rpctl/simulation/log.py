@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -191,25 +189,6 @@ class Recorder:
         for array in log.values():
             array.setflags(write=False)
         return Log(**log, bound_limits=tuple((limit.joint, limit.kind) for limit in bound))
-
-
-def describe(law: object) -> dict[str, Any]:
-    """Return a law's name and settings, those of laws and obstacles within it as well."""
-    if dataclasses.is_dataclass(law) and not isinstance(law, type):
-        settings = ((item.name, getattr(law, item.name)) for item in dataclasses.fields(law))
-        return {"law": type(law).__name__, **{name: _json_value(value) for name, value in settings}}
-    return {"law": getattr(law, "__name__", type(law).__name__)}
-
-
-def _json_value(value: object) -> Any:
-    """Return what JSON can say of a setting."""
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    if isinstance(value, Mapping):
-        return {str(key): _json_value(each) for key, each in value.items()}
-    if isinstance(value, tuple | list | np.ndarray):
-        return [_json_value(each) for each in value]
-    return value.item() if isinstance(value, np.generic) else describe(value)
 
 
 def _constraint_residual(dynamics: ReducedDynamics, q: Array, v: Array) -> float:

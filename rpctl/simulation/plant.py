@@ -6,11 +6,11 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError
@@ -31,7 +31,7 @@ class Plant:
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
     delay: float = 0.0
-    controller_model: Robot | None = None
+    controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -71,13 +71,6 @@ class Plant:
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
         return deque([hold] * delay_periods(self.delay, control_period))
-
-    def describe(self, control_period: float) -> dict[str, Any]:
-        """Return the settings, to be kept with a run: the delay as it is simulated."""
-        delay = delay_periods(self.delay, control_period) * control_period
-        biases = {f"bias of {name}": float(bias) for name, bias in self.tau_bias.items()}
-        controller_model = None if self.controller_model is None else self.controller_model.name
-        return {**biases, "delay": delay, "believed": controller_model}
 
 
 def advance(

@@ -14,8 +14,8 @@ from rpctl.control.horizon.prediction import Model
 from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.projection import Projection
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
+from rpctl.robot.coordinates import ROOT_JOINT
 
 ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
 GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
