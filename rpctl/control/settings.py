@@ -16,7 +16,7 @@ from rpctl.files.toml import Table
 
 
 class Registry(NamedTuple):
-    """What a table stands for that says by name which it is."""
+    """The classes that a table can name: laws, or obstacles."""
 
     label: str
     key: str  # of the name
@@ -39,20 +39,18 @@ TYPE_LABELS: dict[object, str] = {
 }
 
 Made = TypeVar("Made")
-
-
 NO_FILE_CAN_SAY = {"no_file_can_say": True}  # metadata of a setting that stays in Python
 
 
 class _NoTomlValue(Exception):
-    """A value that TOML has no words for; it never leaves this file."""
+    """A value that TOML cannot hold; it never leaves this file."""
 
 
 def named_to_table(thing: object, kind: Registry) -> Table:
     """Return the name and settings of a law or an obstacle.
 
     Raises:
-        RpctlError: It is none that has a name, or a setting of it cannot be said in TOML.
+        RpctlError: Its class has no name, or TOML cannot hold one of its settings.
     """
     for name, known in kind.factories.items():
         if type(thing) is known:
@@ -65,7 +63,7 @@ def named_to_table(thing: object, kind: Registry) -> Table:
 
 
 def to_table(settings: Any) -> Table:
-    """Return a dataclass as a table; what is None, and would be by default, is left out.
+    """Return a dataclass as a table, without the settings that are None by default.
 
     Raises:
         RpctlError: A setting cannot be said in TOML.

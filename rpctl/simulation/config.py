@@ -44,7 +44,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class LimitOverrides:
-    """Limits that take the place of the URDF's, by pattern of joint names.
+    """Limits that replace the URDF's, by pattern of joint names.
 
     Attributes:
         effort: N·m or N.
@@ -65,7 +65,7 @@ class LimitOverrides:
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What a run is besides its laws.
+    """The circumstances of a run: reference, duration, start, sample times and friction.
 
     Attributes:
         reference: Its name or file.
@@ -86,14 +86,14 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class Config:
-    """All that a run is but its robot.
+    """The configuration of a run: everything but the robot.
 
     Attributes:
         kinematic: The kinematic law, or a plain function.
         dynamic: The dynamic law, or a plain function.
-        run: The rest.
-        limits: Limits that take the place of the URDF's.
-        plant: What the simulated robot has that its controller does not know of.
+        run: The circumstances.
+        limits: Limits that replace the URDF's.
+        plant: Differences between the simulated robot and the controller's model.
     """
 
     kinematic: KinematicLaw | KinematicFunction = field(default_factory=UnifiedKinematic)
@@ -116,7 +116,7 @@ class Config:
         return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:
-        """Return a configuration in which the settings of ``run`` that are not None are others."""
+        """Return a configuration with these settings of ``run``; those that are None stay."""
         given = {key: value for key, value in settings.items() if value is not None}
         return dataclasses.replace(self, run=dataclasses.replace(self.run, **given))
 

@@ -226,7 +226,7 @@ def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState)
 
 
 def _reference_configurations(dynamics: ReducedDynamics, log: dict[str, Array]) -> Array:
-    """Return q (K, nq) of the reference, its wheels and casters turned as they would have been."""
+    """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref."""
     robot, drive = dynamics.robot, dynamics.robot.drive
     turning = [wheel.joint for wheel in drive.wheels]
     turning += [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]

@@ -83,7 +83,7 @@ def track(
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
-        plant: What the simulated robot has that its controller does not know of; None: nothing.
+        plant: Differences between the simulated robot and the controller's model; None: none.
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
             is not counted as the simulation's.
         name: What the log calls the reference; None: its name or file, or else its type.

@@ -20,7 +20,7 @@ from rpctl.simulation.periods import delay_periods
 
 @dataclass(frozen=True)
 class Plant:
-    """What the simulated robot has that its controller does not know of.
+    """Differences between the simulated robot and the controller's model.
 
     Attributes:
         tau_bias: Efforts (N·m or N) by actuator that push besides the controller's.
@@ -56,14 +56,14 @@ class Plant:
         """Return the dynamics that the controller computes with.
 
         Raises:
-            RpctlError: The robot believed has other coordinates than the simulated one.
+            RpctlError: The controller's model has other coordinates than the simulated robot.
         """
         if self.controller_model is None:
             return dynamics
         for names in ("quasi_velocities", "actuators"):
             if getattr(self.controller_model, names) != getattr(dynamics.robot, names):
                 raise RpctlError(
-                    f"the robot believed, {self.controller_model.name}, has other {names} than "
+                    f"the controller's model, {self.controller_model.name}, has other {names} than "
                     f"{dynamics.robot.name}; vary its masses or limits only"
                 )
         return ReducedDynamics(self.controller_model)

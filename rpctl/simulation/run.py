@@ -31,7 +31,7 @@ META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 OPTIONAL_ENTRIES = (
     "load_range",
     "slip_range",
-)  # entries that older files lack, and that may be NaN or inf
+)  # missing in older files; they may hold NaN or inf
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -49,7 +49,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Figures:
-    """What a run came to.
+    """The error, effort and time figures of one run.
 
     Attributes:
         rms_base: Root mean square of P's distance from its reference, m.
@@ -98,7 +98,7 @@ class Row(NamedTuple):
 
 
 class Stopwatch:
-    """Times laws in the loop, in seconds of the processor: other programs do not count."""
+    """Measures the processor time (thread time) of each call of a law, s."""
 
     def __init__(self) -> None:
         self.seconds: list[float] = []  # of each call, the laws in turn
@@ -259,7 +259,7 @@ def run_grid(
 def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Row]]]:
     """Yield what sends a cell to another process; none of them outlives this.
 
-    A Ctrl-C reaches every process of a terminal: the workers leave it to this one, which ends them.
+    Workers ignore SIGINT; on Ctrl-C this process, their parent, terminates them.
     """
     before = set(mp.active_children())
     resource_tracker.ensure_running()  # it would unblock the signal when it starts
@@ -282,7 +282,7 @@ def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Ro
         executor.shutdown(cancel_futures=True)
 
 
-_benches: list[Benchmark] = []  # of a worker: its one
+_benches: list[Benchmark] = []  # of this worker process; one at most
 
 
 def _set_bench(bench: Benchmark) -> None:
