@@ -1,9 +1,10 @@
-"""Public functions say what they take: shapes, units and frames stand in their docstrings."""
+"""Names and docstrings: a class name is one thing, and a public function says what it takes."""
 
 from __future__ import annotations
 
 import ast
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,3 +49,12 @@ def test_parameters_are_documented() -> None:
                 where = f"{file.relative_to(PACKAGE)}:{node.lineno} {node.name}"
                 missing.append(f"{where}: {', '.join(sorted(lacking))}")
     assert not missing, "\n".join(missing)
+
+
+def test_a_class_name_is_one_thing() -> None:
+    places = defaultdict(list)
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(str(file.relative_to(PACKAGE)))
+    assert not {name: files for name, files in places.items() if len(files) > 1}
