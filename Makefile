@@ -1,11 +1,13 @@
 # Two commands for a newcomer: `make demo` and `make test`. Both set up .venv by themselves.
+# Each kind of check has a quick case in `make test`; `make slow` runs in CI as well, and
+# `make thorough` runs the whole grids before a release.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test slow lint types bench pictures clean
+.PHONY: demo test slow thorough lint types bench pictures clean
 
 demo: $(READY)
 	$(BIN)/rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1 --out runs/demo
@@ -16,6 +18,9 @@ test: $(READY)
 slow: $(READY)
 	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
 
+thorough: $(READY)
+	$(BIN)/python -m pytest -m thorough -n auto --dist worksteal
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -23,11 +28,12 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
+# BENCH adds options, as BENCH=--benchmark-max-time=0.1 for a quick look
 bench: $(READY)
-	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts=
+	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts= $(BENCH)
 
 pictures: $(READY)
-	$(BIN)/python demos/readme_picture.py
+	$(BIN)/python demos/readme_picture.py demos
 
 clean:
 	rm -rf $(VENV) runs

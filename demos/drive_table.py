@@ -24,7 +24,9 @@ def main() -> None:
             part = "base" if robot.drive.wheels else "end_effector"
             off = OFF if robot.drive.wheels else START
             figures = rpctl.summarize(rpctl.track(robot, "eight", initial_error=off))
-            rms, final = (1e3 * figures[f"{when}_{part}_error"] for when in ("rms", "final"))
+            rms, final = (
+                1e3 * getattr(figures, f"{when}_{part}_error") for when in ("rms", "final")
+            )
             print(f"{drive:13} {robot.name:13} {residual:8.0e} {rms:6.1f} mm {final:9.4f} mm")
 
 

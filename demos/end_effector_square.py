@@ -4,6 +4,8 @@ The square is too large for the arm, so the base's path is planned: it drives sm
 sideways, and cuts the corners that the arm then makes good.
 """
 
+import math
+
 import rpctl
 
 
@@ -11,10 +13,11 @@ def main() -> None:
     robot = rpctl.load("tiago")
     run = rpctl.track(robot, "ee-square")
     figures = rpctl.summarize(run)
-    sides = (run.ee.max(axis=0) - run.ee.min(axis=0))[:2]
+    sides = (run.log.ee.max(axis=0) - run.log.ee.min(axis=0))[:2]
     print(f"sides of {sides[0]:.3f} m and {sides[1]:.3f} m, drawn in {run.t[-1]:.1f} s")
-    print(f"end effector {1e3 * figures['rms_end_effector_error']:.2f} mm rms off its reference")
-    print(f"limits broken: {len(figures['limits_violated'])}")
+    rms = figures.rms_end_effector_error or math.nan  # nan without an end effector
+    print(f"end effector {1e3 * rms:.2f} mm rms off its reference")
+    print(f"limits broken: {len(figures.limits_violated)}")
 
 
 if __name__ == "__main__":

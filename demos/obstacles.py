@@ -5,6 +5,7 @@ How near the base came to each obstacle is computed here from the log alone, as 
 eight itself would have led it.
 """
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,9 @@ def main() -> None:
     robot, runs = rpctl.load("tiago"), []
     for name, law in (("together", together), ("hand first", rpctl.EndEffector(together))):
         run = rpctl.track(robot, "eight", 20.0, kinematic=law, dynamic=rpctl.IntegralDynamic())
-        summary, driven = rpctl.summarize(run), clearances(run.base)
-        print(f"{name:10} hand {1e3 * summary['rms_end_effector_error']:3.0f} mm rms off its path")
+        summary, driven = rpctl.summarize(run), clearances(run.log.base)
+        rms = summary.rms_end_effector_error or math.nan  # nan without an end effector
+        print(f"{name:10} hand {1e3 * rms:3.0f} mm rms off its path")
         for obstacle, wanted in clearances(run.base_ref).items():
             print(
                 f"{'':10} {obstacle:20} least clearance {1e3 * driven[obstacle]:3.0f} mm; "

@@ -1,26 +1,31 @@
-"""The README's pictures: four robots on their figure-eights, drawn in headless Chromium."""
+"""The README's pictures: four robots on their figure-eights, drawn in headless Chromium.
 
+They go to the folder that is given (``make pictures`` gives ``demos``), or to ``runs/pictures``.
+"""
+
+import sys
 from pathlib import Path
 
 import rpctl
 from rpctl.view.film.browser import require_browser
 from rpctl.view.film.film import write_still
 
-FOLDER, SIZE = Path(__file__).parent, (960, 540)
+SIZE = (960, 540)
 TIMES = {"tiago": 13.0, "paper": 16.0, "mecanum": 13.0, "tiago_pro": 13.0}  # s
 
 
-def main() -> None:
+def main(folder: Path) -> None:
     try:
         require_browser()
     except rpctl.RpctlError as missing:
         print(f"no pictures: {missing}")
         return
+    folder.mkdir(parents=True, exist_ok=True)
     for name, time in TIMES.items():
         run = rpctl.track(rpctl.load(name), "eight", initial_error=(0.1, -0.1, 0.1))
-        picture = write_still(run, FOLDER / f"{name}.png", size=SIZE, time=time)
-        print(f"wrote {picture.name}")
+        picture = write_still(run, folder / f"{name}.png", size=SIZE, time=time)
+        print(f"wrote {picture}")
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(*sys.argv[1:] or ["runs/pictures"]))

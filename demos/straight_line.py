@@ -13,7 +13,7 @@ def main() -> None:
     for law in (rpctl.PaperKinematic(), rpctl.UnifiedKinematic()):
         for name in ("line", "circle"):
             run = rpctl.track(robot, name, 15.0, (0.0, 0.2, 0.0), law)
-            lateral = rpctl.summarize(run)["final_lateral_error"]
+            lateral = rpctl.summarize(run).final_lateral_error
             print(
                 f"{type(law).__name__:16} {name:6} "
                 f"lateral error: 200.0 mm at the start, {1e3 * lateral:.1f} mm at the end"

@@ -1,5 +1,6 @@
 """A skewed arm on an off-centre base follows a circle; the result is one HTML file."""
 
+import math
 from pathlib import Path
 
 import rpctl
@@ -13,8 +14,9 @@ def main() -> None:
     run.save(folder / "run.npz")
     report = rpctl.write_report(run, folder / "report.html")
     figures = rpctl.summarize(run)
-    print(f"base {1e3 * figures['final_base_error']:.3f} mm, ", end="")
-    print(f"end effector {1e3 * figures['final_end_effector_error']:.3f} mm from the reference")
+    print(f"base {1e3 * figures.final_base_error:.3f} mm, ", end="")
+    tip = figures.final_end_effector_error or math.nan  # nan without an end effector
+    print(f"end effector {1e3 * tip:.3f} mm from the reference")
     print(f"open {report}")
 
 

@@ -10,7 +10,7 @@ def main() -> None:
     start = time.perf_counter()
     for name in names():
         try:
-            certificate = rpctl.verify(rpctl.load(name), samples=100)
+            certificate = rpctl.verify(rpctl.load(name), samples=20)
         except rpctl.RpctlError as error:
             print(f"{name:16} not modelled: {str(error).partition('.urdf: ')[2] or error}")
             continue

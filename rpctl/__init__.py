@@ -3,76 +3,88 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-
-from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.dynamic import PaperDynamic
-from rpctl.control.end_effector import EndEffector
-from rpctl.control.feedback_linearization import FeedbackLinearization
-from rpctl.control.horizon.law import Horizon
-from rpctl.control.integral import IntegralDynamic
-from rpctl.control.kanayama import Kanayama
-from rpctl.control.kinematic import PaperKinematic
-from rpctl.control.law import Efforts, Limit, Rest
-from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.control.unified import UnifiedKinematic
-from rpctl.drive.drive import Drive, Wheel
-from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.state import draw_state
-from rpctl.equivalence.verify import verify
-from rpctl.errors import RpctlError
-from rpctl.robot.load import load
-from rpctl.robot.model import Robot
-from rpctl.robot.vary import scale_limits, scale_masses, set_limits
-from rpctl.simulation.loop import track
-from rpctl.simulation.plant import Plant
-from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
-__all__ = [
-    "BoundedDynamic",
-    "Certificate",
-    "Disc",
-    "Drive",
-    "Efforts",
-    "EndEffector",
-    "FeedbackLinearization",
-    "HalfPlane",
-    "Horizon",
-    "IntegralDynamic",
-    "Kanayama",
-    "Limit",
-    "PaperDynamic",
-    "PaperKinematic",
-    "Plant",
-    "ReducedDynamics",
-    "Rest",
-    "Robot",
-    "RpctlError",
-    "Run",
-    "UnifiedKinematic",
-    "Wheel",
-    "draw_state",
-    "load",
-    "scale_limits",
-    "scale_masses",
-    "set_limits",
-    "summarize",
-    "track",
-    "verify",
-    "write_report",
-]
+_MODULES = {  # public name -> the module that has it, imported when the name is first used
+    "BoundedDynamic": "rpctl.control.bounded",
+    "Certificate": "rpctl.equivalence.certificate",
+    "Disc": "rpctl.control.obstacles",
+    "Drive": "rpctl.drive.drive",
+    "Efforts": "rpctl.control.law",
+    "EndEffector": "rpctl.control.end_effector",
+    "FeedbackLinearization": "rpctl.control.feedback_linearization",
+    "HalfPlane": "rpctl.control.obstacles",
+    "Horizon": "rpctl.control.horizon.law",
+    "IntegralDynamic": "rpctl.control.integral",
+    "Kanayama": "rpctl.control.kanayama",
+    "Limit": "rpctl.control.law",
+    "PaperDynamic": "rpctl.control.dynamic",
+    "PaperKinematic": "rpctl.control.kinematic",
+    "Plant": "rpctl.simulation.plant",
+    "ReducedDynamics": "rpctl.dynamics.reduced",
+    "Rest": "rpctl.control.law",
+    "Robot": "rpctl.robot.model",
+    "RpctlError": "rpctl.errors",
+    "Run": "rpctl.simulation.run",
+    "UnifiedKinematic": "rpctl.control.unified",
+    "Wheel": "rpctl.drive.drive",
+    "draw_state": "rpctl.equivalence.state",
+    "load": "rpctl.robot.load",
+    "scale_limits": "rpctl.robot.vary",
+    "scale_masses": "rpctl.robot.vary",
+    "set_limits": "rpctl.robot.vary",
+    "summarize": "rpctl.simulation.summary",
+    "track": "rpctl.simulation.loop",
+    "verify": "rpctl.equivalence.verify",
+    "write_report": "rpctl.view.pages.report",
+}
+__all__ = sorted(_MODULES)
+
+if TYPE_CHECKING:  # the same, for type checkers and editors
+    from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
+    from rpctl.control.dynamic import PaperDynamic as PaperDynamic
+    from rpctl.control.end_effector import EndEffector as EndEffector
+    from rpctl.control.feedback_linearization import FeedbackLinearization as FeedbackLinearization
+    from rpctl.control.horizon.law import Horizon as Horizon
+    from rpctl.control.integral import IntegralDynamic as IntegralDynamic
+    from rpctl.control.kanayama import Kanayama as Kanayama
+    from rpctl.control.kinematic import PaperKinematic as PaperKinematic
+    from rpctl.control.law import Efforts as Efforts
+    from rpctl.control.law import Limit as Limit
+    from rpctl.control.law import Rest as Rest
+    from rpctl.control.obstacles import Disc as Disc
+    from rpctl.control.obstacles import HalfPlane as HalfPlane
+    from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
+    from rpctl.drive.drive import Drive as Drive
+    from rpctl.drive.drive import Wheel as Wheel
+    from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
+    from rpctl.equivalence.certificate import Certificate as Certificate
+    from rpctl.equivalence.state import draw_state as draw_state
+    from rpctl.equivalence.verify import verify as verify
+    from rpctl.errors import RpctlError as RpctlError
+    from rpctl.robot.load import load as load
+    from rpctl.robot.model import Robot as Robot
+    from rpctl.robot.vary import scale_limits as scale_limits
+    from rpctl.robot.vary import scale_masses as scale_masses
+    from rpctl.robot.vary import set_limits as set_limits
+    from rpctl.simulation.loop import track as track
+    from rpctl.simulation.plant import Plant as Plant
+    from rpctl.simulation.run import Run as Run
+    from rpctl.simulation.summary import summarize as summarize
+    from rpctl.view.pages.report import write_report as write_report
+else:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+        return value
 
 
-def write_report(run: Run | Sequence[Run], path: str | Path) -> Path:
-    """Write one HTML file that shows a run, or compares several; see ``view/pages/report.py``."""
-    from rpctl.view.pages.report import write_report as write  # meshcat and trimesh load only here
-
-    return write(run, path)
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def load_ipython_extension(shell: Any) -> None:

@@ -6,7 +6,6 @@ another is found.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,9 @@ import pinocchio as pin
 import rpctl
 from rpctl import Robot, Run
 from rpctl.arrays import Array
+from rpctl.simulation.facts import GroundFacts, RobotFacts
+from rpctl.simulation.log import Log
+from tests.runs import vary
 
 LINK = """<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="0.02" iyy="0.03"
   izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial><visual><origin xyz="{at}" rpy="{rpy}"/>
@@ -174,15 +176,23 @@ def golden_run(robot: Robot) -> Run:
     }
     for array in arrays.values():
         array.setflags(write=False)
-    return Run(**arrays, **_facts(robot))
+    return Run(
+        log=Log(**arrays, bound_limits=BOUND_LIMITS),
+        robot=_robot_facts(robot),
+        ground=GroundFacts(CONTACTS, CONTACT_POINTS, ((1, 2), (0,)), (), friction=0.7),
+        settings={"reference": "eight", "kinematic_report": {"softened": 3.0}},
+        notes=(),
+        certificate=None,
+        wall_time=WALL_TIME,
+    )
 
 
 def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Any = None) -> Run:
     """Return some samples of a run, later by a time that no page should tell, or at other times."""
     arrays: dict[str, Any] = {
-        n: a[samples] for n, a in vars(run).items() if isinstance(a, np.ndarray)
+        n: a[samples] for n, a in vars(run.log).items() if isinstance(a, np.ndarray)
     }
-    return dataclasses.replace(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
+    return vary(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 
 
 def speeds(first: float, slope: float) -> Array:
@@ -190,39 +200,29 @@ def speeds(first: float, slope: float) -> Array:
     return np.asarray(first + slope * np.arange(COUNT))
 
 
-def _facts(robot: Robot) -> dict[str, Any]:
-    return {
-        "robot": robot.name,
-        "source": robot.source,
-        "urdf_sha256": robot.description.sha256,
-        "locked": {},
-        "drive": dataclasses.asdict(robot.drive),
-        "density": None,
-        "package_dirs": (),
-        "quasi_velocities": QUASI_VELOCITIES,
-        "actuators": ACTUATORS,
-        "joint_names": ("swing_joint", "slide_joint"),
-        "units": ("rad", "m"),
-        "effort_limits": EFFORT_LIMITS,
-        "velocity_limits": VELOCITY_LIMITS,
-        "lower_limits": (-1.0, -0.1),
-        "upper_limits": (1.5, 0.4),
-        "steering_names": ("steer_joint",),
-        "steering_limits": ((-0.5, 0.6),),
-        "other_names": ("flap_joint", "idle_wheel_joint"),
-        "other_limits": ((-0.3, 0.4, 2.5), (-math.inf, math.inf, 6.0)),
-        "end_effector": "slide",
-        "contacts": CONTACTS,
-        "contact_points": CONTACT_POINTS,
-        "axles": ((1, 2), (0,)),
-        "ground_notes": (),
-        "bound_limits": BOUND_LIMITS,
-        "friction": 0.7,
-        "settings": {"reference": "eight", "kinematic_report": {"softened": 3.0}},
-        "notes": (),
-        "certificate": None,
-        "wall_time": WALL_TIME,
-    }
+def _robot_facts(robot: Robot) -> RobotFacts:
+    return RobotFacts(
+        name=robot.name,
+        source=robot.source,
+        urdf_sha256=robot.description.sha256,
+        locked={},
+        drive=robot.drive,
+        density=None,
+        package_dirs=(),
+        quasi_velocities=QUASI_VELOCITIES,
+        actuators=ACTUATORS,
+        joint_names=("swing_joint", "slide_joint"),
+        units=("rad", "m"),
+        effort_limits=EFFORT_LIMITS,
+        velocity_limits=VELOCITY_LIMITS,
+        lower_limits=(-1.0, -0.1),
+        upper_limits=(1.5, 0.4),
+        steering_names=("steer_joint",),
+        steering_limits=((-0.5, 0.6),),
+        other_names=("flap_joint", "idle_wheel_joint"),
+        other_limits=((-0.3, 0.4, 2.5), (-math.inf, math.inf, 6.0)),
+        end_effector="slide",
+    )
 
 
 def _actual(k: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive_file import DriveSpec
@@ -107,7 +108,7 @@ def four_wheels(folder: Path, kind: str) -> Robot:
       <origin xyz="0.1 0.05 0.4" rpy="0.3 0.2 0"/><axis xyz="0 0 1"/>
       <limit lower="-2" upper="2" effort="30" velocity="2"/></joint>"""
     path = write(folder, platform(SET_A, right_sign=-1, extra=rear + arm), f"{kind}.urdf")
-    return load(path, drive=detect(read(path), {}, DriveSpec(kind)))
+    return load(path, drive=detect(FrozenTree(read(path)), DriveSpec(kind)))
 
 
 SET_A = {"m_c": 30.0, "I_c": 15.625, "d": 0.3, "m_w": 1.0, "I_s": 0.005, "I_d": 0.0025}

@@ -12,42 +12,46 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.control.config import read_config
+from tests.grids import cells
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^\$ rpctl (.*)$", TEXT, flags=re.MULTILINE)
 DRIVE_FILE = re.findall(r"```toml\n(type = .*?)```", TEXT, flags=re.DOTALL)[0]
 (OBSTACLES,) = re.findall(r"```toml\n([^`]*base_obstacles[^`]*)```", TEXT)
-EXAMPLES = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
-
-pytestmark = pytest.mark.slow
-
-
-def test_there_is_something_to_run() -> None:
-    assert len(COMMANDS) >= 6
-    assert len(EXAMPLES) == 1
+(EXAMPLE,) = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
+WRITTEN = re.compile(r"(?:--out|--save-config|>) (\S+)")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One folder for all commands: some take up what others wrote."""
-    return tmp_path_factory.mktemp("readme")
+def takes_up(line: str, earlier: str) -> bool:
+    """Return whether a command reads what an earlier one writes."""
+    return line != earlier and any(file in line.split() for file in WRITTEN.findall(earlier))
 
 
-@pytest.mark.parametrize("line", [c for c in COMMANDS if not c.startswith("view")])
-def test_commands(line: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)
-    command, _, file = line.partition(" > ")
-    result = CliRunner().invoke(app, shlex.split(command))
-    assert result.exit_code == 0, result.output
-    assert result.stdout.strip()
-    assert not file or file.endswith((".tex", ".c"))
+LINES = [line for line in COMMANDS if not line.startswith("view")]
+LAST = [line for line in LINES if not any(takes_up(other, line) for other in LINES)]
+LONG = [line for line in LAST if line.startswith("compare")]
+SHORT = [f"{line} --duration 2" for line in LONG]
+IN_CI = [line for line in LAST if line not in LONG] + SHORT
 
 
+@pytest.mark.parametrize("last", cells(LAST + SHORT, slow=IN_CI))
+def test_commands(last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As they are written, after those whose files they take up; `compare` for 2 s only in CI."""
+    monkeypatch.chdir(tmp_path)
+    for line in (*(each for each in LINES if takes_up(last, each)), last):
+        command, _, file = line.partition(" > ")
+        result = CliRunner().invoke(app, shlex.split(command))
+        assert result.exit_code == 0, result.output
+        assert result.stdout.strip()
+        assert not file or file.endswith((".tex", ".c"))
+
+
+@pytest.mark.slow
 def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     printed: list[str] = []
-    exec(EXAMPLES[0], {"print": lambda *values: printed.append(" ".join(map(str, values)))})
-    expected = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLES[0])
+    exec(EXAMPLE, {"print": lambda *values: printed.append(" ".join(map(str, values)))})
+    expected = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLE)
     assert printed == expected
     assert (tmp_path / "report.html").stat().st_size > 1e6
 

@@ -9,11 +9,15 @@ from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 import rpctl
 
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
 ROOMS += ["equivalence", "derive", "reference", "control", "simulation", "study", "view", "cli"]
+VIEW = ["chart", "charts", "obstacles", "scene", "plots", "pages", "serve", "film"]
+VIEW += ["notebook", "run_folder"]
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 
@@ -46,12 +50,32 @@ def test_data_flows_one_way() -> None:
     assert not wrong
 
 
+def test_data_flows_one_way_inside_the_view() -> None:
+    wrong = []
+    for file, room, module in imports():
+        if room == "view" and file.name != "__init__.py" and module.startswith("rpctl.view."):
+            here, there = file.parts[1].removesuffix(".py"), module.split(".")[2]
+            if VIEW.index(there) > VIEW.index(here):
+                wrong.append(f"{file.as_posix()} imports {module}")
+    assert not wrong
+
+
 def test_no_circle_of_imports() -> None:
     graph: dict[str, set[str]] = {}
     for file, _, module in imports():
         name = ".".join(("rpctl", *file.with_suffix("").parts))
         graph.setdefault(name, set()).update((module, module.rpartition(".")[0]))
     tuple(TopologicalSorter(graph).static_order())  # raises CycleError, which names the circle
+
+
+def test_rooms_above_the_robot_know_nothing_of_pinocchio() -> None:
+    above = ROOMS[: ROOMS.index("robot")]
+    wrong = [
+        f"{file.as_posix()} imports {module}"
+        for file, room, module in imports()
+        if room in above and module.startswith(("pinocchio", "rpctl.robot"))
+    ]
+    assert not wrong
 
 
 def test_only_the_view_imports_meshcat() -> None:
@@ -64,10 +88,45 @@ def test_only_the_view_imports_meshcat() -> None:
     assert not wrong
 
 
-def test_importing_rpctl_stays_light() -> None:
-    code = "import sys, rpctl; print(*sys.modules)"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    heavy = {"meshcat", "trimesh", "matplotlib", "yourdfpy", "IPython"} & set(loaded.stdout.split())
-    assert not heavy
+def modules_after(code: str) -> set[str]:
+    """Return the packages that a fresh interpreter has loaded after running code."""
+    code += "; import sys; print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return {module.partition(".")[0] for module in done.stderr.split()}
+
+
+def test_importing_rpctl_imports_no_other_package() -> None:
+    standard = sys.stdlib_module_names | modules_after("pass")
+    assert modules_after("import rpctl") - standard == {"rpctl"}
+
+
+def test_the_model_needs_no_viewer() -> None:
+    heavy = {"meshcat", "trimesh", "matplotlib", "yourdfpy", "IPython", "casadi", "sympy", "typer"}
+    loaded = modules_after("import rpctl; rpctl.load; rpctl.track; rpctl.ReducedDynamics")
+    assert "pinocchio" in loaded
+    assert not heavy & loaded
+
+
+@pytest.mark.parametrize("word", ["--help", "robots"])
+def test_what_needs_no_robot_loads_no_engine(word: str) -> None:
+    heavy = {"scipy", "pinocchio", "casadi", "matplotlib", "trimesh", "yourdfpy", "meshcat"}
+    loaded = modules_after(f"from rpctl.cli.app import app; app(['{word}'], standalone_mode=False)")
+    assert "typer" in loaded
+    assert not heavy & loaded
+
+
+def test_type_checkers_see_what_rpctl_exports() -> None:
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If) and node.orelse)
+    seen = {
+        alias.asname: statement.module
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+    }
+    assert seen == rpctl._MODULES
+    assert {*rpctl.__all__} <= {*dir(rpctl)}
+    for name in rpctl.__all__:
+        assert getattr(rpctl, name).__name__ == name
+    with pytest.raises(AttributeError, match="module 'rpctl' has no attribute 'lode'"):
+        rpctl.__getattr__("lode")

@@ -1,56 +1,150 @@
-"""The command line: parse, call, print."""
+"""The command line ``rpctl``: its commands, each imported when it is called."""
 
 from __future__ import annotations
 
 import functools
+import inspect
 import sys
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from dataclasses import dataclass, is_dataclass
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from rpctl import __version__
-from rpctl.cli.compare import compare_command
-from rpctl.cli.options import (
-    CHECK_FAILED,
-    DensityOption,
-    DriveOption,
-    JsonOption,
-    LockOption,
-    PackageDirOption,
-    RobotArgument,
-    StrictOption,
-    certify,
-    load_robot,
-)
-from rpctl.cli.show import (
-    show_catalogue,
-    show_certificate,
-    show_robot,
-)
-from rpctl.cli.track import track_command
-from rpctl.cli.view import plot_command, view_command
-from rpctl.description.expansion import expand
-from rpctl.description.packages import require_folders
-from rpctl.errors import RpctlError, format_finding
-from rpctl.files.writing import to_json
-from rpctl.robot.catalog import ENTRIES
-from rpctl.robot.facts import facts
+from rpctl.errors import RpctlError
+
+INTERRUPTED = 130  # exit code
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command before it is imported.
+
+    Attributes:
+        function: Where it is, ``module:function``. Typer makes options of its parameters, and of
+            the fields of those that are dataclasses; its docstring is its help.
+        summary: The first sentence of its help, for the list of commands.
+        example: How it is called.
+    """
+
+    function: str
+    summary: str
+    example: str
+
+
+COMMANDS = {
+    "inspect": Command(
+        "rpctl.cli.inspect:inspect_command",
+        "Show what a robot is: drive, wheels, joints, and what is doubtful in its file.",
+        "rpctl inspect tiago --lock 'head_*'",
+    ),
+    "verify": Command(
+        "rpctl.cli.verify:verify_command",
+        "Compare independent derivations of a robot's dynamics; exit 1 if they disagree.",
+        "rpctl verify tiago --samples 200 --seed 7",
+    ),
+    "derive": Command(
+        "rpctl.cli.derive:derive_command",
+        "Write the reduced equations in closed form: to read, to publish, or as code.",
+        "rpctl derive paper --format latex > paper.tex",
+    ),
+    "track": Command(
+        "rpctl.cli.track:track_command",
+        "Close the loop with the predictive controllers; write run, figures, plots and report.",
+        "rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1",
+    ),
+    "view": Command(
+        "rpctl.cli.view:view_command",
+        "Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.",
+        "rpctl view tiago, or rpctl view runs/tiago-eight",
+    ),
+    "plot": Command(
+        "rpctl.cli.view:plot_command",
+        "Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG.",
+        "rpctl plot runs/tiago-eight --out tiago.pdf",
+    ),
+    "compare": Command(
+        "rpctl.cli.compare:compare_command",
+        "Compare pairs of laws over references and scenarios; write a table and a figure.",
+        "rpctl compare tiago --references line,eight",
+    ),
+    "expand": Command(
+        "rpctl.cli.sources:expand_command",
+        "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",
+        "rpctl expand robot.urdf.xacro > robot.urdf",
+    ),
+    "robots": Command(
+        "rpctl.cli.sources:robots_command",
+        "List the catalogue: the project's own robots and those of example-robot-data.",
+        "rpctl robots --json",
+    ),
+}
+
+
+class LazyGroup(TyperGroup):
+    """A group whose list of commands is known before the commands are imported."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[Any, Any, list[str]]:
+        """Import the command that is called."""
+        name, _, rest = super().resolve_command(ctx, args)
+        return name, load_command(name) if name else None, rest
+
 
 app = typer.Typer(
+    cls=LazyGroup,
     help="From any wheeled robot's URDF to a verified model, predictive control and an animation.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-INTERRUPTED = 130
-
-Command = TypeVar("Command", bound=Callable[..., Any])
+for name, command in COMMANDS.items():
+    app.command(name, help=command.summary)(lambda: None)  # a row of the list of commands
 
 
-def _guarded(command: Command) -> Command:
+def load_command(name: str) -> Any:
+    """Import a command and return it with its options, as Typer's (and click's) ``Command``.
+
+    Args:
+        name: Of ``COMMANDS``.
+    """
+    command = COMMANDS[name]
+    module, _, function = command.function.partition(":")
+    single = typer.Typer(add_completion=False)
+    single.command(name, epilog=f"Example: {command.example}")(
+        _guarded(_flatten(getattr(import_module(module), function)))
+    )
+    return typer.main.get_command(single)
+
+
+def _flatten(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Replace each parameter of a command that is a dataclass by the fields of the dataclass.
+
+    Typer makes an option of each field; the command is called with the dataclass.
+    """
+    groups: dict[str, tuple[type, list[str]]] = {}
+    flat: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        kind = parameter.annotation
+        found = [parameter]
+        if is_dataclass(kind) and isinstance(kind, type):
+            found = [*inspect.signature(kind, eval_str=True).parameters.values()]
+            groups[parameter.name] = kind, [field.name for field in found]
+        flat += (each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in found)
+
+    @functools.wraps(command)
+    def run(**given: Any) -> Any:
+        for name, (kind, fields) in groups.items():
+            given[name] = kind(**{field: given.pop(field) for field in fields})
+        return command(**given)
+
+    run.__signature__ = inspect.Signature(flat)  # type: ignore[attr-defined]
+    return run
+
+
+def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     """Turn an error that a user can mend into one message and an exit code."""
 
     @functools.wraps(command)
@@ -67,137 +161,7 @@ def _guarded(command: Command) -> Command:
             typer.echo("interrupted", err=True)
             raise typer.Exit(INTERRUPTED) from None
 
-    return run  # type: ignore[return-value]
-
-
-@app.command("inspect", epilog="Example: rpctl inspect tiago --lock 'head_*'")
-@_guarded
-def inspect_command(
-    robot: RobotArgument,
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
-    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    if as_json:
-        _print_json(facts(loaded))
-    else:
-        show_robot(loaded)
-
-
-@app.command("verify", epilog="Example: rpctl verify tiago --samples 200 --seed 7")
-@_guarded
-def verify_command(
-    robot: RobotArgument,
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
-    samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
-    engines: Annotated[
-        str,
-        typer.Option(metavar="mujoco|none", help="Other physics engines that take part."),
-    ] = "mujoco",
-    contact: Annotated[
-        bool,
-        typer.Option("--contact", help="Let it roll on a plane, too, as a free body in MuJoCo."),
-    ] = False,
-    html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
-    wanted = [] if engines == "none" else engines.split(",")
-    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    certificate = certify(loaded, samples, seed, wanted, strict, contact)
-    if html is not None:
-        from rpctl.view.pages.certificate import write_certificate
-
-        write_certificate(certificate, html)
-    if as_json:
-        _print_json(certificate.to_dict())
-    else:
-        show_certificate(certificate)
-    if not certificate.passed:
-        raise typer.Exit(CHECK_FAILED)
-
-
-@app.command("derive", epilog="Example: rpctl derive paper --format latex > paper.tex")
-@_guarded
-def derive_command(
-    robot: RobotArgument,
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
-    form: Annotated[
-        str, typer.Option("--format", metavar="text|latex|python|c", help="What to write.")
-    ] = "text",
-    parameters: Annotated[
-        bool, typer.Option("--parameters", help="Keep masses and lengths as symbols.")
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Write the reduced equations in closed form: to read, to publish, or as code."""
-    from rpctl.derive.write import derive  # SymPy and CasADi load only once needed
-
-    text = derive(load_robot(robot, drive, lock, density, strict, package_dir), form, parameters)
-    if as_json:
-        _print_json({"robot": robot, "format": form, "text": text})
-    else:
-        typer.echo(text, nl=False)
-
-
-app.command(
-    "track", epilog="Example: rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1"
-)(_guarded(track_command))
-app.command("view", epilog="Example: rpctl view tiago, or rpctl view runs/tiago-eight")(
-    _guarded(view_command)
-)
-app.command("plot", epilog="Example: rpctl plot runs/tiago-eight --out tiago.pdf")(
-    _guarded(plot_command)
-)
-app.command("compare", epilog="Example: rpctl compare tiago --references line,eight")(
-    _guarded(compare_command)
-)
-
-
-@app.command("expand", epilog="Example: rpctl expand robot.urdf.xacro > robot.urdf")
-@_guarded
-def expand_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .xacro file. It is evaluated.")],
-    package_dir: PackageDirOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
-    text, findings = expand(file, require_folders(package_dir or ()))
-    for finding in findings:
-        typer.echo(format_finding(str(file), finding), err=True)
-    if as_json:
-        _print_json({"file": str(file), "text": text})
-    else:
-        typer.echo(text, nl=False)
-
-
-@app.command("robots", epilog="Example: rpctl robots --json")
-@_guarded
-def robots_command(as_json: JsonOption = False) -> None:
-    """List the catalogue: the project's own robots and those of example-robot-data."""
-    rows = [
-        {"name": e.name, "base": e.base, "summary": e.summary, "file": str(e.path)} for e in ENTRIES
-    ]
-    if as_json:
-        _print_json(rows)
-        return
-    show_catalogue(rows)
+    return run
 
 
 def _version(wanted: bool) -> None:
@@ -213,10 +177,6 @@ def _root(
     ] = False,
 ) -> None:
     pass
-
-
-def _print_json(value: object) -> None:
-    typer.echo(to_json(value))
 
 
 def main() -> None:

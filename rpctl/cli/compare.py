@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import os
-import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,21 +16,18 @@ from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import (
-    DensityOption,
-    DriveOption,
     JsonOption,
-    LockOption,
-    PackageDirOption,
+    LoadOptions,
     RobotArgument,
-    StrictOption,
-    load_robot,
+    default_folder,
     read_triple,
+    split_names,
 )
-from rpctl.cli.show import console, progress_bar
-from rpctl.control.dynamic import DYNAMIC_LAWS
+from rpctl.cli.terminal import console, new_table, print_json, progress_bar
+from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically
-from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Row, grid, run_grid
+from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
 from rpctl.study.scenarios import PAPER, SCENARIOS, LawPair, controllers, proposed
 from rpctl.study.verdicts import MEASURES, TIE_RATIO, Verdict, best, group_rows, verdicts
 
@@ -40,20 +37,17 @@ TABLE_WIDTH = 136  # characters that the table needs
 AUTO = "auto"
 
 
-def compare_command(
-    robot: RobotArgument,
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
+@dataclass(frozen=True)
+class GridOptions:
+    """The options that choose the runs: each law on each reference in each scenario."""
+
     laws: Annotated[
         str,
         typer.Option(
             metavar="NAME,...",
             help="Kinematic laws, or pairs as unified+bounded; all if not given.",
         ),
-    ] = "",
+    ] = ""
     dynamic: Annotated[
         str,
         typer.Option(
@@ -61,17 +55,40 @@ def compare_command(
             help="Dynamic law of kinematic laws that stand alone; auto takes the pairs that tell "
             "most.",
         ),
-    ] = AUTO,
+    ] = AUTO
     references: Annotated[
         str,
         typer.Option(
             metavar="NAME|FILE,...",
             help=f"References, as track takes them; {', '.join(REFERENCES)} if not given.",
         ),
-    ] = "",
+    ] = ""
     scenarios: Annotated[
         str, typer.Option(metavar="NAME,...", help=f"Of {', '.join(SCENARIOS)}; all if not given.")
-    ] = "",
+    ] = ""
+
+    def cells(self) -> list[Cell]:
+        """Return the runs, scenario by scenario.
+
+        Raises:
+            UnknownNameError: There is no such law, scenario or reference.
+        """
+        pairs = controllers(split_names(self.laws), None if self.dynamic == AUTO else self.dynamic)
+        scenarios = split_names(self.scenarios) or list(SCENARIOS)
+        for name in scenarios:
+            if name not in SCENARIOS:
+                raise UnknownNameError("scenario", name, SCENARIOS)
+        references = split_names(self.references) or list(REFERENCES)
+        for name in references:
+            if name not in REFERENCES and not Path(name).suffix:
+                raise UnknownNameError("reference", name, (*REFERENCES, "FILE.csv", "FILE.toml"))
+        return grid(scenarios, references, pairs)
+
+
+def compare_command(
+    robot: RobotArgument,
+    options: LoadOptions,
+    selection: GridOptions,
     duration: Annotated[
         float | None,
         typer.Option(metavar="S", help="Of each run, s; as long as the reference moves, or 20."),
@@ -88,48 +105,41 @@ def compare_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run laws on references under trouble; write a table and a picture of all their errors.
+    """Compare pairs of laws over references and scenarios; write a table and a figure.
 
     A cell that cannot run says why in the table.
     """
     error = read_triple(initial_error)
-    chosen = controllers(_split_names(laws), None if dynamic == AUTO else dynamic)
-    scenario_names = _split_names(scenarios) or list(SCENARIOS)
-    for name in scenario_names:
-        if name not in SCENARIOS:
-            raise UnknownNameError("scenario", name, SCENARIOS)
-    paths = _split_names(references) or list(REFERENCES)
-    for name in paths:
-        if name not in REFERENCES and not Path(name).suffix:
-            raise UnknownNameError("reference", name, (*REFERENCES, "FILE.csv", "FILE.toml"))
-    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", f"{loaded.name}-compare")
-    cells = grid(scenario_names, paths, chosen)
+    cells = selection.cells()
+    loaded = options.load(robot)
     bench = Benchmark(loaded, duration, error)
     with progress_bar("compare") as advance:
         rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
     if all(row.figures is None for row in rows):
         raise RpctlError(f"nothing ran: {rows[0].failure}")
     ours = proposed(loaded)
-    summary = {
-        "robot": loaded.name,
-        "duration": bench.duration,
-        "initial_error": list(error),
-        "scenarios": {name: SCENARIOS[name].summary for name in scenario_names},
-        "controllers": list(map(str, chosen)),
-        "ours": str(ours),
-        "rows": [row.to_dict() for row in rows],
-        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
-    }
+    summary = _summary(bench, rows, ours)
+    folder = out or default_folder(f"{loaded.name}-compare")
     _write(folder, summary, rows, ours)
     if as_json:
-        typer.echo(to_json(summary))
+        print_json(summary)
     else:
         show_comparison(rows, ours, folder)
 
 
-def _split_names(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",") if word.strip()]
+def _summary(bench: Benchmark, rows: Sequence[Row], ours: LawPair) -> dict[str, Any]:
+    """Return all that is known of a benchmark, as JSON says it."""
+    cells = [row.cell for row in rows]
+    return {
+        "robot": bench.robot.name,
+        "duration": bench.duration,
+        "initial_error": list(bench.initial_error),
+        "scenarios": {cell.scenario: SCENARIOS[cell.scenario].summary for cell in cells},
+        "controllers": list(dict.fromkeys(str(cell.controller) for cell in cells)),
+        "ours": str(ours),
+        "rows": [row.to_dict() for row in rows],
+        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
+    }
 
 
 def _write(folder: Path, summary: Mapping[str, Any], rows: Sequence[Row], ours: LawPair) -> None:
@@ -173,11 +183,12 @@ def show_comparison(rows: Sequence[Row], ours: LawPair, folder: Path) -> None:
 
 def _table(rows: Sequence[Row], ours: LawPair) -> Table:
     """Return the rows of one scenario; the least errors of working laws are green."""
-    table = Table("reference", "law", box=None, header_style="dim", padding=(0, 2, 0, 0))
-    table.columns[0].no_wrap = table.columns[1].no_wrap = True
-    for heading in ("base rms\nmm", "final\nmm", "e.e. rms\nmm", "final\nmm", "peak\neffort",
-                    "rms\neffort", "limits\nbroken", "sample\nµs", "99 %\nµs"):  # fmt: skip
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = new_table(
+        "reference", "law", ">base rms\nmm", ">final\nmm", ">e.e. rms\nmm", ">final\nmm",
+        ">peak\neffort", ">rms\neffort", ">limits\nbroken", ">sample\nµs", ">99 %\nµs",
+    )  # fmt: skip
+    for column in table.columns:
+        column.no_wrap = True
     for (_, reference), group in group_rows(rows):
         least = [best(group, measure) for measure in ("rms_base", "rms_end_effector")]
         for number, row in enumerate(group):
@@ -242,10 +253,7 @@ def _show_verdicts(out: Console, found: Sequence[Verdict], ours: LawPair) -> Non
     lost = [verdict for verdict in found if not verdict.won]
     if not lost:
         return
-    table = Table("not won", "", "", box=None, header_style="dim", padding=(0, 2, 0, 0))
-    for heading in ("ours, mm", "paper's", "least"):
-        table.add_column(heading, justify="right")
-    table.add_column("by")
+    table = new_table("not won", "", "", ">ours, mm", ">paper's", ">least", "by")
     for verdict in lost:
         own, paper, least = (
             "-" if error is None else f"{MM_PER_M * error:.2f}"

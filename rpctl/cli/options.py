@@ -1,45 +1,24 @@
-"""The options that commands share, and what they mean."""
+"""The options that commands share."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rpctl.cli.show import progress_bar
+import rpctl
 from rpctl.drive.drive_file import DRIVE_TYPES
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
-from rpctl.robot.load import load
-from rpctl.robot.model import Robot
 
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
+
 RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT", help="A URDF or .xacro file, or a name listed by `rpctl robots`."
-    ),
-]
-LockOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME[=POSITION]",
-        help="Freeze joints, by name or pattern, at a position (rad or m; default 0). Repeatable.",
-    ),
-]
-DriveOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="TYPE|FILE",
-        help=f"{', '.join(DRIVE_TYPES)}, or a drive file (TOML).",
-    ),
-]
-DensityOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="KG_PER_M3",
-        help="Estimate the inertias that the file lacks from the links' shapes.",
     ),
 ]
 PackageDirOption = Annotated[
@@ -51,41 +30,66 @@ PackageDirOption = Annotated[
         "Repeatable.",
     ),
 ]
-StrictOption = Annotated[
-    bool,
-    typer.Option("--strict", help="Take warnings, and what was assumed of the drive, as errors."),
-]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
 ]
 
 
-def load_robot(
-    source: str,
-    drive: str | None,
-    lock: list[str] | None,
-    density: float | None,
-    strict: bool,
-    package_dirs: list[str] | None,
-) -> Robot:
-    """Return the robot that the options name.
+@dataclass(frozen=True)
+class LoadOptions:
+    """The options of every command that loads a robot; see ``rpctl.load``."""
 
-    Raises:
-        RpctlError: An option is wrong, or the robot cannot be loaded.
-    """
-    positions = {}
-    for item in lock or []:
-        name, given, position = item.partition("=")
-        try:
-            positions[name] = float(position) if given else 0.0
-        except ValueError:
-            raise RpctlError(
-                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
-            ) from None
-    return load(source, drive, positions, density, strict=strict, package_dirs=package_dirs or ())
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=POSITION]",
+            help="Freeze joints, by name or pattern, at a position (rad or m; default 0). "
+            "Repeatable.",
+        ),
+    ] = None
+    drive: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TYPE|FILE", help=f"{', '.join(DRIVE_TYPES)}, or a drive file (TOML)."
+        ),
+    ] = None
+    density: Annotated[
+        float | None,
+        typer.Option(
+            metavar="KG_PER_M3",
+            help="Estimate the inertias that the file lacks from the links' shapes.",
+        ),
+    ] = None
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict", help="Take warnings, and what was assumed of the drive, as errors."
+        ),
+    ] = False
+    package_dir: PackageDirOption = None
+
+    def load(self, source: str) -> rpctl.Robot:
+        """Load the robot that is called ``source``.
+
+        Raises:
+            RpctlError: An option is wrong, or the robot cannot be loaded.
+        """
+        positions = {}
+        for item in self.lock or ():
+            name, given, position = item.partition("=")
+            try:
+                positions[name] = float(position) if given else 0.0
+            except ValueError:
+                raise RpctlError(
+                    f"--lock {item}: {position!r} is not a number; write NAME=0.1"
+                ) from None
+        return rpctl.load(
+            source, self.drive, positions, self.density,
+            strict=self.strict, package_dirs=self.package_dir or (),
+        )  # fmt: skip
 
 
-def read_triple(text: str) -> tuple[float, ...]:
+def read_triple(text: str) -> tuple[float, float, float]:
     """Return the three numbers of ``X,Y,THETA``.
 
     Raises:
@@ -98,16 +102,11 @@ def read_triple(text: str) -> tuple[float, ...]:
     return x, y, theta
 
 
-def certify(
-    robot: Robot,
-    samples: int,
-    seed: int,
-    engines: list[str],
-    strict: bool = False,
-    contact: bool = False,
-) -> Certificate:
-    """Verify a robot, with a bar on a terminal."""
-    with progress_bar("verify") as advance:
-        return verify(
-            robot, samples, seed, engines, lambda done: advance(done, samples), strict, contact
-        )
+def split_names(text: str) -> list[str]:
+    """Return the names of ``NAME,...``."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def default_folder(name: str) -> Path:
+    """Return the folder below ``runs`` for results of this name; it cannot lead out of ``runs``."""
+    return Path("runs") / re.sub(r"[^\w.-]", "_", name)

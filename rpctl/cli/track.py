@@ -2,45 +2,50 @@
 
 from __future__ import annotations
 
-import re
+import math
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
+from rich.table import Table
 
 from rpctl.cli.options import (
     CHECK_FAILED,
-    DensityOption,
-    DriveOption,
     JsonOption,
-    LockOption,
-    PackageDirOption,
+    LoadOptions,
     RobotArgument,
-    StrictOption,
-    certify,
-    load_robot,
+    default_folder,
     read_triple,
 )
-from rpctl.cli.show import certificate_line, console, progress_bar, show_summary
+from rpctl.cli.terminal import console, format_limit, new_table, print_json, progress_bar
+from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.config import Config, read_config, write_config
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.files.writing import to_json
+from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.log import describe
 from rpctl.simulation.loop import default_duration, track
 from rpctl.simulation.periods import whole_periods
+from rpctl.simulation.run import Run
+from rpctl.simulation.summary import EffortPeak
+
+if TYPE_CHECKING:
+    from rpctl.view.run_folder import RunFolder
+    from rpctl.view.serve.live import Broadcast
 
 
-def track_command(
-    context: typer.Context,
-    robot: RobotArgument,
-    lock: LockOption = None,
-    drive: DriveOption = None,
-    density: DensityOption = None,
-    strict: StrictOption = False,
-    package_dir: PackageDirOption = None,
+@dataclass(frozen=True)
+class ConfigOptions:
+    """The options that choose laws, reference and circumstances of a run."""
+
     reference: Annotated[
         str | None,
         typer.Option(
@@ -48,11 +53,11 @@ def track_command(
             help="Path of the base or of the end effector: a name, a path file (TOML), or "
             "time-stamped poses (CSV); eight if not given.",
         ),
-    ] = None,
+    ] = None
     duration: Annotated[
         float | None,
         typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
-    ] = None,
+    ] = None
     initial_error: Annotated[
         str | None,
         typer.Option(
@@ -60,31 +65,52 @@ def track_command(
             help="Tracking error at the start: how far the reference is ahead and to the left of "
             "the robot (m) and turned from it (rad); none if not given.",
         ),
-    ] = None,
+    ] = None
     kinematic: Annotated[
         str | None,
         typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
-    ] = None,
+    ] = None
     dynamic: Annotated[
         str | None,
         typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
-    ] = None,
+    ] = None
     friction: Annotated[
         float | None,
         typer.Option(
             help="Friction coefficient of the wheels, to tell if they would slip; "
             f"{FRICTION:g} if not given."
         ),
-    ] = None,
+    ] = None
     config: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE", help="Laws, their settings, limits and all else (TOML); options win."
         ),
-    ] = None,
+    ] = None
     save_config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the configuration in use.")
-    ] = None,
+    ] = None
+
+    def read(self) -> Config:
+        """Return the configuration: the file's or the default one, changed by the other options.
+
+        Raises:
+            RpctlError: An option is wrong, or the file cannot be read.
+        """
+        error = None if self.initial_error is None else read_triple(self.initial_error)
+        config = Config() if self.config is None else read_config(self.config)
+        return config.with_laws(self.kinematic, self.dynamic).with_run(
+            reference=self.reference,
+            duration=self.duration,
+            initial_error=error,
+            friction=self.friction,
+        )
+
+
+def track_command(
+    robot: RobotArgument,
+    options: LoadOptions,
+    settings: ConfigOptions,
     samples: Annotated[
         int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
     ] = 20,
@@ -110,20 +136,13 @@ def track_command(
 
     Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
     """
-    error = None if initial_error is None else read_triple(initial_error)
-    config_in_use = (Config() if config is None else read_config(config)).with_laws(
-        kinematic, dynamic
-    )
-    config_in_use = config_in_use.with_run(
-        reference=reference, duration=duration, initial_error=error, friction=friction
-    )
-    loaded = load_robot(robot, drive, lock, density, strict, package_dir)
-    loaded = set_limits(loaded, config_in_use.limits.effort, config_in_use.limits.velocity)
-    path = load_reference(loaded, config_in_use.run.reference)
-    if save_config is not None:
-        write_config(config_in_use, save_config)
-    run_name = f"{loaded.name}-{Path(config_in_use.run.reference).stem}"
-    folder = out or Path("runs") / re.sub(r"[^\w.-]", "_", run_name)
+    config = settings.read()
+    loaded = options.load(robot)
+    loaded = set_limits(loaded, config.limits.effort, config.limits.velocity)
+    reference = load_reference(loaded, config.run.reference)
+    if settings.save_config is not None:
+        write_config(config, settings.save_config)
+    folder = out or default_folder(f"{loaded.name}-{Path(config.run.reference).stem}")
     if png:
         from rpctl.view.film.browser import require_browser
 
@@ -132,49 +151,114 @@ def track_command(
     output.print(
         f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
-    certificate = certify(loaded, samples, 0, [], strict) if samples else None
+    certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
-    watcher = None
-    if live:
-        from rpctl.view.scene.obstacles import find_obstacles
-        from rpctl.view.serve.live import broadcast
+    with _live_page(loaded, reference, config, output.print) if live else nullcontext() as page:
+        run = _simulate(loaded, reference, config, certificate, page)
+        written = _write(run, folder, max_megabytes, png)
+        if page is not None:
+            page.finish(written.report)
+    if as_json:
+        print_json(written.to_dict())
+    else:
+        show_summary(written, folder)
+    if written.summary.limits_violated or (certificate is not None and not certificate.passed):
+        raise typer.Exit(CHECK_FAILED)
 
-        period = config_in_use.run.control_period
-        run_duration = (
-            default_duration(path)
-            if config_in_use.run.duration is None
-            else config_in_use.run.duration
-        )
-        run_duration = whole_periods(run_duration, period) * period
-        obstacles = find_obstacles(describe(config_in_use.kinematic))
-        watcher = context.with_resource(
-            broadcast(loaded, path, run_duration, output.print, obstacles)
-        )
+
+def _live_page(
+    robot: Robot, reference: Reference, config: Config, say: Callable[[str], object]
+) -> AbstractContextManager[Broadcast]:
+    """Serve the page that shows the simulation while it runs."""
+    from rpctl.view.obstacles import find_obstacles
+    from rpctl.view.serve.live import broadcast
+
+    duration, period = config.run.duration, config.run.control_period
+    duration = default_duration(reference) if duration is None else duration
+    duration = whole_periods(duration, period) * period
+    return broadcast(robot, reference, duration, say, find_obstacles(describe(config.kinematic)))
+
+
+def _simulate(
+    robot: Robot,
+    reference: Reference,
+    config: Config,
+    certificate: Certificate | None,
+    page: Broadcast | None,
+) -> Run:
+    """Close the loop, with a bar on a terminal."""
     with progress_bar("simulate") as advance:
-        run = track(
-            loaded,
-            kinematic=config_in_use.kinematic,
-            dynamic=config_in_use.dynamic,
-            **{**vars(config_in_use.run), "reference": path},
-            name=config_in_use.run.reference,
+        return track(
+            robot,
+            kinematic=config.kinematic,
+            dynamic=config.dynamic,
+            **{**vars(config.run), "reference": reference},
+            name=config.run.reference,
             certificate=certificate,
             progress=advance,
-            watch=watcher,
+            watch=page,
         )
-    from rpctl.view.run_folder import REPORT_FILE, write_folder  # matplotlib loads only once needed
+
+
+def _write(run: Run, folder: Path, max_megabytes: float, png: bool) -> RunFolder:
+    """Write the files of a run."""
+    from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
 
     with progress_bar("draw"):
-        summary = write_folder(run, folder, max_megabytes)
+        written = write_folder(run, folder, max_megabytes)
         if png:
             from rpctl.view.film.film import SCENE_FILE, write_still
 
             write_still(run, folder / SCENE_FILE)
-    if watcher is not None:
-        watcher.finish(folder / REPORT_FILE)
-    if as_json:
-        typer.echo(to_json(summary))
-    else:
-        show_summary(summary, folder)
-    if summary["limits_violated"] or (certificate is not None and not certificate.passed):
-        raise typer.Exit(CHECK_FAILED)
+    return written
+
+
+def show_summary(written: RunFolder, folder: Path) -> None:
+    """Print the figures of merit of a run, and where its files lie."""
+    out, summary = console(), written.summary
+    table = new_table("tracking error", ">rms", ">final", ">largest in 2nd half")
+    for label, key in (("base", "base_error"), ("end effector", "end_effector_error")):
+        figures = [getattr(summary, f"{when}_{key}") for when in ("rms", "final", "settled")]
+        if None not in figures:
+            table.add_row(label, *(f"{1e3 * figure:.3f} mm" for figure in figures))
+    for joint in summary.joint_errors:
+        figures = [joint.rms, joint.final, joint.settled]
+        unit = "mm" if joint.unit == "m" else "mrad"
+        table.add_row(escape(joint.joint), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
+    out.print(table)
+    out.print()
+    out.print(_effort_table(summary.efforts))
+    out.print()
+    for broken in summary.limits_violated:
+        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
+                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
+                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
+    for bound in summary.limits_bound:
+        out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
+    ground = summary.ground
+    if ground.sentence is not None:
+        mark = "[yellow]ground[/]" if ground.could_slip else "ground"
+        mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
+        out.print(f"{mark} {escape(ground.sentence)}")
+    out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")
+    for note in written.notes:
+        out.print(f"[yellow]note[/] {escape(note)}")
+    size = f"{written.report_bytes / 1e6:.1f} MB"
+    out.print(f"report [bold]{escape(str(written.report))}[/], {size}   "
+              f"(rpctl view {escape(str(folder))})")  # fmt: skip
+
+
+def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
+    table = new_table("effort", ">peak", ">limit", ">share")
+    for effort in efforts:
+        share, limit = effort.ratio, effort.limit
+        style = "bold red" if share > 1.0 else ""
+        table.add_row(
+            escape(effort.actuator),
+            f"{effort.peak:.4g}",
+            format_limit(limit, ""),
+            f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
+            style=style,
+        )
+    return table

@@ -10,18 +10,17 @@ import numpy as np
 from scipy.linalg import null_space
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command
 from rpctl.control.joint_limits import JointBounds, JointLimits
-from rpctl.control.law import Efforts, Limit, Rest
+from rpctl.control.law import Command, Efforts, Limit, Rest
 from rpctl.control.soft_bound_qp import shortest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError, require_positive
 
-JOINT_ERROR_WEIGHT = (
-    1e-4  # weight of a joint's error where the base's is 1: no arm is held up by driving
-)
-NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, in shares of their limits
-REST_SPEED_FRACTION = 1e-3  # share of the full speed; a slower base has no direction to keep
+# Default weight of a joint's error relative to the base's 1: a joint at its limit must not make the
+# base drift.
+JOINT_ERROR_WEIGHT = 1e-4
+NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, relative to their limits
+REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction to keep
 ROUNDING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
 
 
@@ -37,20 +36,20 @@ class BoundedDynamic:
     limit binds, the minimum is zero and the law is the paper's. Efforts never leave their box;
     bounds on rates and positions that the efforts cannot keep are broken by the least possible.
 
-    The weights matter once a limit binds. They are of p in shares of full speed, which is where the
-    first actuator comes to its velocity limit. Joints have w′ᵢ; the base has
+    The weights matter only when a limit is active. They apply to p divided by full speed, the speed
+    at which the first actuator reaches its velocity limit. Joints have w′ᵢ; the base has
 
         W′ = √w′ (I − c d dᵀ)² √w′,    c = 1 − √along,
 
-    with d the direction of ν_d + h1 ν̇_d, in shares as well: an error along the motion asked for is
-    cheaper than one across it. So a robot whose wheels have come to a limit slows down, v and ω in
-    proportion, and keeps the curvature. By default the base comes before the joints: a joint that
-    its actuator cannot hold does not make the robot drive off under it.
+    with d the direction of ν_d + h1 ν̇_d, divided by full speed as well: an error along the desired
+    motion is cheaper than one across it. So a robot whose wheels have reached a limit slows down, v
+    and ω in proportion, and keeps the curvature. By default the base comes before the joints: a
+    joint that its actuator cannot hold does not make the robot drive off under it.
 
     Attributes:
         horizon_dyn: Prediction time h1, s.
         along: Weight of the base's error along its motion, where one across weighs 1.
-        weights: w′ by name of the quasi-velocity; left out, 1 for the base's and 1e-4 for joints'.
+        weights: w′ by name of the quasi-velocity; default 1 for the base's and 1e-4 for joints'.
     """
 
     horizon_dyn: float = 0.15
@@ -65,21 +64,25 @@ class BoundedDynamic:
             require_positive(f"the weight of {name}", weight)
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> BoundedLaw:
-        """Return the law of one run; it does not need to know how the robot stands before.
+        """Return the controller of one run.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: Not used.
 
         Raises:
             UnknownNameError: A weight is of no quasi-velocity of the robot.
         """
-        del rest
-        return BoundedLaw(self, dynamics, control_period)
+        return BoundedLaw(self, dynamics, period)
 
 
 class _Sample(NamedTuple):
-    """What is asked for at one time, and what stands against it."""
+    """Terms of the QP at one sample."""
 
-    tau: Array  # (n_act,) that ν̇* takes
+    tau: Array  # (n_act,) of ν̇*
     gain: Array  # (n_act, dof): how τ changes with ν̇
     rows: Array  # (k, dof): ẍ of the limited joints by ν̇
     acceleration: Array  # (k,): ẍ under ν̇*
@@ -92,12 +95,10 @@ class BoundedLaw:
     Args:
         law: Its settings.
         dynamics: The robot's dynamics.
-        control_period: s.
+        period: Control period, s.
     """
 
-    def __init__(
-        self, law: BoundedDynamic, dynamics: ReducedDynamics, control_period: float
-    ) -> None:
+    def __init__(self, law: BoundedDynamic, dynamics: ReducedDynamics, period: float) -> None:
         robot = dynamics.robot
         for name in law.weights:
             if name not in robot.quasi_velocities:
@@ -106,7 +107,7 @@ class BoundedLaw:
         self._box = robot.effort_limits
         self._unit = np.where(np.isfinite(self._box), self._box, 1.0)
         self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
-        self._joints = JointLimits(dynamics, control_period, law.horizon_dyn)
+        self._joints = JointLimits(dynamics, period, law.horizon_dyn)
         self._base = len(robot.drive.base_speeds)
         fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
         self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
@@ -118,8 +119,19 @@ class BoundedLaw:
         self._root_weights = np.sqrt(weights)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind."""
+        """Return τ (n_act,) and the limits that bind.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
         return self.efforts(dynamics, q, nu, command, np.zeros_like(nu))
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}
 
     def desired_acceleration(self, nu: Array, command: Command) -> Array:
         """Return ν̇* (dof,)."""
@@ -139,8 +151,8 @@ class BoundedLaw:
             dynamics: The robot's dynamics, as far as the controller knows them.
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
-            command: What to follow.
-            disturbance: What ν̇ (dof,) is beyond that of ``dynamics``.
+            command: Command to follow.
+            disturbance: Acceleration ν̇ (dof,) in addition to that of ``dynamics``.
         """
         sample = self._sample(dynamics, q, nu, self.desired_acceleration(nu, command), disturbance)
         free = (
@@ -169,7 +181,12 @@ class BoundedLaw:
     ) -> tuple[Array, Array]:
         """Return the largest accelerations (k,) of each joint alone, down and up.
 
-        The other quasi-velocities keep theirs at zero, and every actuator within its limit.
+        The accelerations of the other joints are zero, and every actuator stays within its limit.
+
+        Args:
+            holding_efforts: Efforts at zero acceleration (n_act,).
+            gain: Derivative of the efforts by ν̇ (n_act, dof).
+            rows: Rows of S of the limited joints (k, dof).
         """
         cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))  # (n_act, k)
         size = np.maximum(np.abs(cost), ROUNDING)
@@ -191,8 +208,13 @@ class BoundedLaw:
     def _solve_within_limits(self, sample: _Sample, B: Array, T: Array) -> Efforts:
         """Return the efforts of least cost within all bounds.
 
-        The unknowns are y, which T spreads out to p, and the efforts that move nothing. What breaks
-        a joint's bound is h1 times an acceleration, in shares of the joint's full speed.
+        The unknowns are y with p = T y, and the efforts that move nothing. The violation of a
+        joint's bound is h1 times an acceleration, divided by the joint's full speed.
+
+        Args:
+            sample: Terms of the QP.
+            B: Actuation map (dof, n_act).
+            T: Factor of the cost (dof, dof).
         """
         box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
         nullspace = (
@@ -200,9 +222,7 @@ class BoundedLaw:
             if B.shape[0] < B.shape[1]
             else B[:, :0]
         )
-        efforts = np.hstack(
-            [sample.gain @ T / (h1 * unit[:, None]), nullspace]
-        )  # shares of the limits
+        efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), nullspace])  # over the limits
         full = self._joints.full
         joints = sample.rows @ T / full[:, None]
         joints = np.hstack([joints, np.zeros((len(joints), nullspace.shape[1]))])

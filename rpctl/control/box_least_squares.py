@@ -1,4 +1,4 @@
-"""Least squares in a box whose pull is bounded, with its derivative."""
+"""Least squares within bounds, with a bounded multiplier, and its time derivative."""
 
 from __future__ import annotations
 

@@ -11,10 +11,14 @@ from typing import Any
 
 import tomli_w
 
-from rpctl.control.command import KinematicLaw
-from rpctl.control.dynamic import DYNAMIC_LAWS, PaperDynamic, dynamic_by_name
-from rpctl.control.law import DynamicLaw, Startable
-from rpctl.control.registry import KINEMATIC_LAWS, kinematic_by_name
+from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.law import DynamicLaw, KinematicLaw
+from rpctl.control.registry import (
+    DYNAMIC_LAWS,
+    KINEMATIC_LAWS,
+    dynamic_by_name,
+    kinematic_by_name,
+)
 from rpctl.control.settings import (
     DYNAMIC_REGISTRY,
     KINEMATIC_REGISTRY,
@@ -84,8 +88,8 @@ class Config:
         limits: Limits that take the place of the URDF's.
     """
 
-    kinematic: KinematicLaw | Startable[KinematicLaw] = field(default_factory=UnifiedKinematic)
-    dynamic: DynamicLaw | Startable[DynamicLaw] = field(default_factory=PaperDynamic)
+    kinematic: KinematicLaw = field(default_factory=UnifiedKinematic)
+    dynamic: DynamicLaw = field(default_factory=PaperDynamic)
     run: RunSettings = field(default_factory=RunSettings)
     limits: LimitOverrides = field(default_factory=LimitOverrides)
 

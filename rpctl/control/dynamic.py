@@ -1,23 +1,19 @@
-"""The paper's dynamic law, from quasi-velocities to actuator efforts, and the laws by name."""
+"""The dynamic predictive law of [MS21]: from quasi-velocities to actuator efforts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.command import Command
-from rpctl.control.integral import IntegralDynamic
-from rpctl.control.law import DynamicLaw, Startable
+from rpctl.control.law import Command, StatelessLaw
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import UnknownNameError, require_positive
+from rpctl.errors import require_positive
 
 
 @dataclass(frozen=True)
-class PaperDynamic:
+class PaperDynamic(StatelessLaw):
     """The predictive law of [MS21, Eq. 21-26].
 
     The velocity errors ε = ν − ν_d, predicted to first order over the horizon h1, minimise
@@ -39,24 +35,13 @@ class PaperDynamic:
         require_positive("horizon_dyn", self.horizon_dyn)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        """Return τ (n_act,)."""
+        """Return τ (n_act,).
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.horizon_dyn
         return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
-
-
-DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw | Startable[DynamicLaw]]] = {
-    "paper": PaperDynamic,
-    "bounded": BoundedDynamic,
-    "integral": IntegralDynamic,
-}
-
-
-def dynamic_by_name(name: str) -> DynamicLaw | Startable[DynamicLaw]:
-    """Return a dynamic law with its default settings.
-
-    Raises:
-        UnknownNameError: There is no such law.
-    """
-    if name not in DYNAMIC_LAWS:
-        raise UnknownNameError("dynamic law", name, DYNAMIC_LAWS)
-    return DYNAMIC_LAWS[name]()

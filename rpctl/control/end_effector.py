@@ -1,4 +1,4 @@
-"""The end effector first: the arm makes up for what the base has not reached yet."""
+"""Kinematic law that tracks the end effector first: the arm compensates the base's error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.box_least_squares import Box, WithRate, nearest
-from rpctl.control.command import Command, KinematicLaw
 from rpctl.control.frame_kinematics import (
     end_effector_frame,
     jacobian,
@@ -16,14 +15,14 @@ from rpctl.control.frame_kinematics import (
     tracking_velocity,
 )
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.law import Rest, Startable, started
+from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
 MAX_FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
-SPEED_FRACTION = 0.9  # of a velocity limit: what is asked for, so that following it overshoots none
+SPEED_FRACTION = 0.9  # of a velocity limit: largest commanded rate, with room for overshoot
 
 
 @dataclass(frozen=True)
@@ -38,18 +37,18 @@ class EndEffector:
     so it decays as exp(−t/h) whatever the base's error does. The reference p_r is where the end
     effector is when base and arm are on theirs, so both outputs agree once the base is there.
 
-    - Redundancy: of all such rates they are the nearest, in shares of the joints' full speeds, to
-      those that the base's law has for the arm: q̇_r + (q_r − q)/h, or the horizon law's plan.
+    - Redundancy: of all such rates the law takes those nearest, relative to the joints' full
+      speeds, to the rates that the base's law gives the arm (q̇_r + (q_r − q)/h, or the horizon
+      law's plan).
     - Limits: |q̇| ≤ 0.9 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
-      the position limits: a joint comes to its limit as exp(−t/h), and never beyond.
-    - Singularities, and what limits leave out of reach: p* is met as long as that takes a pull on
-      the posture of 1/``damping`` at most; beyond, the rates come as near as that pull brings them,
-      see :func:`nearest`. Along a direction in which the arm at full speed moves the end effector
-      at σ (m/s), they leave the posture's by σ/``damping`` shares at most. An arm of few joints
-      does what it can, and the base goes its way.
+      the position limits: a joint approaches its limit as exp(−t/h), and never passes it.
+    - Singularities and unreachable targets: p* is met as long as the multiplier of that equality is
+      at most 1/``damping``; beyond, the rates come as near as a multiplier of that size brings
+      them, see :func:`nearest`. Along a direction in which the arm at full speed moves the end
+      effector at σ (m/s), they differ from the posture's by at most σ/``damping`` full speeds.
 
-    The base does not wait for the arm: where it passes out of the arm's reach of p_r, the error
-    grows until it is back. By default it looks ahead, within its limits; any other law will do.
+    The base does not wait for the arm: where it leaves p_r out of the arm's reach, the error grows
+    until it is back. By default the base's law is the horizon law; any other law will do.
 
     ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
     any; it jumps when a bound becomes active, ν_d does not. Of a base whose S changes with q the
@@ -63,7 +62,7 @@ class EndEffector:
         damping: m/s; a direction in which the arm at full speed is slower counts as lost.
     """
 
-    base: KinematicLaw | Startable[KinematicLaw] = field(default_factory=Horizon)
+    base: KinematicLaw = field(default_factory=Horizon)
     horizon: float = 0.4
     orientation: bool = False
     lever: float = 0.3
@@ -80,15 +79,20 @@ class EndEffector:
             )
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> EndEffectorLaw:
-        """Return the law of one run, its base's law started.
+        """Return the controller of one run, and start that of the base.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: State before the run, for the base's law.
 
         Raises:
             RpctlError: The robot has no arm.
         """
         frame = end_effector_frame(dynamics.robot)
-        return EndEffectorLaw(self, started(self.base, dynamics, control_period, rest), frame)
+        return EndEffectorLaw(self, as_law(self.base).start(dynamics, period, rest), frame)
 
 
 class EndEffectorLaw:
@@ -96,18 +100,25 @@ class EndEffectorLaw:
 
     Args:
         law: Its settings.
-        base: The law of the base, started.
+        base: The controller of the base.
         frame: Pinocchio's index of the end effector.
     """
 
-    def __init__(self, law: EndEffector, base: KinematicLaw, frame: int) -> None:
+    def __init__(self, law: EndEffector, base: KinematicController, frame: int) -> None:
         self._law, self._base, self._frame = law, base, frame
-        self.report = getattr(base, "report", None)
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return ν_d and its analytic derivative along the actual motion."""
+        """Return ν_d and its analytic derivative along the actual motion.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
         robot = dynamics.robot
         first = robot.dof - len(robot.joints)
         base = self._base(dynamics, reference, t, q, nu)
@@ -126,12 +137,23 @@ class EndEffectorLaw:
             np.concatenate([base.nu_d_dot[:first], full * z.rate]),
         )
 
+    def report(self) -> dict[str, float]:
+        """Return the report of the base's controller."""
+        return self._base.report()
+
     def _task(
         self, dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, base: Command
     ) -> tuple[WithRate, WithRate]:
-        """Return the end effector's Jacobian, and what the base leaves to do of p*.
+        """Return the end effector's Jacobian J_arm, and p* less the base's part, J_base ν_b.
 
-        Rows are 3, or with the orientation 6, in m/s.
+        Both have 3 rows, or 6 with the orientation, in m/s.
+
+        Args:
+            dynamics: The robot's dynamics.
+            state: The reference.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+            base: Command of the base's law.
         """
         law, frame = self._law, self._frame
         first = dynamics.robot.dof - len(dynamics.robot.joints)
@@ -151,13 +173,13 @@ class EndEffectorLaw:
         )
 
     def _box(self, robot: Robot, q: Array, rates: Array, full: Array) -> Box:
-        """Return the bounds of the arm's rates, in shares of ``full``.
+        """Return the bounds of the arm's rates, divided by ``full``.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            rates: Rates that the arm's joints have (n_joints,).
-            full: What a share is of (n_joints,).
+            rates: Rates of the arm's joints (n_joints,).
+            full: Full speeds of the joints (n_joints,).
         """
         fastest, positions = SPEED_FRACTION * _velocity_limits(robot), robot.joint_positions(q)
         bounds = []

@@ -16,7 +16,7 @@ BASE_ERRORS = 3  # x1, x2, x3: longitudinal, lateral, heading
 
 
 class Tracking(NamedTuple):
-    """A robot beside its reference."""
+    """A reference, and the tracking error with its rate."""
 
     state: ReferenceState
     e: Array  # (3 + n_joints,) x1, x2 (m), x3 (rad), then the joints' errors (rad or m)
@@ -24,7 +24,14 @@ class Tracking(NamedTuple):
 
 
 def observe(dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array) -> Tracking:
-    """Return a reference with the error of a robot at q (nq,) that moves with ν (dof,)."""
+    """Return the tracking error of a robot, and its rate.
+
+    Args:
+        dynamics: The robot's dynamics.
+        state: The reference.
+        q: Configuration (nq,).
+        nu: Quasi-velocities of the robot (dof,).
+    """
     e = tracking_error(dynamics.robot, state, q)
     rates = nu[dynamics.robot.dof - len(dynamics.robot.joints) :]
     return Tracking(state, e, error_rate(e, state, dynamics.twist(q, nu), rates))
@@ -35,6 +42,11 @@ def tracking_error(robot: Robot, state: ReferenceState, q: Array) -> Array:
 
     [MS21, Eq. 6-10]: the base's error in the axes of the robot, its heading wrapped into (−π, π];
     so are the errors of unlimited joints.
+
+    Args:
+        robot: The robot.
+        state: The reference.
+        q: Configuration (nq,).
     """
     pose = robot.base_pose(q)
     dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
@@ -50,8 +62,8 @@ def tracking_error(robot: Robot, state: ReferenceState, q: Array) -> Array:
 def error_rate(e: Array, state: ReferenceState, twist: Array, joint_rates: Array) -> Array:
     """Return ė (3 + n_joints,) of a robot that moves.
 
-    [MS21, Eq. 10]: ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω; speeds to the
-    left, where base or reference have them, come in likewise.
+    [MS21, Eq. 10]: ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω. Speeds to the
+    left, where base or reference have them, enter in the same way.
 
     Args:
         e: Tracking error (3 + n_joints,).

@@ -1,4 +1,4 @@
-"""How an end effector moves: on the reference, in fact, and on its way to the reference."""
+"""Kinematics of the end effector: reference motion, Jacobian and tracking velocity."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ from rpctl.errors import RpctlError
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import BASE_NV, Robot
 
-WORLD_ALIGNED = (
-    pin.LOCAL_WORLD_ALIGNED
-)  # velocities are of the frame's origin, in the axes of the world
+WORLD_ALIGNED = pin.LOCAL_WORLD_ALIGNED  # velocities of the frame's origin, in world axes
 
 
 class FrameMotion(NamedTuple):
@@ -28,7 +26,7 @@ class FrameMotion(NamedTuple):
 
 
 class FrameJacobian(NamedTuple):
-    """A frame's pose, its Jacobian and that one's derivative along a motion."""
+    """A frame's pose, its Jacobian and the Jacobian's derivative along a motion."""
 
     pose: pin.SE3
     J: Array  # (6, nv)
@@ -58,7 +56,7 @@ def reference_motion(
         dynamics: The robot's dynamics; its workspace is overwritten.
         state: The reference.
         arm: The arm's columns of S (nv, n_joints), the same at every q.
-        frame: The end effector.
+        frame: Pinocchio's index of the end effector.
     """
     robot = dynamics.robot
     q = robot.configuration_at(state.pose, state.joints)
@@ -75,7 +73,14 @@ def reference_motion(
 
 
 def jacobian(dynamics: ReducedDynamics, q: Array, v: Array, frame: int) -> FrameJacobian:
-    """Return a frame's Jacobian at q (nq,) and its derivative along v (nv,)."""
+    """Return a frame's Jacobian and its derivative along a motion.
+
+    Args:
+        dynamics: The robot's dynamics; its workspace is overwritten.
+        q: Configuration (nq,).
+        v: Velocity (nv,).
+        frame: Pinocchio's index of the frame.
+    """
     model, data = dynamics.robot.model, dynamics.placements(q)
     pin.computeJointJacobiansTimeVariation(model, data, q, v)
     return FrameJacobian(
@@ -99,9 +104,9 @@ def tracking_velocity(
     turns over; a frame that faces away from its reference may come back either way.
 
     Args:
-        target: The reference of the frame.
-        pose: Where the frame is.
-        velocity: How it moves (6,), in the axes of the world.
+        target: Reference motion of the frame.
+        pose: Present pose of the frame in the world.
+        velocity: Present velocity of the frame (6,), in world axes, m/s and rad/s.
         horizon: Prediction time h, s.
     """
     position_error = target.pose.translation - pose.translation
@@ -109,9 +114,8 @@ def tracking_velocity(
     E = target.pose.rotation @ pose.rotation.T
     omega_r, rotated_omega = target.velocity[3:], E @ velocity[3:]
     rotation_error = pin.log3(E)
-    rotation_error_rate = pin.Jlog3(E).T @ (
-        omega_r - rotated_omega
-    )  # inverse left Jacobian: transpose of the right
+    # The inverse left Jacobian is the transpose of the right one.
+    rotation_error_rate = pin.Jlog3(E).T @ (omega_r - rotated_omega)
     value = np.concatenate(
         [target.velocity[:3] + position_error / horizon, E.T @ omega_r + rotation_error / horizon]
     )

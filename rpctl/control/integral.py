@@ -8,8 +8,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
-from rpctl.control.command import Command
-from rpctl.control.law import Efforts, Rest
+from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 
@@ -47,14 +46,19 @@ class IntegralDynamic:
         require_positive("gain", self.gain)
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> IntegralLaw:
-        """Return the law of one run, its integral that of the robot at rest.
+        """Return the controller of one run, its integral that of the robot at rest.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: State before the run; None starts the integral at zero.
 
         Raises:
             RpctlError: The gain is too large for the control period.
         """
-        return IntegralLaw(self, dynamics, control_period, rest)
+        return IntegralLaw(self, dynamics, period, rest)
 
 
 class IntegralLaw:
@@ -63,30 +67,37 @@ class IntegralLaw:
     Args:
         law: Its settings.
         dynamics: The robot's dynamics.
-        control_period: s.
-        rest: How the robot stands before.
+        period: Control period, s.
+        rest: State before the run; None starts the integral at zero.
     """
 
     def __init__(
         self,
         law: IntegralDynamic,
         dynamics: ReducedDynamics,
-        control_period: float,
+        period: float,
         rest: Rest | None,
     ) -> None:
-        if law.gain * control_period > 1.0:
+        if law.gain * period > 1.0:
             raise RpctlError(
-                f"gain {law.gain:g} 1/s is too large for a control period of {control_period:g} s; "
-                f"give at most {1.0 / control_period:g}"
+                f"gain {law.gain:g} 1/s is too large for a control period of {period:g} s; "
+                f"give at most {1.0 / period:g}"
             )
-        self._gain, self._period = law.gain, control_period
-        self._inner = BoundedLaw(law.inner, dynamics, control_period)
+        self._gain, self._period = law.gain, period
+        self._inner = BoundedLaw(law.inner, dynamics, period)
         still = np.zeros(dynamics.robot.dof)
         self._disturbance = still if rest is None else -dynamics.forward(rest.q, still, rest.tau)
         self._expected: Array | None = None  # ν now, if d had been right
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind; the integral advances by one period."""
+        """Return τ (n_act,) and the limits that bind; the integral advances by one period.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
         if self._expected is not None:
             self._disturbance = self._disturbance + self._gain * (nu - self._expected)
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
@@ -95,3 +106,7 @@ class IntegralLaw:
             nu_dot = dynamics.forward(q, nu, efforts.tau) + self._disturbance
         self._expected = nu + self._period * nu_dot
         return efforts
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}

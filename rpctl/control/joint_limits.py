@@ -1,4 +1,4 @@
-"""Limits of joint rates and positions, as bounds on what the joints may accelerate now."""
+"""Limits of joint rates and positions, as bounds on the joints' present accelerations."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rpctl.control.law import Limit
 from rpctl.dynamics.reduced import ReducedDynamics
 
 APPROACH_TIME = 0.06  # s: time constant with which a rate comes to its bound
-RETURN_PERIODS = 2.0  # control periods in which it is back from beyond; 1 would be dead-beat
+RETURN_PERIODS = 2.0  # control periods in which an exceeded bound is met again; 1: dead-beat
 LIMIT_MARGIN = 1e-3  # of a limit, kept free: the prediction is of first order
-BRAKE_FRACTION = 0.5  # of what the efforts could do to one joint: others want to brake as well
-MIN_BRAKE, MAX_BRAKE = 0.1, 1e4  # rad/s² or m/s²; where efforts cannot hold, or know no limit
+BRAKE_FRACTION = 0.5  # of the deceleration possible for one joint alone: others brake as well
+MIN_BRAKE, MAX_BRAKE = 0.1, 1e4  # rad/s² or m/s²; if efforts cannot hold, or have no limit
 NO_LIMIT_GAP = 1e6  # rad or m; a gap beyond it stands for no limit
 
 
@@ -35,31 +35,30 @@ class JointLimits:
 
         |ẋ + T ẍ| ≤ velocity limit,    −stop(x − lower) ≤ ẋ + T ẍ ≤ stop(upper − x)
 
-    with x at the end of T; both for T = 0.06 s and for two control periods. The former binds within
-    the bounds: a rate comes to them as exp(−t/T), which efforts that are late by less than T/e,
-    here 22 ms, still do without overshoot. The latter binds beyond, where it brakes the harder:
-    what the model does not know of pushes a rate no farther than T times its acceleration.
+    with x taken at the end of T, for T = 0.06 s and for T = two control periods. The longer T
+    shapes the approach to a bound: the rate converges as exp(−t/T), without overshoot if efforts
+    are late by less than T/e = 22 ms. The shorter T brakes harder once a bound is exceeded: an
+    unmodelled disturbance pushes a rate beyond it by at most T times its acceleration.
 
-    stop(g) is the fastest rate that can still be braked within the gap g: g/h1 near the limit, and
-    √(2a (g − ½ a h1²)) from g = a h1² on, where the former would brake harder than a. So a joint
-    that obeys now is able to obey later.
+    stop(g) is the fastest rate from which the joint can stop within g: g/h1 near the limit, and
+    √(2a (g − ½ a h1²)) from g = a h1² on, where the first would need more deceleration than a. A
+    joint that respects it now can respect it at the next sample.
 
     Args:
         dynamics: The robot's dynamics.
-        control_period: s.
+        period: Control period, s.
         horizon: Time constant h1 of the last approach to a position limit, s.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, control_period: float, horizon: float) -> None:
+    def __init__(self, dynamics: ReducedDynamics, period: float, horizon: float) -> None:
         robot = dynamics.robot
-        moving = (robot.description.joint[name] for name in robot.model.names[2:])
+        moving = (robot.description.joint[name] for name in robot.moving_joint_names)
         joints = [j for j in moving if np.isfinite([j.velocity, j.lower, j.upper]).any()]
         self.names = tuple(joint.name for joint in joints)
         self._rows = [robot.velocity_index(name) for name in self.names]
         # A joint without position limits may have two entries in q; none of them binds anything.
-        ids = (robot.model.getJointId(name) for name in self.names)
-        self._entries = [int(robot.model.joints[i].idx_q) for i in ids]
-        self._horizon, beyond = horizon, RETURN_PERIODS * control_period
+        self._entries = [robot.entries[name].index for name in self.names]
+        self._horizon, beyond = horizon, RETURN_PERIODS * period
         self._times = np.array([[max(APPROACH_TIME, beyond)], [beyond]])
         self._fastest = (1.0 - LIMIT_MARGIN) * np.array([joint.velocity for joint in joints])
         self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
@@ -68,7 +67,13 @@ class JointLimits:
         self._lower, self._upper = lower + margin, upper - margin
 
     def rows(self, dynamics: ReducedDynamics, q: Array, nu: Array) -> tuple[Array, Array]:
-        """Return the joints' rows of S (k, dof) and Ṡν (k,): ẋ = rows ν, ẍ = rows ν̇ + drift."""
+        """Return the joints' rows of S (k, dof) and Ṡν (k,): ẋ = rows ν, ẍ = rows ν̇ + drift.
+
+        Args:
+            dynamics: The robot's dynamics.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+        """
         return dynamics.basis(q)[self._rows], dynamics.basis_drift(q, nu)[self._rows]
 
     def bounds(self, q: Array, rate: Array, brakes: tuple[Array, Array]) -> JointBounds:
@@ -86,7 +91,8 @@ class JointLimits:
         lowest = np.minimum(np.maximum(-falling, -self._fastest), highest)
         lower = ((lowest - rate) / self._times).max(axis=0)
         upper = ((highest - rate) / self._times).min(axis=0)
-        lower = np.where(upper < 0.0, np.minimum(lower, upper), lower)  # what is beyond comes back
+        # An exceeded bound takes precedence over the opposite one.
+        lower = np.where(upper < 0.0, np.minimum(lower, upper), lower)
         upper = np.maximum(lower, upper)
         by_lower, by_upper = falling < self._fastest, rising < self._fastest
         return JointBounds(
@@ -97,13 +103,19 @@ class JointLimits:
         )
 
     def limit(self, index: int, bounds: JointBounds, upper: bool) -> Limit:
-        """Return the limit that a joint's upper or lower bound comes from."""
+        """Return the limit that a joint's upper or lower bound comes from.
+
+        Args:
+            index: Index of the joint in ``names``.
+            bounds: Bounds of all joints.
+            upper: Whether the upper bound is meant.
+        """
         by_position = bounds.by_upper[index] if upper else bounds.by_lower[index]
         kind = ("upper" if upper else "lower") if by_position else "velocity"
         return Limit(self.names[index], kind)
 
     def _stop(self, gap: Array, brake: Array) -> Array:
-        """Return the fastest rate (k,) that can be braked within each gap; beyond it, a retreat."""
+        """Return the fastest rates (k,) that stop within the gaps (k,); negative beyond a limit."""
         gap = np.minimum(gap, NO_LIMIT_GAP)
         straight = brake * self._horizon**2
         root = np.sqrt(2.0 * brake * np.maximum(gap - 0.5 * straight, 0.5 * straight))

@@ -1,12 +1,24 @@
-"""What a dynamic law is, what it returns, and how a law that remembers starts a run."""
+"""The protocol of the laws: a law is settings; its ``start`` makes the controller of one run.
+
+A kinematic controller turns the reference and the robot's state into a :class:`Command`, a dynamic
+controller turns that into :class:`Efforts`.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, TypeVar, cast
+from functools import update_wrapper
+from typing import Any, NamedTuple, Protocol, TypeVar, overload, runtime_checkable
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.reference.motion import Reference
+
+
+class Command(NamedTuple):
+    """Quasi-velocities to follow, and their derivative along the actual motion."""
+
+    nu_d: Array  # (dof,)
+    nu_d_dot: Array  # (dof,)
 
 
 class Limit(NamedTuple):
@@ -23,16 +35,35 @@ class Efforts(NamedTuple):
     limits: tuple[Limit, ...] = ()
 
 
-def as_efforts(answer: Efforts | Array) -> Efforts:
-    """Return what a law answered as a record."""
-    return answer if isinstance(answer, Efforts) else Efforts(answer)
+class Rest(NamedTuple):
+    """State of a robot at rest before a run, and the efforts that hold it there."""
+
+    q: Array  # (nq,)
+    tau: Array  # (n_act,) N·m or N
 
 
-class DynamicLaw(Protocol):
-    """Anything that turns a command into efforts; a plain function will do."""
+class KinematicFunction(Protocol):
+    """A function from the robot's state and its reference to a command."""
 
     def __call__(
-        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array, /
+    ) -> Command:
+        """Return the command.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
+
+
+class DynamicFunction(Protocol):
+    """A function from the robot's state and a command to actuator efforts."""
+
+    def __call__(
+        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, /
     ) -> Efforts | Array:
         """Return τ (n_act,), alone or with the limits that bound it.
 
@@ -44,39 +75,90 @@ class DynamicLaw(Protocol):
         """
 
 
-class Rest(NamedTuple):
-    """How a robot stands before a run: what holds it there, measured or known."""
+@runtime_checkable
+class Reporting(Protocol):
+    """A controller that can say what happened to it during a run."""
 
-    q: Array  # (nq,)
-    tau: Array  # (n_act,) N·m or N
-
-
-Law = TypeVar("Law")
-LawOfRun = TypeVar("LawOfRun", covariant=True)
+    def report(self) -> dict[str, float]:
+        """Return counts and figures of the run so far by name; empty if it keeps none."""
 
 
-class Startable(Protocol[LawOfRun]):
-    """Settings of a law that remembers, or that has to know the control period."""
+class KinematicController(KinematicFunction, Reporting, Protocol):
+    """A kinematic law on one robot in one run."""
+
+
+class DynamicController(DynamicFunction, Reporting, Protocol):
+    """A dynamic law on one robot in one run."""
+
+
+Controller_co = TypeVar("Controller_co", covariant=True)
+
+
+@runtime_checkable
+class Law(Protocol[Controller_co]):
+    """Settings of a law."""
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
-    ) -> LawOfRun:
-        """Return the law of one run, without a memory of others.
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None, /
+    ) -> Controller_co:
+        """Return the controller of one run, which remembers nothing of other runs.
 
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
-            control_period: Time between two calls, s.
-            rest: How the robot stands before; None where that is not known.
+            period: Control period, s.
+            rest: State before the run; None if it is not known.
         """
 
 
-def started(
-    law: Law | Startable[Law],
-    dynamics: ReducedDynamics,
-    control_period: float,
-    rest: Rest | None = None,
-) -> Law:
-    """Return the law of one run: what ``law.start`` returns, or a law without ``start`` itself."""
-    if hasattr(law, "start"):
-        return cast("Startable[Law]", law).start(dynamics, control_period, rest)
-    return law
+KinematicLaw = Law[KinematicController]
+DynamicLaw = Law[DynamicController]
+
+Stateless = TypeVar("Stateless", bound="StatelessLaw")
+
+
+class StatelessLaw:
+    """A law that remembers nothing: it is its own controller and has nothing to report."""
+
+    def start(
+        self: Stateless, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+    ) -> Stateless:
+        """Return itself; see :meth:`Law.start`."""
+        return self
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}
+
+
+class FunctionLaw(StatelessLaw):
+    """A plain function, or a controller that was started by hand, as a law.
+
+    Args:
+        function: What to call.
+    """
+
+    def __init__(self, function: KinematicFunction | DynamicFunction) -> None:
+        self._function: Any = function
+        update_wrapper(self, function, updated=())  # its name is what a log calls the law
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Return what the function returns."""
+        return self._function(*arguments, **named)
+
+    def report(self) -> dict[str, float]:
+        """Return the report of a controller; empty for a plain function."""
+        return self._function.report() if isinstance(self._function, Reporting) else {}
+
+
+@overload
+def as_law(law: KinematicLaw | KinematicFunction) -> KinematicLaw: ...
+@overload
+def as_law(law: DynamicLaw | DynamicFunction) -> DynamicLaw: ...
+def as_law(law: Any) -> Any:
+    """Return a law, or a plain function as one."""
+    return law if isinstance(law, Law) else FunctionLaw(law)
+
+
+def as_efforts(efforts: Efforts | Array) -> Efforts:
+    """Return the efforts of a dynamic controller, with no binding limits if it names none."""
+    return efforts if isinstance(efforts, Efforts) else Efforts(efforts)

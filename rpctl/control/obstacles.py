@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 
-DETOUR_MARGIN = 0.01  # m: how far a detour keeps from a disc besides, so that it seldom touches it
+DETOUR_MARGIN = 0.01  # m: clearance of a detour from a disc, so that its bound is seldom active
 COINCIDENT = 1e-6  # m: a point this near to a disc's centre has no direction away from it
 
 
@@ -29,21 +29,21 @@ class Obstacle(Protocol):
         """Return the distance (K,) of points (K, 2) to it, m; negative inside."""
 
     def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
-        """Return half-planes that hold no point nearer to it than ``radius`` (m).
+        """Return half-planes in which every point is farther from it than ``radius``.
 
         Args:
-            points: Where the body is predicted to be (K, 2), m.
-            radius: Of the body, m.
-            stride: How far it moves from one prediction to the next, m: it takes the chord.
+            points: Predicted positions of the body (K, 2), m.
+            radius: Radius of the body, m.
+            stride: Distance between successive predictions, m; the body takes the chord.
         """
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
-        """Return goals (K, 2) that can be headed for: those behind it give way to a detour.
+        """Return goals (K, 2), m, with those behind the obstacle replaced by a detour.
 
         Args:
-            start: Where the body is (2,), m.
-            goals: Where it should be (K, 2), m.
-            radius: Of the body, m.
+            start: Position of the body (2,), m.
+            goals: Desired positions (K, 2), m.
+            radius: Radius of the body, m.
         """
 
 
@@ -52,9 +52,9 @@ class Disc:
     """A round obstacle that stands on the floor, without end upwards.
 
     Attributes:
-        x: Its centre, m.
-        y: Its centre, m.
-        radius: m.
+        x: Centre, m.
+        y: Centre, m.
+        radius: Radius, m.
     """
 
     x: float
@@ -73,7 +73,12 @@ class Disc:
     def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
         """Return the tangents of the disc grown by ``radius`` that face the points.
 
-        It is grown so much more that a chord of one ``stride`` between two points does not cut it.
+        It is grown a little more, so that a chord of one ``stride`` does not cut it.
+
+        Args:
+            points: Predicted positions of the body (K, 2), m.
+            radius: Radius of the body, m.
+            stride: Distance between successive predictions, m.
         """
         grown = math.hypot(self.radius + radius, 0.5 * stride)
         away = points - (self.x, self.y)
@@ -84,9 +89,13 @@ class Disc:
     def around(self, start: Array, goals: Array, radius: float) -> Array:
         """Return goals, those behind the disc turned about ``start`` onto its tangent.
 
-        Linear bounds alone would stop the body before a disc on its way: which side to take is a
-        choice that no linear bound holds. It is the side on which the goals pass the centre, or
-        where they pass through it, that on which the body is.
+        Linear bounds alone would stop the body in front of a disc, as they do not choose a side.
+        The side is that on which the goals pass the centre; if they pass through it, the body's.
+
+        Args:
+            start: Position of the body (2,), m.
+            goals: Desired positions (K, 2), m.
+            radius: Radius of the body, m.
         """
         grown = self.radius + radius + DETOUR_MARGIN
         x, y = (self.x, self.y) - start
@@ -145,14 +154,24 @@ class HalfPlane:
         return np.asarray(points @ self.normal - self.offset)
 
     def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
-        """Return the line itself, ``radius`` before the edge, for every point."""
-        del stride
+        """Return the line, moved by ``radius`` to the free side, for every point.
+
+        Args:
+            points: Predicted positions of the body (K, 2), m.
+            radius: Radius of the body, m.
+            stride: Not used.
+        """
         count = len(points)
         return LinearBounds(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
-        """Return the goals themselves: before a wall there is no way round."""
-        del start, radius
+        """Return the goals as they are: there is no way round a half-plane.
+
+        Args:
+            start: Not used.
+            goals: Desired positions (K, 2), m.
+            radius: Not used.
+        """
         return goals
 
 

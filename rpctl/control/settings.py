@@ -7,11 +7,9 @@ from collections.abc import Callable, Mapping
 from types import NoneType, UnionType
 from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from rpctl.control.command import KinematicLaw
-from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.law import DynamicLaw, Startable
+from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
-from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 
 Table = dict[str, Any]
@@ -30,7 +28,6 @@ DYNAMIC_REGISTRY = Registry("dynamic law", "law", DYNAMIC_LAWS)
 OBSTACLE_REGISTRY = Registry("obstacle", "shape", OBSTACLES)
 REGISTRIES: dict[object, Registry] = {  # what a setting may be, by its type
     KinematicLaw: KINEMATIC_REGISTRY,
-    KinematicLaw | Startable[KinematicLaw]: KINEMATIC_REGISTRY,
     DynamicLaw: DYNAMIC_REGISTRY,
     Obstacle: OBSTACLE_REGISTRY,
 }

@@ -1,4 +1,4 @@
-"""From a twist that the base should have to what its wheels can do: speeds and steering."""
+"""Convert a desired twist of the base into its quasi-velocities: speeds and steering rates."""
 
 from __future__ import annotations
 
@@ -13,26 +13,21 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.quasi_velocities import direction, steering
 
-SLOW_SPEED = 0.1  # m/s: well below it steering keeps to the reference, well above it to the twist
-STEERING_HORIZON_RATIO = 0.25  # of the law's horizon: steering has to be faster than what it serves
-AXLE_MAX_DEVIATION = (
-    1.0  # how far a base with an axle may steer off the reference's direction, of 1
-)
-STEERED_MAX_DEVIATION, MIN_DEVIATION = (
-    0.8,
-    0.2,
-)  # the same of steered wheels only: a share of the room there is, at least
-RATE_FRACTION = 0.9  # of the fastest that a steered joint may turn: what is asked for at most
-BRAKE_TIME = (
-    0.3  # s in which a steered joint comes to rest at a limit, twice the dynamic law's horizon
-)
-ANGLE_MARGIN = 0.02  # rad that a commanded steering angle keeps from the joint's limits
+SLOW_SPEED = 0.1  # m/s: well below it steering follows the reference, well above it the twist
+STEERING_HORIZON_RATIO = 0.25  # of the law's horizon: steering has to be faster than the base
+# Largest deviation of the steering direction from the reference's unit direction.
+AXLE_MAX_DEVIATION = 1.0  # of bases with an axle
+STEERED_MAX_DEVIATION = 0.8  # of other bases, as a fraction of the largest possible one, ...
+MIN_DEVIATION = 0.2  # ... but at least this
+RATE_FRACTION = 0.9  # of a steered joint's fastest rate: the largest one commanded
+BRAKE_TIME = 0.3  # s: approach to a steering limit, twice the dynamic law's horizon
+ANGLE_MARGIN = 0.02  # rad between a commanded steering angle and the joint's limits
 
 
 def base_command(
     dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, twist: Twist, h: float
 ) -> tuple[Array, Array]:
-    """Return the base's part of ν_d and of ν̇_d, which give it a twist as far as it can have it.
+    """Return the base's part of ν_d and of ν̇_d, for a twist that it follows as far as it can.
 
     Without steered wheels these are the twist's own entries. Steered wheels turn towards
     m = ĝ + u t⊥/(u² + ρ²): ĝ is the reference's direction, u and t⊥ are the twist's parts along
@@ -49,7 +44,7 @@ def base_command(
         state: The reference.
         q: Configuration (nq,).
         nu: Quasi-velocities (dof,).
-        twist: What to ask of the base.
+        twist: Desired twist of the base.
         h: Prediction time of the law, s.
     """
     drive = dynamics.robot.drive
@@ -66,11 +61,18 @@ def base_command(
 def _rolling(
     dynamics: ReducedDynamics, q: Array, nu: Array, accelerations: Array, twist: Twist
 ) -> tuple[float, float]:
-    """Return the base's speed, and its rate, whose twist is nearest to the one asked for.
+    """Return the base's speed ν₁, and its rate, whose twist is nearest to the desired one.
 
-    With the steering as it is, T = n ν₁ + T_δ, T_δ what turning wheels beside their axis make of
-    it: ν₁ = n·(t − T_δ)/n·n. Ṡ is linear in the rates of steering, of which ν₁ has none, so ṅ is
-    the difference of two drifts.
+    With the present steering the twist is T = n ν₁ + T_δ, T_δ the part due to steering rates of
+    wheels beside their axis: ν₁ = n·(t − T_δ)/n·n. Ṡ is linear in the steering rates and does not
+    depend on ν₁, so ṅ is the difference of two drifts.
+
+    Args:
+        dynamics: The robot's dynamics.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        accelerations: Commanded accelerations of the steered joints (n_steered,).
+        twist: Desired twist of the base.
     """
     robot, count = dynamics.robot, len(dynamics.robot.drive.steered)
     weights = _weights(dynamics)
@@ -90,14 +92,15 @@ def _rolling(
 def _steering(
     dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, twist: Twist, h: float
 ) -> tuple[Array, Array]:
-    """Return the steered joints' rates and accelerations (n_steered,) to ask for."""
+    """Return the commanded rates and accelerations (n_steered,) of the steered joints."""
     robot = dynamics.robot
     wanted, wanted_rate = steering_targets(dynamics, state, twist)
     feedforward = steering(robot, state)[2]
     steered = robot.drive.steered
     actual = np.array([robot.joint_position(q, swivel.joint) for swivel in steered])
     rates = nu[1 : 1 + len(steered)]
-    wanted = wanted + math.pi * np.round((actual - wanted) / math.pi)  # heading back is as good
+    # A wheel may as well roll backwards: δ* counts modulo π.
+    wanted = wanted + math.pi * np.round((actual - wanted) / math.pi)
     limits = robot.steering_limits
     lower, upper, fastest = (
         limits.lower + ANGLE_MARGIN,
@@ -119,13 +122,19 @@ def _steering(
 
 
 def steering_targets(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
-    """Return the angles δ* that take the base along m, and their rates, (2, n_steered)."""
+    """Return the angles δ* that take the base along m, and their rates, (2, n_steered).
+
+    Args:
+        dynamics: The robot's dynamics.
+        state: The reference.
+        twist: Desired twist of the base.
+    """
     robot = dynamics.robot
     return steer(robot.drive, _direction(dynamics, state, twist) @ robot.root_velocity.T)[:2]
 
 
 def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
-    """Return m, ṁ and zeros (3, 3): where steered wheels are to take the base."""
+    """Return m, ṁ and zeros (3, 3): the direction in which the wheels steer the base."""
     weights = _weights(dynamics)
     g, g_dot, _ = direction(state)
     size = math.sqrt(g @ (weights * g))
@@ -150,10 +159,10 @@ def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -
 
 
 def _max_deviation(dynamics: ReducedDynamics) -> float:
-    """Return how far m may lie off ĝ: so far that a robot on the spot keeps its centre apart.
+    """Return the largest deviation of m from ĝ that leaves the steering well defined.
 
-    Where only steered wheels carry the base, its centre of rotation must not come onto the line
-    through the two that lead: their axles would no longer tell it.
+    Where only steered wheels carry the base, its centre of rotation must not lie on the line
+    through the first two steered pivots: there their axles do not determine it.
     """
     drive = dynamics.robot.drive
     if drive.has_axle:

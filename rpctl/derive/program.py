@@ -134,7 +134,7 @@ def _pruned(
 ) -> ScalarProgram:
     """Return the program without the inputs that nothing depends on; the arm's always stay."""
     read = {node[1] for node in nodes if node[0] == "q"}
-    arm = {joint.name for joint in robot.joints}
+    arm = set(robot.joint_names)
     order = [name for name in robot.actuators if name in names]
     order = [name for name in order if name in arm or names.index(name) in read]
     order += [name for i, name in enumerate(names) if i in read and name not in order]

@@ -12,7 +12,7 @@ from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.findings import excerpt
-from rpctl.description.inertial import AXES
+from rpctl.description.links import AXES
 from rpctl.description.mesh_files import read
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Description, Link, Shape
@@ -71,7 +71,7 @@ class _Estimator:
 
     def __init__(self, description: Description, density: float) -> None:
         self.findings: list[Finding] = []
-        self._paths = MeshPaths(description.path, description.package_dirs)
+        self._paths = description.mesh_paths
         self._density = density
         self._moved = {joint.child for joint in description.joints if joint.moving}
 

@@ -1,4 +1,4 @@
-"""A file's bytes as text: byte-order marks, declarations, and declarations that are wrong."""
+"""Decoding: the text of a file's bytes, by byte-order mark and declared encoding."""
 
 from __future__ import annotations
 

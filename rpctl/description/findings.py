@@ -1,4 +1,4 @@
-"""What is noticed while reading: several faults at once, each with its line and the way out."""
+"""Findings of one reading: all faults of a file, each with its line and the correction."""
 
 from __future__ import annotations
 
@@ -68,7 +68,13 @@ class Findings:
         self.items: list[Finding] = []
 
     def add(self, severity: str, element: Any, message: str) -> None:
-        """Note a finding at an element's line."""
+        """Note a finding.
+
+        Args:
+            severity: ``"error"``, ``"warning"`` or ``"info"``.
+            element: The element whose line it has, or None.
+            message: What is wrong, and how to correct it.
+        """
         line = None if element is None else element.sourceline
         self.items.append(Finding(severity, line, message))
 
@@ -120,7 +126,7 @@ class Findings:
         return values
 
     def number(self, element: Any, attribute: str, default: str | None = None) -> float:
-        """Return one sane number of an attribute."""
+        """Return one sane number of an attribute; see :meth:`numbers` for the arguments."""
         return self.numbers(element, attribute, 1, default)[0]
 
     def only(self, element: Any, tag: str) -> Any:

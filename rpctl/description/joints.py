@@ -15,14 +15,12 @@ from rpctl.description.records import MOVING_KINDS, Joint, Mimic
 
 KNOWN_KINDS = (*MOVING_KINDS, "fixed")
 LIMITED_KINDS = ("revolute", "prismatic")
-AXIS_LENGTH_TOLERANCE = (
-    1e-3  # an axis whose length differs from 1 by more is noted; below it is rounding
-)
+AXIS_LENGTH_TOLERANCE = 1e-3  # of an axis from length 1; below it is rounding
 MIN_AXIS_LENGTH = 1e-6  # a shorter axis is none
 MAX_POSITION = {"revolute": 1e4, "prismatic": 1e3}  # rad, m; a limit beyond it stands for none
 MIN_LIMIT = 1e-9  # of the same units; a limit below it, such as 0, is none
 MAX_LIMIT = 1e9  # N·m, N, rad/s or m/s; a limit beyond it stands for none
-FINITE_INFINITY = 1e16  # what other readers, who want a finite number, are told
+FINITE_INFINITY = 1e16  # infinity for other readers, which want a finite number
 
 
 def read_joint(findings: Findings, element: Any) -> Joint:

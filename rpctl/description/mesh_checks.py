@@ -1,4 +1,4 @@
-"""Meshes that a robot names and cannot show, told when it is loaded."""
+"""Warnings about meshes that a robot names and that cannot be shown."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def check_meshes(description: Description) -> list[Finding]:
                 first.setdefault(shape.mesh, shape.line)
     if not first:
         return []
-    paths = MeshPaths(description.path, description.package_dirs)
+    paths = description.mesh_paths
     faults: dict[str, list[str]] = {}
     for mesh in first:
         try:

@@ -1,4 +1,4 @@
-"""A URDF as immutable records: what the file says, and where it says it."""
+"""A URDF as immutable records: links, joints and shapes, with their lines in the file."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.description.mesh_paths import MeshPaths
 from rpctl.errors import Finding
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
@@ -41,7 +42,7 @@ class Link:
     """A link: mass (kg), centre of mass (m) and inertia (kg·m²) in its own frame.
 
     ``mass`` is None where the file has no ``<inertial>``; ``inertia`` (3, 3) is about the centre
-    of mass, with the axes of the link's frame. ``estimated`` tells that they are not the file's
+    of mass, with the axes of the link's frame. ``estimated`` means that they are not the file's
     but come from the shapes, at a density that the user gave.
     """
 
@@ -91,6 +92,15 @@ class Joint:
         """Whether the joint has a degree of freedom."""
         return self.kind in MOVING_KINDS
 
+    def span(self, reach: float) -> tuple[float, float]:
+        """Return the limits (rad or m), those that are infinite ``reach`` beyond 0 or the other."""
+        low, high = self.lower, self.upper
+        if math.isinf(low):
+            low = min(-reach, high - reach)
+        if math.isinf(high):
+            high = max(reach, low + reach)
+        return low, high
+
     def motion(self, position: float) -> Array:
         """Return the pose (4, 4) of the child frame in the parent's at ``position`` (rad or m)."""
         step = np.eye(4)
@@ -103,7 +113,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """A URDF: its links and joints in file order, and what was noticed in it.
+    """A URDF: its links and joints in file order, and the findings about it.
 
     Attributes:
         path: The file.
@@ -151,6 +161,11 @@ class Description:
             below[joint.parent].append(joint)
         return {name: tuple(joints) for name, joints in below.items()}
 
+    @cached_property
+    def mesh_paths(self) -> MeshPaths:
+        """Finds the mesh files that the URDF names."""
+        return MeshPaths(self.path, self.package_dirs)
+
     @property
     def estimated_links(self) -> tuple[str, ...]:
         """Names of the links whose mass and inertia are estimates."""
@@ -164,13 +179,6 @@ class Description:
             link = joints[-1].parent
         return tuple(reversed(joints))
 
-    def pose(self, link: str, positions: dict[str, float] | None = None) -> Array:
-        """Return the pose (4, 4) of ``link`` in the root link's frame, joints at 0 or as given."""
-        placement = np.eye(4)
-        for joint in self.chain(link):
-            placement = placement @ joint.motion((positions or {}).get(joint.name, 0.0))
-        return placement
-
 
 def rotation(axis: Array, angle: float) -> Array:
     """Return the rotation matrix (3, 3) about a unit axis by ``angle`` (rad), after Rodrigues."""
@@ -180,6 +188,12 @@ def rotation(axis: Array, angle: float) -> Array:
 
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Return the rotation matrix (3, 3) of URDF's fixed-axis roll, pitch, yaw (rad)."""
+    """Return the rotation matrix (3, 3) of URDF's angles.
+
+    Args:
+        roll: About the fixed x axis, first, rad.
+        pitch: About the fixed y axis, second, rad.
+        yaw: About the fixed z axis, last, rad.
+    """
     ex, ey, ez = np.eye(3)
     return rotation(ez, yaw) @ rotation(ey, pitch) @ rotation(ex, roll)

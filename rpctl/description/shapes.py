@@ -28,7 +28,14 @@ def read_colour(findings: Findings, material: Any) -> tuple[float, ...] | None:
 
 
 def read_shapes(findings: Findings, link: Any, tag: str, colours: Colours) -> tuple[Shape, ...]:
-    """Return a <link>'s shapes of one tag, ``"visual"`` or ``"collision"``; bad ones are noted."""
+    """Return the shapes of a link; those that cannot be used are noted and left out.
+
+    Args:
+        findings: Where to note faults.
+        link: The <link>.
+        tag: ``"visual"`` or ``"collision"``.
+        colours: RGBA of the robot's named materials, by name.
+    """
     shapes = (_shape(findings, element, colours) for element in link.findall(tag))
     return tuple(shape for shape in shapes if shape is not None)
 

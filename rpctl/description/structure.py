@@ -1,9 +1,10 @@
-"""The structure: names that are unique, one tree over all links, mimics that lead somewhere."""
+"""Checks of the structure: known elements, unique names, one tree over all links, mimics."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any
 
 from rpctl.description.findings import MAX_NUMBER, Findings
@@ -12,6 +13,30 @@ from rpctl.description.records import Joint, Link, Mimic
 RESERVED = ("universe", "root_joint")  # Pinocchio's own joints
 MAX_CHAIN = 20  # mimics that follow one another
 MAX_LISTED = 6  # names that one message lists
+CHILDREN = {
+    "robot": ("link", "joint", "material", "gazebo", "transmission", "sensor", "ros2_control"),
+    "link": ("inertial", "visual", "collision", "contact", "self_collision_checking", "sensor"),
+    "joint": (
+        "origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration",
+        "safety_controller",
+    ),
+    "inertial": ("origin", "mass", "inertia"),
+}  # fmt: skip
+MIN_SPELLING_LIKENESS = 0.75  # least likeness (0 to 1) of a misspelt name
+
+
+def check_spelling(findings: Findings, root: Any) -> None:
+    """Note elements whose names are almost those of URDF; they would be left out silently."""
+    for parent in (root, *root.findall("link"), *root.findall("joint"), *root.iter("inertial")):
+        known = CHILDREN[parent.tag]
+        for child in parent:
+            tag = str(child.tag)
+            if tag in known:
+                continue
+            near = get_close_matches(tag[:60], known, n=1, cutoff=MIN_SPELLING_LIKENESS)
+            if near:
+                text = f"<{tag}> in <{parent.tag}> is not URDF, it is left out; "
+                findings.warn(child, f"{text}did you mean <{near[0]}>?")
 
 
 def check_names(findings: Findings, root: Any) -> None:
@@ -35,7 +60,14 @@ def check_names(findings: Findings, root: Any) -> None:
 def check_tree(
     findings: Findings, root: Any, links: Sequence[Link], joints: Sequence[Joint]
 ) -> None:
-    """Note what keeps the joints from being one tree over the links."""
+    """Note every reason why the joints are not one tree over the links.
+
+    Args:
+        findings: Where to note faults.
+        root: The <robot>.
+        links: Its links.
+        joints: Its joints.
+    """
     elements = {element.get("name"): element for element in root.findall("joint")}
     names = {link.name for link in links}
     parents: dict[str, Joint] = {}
@@ -79,7 +111,13 @@ def _reached(root: str, joints: Sequence[Joint]) -> set[str]:
 
 
 def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tuple[Joint, ...]:
-    """Return the joints, every mimic following a joint that is free; note those that cannot."""
+    """Return the joints with every mimic following a free joint; note those that cannot.
+
+    Args:
+        findings: Where to note faults.
+        root: The <robot>; its <mimic> elements are corrected, too.
+        joints: Its joints.
+    """
     by_name = {joint.name: joint for joint in joints}
     if all(joint.mimic is None for joint in joints):
         return tuple(joints)
@@ -104,7 +142,7 @@ def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tu
 
 
 def _followed(joint: Joint, mimic: Mimic, by_name: dict[str, Joint]) -> tuple[str, Mimic]:
-    """Return what is wrong with a joint's mimic, or nothing, and what it follows in the end."""
+    """Return the fault of a joint's mimic, empty if it has none, and the mimic of a free joint."""
     seen = [joint.name]
     while True:
         followed = by_name.get(mimic.joint)

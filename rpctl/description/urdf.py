@@ -11,14 +11,14 @@ from typing import Any
 from lxml import etree
 
 from rpctl.description.document import parse_document, require_few_links
-from rpctl.description.elements import note_misspelt, read_link
 from rpctl.description.encoding import Refusal
 from rpctl.description.expansion import expand, explanation, is_xacro
 from rpctl.description.findings import Findings
 from rpctl.description.joints import read_joint
+from rpctl.description.links import read_link
 from rpctl.description.records import Description, Joint, Link
 from rpctl.description.shapes import read_colour
-from rpctl.description.structure import check_names, check_tree, resolve_mimics
+from rpctl.description.structure import check_names, check_spelling, check_tree, resolve_mimics
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
@@ -66,7 +66,7 @@ def parse(path: Path, data: bytes) -> Description:
     colours = {e.get("name"): read_colour(findings, e) for e in root.findall("material")}
     links = tuple(read_link(findings, element, colours) for element in root.findall("link"))
     joints = tuple(read_joint(findings, element) for element in root.findall("joint"))
-    note_misspelt(findings, root)
+    check_spelling(findings, root)
     check_names(findings, root)
     if not findings.errors:
         check_tree(findings, root, links, joints)

@@ -1,9 +1,8 @@
-"""Detection: what drive the wheels of a description make, and how one can tell."""
+"""Detection of the drive from the wheels of a description, with the evidence for it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
 from rpctl.drive.assemble import assemble
 from rpctl.drive.drive import FIXED_BASE, Drive
@@ -17,9 +16,7 @@ from rpctl.errors import DriveError, UnknownNameError
 MECANUM = "mecanum"  # nothing but this word tells four such wheels from four ordinary ones
 
 
-def detect(
-    description: Description, locked: Mapping[str, float], spec: DriveSpec | None = None
-) -> Drive:
+def detect(tree: FrozenTree, spec: DriveSpec | None = None) -> Drive:
     """Find the drive of a robot.
 
     A wheel turns without limits about a level axle, is held by the root link, rigidly or through
@@ -28,8 +25,7 @@ def detect(
     wheels but a name; without one the specification has to.
 
     Args:
-        description: The robot.
-        locked: Frozen joints and their positions (rad or m).
+        tree: The robot, with its locked joints.
         spec: What the user says of the drive.
 
     Returns:
@@ -42,21 +38,21 @@ def detect(
     spec = spec or DriveSpec()
     if spec.type == "fixed":
         return FIXED_BASE
-    candidates = find_candidates(description, locked, spec.wheels)
+    candidates = find_candidates(tree, spec.wheels)
     if spec.wheels:
-        candidates = _named(description, candidates, spec)
-    evidence = gather_evidence(description, locked, candidates, spec)
-    if spec.type is None and _arm(evidence, locked):
+        candidates = _named(tree.description, candidates, spec)
+    evidence = gather_evidence(tree, candidates, spec)
+    if spec.type is None and _is_arm(evidence):
         return _fixed(evidence)
-    crossed = [] if spec.wheels else misaligned_axes(description, locked, evidence.grounded.wheels)
+    crossed = [] if spec.wheels else misaligned_axes(tree, evidence.grounded.wheels)
     if crossed:
         raise DriveError(
-            f"{description.path}: the joints of wheels turn across their cylinders' axles; give "
-            f"{', '.join(crossed)}, or name the wheels in a drive file"
+            f"{tree.description.path}: the joints of wheels turn across their cylinders' axles; "
+            f"give {', '.join(crossed)}, or name the wheels in a drive file"
         )
     kind = spec.type or _kind(evidence)
     if kind is None or not _fits(kind, evidence):
-        raise DriveError(explain_no_drive(evidence, locked, spec.type))
+        raise DriveError(explain_no_drive(evidence, spec.type))
     return assemble(kind, evidence)
 
 
@@ -106,12 +102,12 @@ def _mentions(evidence: Evidence, word: str) -> bool:
     return any(word in name.lower() for name in (*names, evidence.description.name))
 
 
-def _arm(evidence: Evidence, locked: Mapping[str, float]) -> bool:
+def _is_arm(evidence: Evidence) -> bool:
     """Return whether joints move, and nothing is, or looks like, a wheel."""
     if evidence.grounded.wheels or evidence.near_miss_notes:
         return False
     moving = any(joint.moving for joint in evidence.description.joints)
-    return moving and not wheels_on_fixed_joints(evidence.description, locked)
+    return moving and not wheels_on_fixed_joints(evidence.tree)
 
 
 def _fixed(evidence: Evidence) -> Drive:

@@ -1,4 +1,4 @@
-"""Wheels, swivels and drives: what touches the ground, and which speeds of the base are free."""
+"""Records of wheels, swivels and drives, and the base speeds that each type leaves free."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ class Wheel:
 
     Attributes:
         joint: Name of its joint.
-        radius: m; of the shape that rolls, see :func:`rpctl.drive.wheel_size.wheel_size`.
+        radius: Of the shape that touches the ground, m; see
+            :func:`rpctl.drive.wheel_size.wheel_size`.
         source: Where the radius came from.
         axis: Unit axle (3,) in the wheel joint's frame.
-        offset: Distance of the wheel's centre from the joint's origin along the axle, m; of the
-            same shape as the radius.
+        offset: Distance of the wheel's centre from the joint's origin along the axle, m; from
+            the same shape as the radius.
         direction: Direction (x, y), in the root link's frame with all joints at 0, along which the
             contact point stands still: forward for an ordinary wheel, along the roller for a
             mecanum wheel, across the axle for an omni wheel.
         driven: Whether its joint has an actuator.
         swivel: Joint of the swivel that carries it; None where the root link does.
         lateral: Distance of its contact to the left of its swivel's axis, m.
-        shift: How far to the left of itself the wheel grips, m: half of what the effective track
-            of a skid-steer drive is wider than the wheels'.
-        slides: Whether nothing holds it sideways: a ball, or a wheel off a differential's axle.
+        shift: Distance of its contact to the left of its centre, m: half the difference between
+            the effective track of a skid-steer drive and the wheels' own.
+        slides: Whether it may slide sideways: a ball, or a wheel off a differential's axle.
         why: Why it is a wheel, in words.
     """
 
@@ -109,8 +110,8 @@ class Drive:
         ground: Height of the ground in the root link's frame, m.
         swivels: The upright joints that carry wheels.
         evidence: How the drive was found, in sentences.
-        doubts: What was assumed, and how to say otherwise, in sentences.
-        declared: Numbers that the user gave and no shape was asked for, as ``"radius of JOINT"``,
+        doubts: The assumptions, and how to declare otherwise, in sentences.
+        declared: Numbers that the user gave instead of a shape, as ``"radius of JOINT"``,
             ``"direction of JOINT"`` (a roller's angle), ``"track"``, ``"point"``; or ``"drive"``
             for all of them.
     """
@@ -148,7 +149,10 @@ class Drive:
 
     @property
     def omnidirectional(self) -> bool:
-        """Whether the base can be asked to move to any side, at once or when its wheels turned."""
+        """Whether the base can move in any direction.
+
+        An omni or mecanum drive can at once, a swerve drive after its wheels have turned.
+        """
         return bool(self.wheels) and not self.has_axle
 
     def carried(self, swivel: Swivel) -> tuple[int, ...]:

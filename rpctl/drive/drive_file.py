@@ -1,4 +1,4 @@
-"""The drive file: TOML in which a user says which wheels a robot drives on."""
+"""The drive file: a TOML file in which a user declares a robot's wheels."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DRIVE_KEYS = ("type", "track", "point", "steering", "wheel", "swivel")
 
 @dataclass(frozen=True)
 class WheelSpec:
-    """What is said of a wheel: its radius (m), its roller's angle (rad), whether it is driven."""
+    """A declared wheel: its radius (m), its roller's angle (rad), whether it is driven."""
 
     radius: float | None = None
     roller: float | None = None
@@ -35,7 +35,7 @@ class WheelSpec:
 
 @dataclass(frozen=True)
 class SwivelSpec:
-    """What is said of a swivel: ``"steered"`` or ``"caster"``, and whether it is driven."""
+    """A declared swivel: ``"steered"`` or ``"caster"``, and whether it is driven."""
 
     role: str | None = None
     driven: bool | None = None
@@ -43,7 +43,7 @@ class SwivelSpec:
 
 @dataclass(frozen=True)
 class DriveSpec:
-    """What is said of a drive; None or nothing where it is to be found.
+    """A declared drive; None or empty where it is to be detected.
 
     Attributes:
         type: Its type.
@@ -83,7 +83,7 @@ def read_drive(path: str | Path) -> DriveSpec:
 
 
 class _Reader:
-    """Takes a drive file's tables apart, and collects what is wrong with them."""
+    """Reads a drive file's tables, and collects their faults."""
 
     def __init__(self) -> None:
         self.faults: list[str] = []

@@ -1,12 +1,12 @@
-"""The evidence for a drive: which wheels stand, on which lines, on which swivels."""
+"""The evidence for a drive: which wheels touch the ground, on which lines, on which swivels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lxml import etree
 
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.drive.grounded import GroundedWheels, find_grounded
@@ -20,20 +20,21 @@ BALL_WORDS = ("ball", *CASTER_WORDS)
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a description's wheels are, before a drive is made of them.
+    """The wheels of a description, sorted by what holds them.
 
     Attributes:
-        description: The robot.
-        grounded: The wheels on the ground, and what does not reach it.
+        tree: The robot.
+        grounded: The wheels on the ground, and the candidates that do not reach it.
         lines: Wheels that the root link holds, those about one line together.
         balls: Spheres that the root link holds beside a pair of wheels: they slide sideways, too.
         swivels: Upright joints that carry the other wheels.
         actuated: Joints that a ``<transmission>`` names.
         spec: What the user says.
-        near_miss_notes: Sentences on what is nearly a wheel: it hangs on a moving joint, or mimics.
+        near_miss_notes: Sentences about joints that are almost wheels: on a moving joint, or
+            mimicking another.
     """
 
-    description: Description
+    tree: FrozenTree
     grounded: GroundedWheels
     lines: tuple[tuple[WheelCandidate, ...], ...]
     balls: tuple[WheelCandidate, ...]
@@ -41,6 +42,11 @@ class Evidence:
     actuated: frozenset[str]
     spec: DriveSpec
     near_miss_notes: tuple[str, ...]
+
+    @property
+    def description(self) -> Description:
+        """The description of the robot."""
+        return self.tree.description
 
     @property
     def fixed(self) -> tuple[WheelCandidate, ...]:
@@ -57,18 +63,18 @@ class Evidence:
         """The swivels that steer."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "steered")
 
+    def on_caster(self, wheel: WheelCandidate) -> bool:
+        """Return whether a caster carries a wheel."""
+        return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role == "caster")
+
 
 def gather_evidence(
-    description: Description,
-    locked: Mapping[str, float],
-    candidates: list[WheelCandidate],
-    spec: DriveSpec,
+    tree: FrozenTree, candidates: list[WheelCandidate], spec: DriveSpec
 ) -> Evidence:
-    """Return what the wheels of a description are.
+    """Return the wheels among the candidates, sorted by what holds them.
 
     Args:
-        description: The robot.
-        locked: Frozen joints and their positions (rad or m).
+        tree: The robot.
         candidates: The joints that could carry wheels.
         spec: What the user says.
 
@@ -77,25 +83,23 @@ def gather_evidence(
         DriveError: A joint that is called a swivel carries no wheel.
         UnknownNameError: A swivel's joint is not known.
     """
-    grounded = find_grounded(description, locked, candidates, bool(spec.wheels))
-    document = etree.fromstring(description.xml.encode())
+    grounded = find_grounded(tree, candidates, bool(spec.wheels))
+    document = etree.fromstring(tree.description.xml.encode())
     actuated = frozenset(joint.get("name") for joint in document.iterfind("transmission/joint"))
-    swivels = find_swivels(description, locked, grounded.wheels, spec.swivels, actuated)
-    _require_swivels(description, spec, {swivel.joint.name for swivel in swivels})
+    swivels = find_swivels(tree, grounded.wheels, spec.swivels, actuated)
+    _require_swivels(tree.description, spec, {swivel.joint.name for swivel in swivels})
     held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
     lines, balls = _split_balls(held)
-    near_miss_notes = (*advise_lock(description, locked), *advise_mimics(description, locked))
-    return Evidence(
-        description, grounded, lines, balls, tuple(swivels), actuated, spec, near_miss_notes
-    )
+    near_miss_notes = (*advise_lock(tree), *advise_mimics(tree))
+    return Evidence(tree, grounded, lines, balls, tuple(swivels), actuated, spec, near_miss_notes)
 
 
 def _split_balls(
     held: list[WheelCandidate],
 ) -> tuple[tuple[tuple[WheelCandidate, ...], ...], tuple[WheelCandidate, ...]]:
-    """Return the lines of wheels that the root link holds, and the balls beside them.
+    """Return the wheels on the root link grouped by common axle, and the ball casters beside them.
 
-    Where all are spheres, names tell which are balls; where no pair is left, none is.
+    If all are spheres, their names tell which are balls; if no pair is left then, none is a ball.
     """
     spheres = tuple(wheel for wheel in held if wheel.ball)
     named = tuple(wheel for wheel in spheres if _is_named_ball(wheel))

@@ -1,16 +1,16 @@
-"""What to tell a user whose robot's drive was not found: the evidence, and what to write."""
+"""The error message for a robot without a detectable drive: evidence found, and a fix."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 
+from rpctl.description.frozen_tree import MAX_TILT_SINE
 from rpctl.drive.drive_file import suggest
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.near_misses import format_vector, wheels_on_fixed_joints
-from rpctl.drive.wheels import AXLE_TILT, WheelCandidate, mostly_left
+from rpctl.drive.wheels import WheelCandidate, mostly_left, parallel
 
 MAX_LISTED = 8  # pairs or joints that a message lists
 NEEDS = {
@@ -25,12 +25,11 @@ NEEDS = {
 }
 
 
-def explain_no_drive(evidence: Evidence, locked: Mapping[str, float], kind: str | None) -> str:
+def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
     """Return why no drive was found, and what to write to have one.
 
     Args:
         evidence: The wheels.
-        locked: Frozen joints and their positions (rad or m).
         kind: Type of the drive that was asked for, or None.
     """
     grounded = evidence.grounded
@@ -46,7 +45,7 @@ def explain_no_drive(evidence: Evidence, locked: Mapping[str, float], kind: str 
     else:
         message += "no joint could carry a wheel"
     message += "".join(f"; {reason}" for reason in grounded.rejected)
-    fix = _fixes(evidence, locked)
+    fix = _fixes(evidence)
     if fix:
         arm = "" if grounded.wheels else "; or say --drive fixed for an arm"
         return f"{message}; {fix}{arm}"
@@ -84,10 +83,10 @@ def _wheel_places(evidence: Evidence) -> str:
     )
 
 
-def _fixes(evidence: Evidence, locked: Mapping[str, float]) -> str:
-    """Return what of the URDF, or of the options, to change before a drive can be found."""
+def _fixes(evidence: Evidence) -> str:
+    """Return changes to the URDF or the options that would let a drive be detected, or nothing."""
     ways = _turned_axes(evidence.fixed) if not evidence.pairs else []
-    still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.description, locked)
+    still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.tree)
     if still:
         ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
     ways += evidence.near_miss_notes
@@ -100,8 +99,7 @@ def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
     for a, b in combinations(candidates, 2):
         line = a.origin - b.origin
         line = line / (np.linalg.norm(line) or 1.0)
-        parallel = abs(float(a.axle @ b.axle)) > 1.0 - AXLE_TILT**2
-        if parallel and abs(float(a.axle @ line)) < AXLE_TILT and abs(line[2]) < AXLE_TILT:
+        if parallel(a, b) and max(abs(float(a.axle @ line)), abs(line[2])) < MAX_TILT_SINE:
             left = line if mostly_left(line) > 0 else -line
             axes = (
                 f'"{c.joint.name}" <axis xyz="{format_vector(c.frame.T @ left)}"/>' for c in (a, b)

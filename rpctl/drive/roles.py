@@ -1,4 +1,4 @@
-"""Which of the swivels lead, which follow, and which mimic."""
+"""Roles of the swivels in a drive: steered, follower, mimic or caster."""
 
 from __future__ import annotations
 

@@ -1,12 +1,7 @@
 """The planar geometry of steered wheels: one centre of rotation, on every wheel's axle.
 
-Vectors of the base are (x, y, turn): velocities of the root link in its own axes. A wheel that
-stands at p and heads along d(φ) = (cos φ, sin φ) has the lateral row l and the rolling row k,
-
-    l·T = 0,   l = (n, n·(ẑ × p)),   k = (d, d·(ẑ × p)),   n = ẑ × d,
-
-so l′ = −k and k′ = l by φ. Two lateral rows leave one twist, along N = l₁ × l₂, and every further
-wheel has to head along the velocity that N gives its place.
+Twists and rows are those of :mod:`rpctl.drive.rows`. Two lateral rows leave one twist, along
+N = l₁ × l₂, and every further wheel has to head along the velocity that N gives its place.
 """
 
 from __future__ import annotations
@@ -20,6 +15,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
 from rpctl.drive.drive import Drive, Swivel
+from rpctl.drive.rows import angle_of, lateral_row, rolling_row
 
 NEWTON_STEPS = 4  # steps to the angle of wheels that mimic one another; quadratic from near
 MIN_SPEED = 1e-12  # m/s: a place that stands still has no heading
@@ -27,23 +23,6 @@ LEADER_SAMPLES = 251  # positions of a leader to each side at which its follower
 MAX_FOLLOWER_JUMP = 0.5  # rad; no follower turns so far between two of them
 MAX_STEERING = 1.3  # rad; nearer to a right angle steering is not asked to go
 SINGULARITY_MARGIN = 0.1  # of 1: steering nearer to a singular one is not drawn at random
-
-
-def rolling_row(pivot: tuple[float, float], angle: float) -> Array:
-    """Return k (3,) of a wheel at ``pivot`` (m) that heads along ``angle`` (rad)."""
-    x, y = pivot
-    cos, sin = math.cos(angle), math.sin(angle)
-    return np.array([cos, sin, sin * x - cos * y])
-
-
-def lateral_row(pivot: tuple[float, float], angle: float) -> Array:
-    """Return l (3,) of a wheel at ``pivot`` (m) that heads along ``angle`` (rad)."""
-    return rolling_row(pivot, angle + 0.5 * math.pi)
-
-
-def angle_of(swivel: Swivel, position: float) -> float:
-    """Return the rolling direction (rad) in the root link's frame at a joint position (rad)."""
-    return swivel.heading + swivel.sign * position
 
 
 def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
@@ -83,10 +62,14 @@ def follower_positions(drive: Drive, positions: Mapping[str, float]) -> dict[str
 
 
 def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
-    """Return whether steering is far from where it leaves no one motion, or more than one.
+    """Return whether the steering angles are far from singular ones.
 
-    The base's speed is that of P along the heading, or that of the first steered wheel along its
-    own; N must not vanish, nor lie across it.
+    At a singular steering the base's speed (that of P along the heading, or that of the first
+    steered wheel along its own) does not fix its motion: N vanishes, or lies across that speed.
+
+    Args:
+        drive: The drive.
+        positions: Positions of the steered joints, rad; 0 for those left out.
     """
     if not drive.steered:
         return True
@@ -196,7 +179,7 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
 
 
 class SteeringLimits(NamedTuple):
-    """What the steered joints may do so that they and their followers keep their limits."""
+    """Limits of the steered joints that keep their followers within theirs, too."""
 
     lower: Array  # (n_steered,) rad
     upper: Array  # (n_steered,) rad
@@ -204,10 +187,10 @@ class SteeringLimits(NamedTuple):
 
 
 def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits:
-    """Return the limits of the steered joints, tighter where a follower's would be broken.
+    """Return the limits of the steered joints, tightened so that followers keep theirs.
 
-    With one leader and a fixed axle, each follower is a function of it: its range is looked
-    through in small steps. Followers of two leaders keep to their own limits only.
+    With one leader and a fixed axle, each follower is a function of it, sampled over its range.
+    Followers of two leaders keep to their own limits only.
 
     Args:
         drive: The drive.
@@ -235,7 +218,14 @@ def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits
 
 
 def _allowed_branch(drive: Drive, leader: str, follower: Joint, grid: Array) -> tuple[Array, Array]:
-    """Return the leader's positions from 0 on along which a follower keeps its limits, and its."""
+    """Return the leader's positions at which a follower keeps its limits, and the follower's.
+
+    Args:
+        drive: The drive.
+        leader: Name of the leading joint.
+        follower: The following joint.
+        grid: Positions of the leader, from 0 outwards, rad.
+    """
     turned = np.array([follower_positions(drive, {leader: x})[follower.name] for x in grid])
     broken = (turned < follower.lower) | (turned > follower.upper)
     broken[1:] |= (

@@ -9,23 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.records import Description, Joint
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.records import Joint
 from rpctl.drive.drive import Swivel
 from rpctl.drive.drive_file import SwivelSpec
-from rpctl.drive.wheels import WheelCandidate, leftward, root_axis
+from rpctl.drive.wheels import WheelCandidate, leftward
 
 MIN_TRAIL_M = 5e-3  # m, or
 MIN_TRAIL_RADII = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
 CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
-SHARED_TRAIL_ROUNDING_M = (
-    2e-3  # m; a smaller trail of wheels that steer together is a file's rounding
-)
+SHARED_TRAIL_ROUNDING_M = 2e-3  # m; rounding of a file: a smaller trail of one of several
 TRAIL_ROUNDING_M = 1e-9  # m; a smaller one is that of numbers
 
 
 @dataclass(frozen=True)
 class SwivelCandidate:
-    """A swivel of a description, with what its wheels make of it at position 0.
+    """A swivel joint of a description: its pivot, heading, trail and role, at position 0.
 
     Attributes:
         joint: The joint.
@@ -36,7 +35,7 @@ class SwivelCandidate:
         trail: Distance of the contact ahead of the axis, m.
         role: ``"steered"`` or ``"caster"``.
         why: The reason for the role, in words.
-        doubt: What the other role would be told by, or nothing.
+        doubt: The evidence for the other role, in words; empty if there is none.
     """
 
     joint: Joint
@@ -69,7 +68,13 @@ class SwivelCandidate:
         return replace(self, ahead=-self.ahead, trail=-self.trail)
 
     def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
-        """Return the drive's record of it."""
+        """Return the drive's record of it.
+
+        Args:
+            role: Its role in the drive, see :class:`Swivel`.
+            driven: Whether it has an actuator.
+            shares: Swivel with which it shares one lateral constraint, or None.
+        """
         mimic = self.joint.mimic
         return Swivel(
             joint=self.joint.name,
@@ -87,37 +92,35 @@ class SwivelCandidate:
 
 
 def find_swivels(
-    description: Description,
-    locked: Mapping[str, float],
+    tree: FrozenTree,
     wheels: tuple[WheelCandidate, ...],
-    spec: Mapping[str, SwivelSpec],
+    specs: Mapping[str, SwivelSpec],
     actuated: frozenset[str],
 ) -> list[SwivelCandidate]:
-    """Return the swivels that carry the given wheels, in file order."""
+    """Return the swivels that carry the given wheels, in file order.
+
+    Args:
+        tree: The robot.
+        wheels: The wheels on the ground.
+        specs: What the user says of swivels, by joint.
+        actuated: Joints that a ``<transmission>`` names.
+    """
     groups: dict[str, list[WheelCandidate]] = {}
     for wheel in wheels:
         if wheel.swivel is not None:
             groups.setdefault(wheel.swivel.name, []).append(wheel)
     return [
-        _swivel_candidate(
-            description, locked, tuple(group), spec.get(name, SwivelSpec()), name in actuated
-        )
+        _swivel_candidate(tree, tuple(group), specs.get(name, SwivelSpec()), name in actuated)
         for name, group in groups.items()
     ]
 
 
 def _swivel_candidate(
-    description: Description,
-    locked: Mapping[str, float],
-    wheels: tuple[WheelCandidate, ...],
-    spec: SwivelSpec,
-    actuated: bool,
+    tree: FrozenTree, wheels: tuple[WheelCandidate, ...], spec: SwivelSpec, actuated: bool
 ) -> SwivelCandidate:
     joint = wheels[0].swivel
     assert joint is not None
-    pose = description.pose(joint.parent, dict(locked)) @ joint.origin
-    pivot = pose[:2, 3]
-    up = root_axis(description, locked, joint)[2]
+    pivot, up = tree.frame(joint)[:2, 3], tree.axis(joint)[2]
     left = leftward(wheels[0].axle)
     ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)

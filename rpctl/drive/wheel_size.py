@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,78 +10,69 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description import mesh_files
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.records import Description, Joint, Shape
+from rpctl.description.records import Joint, Shape
 
 SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
 SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
-MAX_ECCENTRICITY = (
-    0.1  # of its radius: a tyre on a link of its own is no further off the wheel's axle
-)
+MAX_ECCENTRICITY = 0.1  # of its radius; a tyre on a link of its own is no further off the axle
 RADIUS_ROUNDING_M = 1e-9  # m: cylinders of radii nearer than this are one wheel's two tyres
-MIN_EXTENT_RATIO = (
-    0.8  # least ratio of a wheel's extents across its axle; a tread's lugs make 0.95 of it
-)
+MIN_EXTENT_RATIO = 0.8  # of a wheel's extents across its axle; a tread's lugs make it 0.95
 
 
 class WheelShape(NamedTuple):
     """A shape that turns with a wheel's joint."""
 
     shape: Shape  # its origin is in the frame of the joint's child link
-    role: str  # one of ROLES
+    role: str  # one of SHAPE_ROLES
     own: bool  # of that link itself, not of one fixed to it
 
 
 class WheelSize(NamedTuple):
-    """What a wheel's shapes tell of it; without a radius the source says why no mesh does."""
+    """Size of a wheel from its shapes. Without a radius, ``source`` says why no mesh gave one."""
 
     radius: float | None  # m
     source: str
     offset: float  # of its centre from the joint's origin along the axle, m
-    uneven: str = ""  # the extents of its mesh across the axle, where they are not a wheel's
+    uneven: str = ""  # the two extents of its mesh across the axle, if they differ too much
     aside: float = 0.0  # distance of its middle from the axle, m
     width: float = 0.0  # along the axle, m; of a sphere 0
 
 
-def wheel_parts(
-    description: Description, locked: Mapping[str, float], joint: Joint
-) -> list[WheelShape]:
+def wheel_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
     """Return the shapes of a joint's child link and of the links fixed to it, collision first.
 
     A joint that is locked holds as a fixed one does.
     """
-    links = [*_fixed_links(description, locked, joint.child)]
+    links = [*tree.rigid_links(joint.child)]
     parts = []
     for role in SHAPE_ROLES:
         for name, pose in links:
-            link = description.link[name]
+            link = tree.description.link[name]
             for shape in link.collisions if role == "collision" else link.visuals:
                 placed = replace(shape, origin=pose @ shape.origin)
                 parts.append(WheelShape(placed, role, name == joint.child))
     return parts
 
 
-def round_parts(
-    description: Description, locked: Mapping[str, float], joint: Joint
-) -> list[WheelShape]:
+def round_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
     """Return the parts of a wheel that are round about its axle, collision before visual.
 
     Spheres are, and cylinders and capsules along the axle; those of another link than the joint's
     own have to be centred on the axle, too, as motors and weights beside it are not.
     """
-    return [part for part in wheel_parts(description, locked, joint) if is_round(part, joint.axis)]
+    return [part for part in wheel_parts(tree, joint) if is_round(part, joint.axis)]
 
 
-def wheel_size(
-    description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> WheelSize:
-    """Return the size of a wheel: of its widest round part, or of the bounds of its widest mesh.
+def wheel_size(tree: FrozenTree, joint: Joint) -> WheelSize:
+    """Return the size of a wheel, from its widest round shape or its widest mesh.
 
-    The first of these that there is tells both radius and offset: round collision shapes, round
-    visual ones, collision meshes, visual meshes. Of several the widest counts, for it is the tyre;
-    of several of that radius, the middle between them.
+    Radius and offset come from the first of these kinds that there is: round collision shapes,
+    round visual ones, collision meshes, visual meshes. The widest of a kind is the tyre; if there
+    are several of its radius, the wheel's centre is in the middle between them.
     """
-    parts = wheel_parts(description, locked, joint)
+    parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
     reasons: list[str] = []
     for role in SHAPE_ROLES:
         size = _round_size(parts, joint.axis, role)
@@ -95,36 +85,19 @@ def wheel_size(
     return WheelSize(None, reasons[-1] if reasons else "", 0.0)
 
 
-def shape_sizes(
-    description: Description, locked: Mapping[str, float], joint: Joint, paths: MeshPaths
-) -> list[tuple[str, WheelSize]]:
-    """Return all sizes that a wheel's shapes tell, each with its role: the round ones', meshes'."""
-    parts = wheel_parts(description, locked, joint)
+def shape_sizes(tree: FrozenTree, joint: Joint) -> list[tuple[str, WheelSize]]:
+    """Return the size from each kind of shape, with its role: round shapes first, then meshes."""
+    parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
     found = [(role, _round_size(parts, joint.axis, role)) for role in SHAPE_ROLES]
     found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in SHAPE_ROLES]
     return [(role, size) for role, size in found if size is not None]
 
 
-def _fixed_links(
-    description: Description, locked: Mapping[str, float], link: str
-) -> Iterator[tuple[str, Array]]:
-    """Yield a link and those fixed to it, each with its pose (4, 4) in the first one's frame."""
-    stack = [(link, np.eye(4))]
-    while stack:
-        name, pose = stack.pop()
-        yield name, pose
-        stack += [
-            (below.child, pose @ below.motion(locked.get(below.name, 0.0)))
-            for below in reversed(description.child_joints[name])
-            if below.name in locked or not below.moving
-        ]
-
-
 def is_round(part: WheelShape, axis: Array) -> bool:
-    """Tell whether a part is round about an axle (3,) through the frame's origin.
+    """Return whether a part is round about an axle (3,) through the frame's origin.
 
-    A cylinder may be off the parallel by SHAPE_TILT, a part of another link than the joint's own
-    off the axle by CENTRED of its radius.
+    The sine between a cylinder and the axle may be SHAPE_TILT. A part of another link than the
+    joint's own may be MAX_ECCENTRICITY of its radius off the axle.
     """
     shape, centre = part.shape, part.shape.origin[:3, 3]
     if shape.kind not in ("sphere", "cylinder", "capsule") or not shape.size[0] > 0.0:
@@ -138,7 +111,7 @@ def is_round(part: WheelShape, axis: Array) -> bool:
 
 
 def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | None:
-    """Return the size that the widest round part of a role tells, if there is one."""
+    """Return the size of the widest round part of a role, if there is one."""
     found = []
     for shape in (part.shape for part in parts if part.role == role and is_round(part, axis)):
         middle = shape.origin[:3, 3]
@@ -154,9 +127,9 @@ def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | 
 def _mesh_size(
     parts: list[WheelShape], axis: Array, role: str, paths: MeshPaths, reasons: list[str]
 ) -> WheelSize | None:
-    """Return the size that the bounds of a role's widest mesh tell, if one can be read.
+    """Return the size of a role's widest mesh, from its bounds, if one can be read.
 
-    Why one cannot is added to ``reasons``.
+    The reason why one cannot be read is added to ``reasons``.
     """
     found = []
     for shape, its_role, own in parts:

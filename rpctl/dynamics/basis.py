@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from rpctl.arrays import Array
@@ -12,6 +10,7 @@ from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
 RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v is undetermined
+UNDETERMINED = "the wheels and quasi-velocities determine no one motion"
 
 
 def selection(robot: Robot, rolling: RollingConstraints) -> Array:
@@ -30,7 +29,7 @@ def selection(robot: Robot, rolling: RollingConstraints) -> Array:
         wheels = drive.carried(drive.steered[0])
         for wheel in wheels:
             index = robot.velocity_index(drive.wheels[wheel].joint)
-            W[0, index] = -rolling.constant[rolling.along[wheel], index] / len(wheels)
+            W[0, index] = -rolling.matrix.constant[rolling.along[wheel], index] / len(wheels)
     else:
         W[:own, :BASE_NV] = np.eye(own, BASE_NV)
     joints = [swivel.joint for swivel in drive.steered] + [joint.name for joint in robot.joints]
@@ -39,15 +38,8 @@ def selection(robot: Robot, rolling: RollingConstraints) -> Array:
     return W
 
 
-class Basis(NamedTuple):
-    """v = S ν, and Ṡ ν = −D Ȧ v."""
-
-    S: Array  # (nv, dof)
-    D: Array  # (nv, rows)
-
-
-def basis(A: Array, W: Array) -> Basis:
-    """Return S with A S = 0 and W S = I, from [A; W] S = [0; I] and [A; W] Ṡν = −[Ȧ; 0] v.
+def basis(A: Array, W: Array) -> Array:
+    """Return S (nv, dof) with A S = 0 and W S = I, from [A; W] S = [0; I].
 
     Args:
         A: Constraint matrix (rows, nv); redundant rows are welcome.
@@ -58,7 +50,7 @@ def basis(A: Array, W: Array) -> Basis:
     """
     left, rows = np.vstack([A, W]), len(A)
     square = left.shape[0] == left.shape[1]
-    inverse = _inverse(left) if square else _pseudoinverse(left)
+    inverse = square_inverse(left) if square else _pseudoinverse(left)
     wanted = np.vstack([np.zeros((rows, len(W))), np.eye(len(W))])
     S = inverse[:, rows:]
     S = S + inverse @ (wanted - left @ S)  # brings 1e-13 to rounding
@@ -67,10 +59,10 @@ def basis(A: Array, W: Array) -> Basis:
             "the rolling constraints contradict each other: no motion has the quasi-velocities "
             "asked for; are the wheels' axles on one line?"
         )
-    return Basis(S, inverse[:, :rows])
+    return S
 
 
-def _inverse(left: Array) -> Array:
+def square_inverse(left: Array) -> Array:
     """Return the inverse of as many equations as there are velocities."""
     try:
         inverse = np.linalg.inv(left)
@@ -78,7 +70,7 @@ def _inverse(left: Array) -> Array:
         inverse = np.full(left.shape, np.inf)
     condition = np.abs(left).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
     if not condition * RANK_MARGIN < 1.0:
-        raise SingularBasisError("the wheels and quasi-velocities determine no one motion")
+        raise SingularBasisError(UNDETERMINED)
     return np.asarray(inverse)
 
 

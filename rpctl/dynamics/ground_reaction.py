@@ -20,7 +20,6 @@ from rpctl.errors import require_positive
 
 FRICTION = 0.7  # of rubber on a dry indoor floor
 MIN_LOAD = 1e-3  # of the weight: below it a contact bears nothing to speak of
-RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
 MIN_LATERAL_SINE = (
     1e-9  # sine of the angle to forward from which a wheel's own force has a lateral part
 )
@@ -46,7 +45,6 @@ class Contacts:
         across: Map (n_axles, rows) from λ to the axles' forces to the left.
         incidence: Incidence of wheels and axles (n_wheels, n_axles), 0 or 1.
         floor: Load below which a contact bears nothing to speak of, N.
-        multipliers: Least-norm map (rows, nv) from Aᵀλ to λ; None where A depends on q.
         stance: Polygon and split of the loads; None where contacts move, or nothing is balanced.
     """
 
@@ -62,7 +60,6 @@ class Contacts:
     across: Array = field(repr=False)
     incidence: Array = field(repr=False)
     floor: float = field(repr=False)
-    multipliers: Array | None = field(repr=False)
     stance: Stance | None = field(repr=False)
 
 
@@ -114,7 +111,6 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     names = wheels + tuple(part.name for part in supports.parts)
     points = _points(dynamics, supports, q)
     points.setflags(write=False)
-    A = dynamics.constraint(q)
     axles, along, across = _force_maps(dynamics)
     moves = any(part.joint != ROOT_JOINT for part in supports.parts) or not dynamics.constant
     balanced = not supports.unknown and width(points) > MIN_STANCE_WIDTH_M
@@ -130,7 +126,6 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
         along=along,
         across=across,
         incidence=np.array([[float(w in axle) for axle in axles] for w in range(len(wheels))]),
-        multipliers=_multipliers(A) if dynamics.constant else None,
         floor=MIN_LOAD * robot.mass * float(np.linalg.norm(robot.model.gravity.linear)),
         stance=make_stance(points) if balanced and not moves else None,
     )
@@ -155,10 +150,7 @@ def ground_reaction(
         tau: Actuator efforts (n_act,), N·m or N.
     """
     residual, wrench = dynamics.reaction(q, nu, tau)
-    solve = contacts.multipliers
-    if solve is None:
-        solve = _multipliers(dynamics.constraint(q))
-    multipliers = solve @ residual
+    multipliers = dynamics.at(q).multipliers @ residual
     along, lateral = contacts.along @ multipliers, contacts.across @ multipliers
     fx, fy, fz, nx, ny, _ = wrench.tolist()
     z, floor = dynamics.robot.drive.ground, contacts.floor
@@ -212,7 +204,7 @@ def _force_maps(
     do those of a swivel and of the swivels that follow it. A roller's one force has both parts.
     """
     drive, rolling = dynamics.robot.drive, dynamics.rolling
-    identity = np.eye(len(rolling.constant))
+    identity = np.eye(len(rolling.matrix.constant))
     along = np.zeros((len(drive.wheels), len(identity)))
     axles: list[tuple[int, ...]] = []
     across = []
@@ -229,11 +221,6 @@ def _force_maps(
         axles.append(shared)
         across.append(identity[row])
     return tuple(axles), along, np.array(across)
-
-
-def _multipliers(A: Array) -> Array:
-    """Return the map (rows, nv) from Aᵀλ to the λ of least norm."""
-    return np.asarray(np.linalg.pinv(A.T, rcond=RANK_MARGIN), dtype=float)
 
 
 def _free_rotation(points: Array, heading: float) -> str:

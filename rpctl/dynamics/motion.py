@@ -38,10 +38,10 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
     model = dynamics.robot.model
 
     def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
-        at = pin.integrate(model, q, slide)
-        v = dynamics.basis(at) @ speed
-        power = float((dynamics.actuation(at) @ tau) @ speed)
-        return _dexpinv(slide, v), dynamics.forward(at, speed, tau), power
+        place = pin.integrate(model, q, slide)
+        at = dynamics.at(place)
+        power = float((at.B @ tau) @ speed)
+        return _dexpinv(slide, at.S @ speed), dynamics.forward(place, speed, tau), power
 
     v1, a1, p1 = stage(np.zeros(model.nv), nu)
     v2, a2, p2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
-from rpctl.dynamics.basis import Basis, basis, selection
-from rpctl.dynamics.rolling import ROOT_JOINT, constraint, constraint_drift, find_rolling
-from rpctl.errors import ActuationError, RpctlError, SingularBasisError
+from rpctl.dynamics.projection import Projection, Projector
+from rpctl.dynamics.rolling import ROOT_JOINT, find_rolling
+from rpctl.errors import RpctlError
 from rpctl.robot.model import BASE_NV, Robot
-
-RANK_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
 
 
 class ReducedDynamics:
@@ -25,71 +24,51 @@ class ReducedDynamics:
 
     Args:
         robot: The robot.
+        gliding: Roles of swivels that glide: the ground does nothing to them, they keep their angle
+            and their wheels do not roll; only their mass counts.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:
         self.robot = robot
         self._model = robot.model
         self._data = robot.model.createData()
-        self._columns = np.zeros((robot.nv, len(robot.actuators)))
-        for column, name in enumerate(robot.actuators):
-            self._columns[robot.velocity_index(name), column] = 1.0
-        self.rolling = find_rolling(robot)
-        self._W = selection(robot, self.rolling)
-        # Where no wheel swivels, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
-        self._S: Array | None = None
-        if not robot.drive.swivels:
-            S = basis(self.rolling.constant, self._W).S
-            S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
-            S.setflags(write=False)
-            self._S = S
-        self._known: tuple[Array, Array, Basis] | None = None  # the last q, its A and its S
-        self._constant_allocation: Array | None = None
-        self._still = np.zeros(robot.nv)
-        self._v = np.zeros(robot.nv)
-        self._MS = np.zeros((robot.nv, robot.dof))
+        self.rolling = find_rolling(robot, gliding)
+        self._projector = Projector(robot, self.rolling)
+        self._columns = self._projector.columns
         self._M = np.zeros((robot.dof, robot.dof))
 
-    def constraint(self, q: Array) -> Array:
-        """Return A(q) (rows, nv)."""
-        return self.rolling.constant if self.constant else self._at(q)[0]
+    @property
+    def constant(self) -> bool:
+        """Whether A and S are the same at every q."""
+        return self._projector.constant is not None
 
-    def basis(self, q: Array) -> Array:
-        """Return S(q) (nv, dof): v = S ν, A S = 0.
+    def at(self, q: Array) -> Projection:
+        """Return S, the drift Ṡν, A and B at q (nq,).
 
         Raises:
             SingularBasisError: At q the steered wheels fix no one motion; their joints are named.
         """
-        return self._at(q)[1].S if self._S is None else self._S
+        return self._projector.at(q)
 
-    def _at(self, q: Array) -> tuple[Array, Basis]:
-        """Return A and S at q, for a robot whose wheels swivel."""
-        if self._known is None or not np.array_equal(self._known[0], q):
-            A = constraint(self.robot, self.rolling, q)
-            try:
-                found = basis(A, self._W)
-            except SingularBasisError as error:
-                raise SingularBasisError(f"{error}: {self._angles(q)}") from None
-            A.setflags(write=False)
-            found.S.setflags(write=False)
-            self._known = q.copy(), A, found
-        return self._known[1:]
+    def basis(self, q: Array) -> Array:
+        """Return S(q) (nv, dof): v = S ν, A S = 0."""
+        return self.at(q).S
 
-    def _angles(self, q: Array) -> str:
-        joints = [swivel.joint for swivel in self.robot.drive.swivels]
-        angles = (math.degrees(self.robot.joint_position(q, name)) for name in joints)
-        return ", ".join(f"{n} at {a:.3g}°" for n, a in zip(joints, angles, strict=True))
+    def basis_drift(self, q: Array, nu: Array) -> Array:
+        """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
+        return self.at(q).drift(nu)
+
+    def constraint(self, q: Array) -> Array:
+        """Return A(q) (rows, nv): A v = 0."""
+        return self.at(q).A
+
+    def actuation(self, q: Array) -> Array:
+        """Return B(q) (dof, n_act)."""
+        return self.at(q).B
 
     def twist(self, q: Array, nu: Array) -> Array:
         """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
         return self.robot.point_velocity @ (self.basis(q)[:BASE_NV] @ nu)
-
-    def basis_drift(self, q: Array, nu: Array) -> Array:
-        """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡ ν that the motion itself brings."""
-        if self._S is not None:
-            return self._still
-        S, D = self._at(q)[1]
-        return -D @ constraint_drift(self.robot, self.rolling, q, S @ nu)
 
     def inertia(self, q: Array) -> Array:
         """Return M(q) (dof, dof), symmetric positive definite."""
@@ -101,18 +80,14 @@ class ReducedDynamics:
         """Return h(q, ν) (dof,): Coriolis, centrifugal and gravity terms."""
         return self.inverse(q, nu, np.zeros(self.robot.dof))
 
-    def actuation(self, q: Array) -> Array:
-        """Return B(q) (dof, n_act)."""
-        return self.basis(q).T @ self._columns
-
     def inverse(self, q: Array, nu: Array, nu_dot: Array) -> Array:
         """Return the quasi-force M ν̇ + h (dof,) that a motion takes.
 
         This is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
         """
-        S = self.basis(q)
-        acceleration = S @ nu_dot + self.basis_drift(q, nu)
-        return S.T @ pin.rnea(self._model, self._data, q, S @ nu, acceleration)
+        at = self.at(q)
+        acceleration = at.S @ nu_dot + at.drift(nu)
+        return at.S.T @ pin.rnea(self._model, self._data, q, at.S @ nu, acceleration)
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,).
@@ -120,22 +95,15 @@ class ReducedDynamics:
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
         """
-        S = self.basis(q)
-        np.dot(S, nu, out=self._v)
-        force = pin.rnea(self._model, self._data, q, self._v, self.basis_drift(q, nu))
+        at = self.at(q)
+        S = at.S
+        force = pin.rnea(self._model, self._data, q, S.dot(nu), at.drift(nu))
         mass = pin.crba(self._model, self._data, q)
-        np.dot(mass, S, out=self._MS)
-        np.dot(S.T, self._MS, out=self._M)
-        right = S.T @ (self._columns @ tau - force)
-        _, nu_dot, info = dposv(self._M, right)
-        if info or not np.isfinite(nu_dot[0]):
+        np.dot(S.T, mass.dot(S), out=self._M)
+        _, nu_dot, info = dposv(self._M, S.T.dot(self._columns.dot(tau) - force))
+        if info or not math.isfinite(nu_dot[0]):
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
-
-    @property
-    def constant(self) -> bool:
-        """Whether A and S are the same at every q."""
-        return self._S is not None
 
     def placements(self, q: Array) -> pin.Data:
         """Return the workspace with the joints' placements at q; the next call overwrites it."""
@@ -157,9 +125,9 @@ class ReducedDynamics:
             less gravity's share ([F08, Ch. 5]), so it has what the planar joint hides: the
             vertical force, the roll and the pitch moment.
         """
-        S = self.basis(q)
-        acceleration = S @ self.forward(q, nu, tau) + self.basis_drift(q, nu)
-        force = pin.rnea(self._model, self._data, q, S @ nu, acceleration)
+        at = self.at(q)
+        acceleration = at.S @ self.forward(q, nu, tau) + at.drift(nu)
+        force = pin.rnea(self._model, self._data, q, at.S @ nu, acceleration)
         return force - self._columns @ tau, self._data.f[ROOT_JOINT].vector.copy()
 
     def energy(self, q: Array, nu: Array) -> float:
@@ -176,21 +144,4 @@ class ReducedDynamics:
         Raises:
             ActuationError: B lacks full row rank; the undriven quasi-velocities are named.
         """
-        if self._S is None:
-            return self._allocation(q) @ quasi_force
-        if self._constant_allocation is None:
-            self._constant_allocation = self._allocation(q)
-        return self._constant_allocation @ quasi_force
-
-    def _allocation(self, q: Array) -> Array:
-        """Return the right inverse of B (n_act, dof), weighted by the effort limits."""
-        B = self.actuation(q)
-        limits = self.robot.effort_limits
-        scale = np.where(np.isfinite(limits), limits, 1.0)
-        U, singular, Vt = np.linalg.svd(B * scale, full_matrices=False)
-        driven = singular > RANK_MARGIN * singular[0]
-        if np.count_nonzero(driven) < len(B):
-            free = np.abs(np.eye(len(B)) - U[:, driven] @ U[:, driven].T).max(axis=1)
-            names = [n for n, f in zip(self.robot.quasi_velocities, free, strict=True) if f > 1e-6]
-            raise ActuationError(f"no actuator drives {', '.join(names)} of {self.robot.name}")
-        return np.asarray(scale[:, None] * (Vt.T / singular) @ U.T)
+        return np.asarray(self.at(q).allocation @ quasi_force)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy  # loads scipy.optimize, which takes long, at its first use
 
 from rpctl.arrays import Array
 
@@ -89,7 +89,9 @@ def loads(stance: Stance, moments: Array, margin: float) -> Array:
     target = np.zeros(len(stance.free) + 1)
     target[-1] = 1.0
     left = np.vstack([stance.free, -load / moments[0]])
-    found = lsq_linear(left, target, (0.0, np.inf), method="bvls", tol=BVLS_TOLERANCE)
+    found = scipy.optimize.lsq_linear(
+        left, target, (0.0, np.inf), method="bvls", tol=BVLS_TOLERANCE
+    )
     residual = left @ found.x - target
     if residual[-1] > -LOAD_RESOLUTION:
         return np.asarray(load)

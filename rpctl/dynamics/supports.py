@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint, Link, Shape
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.robot.model import Robot
@@ -17,7 +18,6 @@ GROUND_TOLERANCE_M = (
     5e-3  # m: a shape this close to the ground touches it (URDFs are drawn to millimetres)
 )
 MIN_SHAPE_SIZE_M = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
-MAX_TILT_SINE = 0.02  # sine of the largest angle of an axis that counts as upright or level
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,15 @@ def find_supports(robot: Robot) -> Supports:
     Args:
         robot: The robot.
     """
-    description = robot.description
+    tree = robot.tree
     wheels = {wheel.joint for wheel in robot.drive.wheels}
     found: list[Support] = []
     meshes: list[str] = []
-    for link in description.links:
-        chain = description.chain(link.name)
+    for link in tree.description.links:
+        chain = tree.description.chain(link.name)
         if any(joint.name in wheels for joint in chain):
             continue
-        free = [joint for joint in chain if joint.moving and joint.name not in robot.locked]
+        free = tree.free_joints(link.name)
         touching = _touching(robot, link, link.collisions, free)
         touching = touching or _touching(robot, link, link.visuals, free)
         several = len(touching) > 1
@@ -89,14 +89,14 @@ def _touching(
     """Return the shapes of a link that touch the ground, each place once."""
     found: list[tuple[Shape, Support]] = []
     for shape in shapes:
-        pose = robot.description.pose(link.name, dict(robot.locked)) @ shape.origin
+        pose = robot.tree.pose(link.name) @ shape.origin
         point = _lowest(shape, pose, 2.0 * max(w.radius for w in robot.drive.wheels))
         if point is None or max(shape.size) <= MIN_SHAPE_SIZE_M:
             continue
-        steady = all(_keeps_height(robot, joint, shape, pose) for joint in free)
+        steady = all(_keeps_height(robot.tree, joint, shape, pose) for joint in free)
         if not steady or abs(point[2] - robot.drive.ground) > GROUND_TOLERANCE_M:
             continue
-        if any(not _upright(_axis(robot, joint)[1]) for joint in free):
+        if not all(map(robot.tree.is_upright, free)):
             point = pose[:3, 3]  # it rolls: its lowest point stays below its centre
         carrier = robot.model.getJointId(free[-1].name) if free else ROOT_JOINT
         x, y, z = _in_carrier(robot, free, point)
@@ -129,29 +129,19 @@ def _lowest(shape: Shape, pose: Array, widest: float) -> Array | None:
     end = centre if abs(axis[2]) <= MAX_TILT_SINE else tip
     if shape.kind == "capsule":
         return np.asarray(end + radius * down)
-    if _upright(axis):
+    if math.hypot(axis[0], axis[1]) <= MAX_TILT_SINE:
         return None if 2.0 * radius > widest else np.asarray(tip)
     fall = down - (down @ axis) * axis
     return np.asarray(end + radius * fall / np.linalg.norm(fall))
 
 
-def _axis(robot: Robot, joint: Joint) -> tuple[Array, Array]:
-    """Return a joint's origin and unit axis (3,) in the root link's frame, moving joints at 0."""
-    pose = robot.description.pose(joint.parent, dict(robot.locked)) @ joint.origin
-    return pose[:3, 3], pose[:3, :3] @ joint.axis
-
-
-def _upright(axis: Array) -> bool:
-    return math.hypot(axis[0], axis[1]) <= MAX_TILT_SINE
-
-
-def _keeps_height(robot: Robot, joint: Joint, shape: Shape, pose: Array) -> bool:
-    """Tell whether a shape stays on the ground while a joint moves."""
+def _keeps_height(tree: FrozenTree, joint: Joint, shape: Shape, pose: Array) -> bool:
+    """Return whether a shape keeps its height above the ground while a joint moves."""
     if joint.kind == "prismatic":
         return False
-    origin, axis = _axis(robot, joint)
-    if _upright(axis):
+    if tree.is_upright(joint):
         return True
+    origin, axis = tree.frame(joint)[:3, 3], tree.axis(joint)
     centred = float(np.linalg.norm(np.cross(axis, pose[:3, 3] - origin))) <= MIN_SHAPE_SIZE_M
     along = float(np.linalg.norm(np.cross(axis, pose[:3, 2]))) <= MAX_TILT_SINE
     return centred and (shape.kind == "sphere" or (shape.kind in ("cylinder", "capsule") and along))
@@ -161,7 +151,7 @@ def _in_carrier(robot: Robot, free: list[Joint], point: Array) -> list[float]:
     """Return a point of the root link's frame in the frame of the last free joint."""
     if not free:
         return [float(x) for x in point]
-    pose = robot.description.pose(free[-1].child, dict(robot.locked))
+    pose = robot.tree.pose(free[-1].child)
     return [float(x) for x in pose[:3, :3].T @ (point - pose[:3, 3])]
 
 
@@ -174,10 +164,9 @@ def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
     if not shapes or any(shape.kind != "mesh" for shape in shapes) or not chain:
         return False
     joint = chain[-1]
-    limited = any(j.moving and j.kind != "continuous" and j.name not in robot.locked for j in chain)
+    limited = any(free.kind != "continuous" for free in robot.tree.free_joints(link.name))
     if joint.kind != "continuous" or limited:
         return False
-    origin, axis = _axis(robot, joint)
-    height = origin[2] - robot.drive.ground
+    height = robot.tree.frame(joint)[2, 3] - robot.drive.ground
     reach = max(wheel.radius for wheel in robot.drive.wheels) + GROUND_TOLERANCE_M
-    return bool(abs(axis[2]) <= MAX_TILT_SINE and 0.0 < height <= reach)
+    return robot.tree.is_level(joint) and bool(0.0 < height <= reach)

@@ -183,7 +183,7 @@ def consistent(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check
     W = selection(robot, dynamics.rolling)
 
     def along(time: float) -> Array:
-        return basis(dynamics.constraint(pin.integrate(robot.model, q, time * v)), W).S
+        return basis(dynamics.constraint(pin.integrate(robot.model, q, time * v)), W)
 
     change = rate(along, difference_step(v)) @ nu - dynamics.basis_drift(q, nu)
     drift = change / max(1.0, float(np.abs(v).max()))
@@ -239,6 +239,6 @@ def _swing(spread: Array, nu: Array) -> float:
 def velocity_names(robot: Robot) -> list[str]:
     """Return the names of v's entries."""
     names = ["vx", "vy", "omega"] + [""] * (robot.nv - BASE_NV)
-    for name in robot.model.names[2:]:
+    for name in robot.moving_joint_names:
         names[robot.velocity_index(name)] = name
     return names

@@ -113,7 +113,7 @@ class GibbsAppell:
         J_w[2, 2] = 1.0
         J_v[:, :2] = R[:, :2]
         a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
-        rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.model.names[2:]}
+        rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.moving_joint_names}
         root = LinkKinematics(R, J_w @ v, J_w, J_v, np.zeros(3), a)
         rates = JointRates(rows, dict.fromkeys(rows, 0.0), R)
         return self.terms(self._positions(q), v, root, rates)
@@ -149,7 +149,7 @@ class GibbsAppell:
         alpha[2] = base.drift[2]
         a = R[:, :2] @ base.drift[:2] + cross(omega, J_v @ speeds)
         identity = scalars.identity(n)[len(drive.base_speeds) :]
-        rows = dict(zip((joint.name for joint in self.robot.joints), identity, strict=True))
+        rows = dict(zip(self.robot.joint_names, identity, strict=True))
         drifts = dict.fromkeys(rows, 0 * nu[0])
         rows |= {name: rate.row for name, rate in base.rates.items()}
         drifts |= {name: rate.drift for name, rate in base.rates.items()}

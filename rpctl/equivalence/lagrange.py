@@ -16,7 +16,8 @@ from rpctl.arrays import Array
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from rpctl.robot.model import Robot
 
-RANK_MARGIN = 1e-9  # of the largest: below it a row of A, seen through M⁻¹, repeats others
+# The oracle's own margin, of the largest: below it a row of A, seen through M⁻¹, repeats others.
+RANK_MARGIN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
 def _rows(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
     """Return A (rows, nv) and Ȧ v (rows,)."""
     rolling = find_rolling(robot)
-    return constraint(robot, rolling, q), constraint_drift(robot, rolling, q, v)
+    return constraint(rolling, q), constraint_drift(rolling, q, v)
 
 
 def effort_columns(robot: Robot) -> Array:

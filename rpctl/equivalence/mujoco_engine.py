@@ -264,7 +264,7 @@ class MujocoEngine:
                 rows[at, self._joints[leader]] -= factor
         if drive.base_speeds and not drive.steered:
             rows[self._constraints + len(drive.base_speeds) - 1, 2] = 1.0
-        own = [s.joint for s in drive.steered] + [joint.name for joint in robot.joints]
+        own = [*(swivel.joint for swivel in drive.steered), *robot.joint_names]
         for row, name in enumerate(own, start=len(rows) - len(own)):
             rows[row, self._joints[name]] = 1.0
         return rows

@@ -74,7 +74,7 @@ class Geometry:
     def _slip(self, drive: Drive, state: State) -> Slip:
         robot, raw = self._dynamics.robot, self._reading.raw
         v = self._dynamics.basis(state.q) @ state.nu
-        moving = robot.model.names[2:]
+        moving = robot.moving_joint_names
         positions = {name: robot.joint_position(state.q, name) for name in moving}
         positions |= robot.locked
         rates = {name: float(v[robot.velocity_index(name)]) for name in moving}

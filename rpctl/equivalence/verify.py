@@ -19,7 +19,7 @@ from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.robot.idealised import idealisations
+from rpctl.robot.facts import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:

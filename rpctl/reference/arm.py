@@ -1,4 +1,4 @@
-"""The arm between base and end effector: its kinematics, and a comfortable posture of it."""
+"""Kinematics of the arm between base and end effector, and its comfortable posture."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-POSTURE_DRAWS = 1500  # postures that are looked at for a comfortable one
+POSTURE_DRAWS = 1500  # random postures among which the most comfortable one is taken
 SEED = 0  # of these draws: the same robot has the same posture every time
-DRAWN_RANGE = 0.7  # of each joint's range, about its middle: where they are drawn from
-HEIGHT_TOLERANCE = (
-    0.08  # m; how near to a wanted height a comfortable posture holds the end effector
-)
-METRES_PER_RADIAN = 0.3  # m/rad: what an angle counts beside a distance
+DRAWN_RANGE = 0.7  # of each joint's range, about its middle: where postures are drawn from
+HEIGHT_TOLERANCE = 0.08  # m; standard deviation of a comfortable end effector's height
+METRES_PER_RADIAN = 0.3  # m/rad: weight of an angle relative to a distance
 IK_STEPS = 12  # of Newton's method; it starts near and needs three
 MAX_IK_STEP = 0.2  # of half a joint's range: the longest of these steps
 IK_TOLERANCE = 1e-10  # m: below, it has converged
-BRISK_TIME = 1.0  # s; joints that pass less than half their range in it count as slow
-LIMIT_JOINT_WEIGHT = 0.02  # weight of a joint at its limit, of one amid its range
+BRISK_TIME = 1.0  # s; joints that travel less than half their range in it count as slow
+LIMIT_JOINT_WEIGHT = 0.02  # weight of a joint at its limit relative to one amid its range
 IK_DAMPING = 1e-9  # of the largest eigenvalue: for arms that cannot move along every axis
 
 
@@ -82,11 +80,11 @@ class Arm:
         return self.robot.end_effector_pose(self._data, q)
 
     def jacobian(self, pose: Array, positions: Array) -> tuple[pin.SE3, Array, Array]:
-        """Return the end effector's pose in the world and how it moves.
+        """Return the end effector's pose in the world and its Jacobians.
 
         Returns:
-            Its pose; its velocity and turning rate (6,) in the world's axes by the rates of P's
-            pose x, y, θ (6, 3); and by the joints' rates (6, n).
+            Its pose; the Jacobians of its linear and angular velocity (6,), in world axes, by the
+            rates of P's pose x, y, θ (6, 3) and by the joints' rates (6, n).
         """
         q = self.robot.configuration_at(pose, self.all_joints(positions))
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -101,23 +99,22 @@ class Arm:
         return found, base, whole @ self._columns
 
     def solve_ik(self, pose: Array, near: Array, position: Array, rotation: Array | None) -> Array:
-        """Return the positions (n,), nearest to ``near``, that take the end effector to a place.
+        """Return joint positions (n,) near ``near`` by inverse kinematics.
 
-        Newton's method with the least steps relative to the joints' ranges; a smooth place, pose
-        and ``near`` give smooth positions. Limits cut each step, so the place may be missed.
+        Newton's method with the least steps relative to the joints' ranges; smooth arguments give
+        smooth positions. Limits cut each step, so the target may be missed.
 
         Args:
-            pose: Of P (3,).
-            near: Where to start (n,).
-            position: Of the end effector in the world (3,), m.
-            rotation: Its orientation (3, 3); None for any.
+            pose: Pose of P (3,).
+            near: Joint positions to start from (n,).
+            position: Target of the end effector in the world (3,), m.
+            rotation: Target orientation (3, 3); None for any.
         """
         positions = near.copy()
         room = 1.0 - np.clip((near - self.middle) / self.half_range, -1.0, 1.0) ** 2
         brisk_range = np.minimum(self.half_range, self.velocity * BRISK_TIME)
-        weight = brisk_range**2 * (
-            room + LIMIT_JOINT_WEIGHT
-        )  # slow joints and those near their limits move least
+        # Slow joints and those near their limits move least.
+        weight = brisk_range**2 * (room + LIMIT_JOINT_WEIGHT)
         for _ in range(IK_STEPS):
             found, _, jacobian = self.jacobian(pose, positions)
             miss, rows = pose_error(found, jacobian, position, rotation)
@@ -159,13 +156,15 @@ class Arm:
 def pose_error(
     found: pin.SE3, jacobian: Array, position: Array, rotation: Array | None
 ) -> tuple[Array, Array]:
-    """Return how far a place is away (m, angles in m too) and how motion closes the gap.
+    """Return the end effector's error (3 or 6,), m, and the rows of the Jacobian (3 or 6, k).
+
+    Angles are converted to metres by ``METRES_PER_RADIAN``.
 
     Args:
-        found: Where the end effector is.
-        jacobian: Its velocity and turning rate in the world's axes (6, k).
-        position: Where it should be (3,).
-        rotation: How it should be turned (3, 3); None for any.
+        found: Pose of the end effector in the world.
+        jacobian: Its Jacobian, linear and angular, in world axes (6, k).
+        position: Target position (3,), m.
+        rotation: Target orientation (3, 3); None for any.
     """
     miss = position - found.translation
     if rotation is None:

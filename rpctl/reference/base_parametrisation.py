@@ -1,4 +1,4 @@
-"""Base motions to choose from: the poses that a few numbers mean, and how these change them."""
+"""Parametrised base motions for planning: poses along a path, and their derivatives."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.reference.paths import Path, PathPoint
+from rpctl.reference.splines import basis, quintic
 from rpctl.reference.timed_path import still
 
-DEGREE = 5
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to degree 11
 
 
 class BaseMotion(Protocol):
-    """Poses of the base at N points of a path, by ``size`` numbers."""
+    """Poses of the base at N points of a path, as functions of ``size`` parameters."""
 
     size: int
 
     def poses(self, z: Array) -> tuple[Array, Array]:
-        """Return poses (N, 3) and their derivatives by the numbers (N, 3, size)."""
+        """Return poses (N, 3) and their derivatives by the parameters (N, 3, size)."""
 
     def path(self, z: Array) -> Path:
         """Return the base's path."""
 
 
 class GivenBase:
-    """A base whose path is known."""
+    """A base whose path is given: no parameters."""
 
     size = 0
 
@@ -46,7 +46,7 @@ class GivenBase:
 
 
 class StationaryBase:
-    """A base that stays at a pose, which is chosen."""
+    """A base that stays at a pose: its three coordinates are the parameters."""
 
     size = 3
 
@@ -67,20 +67,20 @@ class DrivingBase:
 
     Args:
         s: Points of the path (N,), uniform.
-        knots: Of the spline.
-        columns: Which of the twist's entries (forward, left, turning) are free; others are zero.
+        knots: Knots of the spline (m + 6,).
+        columns: Free entries of the twist (forward, left, turning); the others are zero.
     """
 
     def __init__(self, s: Array, knots: Array, columns: list[int]) -> None:
         self.knots, self._columns, self._s = knots, columns, s
-        self.count = len(knots) - DEGREE - 1
+        functions = basis(knots)
+        self.count = len(functions.c)
         self.size = 3 + self.count * len(columns)
-        basis = BSpline(knots, np.eye(self.count), DEGREE)
         step = s[1] - s[0]
         points = (s[:-1, None] + 0.5 * step * (1.0 + GAUSS_NODES)).ravel()
         self._quadrature_weights = np.tile(0.5 * step * GAUSS_WEIGHTS, len(s) - 1)
-        whole = basis.antiderivative()
-        self._basis, self._angle_basis = basis(points), whole(points) - whole(s[0])  # (Q, m)
+        whole = functions.antiderivative()
+        self._basis, self._angle_basis = functions(points), whole(points) - whole(s[0])  # (Q, m)
         self._angle_basis_at_s = whole(s) - whole(s[0])  # (N, m)
 
     def twist(self, z: Array) -> Array:
@@ -116,7 +116,7 @@ class DrivingBase:
 
     def path(self, z: Array) -> Path:
         """Return the path: poses by quadrature from the nearest point before."""
-        return _TwistPath(self._s, self.poses(z)[0], BSpline(self.knots, self.twist(z), DEGREE))
+        return _TwistPath(self._s, self.poses(z)[0], quintic(self.knots, self.twist(z)))
 
 
 class _TwistPath:
@@ -125,7 +125,7 @@ class _TwistPath:
     def __init__(self, s: Array, poses: Array, twist: BSpline) -> None:
         self._s, self._poses, self._twist = s, poses, twist
         self._first, self._second = twist.derivative(1), twist.derivative(2)
-        self._whole = BSpline(twist.t, np.ascontiguousarray(twist.c[:, 2]), DEGREE).antiderivative()
+        self._whole = quintic(twist.t, np.ascontiguousarray(twist.c[:, 2])).antiderivative()
 
     def __call__(self, s: float) -> PathPoint:
         """Return the point at s."""

@@ -13,18 +13,18 @@ from scipy.interpolate import BSpline
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Path, PathPoint, planar
+from rpctl.reference.splines import basis, clamped_knots, quintic
 
-DEGREE = 5  # the fourth derivative is continuous
 SPANS_PER_LEG = 4  # of the spline between two waypoints
-SAMPLES_PER_LEG = 24  # a piece between two waypoints, where bending is measured
+SAMPLES_PER_LEG = 24  # points between two waypoints where bending is measured
 STIFFNESS_LENGTH = 0.3  # of the mean distance: over this length curvature changes
-REWEIGHTING_STEPS = 60  # in which the bend is shifted from where it is too sharp
+REWEIGHTING_STEPS = 60  # steps that shift the bend away from where it is too sharp
 COINCIDENT = 1e-6  # m; waypoints nearer than this are one
 MAX_TURN = math.radians(170.0)  # a turn beyond is a cusp
 
 
 class Waypoint(NamedTuple):
-    """A place to pass, and the heading there; None leaves it open."""
+    """A position to pass (m), and the heading there (rad); None leaves the heading open."""
 
     x: float
     y: float
@@ -32,7 +32,7 @@ class Waypoint(NamedTuple):
 
 
 def check_waypoints(waypoints: Sequence[Waypoint]) -> list[str]:
-    """Return what keeps a smooth curve from passing waypoints; nothing if all is well."""
+    """Return the faults of waypoints that no smooth curve can pass; empty if there are none."""
     if len(waypoints) < 2:
         return [f"{len(waypoints)} waypoints; give two or more"]
     legs = np.diff([complex(w.x, w.y) for w in waypoints])
@@ -90,23 +90,22 @@ def _fit(
     inner = np.concatenate(
         [np.linspace(a, b, SPANS_PER_LEG, endpoint=False) for a, b in pairwise(s)]
     )
-    knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE + 1, s[-1])])
-    count = len(knots) - DEGREE - 1
-    basis = BSpline(knots, np.eye(count), DEGREE)
+    knots = clamped_knots(np.append(inner, s[-1]))
+    functions = basis(knots)
     grid = np.linspace(s[:-1], s[1:], SAMPLES_PER_LEG, endpoint=False).T.ravel()
     grid = np.append(grid, s[-1])
     quadrature = np.gradient(grid)
-    slope, bend, twist = (basis.derivative(order)(grid) for order in (1, 2, 3))
+    slope, bend, twist = (functions.derivative(order)(grid) for order in (1, 2, 3))
     stiff = (STIFFNESS_LENGTH * s[-1] / (len(s) - 1)) ** 2
-    fixed, values = _conditions(waypoints, s, basis)
+    fixed, values = _conditions(waypoints, s, functions)
     weight = np.ones(len(grid))
-    least, found, where = -1.0, None, 0.0
+    least, found, where = -1.0, np.empty(0), 0.0
     for _ in range(REWEIGHTING_STEPS):
         cost = bend.T @ ((weight * quadrature)[:, None] * bend)
         cost += stiff * twist.T @ (quadrature[:, None] * twist)
         system = np.block([[cost, fixed.T], [fixed, np.zeros((len(fixed), len(fixed)))]])
-        right = np.vstack([np.zeros((count, 2)), values])
-        c = np.linalg.solve(system, right)[:count]
+        right = np.vstack([np.zeros((len(cost), 2)), values])
+        c = np.linalg.solve(system, right)[: len(cost)]
         d1, d2 = slope @ c, bend @ c
         speed = np.hypot(d1[:, 0], d1[:, 1])
         curvature = np.abs(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / np.maximum(speed, 1e-9) ** 3
@@ -117,14 +116,14 @@ def _fit(
         if reached >= max(radius, 1e-3):
             break
         weight *= np.maximum(1.0, 1.1 * curvature * max(radius, 1e-3)) ** 0.5
-    spline = BSpline(knots, found, DEGREE)
+    spline = quintic(knots, found)
     return spline, (where, least) if least < max(radius, 1e-3) else None
 
 
-def _conditions(waypoints: Sequence[Waypoint], s: Array, basis: BSpline) -> tuple[Array, Array]:
+def _conditions(waypoints: Sequence[Waypoint], s: Array, functions: BSpline) -> tuple[Array, Array]:
     """Return the linear conditions on the coefficients: places, and headings at unit speed."""
-    rows, values = list(basis(s)), [(w.x, w.y) for w in waypoints]
-    for waypoint, slope in zip(waypoints, basis.derivative()(s), strict=True):
+    rows, values = list(functions(s)), [(w.x, w.y) for w in waypoints]
+    for waypoint, slope in zip(waypoints, functions.derivative()(s), strict=True):
         if waypoint.heading is not None:
             rows.append(slope)
             values.append((math.cos(waypoint.heading), math.sin(waypoint.heading)))

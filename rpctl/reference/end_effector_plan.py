@@ -6,13 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.arm import Arm, pose_error
 from rpctl.reference.base_parametrisation import (
-    DEGREE,
     BaseMotion,
     DrivingBase,
     GivenBase,
@@ -22,20 +21,19 @@ from rpctl.reference.end_effector_plan_problem import POINTS_PER_KNOT, ReachProb
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
 from rpctl.reference.paths import Path
+from rpctl.reference.splines import DEGREE, clamped_knots, quintic, through
 from rpctl.reference.timed_path import still
 from rpctl.robot.model import Robot
 
-LARGE_MISS = 0.03  # m; a miss that an error message counts from, where there are such
-END_EFFECTOR_TOLERANCE = (
-    1e-3  # m (and 1e-3/TURN rad): how near the end effector's reference is to its path
-)
-KNOT_LENGTH, KNOT_TIME = 0.15, 0.3  # m of the path, s: distance of the plan's knots
+LARGE_MISS = 0.03  # m; an error message names the first miss as large as this, if there is one
+END_EFFECTOR_TOLERANCE = 1e-3  # m: largest distance of the planned end effector from its path
+KNOT_LENGTH, KNOT_TIME = 0.15, 0.3  # m of the path, s: spacing of the plan's knots
 MIN_KNOTS, MAX_KNOTS = 10, 120  # knots of a plan
 MAX_ARM_POINTS = 2500  # points of the arm's final spline, at most
-TRIED_HEADINGS = 8  # that a base may start with or stand at
+TRIED_HEADINGS = 8  # headings of the base that are tried at the start
 MIN_HITCH_AHEAD = 0.1  # m; the end effector is pulled from at least this far ahead of P
-STATIONARY_SPAN_RATIO = 0.5  # of the span of an arm: a longer path is not tried from one place
-REVERSE_COST = 3.0  # what a metre backwards counts, in metres forwards, when a start is chosen
+STATIONARY_SPAN_RATIO = 0.5  # of an arm's span: a longer path is not tried without driving
+REVERSE_COST = 3.0  # cost of a metre backwards, in metres forwards, when a start is chosen
 
 
 class ReachPlan(NamedTuple):
@@ -46,12 +44,12 @@ class ReachPlan(NamedTuple):
 
 
 def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = None) -> ReachPlan:
-    """Return a motion whose end effector goes along a path.
+    """Return a motion of base and arm whose end effector goes along a path.
 
     The base stays where it is if the arm alone can do it; else it drives, smoothly and without
-    sliding. Base and arm are splines that a least squares finds: near a comfortable posture, with
-    little driving and turning, within the limits. Inverse kinematics then brings the end effector
-    onto the path, and the path's points are checked.
+    sliding. Base and arm are splines found by nonlinear least squares: near a comfortable posture,
+    with little driving and turning, within the limits. Inverse kinematics then brings the end
+    effector onto the path, and the path's points are checked.
 
     Args:
         robot: The robot.
@@ -69,10 +67,7 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
     )
     comfort = arm.comfortable_posture(height)
     count = _knot_count(goal)
-    knots = np.concatenate(
-        [np.full(DEGREE, goal.start), np.linspace(goal.start, goal.end, count - DEGREE + 1),
-         np.full(DEGREE, goal.end)]
-    )  # fmt: skip
+    knots = clamped_knots(np.linspace(goal.start, goal.end, count - DEGREE + 1))
     s = np.linspace(goal.start, goal.end, POINTS_PER_KNOT * count + 1)
     plans: list[tuple[BaseMotion, Array]] = []
     if base is not None or fixed:
@@ -87,13 +82,13 @@ def plan_reach(robot: Robot, goal: Goal, limits: Limits, base: Path | None = Non
         problem = ReachProblem(arm, goal, motion, comfort, s, knots, limits)
         z = solve(problem, start, np.tile(comfort, (count, 1)))
         path = motion.path(z[: motion.size])
-        coarse = BSpline(knots, problem.joints(z), DEGREE)
+        coarse = quintic(knots, problem.joints(z))
         joints = _solve_arm(arm, goal, path, coarse)
         fault = _fault(arm, goal, path, joints, coarse)
         if fault is None:
             whole = np.tile(robot.home, (len(joints.c), 1))
             whole[:, arm.joints] = joints.c
-            return ReachPlan(path, BSpline(joints.t, whole, DEGREE))
+            return ReachPlan(path, quintic(joints.t, whole))
     raise RpctlError(fault or "")
 
 
@@ -112,11 +107,11 @@ def _solve_arm(arm: Arm, goal: Goal, path: Path, coarse: BSpline) -> BSpline:
         arm.solve_ik(path(float(x)).pose, coarse(x), goal.position(x), goal.rotation(float(x)))
         for x in s
     ]
-    return make_interp_spline(s, np.array(positions), k=DEGREE)
+    return through(s, np.array(positions))
 
 
 def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline, coarse: BSpline) -> str | None:
-    """Return why a plan does not do, or None if it does."""
+    """Return why a plan fails, or None if it does not."""
     s = np.linspace(goal.start, goal.end, 2 * len(joints.c) + 1)
     misses = np.array([_miss(arm, goal, path, joints, float(x)) for x in s])
     if (misses > END_EFFECTOR_TOLERANCE).any():
@@ -160,7 +155,7 @@ def _extent(goal: Goal) -> float:
 
 
 def _span(arm: Arm) -> float:
-    """Return about how far apart the end effector can be while the base stands, m."""
+    """Return the approximate extent of the arm's workspace while the base stands, m."""
     rng = np.random.default_rng(0)
     draws = arm.middle + arm.half_range * rng.uniform(-1, 1, (200, len(arm.joints)))
     points = np.array([arm.end_effector_pose(np.zeros(3), q).translation for q in draws])
@@ -168,7 +163,7 @@ def _span(arm: Arm) -> float:
 
 
 def _standing_pose(arm: Arm, goal: Goal, comfort: Array) -> Array:
-    """Return a pose (3,) to stand at: the middle of the path is where a comfortable arm holds."""
+    """Return a pose (3,) from which the comfortable arm is in the middle of the path."""
     middle = goal.position(np.linspace(goal.start, goal.end, 200))[:, :2].mean(axis=0)
     x, y, _ = arm.end_effector_pose(np.zeros(3), comfort).translation
     first = goal.position(goal.start)[:2]
@@ -180,7 +175,7 @@ def _standing_pose(arm: Arm, goal: Goal, comfort: Array) -> Array:
 def _driving_start(
     arm: Arm, goal: Goal, comfort: Array, driving: DrivingBase, s: Array, columns: list[int]
 ) -> Array:
-    """Return a base motion to start from: the end effector pulls the base by a stiff arm.
+    """Return an initial base motion: the end effector pulls the base by a stiff arm.
 
     A point at (d, l) of a base that cannot slide moves at (v − l ω, d ω) in the base's axes, so
     its velocity is the base's (a tractrix). Of some headings to start with, the one that takes the
@@ -215,7 +210,14 @@ def _driving_start(
 
 
 def _tractrix(p: Array, hitch: complex, theta: float, sliding: bool) -> Array:
-    """Return the base's small motions (K, 3) between points that its arm's end is pulled to."""
+    """Return the base's small motions (K, 3) as its hitch is pulled along points p (K + 1,).
+
+    Args:
+        p: Points x + iy, m.
+        hitch: The hitch in the base's axes, x + iy, m.
+        theta: Heading at the first point, rad.
+        sliding: Whether the base can move sideways.
+    """
     motions = []
     for step in np.diff(p):
         local = step * np.exp(-1j * theta)

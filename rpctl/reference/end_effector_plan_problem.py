@@ -1,4 +1,4 @@
-"""The least squares of a reach: base and arm that take the end effector along its path."""
+"""Nonlinear least squares of a plan: base and arm that take the end effector along its path."""
 
 from __future__ import annotations
 
@@ -6,53 +6,45 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
 from rpctl.arrays import Array
 from rpctl.reference.arm import Arm, pose_error
-from rpctl.reference.base_parametrisation import DEGREE, BaseMotion, DrivingBase
+from rpctl.reference.base_parametrisation import BaseMotion, DrivingBase
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
+from rpctl.reference.splines import basis
 
-POINTS_PER_KNOT = 3  # a knot, where the end effector is compared with its path
+POINTS_PER_KNOT = 3  # points a knot at which the end effector is compared with its path
 LIMIT_FRACTION = 0.95  # of a joint's range and of a curvature limit: what a plan uses
-MIN_SPEED_RATIO = (
-    0.05  # of the end effector's mean speed: a base with a turning radius keeps rolling
-)
+MIN_SPEED_RATIO = 0.05  # of the end effector's mean speed: a base that steers keeps rolling
 
-# Weights of the plan's wishes, each a mean over the path. Derivatives are by metres of the end
-# effector's path, joints in halves of their ranges. They only rank what is left free.
-POSTURE_WEIGHT, JOINT_RATE_WEIGHT, JOINT_CHANGE_WEIGHT = (
-    0.3,
-    0.15,
-    0.05,
-)  # off comfort, joint rates and their changes
-BASE_SPEED_WEIGHT, TURNING_WEIGHT, BASE_CHANGE_WEIGHT = (
-    0.1,
-    0.1,
-    0.2,
-)  # base speed, turning, changes of both
-LIMIT_WEIGHT = 30.0  # beyond a limit, in shares of it
+# Weights of the regularising cost, each a mean over the path; derivatives are by metres of the end
+# effector's path, joints in halves of their ranges. They only resolve what the path leaves free.
+POSTURE_WEIGHT = 0.3  # distance from the comfortable posture
+JOINT_RATE_WEIGHT, JOINT_CHANGE_WEIGHT = 0.15, 0.05  # joint rates, and their changes
+BASE_SPEED_WEIGHT, TURNING_WEIGHT = 0.1, 0.1
+BASE_CHANGE_WEIGHT = 0.2  # changes of base speed and turning
+LIMIT_WEIGHT = 30.0  # of exceeding a limit, relative to the limit
 END_EFFECTOR_SIGMAS = (0.2, 0.05, 0.01)  # m; tolerances of the end effector, one after the other
-LEVENBERG_STEPS = 12  # Levenberg-Marquardt steps each
+LEVENBERG_STEPS = 12  # Levenberg-Marquardt steps for each tolerance
 COST_TOLERANCE = 1e-3  # of the cost: a step that gains less ends it
-ACTIVE_SET_STEPS = 8  # of Newton's method, to find the limits that a step runs into
-MAX_DAMPING = 1e8  # damping at which no step helps any more
+ACTIVE_SET_STEPS = 8  # Newton steps that find the limits a step runs into
+MAX_DAMPING = 1e8  # damping beyond which no smaller step is tried
 
 
 @dataclass(frozen=True)
 class ReachProblem:
-    """A reach to plan.
+    """An end effector's motion to plan.
 
     Attributes:
         arm: The arm.
         goal: The end effector's path.
-        base: The base's motions to choose from.
-        comfort: The posture to stay near (n,).
+        base: The base's parametrised motion.
+        comfort: Posture to stay near (n,).
         s: Points of the path (N,), uniform.
-        knots: Of the arm's spline.
+        knots: Knots of the arm's spline (m + 6,).
         limits: The user's limits.
     """
 
@@ -70,24 +62,24 @@ class ReachProblem:
 
 
 def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
-    """Return the numbers of base and arm that meet the path best, after Levenberg-Marquardt.
+    """Return the parameters of base and arm that follow the path best, by Levenberg-Marquardt.
 
     Args:
         problem: The problem.
-        base: The base's numbers to start from (size,).
-        coefficients: The arm's to start from (m, n).
+        base: Initial parameters of the base (size,).
+        coefficients: Initial coefficients of the arm's spline (m, n).
     """
     z = np.concatenate([base, coefficients.T.ravel()])
     regulariser, preferred = _regularisation(problem)
     inequalities, upper_bounds = _inequalities(problem)
-    basis = BSpline(problem.knots, np.eye(len(coefficients)), DEGREE)(problem.s)
+    values = basis(problem.knots)(problem.s)
     for sigma in END_EFFECTOR_SIGMAS:
         damping = 1e-3
 
         def cost(x: Array, tolerance: float = sigma) -> float:
             beyond = np.maximum(inequalities @ x - upper_bounds, 0.0)
             away = x - preferred
-            miss = _misses(problem, basis, x)
+            miss = _misses(problem, values, x)
             return float(
                 np.mean(miss**2) / tolerance**2
                 + away @ (regulariser @ away)
@@ -96,7 +88,7 @@ def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
 
         now = cost(z)
         for _ in range(LEVENBERG_STEPS):
-            miss, rows = _linearize(problem, basis, z)
+            miss, rows = _linearize(problem, values, z)
             weight = 1.0 / (sigma**2 * len(miss))
             hessian = weight * rows.T @ rows + regulariser
             descent = weight * rows.T @ miss - regulariser @ (z - preferred)
@@ -117,9 +109,15 @@ def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
 
 
 def _step(hessian: Array, descent: Array, inequalities: csr_array, room: Array) -> Array:
-    """Return the step d of least ½ dᵀ square d − pull d + ½ HINGE² |max(walls d − room, 0)|².
+    """Return the step d of least ½ dᵀ H d − gᵀ d + ½ w² |max(W d − r, 0)|².
 
-    Newton's method on the walls that the step itself runs into.
+    Newton's method on the inequalities that the step itself runs into, with w = LIMIT_WEIGHT.
+
+    Args:
+        hessian: H (size, size).
+        descent: Negative gradient g (size,).
+        inequalities: W (k, size).
+        room: r (k,).
     """
     hit = np.flatnonzero(room < 0.0)
     step = np.zeros(len(descent))
@@ -134,10 +132,10 @@ def _step(hessian: Array, descent: Array, inequalities: csr_array, room: Array) 
     return step
 
 
-def _misses(problem: ReachProblem, basis: Array, z: Array) -> Array:
-    """Return how far the end effector is off at every point (N, 3 or 6), m."""
+def _misses(problem: ReachProblem, values: Array, z: Array) -> Array:
+    """Return the end effector's error at every point (N, 3 or 6), m."""
     poses, _ = problem.base.poses(z[: problem.base.size])
-    positions, goal = basis @ problem.joints(z), problem.goal
+    positions, goal = values @ problem.joints(z), problem.goal
     nothing = np.zeros((6, 0))
     return np.array(
         [
@@ -149,14 +147,14 @@ def _misses(problem: ReachProblem, basis: Array, z: Array) -> Array:
     )
 
 
-def _linearize(problem: ReachProblem, basis: Array, z: Array) -> tuple[Array, Array]:
-    """Return the misses (N k,), and how the numbers close them (N k, size)."""
+def _linearize(problem: ReachProblem, values: Array, z: Array) -> tuple[Array, Array]:
+    """Return the errors (N k,), and their derivatives by the parameters (N k, size), negated."""
     poses, jacobian = problem.base.poses(z[: problem.base.size])
-    positions, goal = basis @ problem.joints(z), problem.goal
+    positions, goal = values @ problem.joints(z), problem.goal
     misses, rows = [], []
     for i, s in enumerate(problem.s):
         found, base, joints = problem.arm.jacobian(poses[i], positions[i])
-        whole = np.hstack([base @ jacobian[i], np.kron(joints, basis[i])])
+        whole = np.hstack([base @ jacobian[i], np.kron(joints, values[i])])
         miss, row = pose_error(found, whole, goal.position(s), goal.rotation(s))
         misses.append(miss)
         rows.append(row)
@@ -172,9 +170,11 @@ def _regularisation(problem: ReachProblem) -> tuple[Array, Array]:
     """Return the quadratic cost (size, size) of base and arm, and where it is least (size,)."""
     scale, size = _metres(problem), problem.base.size
     half, s = problem.arm.half_range, problem.s
-    count = len(problem.knots) - DEGREE - 1
-    basis = BSpline(problem.knots, np.eye(count), DEGREE)
-    one, two, three = (basis.derivative(i)(s) / scale**i if i else basis(s) for i in (0, 1, 2))
+    functions = basis(problem.knots)
+    count = len(functions.c)
+    one, two, three = (
+        functions.derivative(i)(s) / scale**i if i else functions(s) for i in (0, 1, 2)
+    )
     arm = (
         POSTURE_WEIGHT**2 * one.T @ one
         + JOINT_RATE_WEIGHT**2 * two.T @ two
@@ -196,15 +196,16 @@ def _regularisation(problem: ReachProblem) -> tuple[Array, Array]:
 
 
 def _inequalities(problem: ReachProblem) -> tuple[csr_array, Array]:
-    """Return linear inequalities W z ≤ h that keep the limits, each in shares of one."""
+    """Return linear inequalities W z ≤ r that keep the limits, each divided by its limit."""
     size, arm = problem.base.size, problem.arm
-    count = len(problem.knots) - DEGREE - 1
+    functions = basis(problem.knots)
+    count = len(functions.c)
     inverse = csr_array(np.diag(1.0 / arm.half_range))
     middle = np.repeat(arm.middle / arm.half_range, count)
     box = hstack([csr_array((len(middle), size)), kron(inverse, eye_array(count))])
     inequalities, upper_bounds = [box, -box], [LIMIT_FRACTION + middle, LIMIT_FRACTION - middle]
     if problem.goal.timed:
-        slope = BSpline(problem.knots, np.eye(count), DEGREE).derivative()(problem.s)
+        slope = functions.derivative()(problem.s)
         rates = kron(
             csr_array(np.diag(1.0 / (LIMIT_FRACTION * VELOCITY_LIMIT_FRACTION * arm.velocity))),
             csr_array(slope),
@@ -223,7 +224,7 @@ def _inequalities(problem: ReachProblem) -> tuple[csr_array, Array]:
 
 
 def _base_inequalities(problem: ReachProblem) -> tuple[list[Array], list[float]]:
-    """Return inequalities on the base's free twist; its coefficients keep them, so it does."""
+    """Return inequalities on the base's free twist; if its coefficients keep them, it does."""
     robot, radius = problem.arm.robot, problem.limits.turning_radius
     columns = [0, 1, 2] if robot.drive.omnidirectional else [0, 2]
     rows: list[Array] = []

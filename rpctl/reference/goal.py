@@ -1,4 +1,4 @@
-"""What is asked of an end effector: a path through space, with an orientation or without."""
+"""The end effector's goal: a path through space, with or without orientation."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.reference.splines import quintic, uniform_knots
 
-DEGREE = 5
 COINCIDENT = 1e-6  # m; points nearer than this are one
 
 
@@ -48,19 +48,19 @@ class Goal:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def label(self, s: float) -> str:
-        """Return s in words."""
+        """Return s in words, for messages."""
         return f"t = {s - self.start:.3g} s" if self.timed else f"{s:.3g} m of the path on"
 
 
 def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
-    """Return straight lines between points, corners rounded; s is the way along them, m.
+    """Return straight lines between points, corners rounded; s is the length along them, m.
 
     Samples of the lines are the coefficients of a uniform quintic spline: it is each line where
     three samples either way lie on it, and rounds what is between.
 
     Args:
-        points: Places (x, y, z), m; two or more.
-        corner: How far from a corner its rounding begins, m.
+        points: Points (x, y, z), m; two or more.
+        corner: Distance from a corner at which its rounding begins, m.
 
     Raises:
         RpctlError: Points coincide, or a line is shorter than its roundings.
@@ -86,5 +86,6 @@ def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
     places[-1] += 3.0 * step * after
     samples = step * np.arange(-2, count + 3)
     values = np.column_stack([np.interp(samples, way, places[:, i]) for i in range(3)])
-    knots = step * np.arange(-DEGREE, count + DEGREE + 1)
-    return Goal(BSpline(knots, values, DEGREE), None, 0.0, way[-1] - 3.0 * step, False)
+    return Goal(
+        quintic(step * uniform_knots(len(values)), values), None, 0.0, way[-1] - 3.0 * step, False
+    )

@@ -1,4 +1,4 @@
-"""What a reference made from data keeps to: the limits that a user sets, and the robot's own."""
+"""Limits of planned references: those that the user sets, and the robot's own."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, is_number
-from rpctl.reference.motion import TURNING_RADIUS_FACTOR
 from rpctl.reference.time_law import Bound
 from rpctl.robot.model import BASE_NV, Robot
 
 VELOCITY_LIMIT_FRACTION = 0.9  # of a velocity limit of the URDF: the rest is left to the controller
+TURNING_RADIUS_FACTOR = 1.5  # of the least radius that a robot can steer: room for corrections
 SPEED_RISE_TIME = 0.5  # s; a joint takes at least this long to its velocity limit
 
 
@@ -25,14 +25,14 @@ class Limits:
     """Limits of a reference; the velocity limits of the URDF come on top of them.
 
     Attributes:
-        speed: Of P, m/s.
-        acceleration: Of P along its path, m/s².
-        turning_speed: rad/s.
-        turning_acceleration: rad/s².
+        speed: Speed of P, m/s.
+        acceleration: Acceleration of P along its path, m/s².
+        turning_speed: Turning rate of the base, rad/s.
+        turning_acceleration: Angular acceleration of the base, rad/s².
         lateral_acceleration: Speed times turning speed, m/s².
         turning_radius: Least radius of the base's path, m; 0 lets it turn on the spot.
-        end_effector_speed: m/s.
-        end_effector_acceleration: m/s², along each axis of the world.
+        end_effector_speed: Speed of the end effector, m/s.
+        end_effector_acceleration: Its acceleration along each axis of the world, m/s².
     """
 
     speed: float = 0.5
@@ -58,8 +58,7 @@ class Limits:
 
     def steerable(self, robot: Robot) -> Limits:
         """Return limits whose turning radius a robot can steer, with room for corrections."""
-        least = TURNING_RADIUS_FACTOR * turning_radius(robot.drive, robot.description.joint)
-        return replace(self, turning_radius=max(self.turning_radius, least))
+        return replace(self, turning_radius=max(self.turning_radius, steerable_radius(robot)))
 
     def base(self, robot: Robot, direction: Array) -> list[Bound]:
         """Return the bounds of a base path.
@@ -94,8 +93,19 @@ class Limits:
         ]
 
 
+def steerable_radius(robot: Robot) -> float:
+    """Return the least radius (m) of a path for a robot, with room for corrections."""
+    return TURNING_RADIUS_FACTOR * turning_radius(robot.drive, robot.description.joint)
+
+
 def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:
-    """Return the bounds of the joints from their derivatives by s, (N, n_joints) each."""
+    """Return the bounds that the joints' velocity limits set.
+
+    Args:
+        robot: The robot.
+        slope: Derivatives of the joints' positions by s (N, n_joints).
+        bend: Second derivatives (N, n_joints).
+    """
     limits = (VELOCITY_LIMIT_FRACTION * joint.velocity for joint in robot.joints)
     return [
         Bound(slope[:, i], bend[:, i], limit, limit / SPEED_RISE_TIME)
@@ -125,8 +135,8 @@ def wheel_rates(robot: Robot) -> Array:
     rolling, rows = find_rolling(robot), np.zeros((len(robot.drive.wheels), BASE_NV))
     for row, wheel, at in zip(rows, robot.drive.wheels, rolling.along, strict=True):
         if wheel.swivel is None:
-            lever = rolling.constant[at, robot.velocity_index(wheel.joint)]
-            row[:] = -rolling.constant[at, :BASE_NV] @ robot.root_velocity / lever
+            lever = rolling.matrix.constant[at, robot.velocity_index(wheel.joint)]
+            row[:] = -rolling.matrix.constant[at, :BASE_NV] @ robot.root_velocity / lever
     return rows
 
 

@@ -15,15 +15,17 @@ from rpctl.reference.curve import Waypoint, curve_through
 from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, arm_bounds
-from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.recorded import reference_from_table
+from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import time_law
-from rpctl.reference.timed_path import Curves, TimedPath, along, constant
+from rpctl.reference.timed_path import TimedPath, along, constant
 from rpctl.reference.toml_file import DEFAULT_CORNER, read_path_file
 from rpctl.robot.model import Robot
 
-LIMIT_SPACING = 0.01  # m of a path between the points where limits are looked at
-MAX_LIMIT_POINTS, MIN_LIMIT_POINTS = 3000, 300  # such points
+LIMIT_SPACING = 0.01  # m of a path between the points where limits are checked
+MAX_LIMIT_POINTS, MIN_LIMIT_POINTS = 3000, 300  # numbers of these points
 
 SLALOM = ((0.0, 0.0, 0.0), (1.5, 0.6), (2.6, -0.5), (4.0, 0.2), (3.6, 1.7), (1.8, 1.9), (0.2, 1.2))
 SLALOM_RADIUS = 0.6  # m; of its tightest bend, about: it grows where a robot cannot steer so
@@ -41,7 +43,7 @@ def load_reference(robot: Robot, source: str) -> Reference:
     """
     suffix = FilePath(source).suffix.lower()
     if suffix == ".csv":
-        table = read_table(source, [joint.name for joint in robot.joints])
+        table = read_table(source, robot.joint_names)
         return _in_file(source, lambda: reference_from_table(robot, table, Limits()))
     if suffix == ".toml":
         asked = read_path_file(source)
@@ -66,6 +68,11 @@ def load_reference(robot: Robot, source: str) -> Reference:
 def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits) -> TimedPath:
     """Return a reference that leads P through waypoints, heading along, the arm at home.
 
+    Args:
+        robot: The robot.
+        waypoints: Two or more.
+        limits: The user's limits.
+
     Raises:
         RpctlError: No path through the waypoints keeps to the limits, or the base is fixed.
     """
@@ -79,7 +86,12 @@ def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits)
 
 
 def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
-    """Return a reference that leads the end effector along a path, at the pace of the limits.
+    """Return a reference that leads the end effector along a path, as fast as the limits allow.
+
+    Args:
+        robot: The robot.
+        goal: The end effector's path, by its length.
+        limits: The user's limits.
 
     Raises:
         RpctlError: The end effector cannot follow.

@@ -1,4 +1,4 @@
-"""Base paths with exact derivatives, and the clock that sets them in motion."""
+"""Base paths with exact derivatives, and the time law that starts them softly."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def eight(length: float = 1.5, width: float = 0.75) -> Path:
 
 
 def scaled(path: Path, factor: float) -> Path:
-    """Return a path so many times larger, run through at the same pace of its parameter."""
+    """Return a path ``factor`` times larger, by the same parameter."""
     if factor == 1.0:
         return path
     size = np.array([factor, factor, 1.0])

@@ -1,4 +1,4 @@
-"""A reference in quasi-velocities, and where it has the steered wheels."""
+"""Quasi-velocities of a reference, and the angles of its steered wheels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.steering import angle_of, rolling_row, steer
+from rpctl.drive.rows import angle_of, rolling_row
+from rpctl.drive.steering import steer
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
 

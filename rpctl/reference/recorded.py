@@ -1,4 +1,4 @@
-"""A reference through a table's poses: splines in time, met at their times."""
+"""A reference through a table's poses: splines in time that pass every pose at its time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.reference.csv_file import (
@@ -22,30 +22,27 @@ from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
 from rpctl.reference.paths import Path, PathPoint, PathTime, ramped_time
-from rpctl.reference.timed_path import Curves, TimedPath, still
+from rpctl.reference.splines import Curves, through
+from rpctl.reference.timed_path import TimedPath, still
 from rpctl.robot.model import Robot
 
-DEGREE = 5
-REST_RATE = 2e-3  # a second, in m or rad: data that begin or end slower do so at rest
-MOVING_SPEED = 0.02  # m/s: from here on the way of P tells its heading
-MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed that a base which cannot slide is let off with, ...
-MAX_SIDEWAYS_RATIO = 0.05  # ... or this share of its speed
-METRES_PER_RADIAN = 0.3  # m/rad: what turning counts beside travelling
-EDGE_TIME = 1.0  # s; data that begin or end in motion are started and stopped over so much of them
-CATCH_UP_COEFFICIENTS = (
-    20.0,
-    -45.0,
-    36.0,
-    -10.0,
-)  # of u⁴..u⁷: 0 with three derivatives at 0; 1, 1, 0, 0 at 1
+REST_RATE = 2e-3  # m/s or rad/s: data that begin or end slower do so at rest
+MOVING_SPEED = 0.02  # m/s: above it the heading is that of P's velocity
+MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed tolerated of a base that cannot slide, ...
+MAX_SIDEWAYS_RATIO = 0.05  # ... or this fraction of its speed
+METRES_PER_RADIAN = 0.3  # m/rad: weight of turning relative to travelling
+EDGE_TIME = 1.0  # s; duration of the start and the stop of data that begin or end in motion
+# Of u⁴..u⁷: zero with three derivatives at 0, and 1, 1, 0, 0 at 1.
+CATCH_UP_COEFFICIENTS = 20.0, -45.0, 36.0, -10.0
 
 
 class EdgeTimeLaw(NamedTuple):
     """s(t) = t, but at rest where data begin or end in motion.
 
-    A start in motion is caught up with in ``edge`` seconds: s = edge f(t/edge), f of degree 7,
-    from rest with three derivatives zero to pace one, on time. The last ``edge`` seconds of data
-    that end in motion take twice as long, at a pace that falls to zero. Every pose is passed.
+    Data that start in motion are reached from rest within ``edge`` seconds: s = edge f(t/edge),
+    with f of degree 7 from rest (three zero derivatives) to rate one, on time. The last ``edge``
+    seconds of data that end in motion take twice as long while the rate falls to zero. Every
+    recorded pose is passed.
     """
 
     end: float
@@ -94,22 +91,25 @@ def fit_spline(t: Array, values: Array) -> FittedSpline:
 
     Where the data begin or end at rest it has zero velocity and acceleration there.
     """
-    free = make_interp_spline(t, values, k=DEGREE)
+    free = through(t, values)
     ends, moving = [], []
     for at in (t[0], t[-1]):
         rates = free(at, 1), free(at, 2)
         moving.append(bool(np.linalg.norm(rates[0]) > REST_RATE))
         ends.append([(i, r if moving[-1] else 0.0 * r) for i, r in enumerate(rates, start=1)])
-    return FittedSpline(
-        make_interp_spline(t, values, k=DEGREE, bc_type=(ends[0], ends[1])), *moving
-    )
+    return FittedSpline(through(t, values, (ends[0], ends[1])), *moving)
 
 
 def reference_from_table(robot: Robot, table: Table, limits: Limits) -> TimedPath:
     """Return the reference through a table's rows; the first is at time zero.
 
-    With a base alone, joints that the table does not name stay at home. An end effector beside a
-    base moves the arm by inverse kinematics; alone, it has a base path planned.
+    If the table has no end effector, joints that it does not name stay at home. An end effector
+    beside a base moves the arm by inverse kinematics; for one alone a base path is planned.
+
+    Args:
+        robot: The robot.
+        table: The rows.
+        limits: The user's limits, for a planned base path.
 
     Raises:
         DescriptionError: The rows do not fit the robot; each is named by its line.
@@ -186,12 +186,12 @@ def _goal(table: Table) -> tuple[Goal, FittedSpline]:
     if QUATERNION[0] in table.columns:
         turns = table.stack(QUATERNION)
         turns *= np.cumprod(np.where(_same_hemisphere(turns), 1.0, -1.0))[:, None]
-        turn = make_interp_spline(table.t, turns, k=DEGREE)
+        turn = through(table.t, turns)
     return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
 
 
 def _same_hemisphere(turns: Array) -> Array:
-    """Return whether each quaternion (K, 4) is on its forerunner's side: q and −q turn alike."""
+    """Return whether each quaternion (K, 4) has its predecessor's sign: q and −q turn alike."""
     return np.concatenate([[True], np.einsum("ki,ki->k", turns[1:], turns[:-1]) >= 0.0])
 
 
@@ -218,9 +218,9 @@ def _fit_base(robot: Robot, table: Table) -> FittedSpline:
 
 
 def _headings(rate: Array) -> Array:
-    """Return headings (K,) along velocities (K, 2), held where P all but stands.
+    """Return headings (K,) along velocities (K, 2), held where P almost stands.
 
-    The first is forward; a way that turns back by more than a right angle is driven in reverse.
+    The first is forward; after a turn of more than a right angle the base drives in reverse.
     """
     speed = np.hypot(rate[:, 0], rate[:, 1])
     moving = np.flatnonzero(speed > min(MOVING_SPEED, 0.5 * speed.max()))
@@ -264,7 +264,7 @@ def _travel_direction(robot: Robot, spline: BSpline, t: Array) -> Callable[[floa
     if len(moving):
         found = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
         angle = np.interp(np.arange(len(t)), moving, found)
-    orders = Curves(make_interp_spline(t, angle, k=DEGREE))
+    orders = Curves(through(t, angle))
 
     def at(s: float) -> Array:
         phi, slope, bend = (float(order) for order in orders(s))

@@ -14,12 +14,12 @@ from scipy.sparse import coo_array
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import PathTime
+from rpctl.reference.splines import DEGREE, quintic, uniform_knots
 
-DEGREE = 5
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
-SAMPLES_PER_KNOT = 4  # a knot interval, where the limits are looked at once more
-SLOWDOWN_GUARD = 1.002  # limits are looked at in points, and lie between
-UNLIMITED_RATE = 100.0  # of the path's range a second, where nothing limits it
+SAMPLES_PER_KNOT = 4  # points a knot interval where the limits are checked again
+SLOWDOWN_GUARD = 1.002  # limits are checked at points, and may be exceeded between them
+UNLIMITED_RATE = 100.0  # 1/s: rate where nothing limits it, relative to the path's range
 
 
 class Bound(NamedTuple):
@@ -101,7 +101,7 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
 
 
 def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
-    """Return the clock of a path that keeps to bounds.
+    """Return the fastest smooth time law of a path within bounds.
 
     The fastest motion's accelerations jump; as the coefficients of a uniform quintic spline its
     samples give a motion with smooth ones, whose speeds and accelerations are means of the
@@ -121,9 +121,9 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
     samples = _positions(np.linspace(0.0, times[-1], count + 1), times, s, rate)
     ends = np.ones(DEGREE - 1)
     values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
-    knots = (np.arange(len(values) + DEGREE + 1) - DEGREE) * times[-1] / count
-    stretch = SLOWDOWN_GUARD * _slowdown(SplineTimeLaw(BSpline(knots, values, DEGREE)), s, bounds)
-    return SplineTimeLaw(BSpline(knots * max(1.0, stretch), values, DEGREE))
+    knots = uniform_knots(len(values)) * times[-1] / count
+    stretch = SLOWDOWN_GUARD * _slowdown(SplineTimeLaw(quintic(knots, values)), s, bounds)
+    return SplineTimeLaw(quintic(knots * max(1.0, stretch), values))
 
 
 def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
@@ -139,7 +139,7 @@ def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
 
 
 def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float:
-    """Return how much slower a clock must run to keep the bounds; below 1 it keeps them."""
+    """Return the factor by which a time law must slow down for the bounds; 1 or less: none."""
     count = SAMPLES_PER_KNOT * max(2, round(timing.duration / KNOT_SPACING))
     at, rate, acceleration = timing.at(np.linspace(0.0, timing.duration, count))
     worst = 0.0

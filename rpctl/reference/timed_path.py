@@ -1,4 +1,4 @@
-"""A reference that runs along a path by a clock."""
+"""A reference along a path, with a time law."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from scipy.interpolate import BSpline
 from rpctl.arrays import Array
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path, PathPoint, PathTime
+from rpctl.reference.splines import Curves
 
 
 class TimeLaw(Protocol):
-    """s(t) with two derivatives, and how long it moves."""
+    """s(t) with two derivatives, and the duration of its motion."""
 
     @property
     def duration(self) -> float:
@@ -25,29 +26,16 @@ class TimeLaw(Protocol):
         """Return s and its derivatives by time at ``t`` (s)."""
 
 
-class Curves:
-    """Functions of s with two derivatives, from a spline."""
-
-    def __init__(self, spline: BSpline) -> None:
-        self.spline = spline
-        self._orders = spline, spline.derivative(1), spline.derivative(2)
-
-    def __call__(self, s: float) -> tuple[Array, Array, Array]:
-        """Return values and first and second derivatives by s."""
-        value, slope, bend = (order(s) for order in self._orders)
-        return value, slope, bend
-
-
 @dataclass(frozen=True)
 class TimedPath:
-    """Base and arm along one path, each a function of s, and a clock s(t).
+    """Base and arm as functions of one path parameter s, and a time law s(t).
 
     Attributes:
         path: The base's path.
         arm: Positions of the joints (n_joints,) by s.
         time_law: s(t).
-        travel_direction: A direction along the path, never zero where the path stands; None
-            where the path's own does not, or none is needed.
+        travel_direction: Direction of travel by s that does not vanish where the path stands
+            still; None takes the path's own.
     """
 
     path: Path = field(repr=False)
@@ -90,7 +78,13 @@ def still(pose: Array) -> Path:
 
 
 def constant(values: Array, start: float, end: float) -> Curves:
-    """Return curves that stay at values (n,) from ``start`` to ``end``."""
+    """Return constant curves.
+
+    Args:
+        values: Their values (n,).
+        start: First s.
+        end: Last s.
+    """
     return Curves(BSpline(np.repeat([start, end], 3), np.tile(values, (3, 1)), 2))
 
 

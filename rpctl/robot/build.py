@@ -1,25 +1,24 @@
-"""A description as a ``pinocchio.Model``, and the proof that forces tell its motion."""
+"""Build the ``pinocchio.Model`` of a robot; its inertia matrix must be positive definite."""
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.description.records import Description, Joint
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.records import Description
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
+from rpctl.robot.coordinates import joint_entries
 
-MIN_SCALED_EIGENVALUE = (
-    1e-12  # least eigenvalue of M with its diagonal scaled to one; below is rounding
-)
+MIN_SCALED_EIGENVALUE = 1e-12  # of M with its diagonal scaled to one; below is rounding
 POSTURES = 3  # configurations at which M is tried: the neutral one and random ones
 POSTURE_SEED = 20210601  # of the random ones
 UNLIMITED_REACH = 1.0  # m or rad; how far from neutral an unlimited joint is tried
@@ -27,34 +26,33 @@ DENSITY_OPTION = "--density KG_PER_M3"
 MAX_ENGINE_MESSAGE = 300  # characters of what an engine prints that a message repeats
 
 
-def check(description: Description, locked: Mapping[str, float]) -> None:
-    """Refuse what no model can be built of, before anything that takes time.
+def check(tree: FrozenTree) -> None:
+    """Refuse a robot of which no model can be built, before anything that takes time.
 
     Args:
-        description: The robot.
-        locked: Frozen joints and their positions (rad or m).
+        tree: The robot, with its locked joints.
 
     Raises:
         DescriptionError: Too many joints move, joints move no mass, or names clash.
     """
-    _require_few_joints(description, locked)
-    _require_mass(description, locked)
-    _require_own_names(description, locked)
+    _require_few_joints(tree)
+    _require_mass(tree)
+    _require_own_names(tree)
 
 
-def build(description: Description, locked: Mapping[str, float]) -> pin.Model:
+def build(tree: FrozenTree) -> pin.Model:
     """Return the model with a planar root and the locked joints frozen.
 
     Args:
-        description: The robot; :func:`check` has accepted it.
-        locked: Frozen joints and their positions (rad or m).
+        tree: The robot, with its locked joints; :func:`check` has accepted it.
 
     Raises:
-        DescriptionError: Its forces do not tell its motion, or Pinocchio refuses it.
+        DescriptionError: Its inertia matrix is not positive definite, or Pinocchio refuses it.
     """
+    description = tree.description
     with _captured_stderr() as captured:
         try:
-            model = _model(description, locked)
+            model = _model(tree)
         except Exception as error:  # whatever the engine raises, the file is to blame
             reason = f"{error} {captured()}".strip()[:MAX_ENGINE_MESSAGE]
             text = f"Pinocchio refuses this robot: {reason}; correct or simplify it"
@@ -64,17 +62,15 @@ def build(description: Description, locked: Mapping[str, float]) -> pin.Model:
     return model
 
 
-def _model(description: Description, locked: Mapping[str, float]) -> pin.Model:
-    full = pin.buildModelFromXML(description.xml, pin.JointModelPlanar())
+def _model(tree: FrozenTree) -> pin.Model:
+    locked = tree.locked
+    full = pin.buildModelFromXML(tree.description.xml, pin.JointModelPlanar())
     if not locked:  # buildReducedModel refuses a link and a joint of one name; do without it
         return full
     at = pin.neutral(full)
+    entries = joint_entries(full)
     for name, position in locked.items():
-        joint = full.joints[full.getJointId(name)]
-        two = joint.nq == 2
-        at[joint.idx_q : joint.idx_q + joint.nq] = (
-            (math.cos(position), math.sin(position)) if two else (position,)
-        )
+        entries[name].write(at, position)
     return pin.buildReducedModel(full, [full.getJointId(name) for name in locked], at)
 
 
@@ -102,21 +98,22 @@ def _captured_stderr() -> Iterator[Callable[[], str]]:
             os.close(kept)
 
 
-def _require_few_joints(description: Description, locked: Mapping[str, float]) -> None:
+def _require_few_joints(tree: FrozenTree) -> None:
     """Refuse more degrees of freedom than Pinocchio's memory allows."""
-    free = [j for j in description.joints if j.moving and j.name not in locked]
+    free = [joint for joint in tree.description.joints if tree.is_free(joint)]
     most = cap("MAX_MOVING_JOINTS")
     if len(free) > most:
         text = (
             f"{len(free)} moving joints, where {most} are the limit (memory grows with their "
             f"cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}"
         )
-        raise DescriptionError(description.path, [Finding("error", free[most].line, text)])
+        raise DescriptionError(tree.description.path, [Finding("error", free[most].line, text)])
 
 
-def _require_own_names(description: Description, locked: Mapping[str, float]) -> None:
+def _require_own_names(tree: FrozenTree) -> None:
     """Refuse a link and a joint of one name where joints are locked: Pinocchio cannot."""
-    shared = [j for j in description.joints if j.name in description.link] if locked else []
+    description = tree.description
+    shared = [j for j in description.joints if j.name in description.link] if tree.locked else []
     faults = [
         Finding("error", j.line, f'a link and a joint are called "{j.name}"; rename one, '
                 "for joints of such a robot cannot be locked")
@@ -126,20 +123,20 @@ def _require_own_names(description: Description, locked: Mapping[str, float]) ->
         raise DescriptionError(description.path, faults)
 
 
-def _require_mass(description: Description, locked: Mapping[str, float]) -> None:
+def _require_mass(tree: FrozenTree) -> None:
     """Refuse a joint that moves no mass: the inertia matrix would be singular.
 
     Raises:
         DescriptionError: Naming each such joint and the links that lack an inertia.
     """
-    faults = []
+    faults, description = [], tree.description
     if not any(link.mass for link in description.links):
         root = description.link[description.root]
         text = "no link has a mass; give the links <inertial> elements, or estimate them with "
         faults.append(Finding("error", root.line, f"{text}{DENSITY_OPTION}"))
     carries = _carries_mass(description)
     for joint in description.joints:
-        if not joint.moving or joint.name in locked or carries[joint.child]:
+        if not tree.is_free(joint) or carries[joint.child]:
             continue
         first = description.link[joint.child]
         lacking = "has no <inertial>" if first.mass is None else "has no mass"
@@ -175,7 +172,9 @@ def _require_unique(description: Description, model: pin.Model) -> None:
 
 
 def _require_dynamics(description: Description, model: pin.Model) -> None:
-    """Refuse a robot whose inertia matrix is not positive definite: its forces say no motion.
+    """Raise unless the inertia matrix is positive definite in a few postures.
+
+    Forces determine no accelerations otherwise.
 
     Raises:
         DescriptionError: Naming the joint that can move without a force.
@@ -201,30 +200,13 @@ def _postures(
     description: Description, model: pin.Model, rng: np.random.Generator
 ) -> Iterator[Array]:
     """Yield the neutral configuration and random ones within the limits."""
+    entries = joint_entries(model)
     yield pin.neutral(model)
     for _ in range(POSTURES - 1):
         q = pin.neutral(model)
-        for name, joint in zip(model.names[2:], list(model.joints)[2:], strict=True):
-            position = rng.uniform(*_reach(description.joint[name]))
-            two = joint.nq == 2
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                (math.cos(position), math.sin(position)) if two else position
-            )
+        for name, entry in entries.items():
+            entry.write(q, rng.uniform(*description.joint[name].span(UNLIMITED_REACH)))
         yield q
-
-
-def _reach(joint: Joint) -> tuple[float, float]:
-    low = (
-        joint.lower
-        if math.isfinite(joint.lower)
-        else min(-UNLIMITED_REACH, joint.upper - UNLIMITED_REACH)
-    )
-    high = (
-        joint.upper
-        if math.isfinite(joint.upper)
-        else max(UNLIMITED_REACH, joint.lower + UNLIMITED_REACH)
-    )
-    return low, max(low, high)
 
 
 def _no_dynamics(description: Description, model: pin.Model, index: int) -> DescriptionError:

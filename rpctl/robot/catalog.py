@@ -47,63 +47,27 @@ class Entry:
         return (own_robots() if self.own else example_robots()) / self.file
 
 
+def _own(name: str, summary: str, drive: str | None = None) -> Entry:
+    return Entry(name, f"{name}.urdf", summary, own=True, drive=drive)
+
+
 def _arm(name: str, file: str, summary: str) -> Entry:
     return Entry(name, file, summary, drive="fixed")
 
 
 ENTRIES = (
-    Entry(
-        "paper", "paper.urdf", "differential drive, revolute and prismatic joint [MS21]", own=True
-    ),
-    Entry("mixed_chain", "mixed_chain.urdf", "off-centre drive, skewed P and R joints", own=True),
-    Entry(
-        "skid_steer",
-        "skid_steer.urdf",
-        "skid-steer rover, 2R arm that extends",
-        own=True,
-        drive="skid-steer",
-    ),
-    Entry(
-        "mecanum",
-        "mecanum.urdf",
-        "four mecanum wheels, lift, 4R arm",
-        own=True,
-        drive="mecanum",
-    ),
-    Entry(
-        "car",
-        "car.urdf",
-        "car with Ackermann steering, 2R arm that extends",
-        own=True,
-    ),
-    Entry(
-        "tricycle",
-        "tricycle.urdf",
-        "stacker whose one front wheel drives and steers, lift",
-        own=True,
-    ),
-    Entry("bicycle", "bicycle.urdf", "front wheel steers, rear wheel drives, no arm", own=True),
-    Entry("swerve", "swerve.urdf", "four steered wheels, lift, 2R arm", own=True),
-    Entry(
-        "twin_casters",
-        "twin_casters.urdf",
-        "four steered casters of two driven wheels, torso lift, head",
-        own=True,
-    ),
-    Entry(
-        "casters",
-        "casters.urdf",
-        "differential drive, passive swivel casters, lift, arm that extends",
-        own=True,
-    ),
-    Entry("omni", "omni.urdf", "three omni wheels, 3R arm", own=True),
-    Entry(
-        "arm",
-        "arm.urdf",
-        "fixed base, arm of 2 prismatic and 3 revolute joints",
-        own=True,
-        drive="fixed",
-    ),
+    _own("paper", "differential drive, revolute and prismatic joint [MS21]"),
+    _own("mixed_chain", "off-centre drive, skewed P and R joints"),
+    _own("skid_steer", "skid-steer rover, 2R arm that extends", "skid-steer"),
+    _own("mecanum", "four mecanum wheels, lift, 4R arm", "mecanum"),
+    _own("car", "car with Ackermann steering, 2R arm that extends"),
+    _own("tricycle", "stacker whose one front wheel drives and steers, lift"),
+    _own("bicycle", "front wheel steers, rear wheel drives, no arm"),
+    _own("swerve", "four steered wheels, lift, 2R arm"),
+    _own("twin_casters", "four steered casters of two driven wheels, torso lift, head"),
+    _own("casters", "differential drive, passive swivel casters, lift, arm that extends"),
+    _own("omni", "three omni wheels, 3R arm"),
+    _own("arm", "fixed base, arm of 2 prismatic and 3 revolute joints", "fixed"),
     Entry(
         "tiago",
         "tiago_description/robots/tiago.urdf",

@@ -1,4 +1,4 @@
-"""What there is to know of a robot before it moves, as plain values."""
+"""Facts of a robot at rest, as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -6,38 +6,18 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from rpctl.robot.idealised import idealisations
+from rpctl.description.records import Joint
+from rpctl.robot.idealised import Idealisation, joint_idealisations
+from rpctl.robot.idealised_wheels import wheel_idealisations
 from rpctl.robot.model import Robot
 
 
 def facts(robot: Robot) -> dict[str, Any]:
-    """Return a robot's facts: drive and its evidence, joints with their limits, what is idealised.
+    """Return a robot's facts: its drive with the evidence, joints, limits and idealisations.
 
     Lengths are in m, angles in rad, masses in kg, efforts in N·m or N; a limit that the URDF does
     not give is infinite.
     """
-    drive = robot.drive
-    wheels = []
-    for wheel in drive.wheels:
-        joint = robot.description.joint[wheel.joint]
-        limits = {"effort": joint.effort, "velocity": joint.velocity, "line": joint.line}
-        wheels.append({**asdict(wheel), **limits})
-    swivels = [
-        {**asdict(swivel), "line": robot.description.joint[swivel.joint].line}
-        for swivel in drive.swivels
-    ]
-    joints = [
-        {
-            "name": joint.name,
-            "type": joint.kind,
-            "lower": joint.lower,
-            "upper": joint.upper,
-            "velocity": joint.velocity,
-            "effort": joint.effort,
-            "line": joint.line,
-        }
-        for joint in robot.joints
-    ]
     return {
         "name": robot.name,
         "file": str(robot.description.path),
@@ -46,18 +26,8 @@ def facts(robot: Robot) -> dict[str, Any]:
         "nv": robot.nv,
         "mass": robot.mass,
         "estimated_links": robot.description.estimated_links,
-        "drive": {
-            "type": drive.type,
-            "wheels": wheels,
-            "track": drive.track,
-            "point": drive.point,
-            "heading_deg": math.degrees(drive.heading),
-            "ground": drive.ground,
-            "swivels": swivels,
-            "evidence": drive.evidence,
-            "doubts": drive.doubts,
-        },
-        "joints": joints,
+        "drive": _drive(robot),
+        "joints": [_joint(joint) for joint in robot.joints],
         "mimics": [joint.name for joint in robot.mimics],
         "locked": dict(robot.locked),
         "quasi_velocities": robot.quasi_velocities,
@@ -69,8 +39,55 @@ def facts(robot: Robot) -> dict[str, Any]:
     }
 
 
+def _drive(robot: Robot) -> dict[str, Any]:
+    """Return the drive with its evidence, and its wheels and swivels with their lines."""
+    drive, joints = robot.drive, robot.description.joint
+    wheels = [
+        {
+            **asdict(wheel),
+            "effort": joints[wheel.joint].effort,
+            "velocity": joints[wheel.joint].velocity,
+            "line": joints[wheel.joint].line,
+        }
+        for wheel in drive.wheels
+    ]
+    swivels = [{**asdict(each), "line": joints[each.joint].line} for each in drive.swivels]
+    return {
+        "type": drive.type,
+        "wheels": wheels,
+        "track": drive.track,
+        "point": drive.point,
+        "heading_deg": math.degrees(drive.heading),
+        "ground": drive.ground,
+        "swivels": swivels,
+        "evidence": drive.evidence,
+        "doubts": drive.doubts,
+    }
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    return {
+        "name": joint.name,
+        "type": joint.kind,
+        "lower": joint.lower,
+        "upper": joint.upper,
+        "velocity": joint.velocity,
+        "effort": joint.effort,
+        "line": joint.line,
+    }
+
+
+def idealisations(robot: Robot) -> tuple[Idealisation, ...]:
+    """Return the simplifications of the model against the file, each with its size.
+
+    Only those that apply to the robot: places, directions and sizes of wheels that the drive
+    rounds, steering that no random sample has, and losses in the joints.
+    """
+    return (*wheel_idealisations(robot), *joint_idealisations(robot))
+
+
 def meanings(robot: Robot) -> dict[str, str]:
-    """Return what each quasi-velocity is, in words, with its unit."""
+    """Return the meaning and unit of each quasi-velocity, in words."""
     drive = robot.drive
     labels = {
         "vx": "speed of the root link's origin along its x axis, m/s",

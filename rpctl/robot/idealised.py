@@ -1,33 +1,52 @@
-"""What the model leaves out of the file, or takes for simpler than it is: each with its number."""
+"""Idealisations: how the model is simpler than the file, each with a number.
+
+These are the record and those of steering and of losses in the joints;
+:mod:`rpctl.robot.idealised_wheels` has those of wheels.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from rpctl.description.records import Joint
 from rpctl.drive.steering import is_regular
-from rpctl.robot.idealisation import Idealisation, listed
-from rpctl.robot.idealised_wheels import wheel_idealisations
 from rpctl.robot.model import Robot
 
-STEERING_SAMPLES = (
-    360  # positions of a steered joint's range that are looked at; edges are bisected
-)
-BISECTIONS = 40  # halvings of an edge between two looks: to rounding
+STEERING_SAMPLES = 360  # positions of a steered joint's range that are tried; edges are bisected
+BISECTIONS = 40  # halvings between two of them: to rounding
 
 
-def idealisations(robot: Robot) -> tuple[Idealisation, ...]:
-    """Return what is idealised of a robot: only what applies to it.
+@dataclass(frozen=True)
+class Idealisation:
+    """A simplification of the model, with its size.
 
-    These are the wheels' places, directions and sizes where the file's are not quite those of the
-    drive, the steering that no random sample has, and the losses in the joints.
+    Attributes:
+        what: The kind, a word or two.
+        value: Its size.
+        unit: Its unit.
+        sentence: All in words, with the joints that it is of and their lines.
     """
-    found = (*wheel_idealisations(robot), *_steering(robot), *_losses(robot))
-    return tuple(found)
+
+    what: str
+    value: float
+    unit: str
+    sentence: str
+
+
+def listed(*joints: Joint) -> str:
+    """Return joints by name, with their lines of the file."""
+    return ", ".join(f'"{joint.name}" (line {joint.line})' for joint in joints)
+
+
+def joint_idealisations(robot: Robot) -> Iterator[Idealisation]:
+    """Yield the steering that no random sample has, and the losses in the joints."""
+    yield from _steering(robot)
+    yield from _losses(robot)
 
 
 def _steering(robot: Robot) -> Iterator[Idealisation]:
@@ -81,7 +100,7 @@ def _singular_ranges(robot: Robot, name: str, low: float, high: float) -> list[t
 
 def _losses(robot: Robot) -> Iterator[Idealisation]:
     """Yield the damping and friction of ``<dynamics>``, for turning joints and for sliding ones."""
-    joints = [robot.description.joint[name] for name in robot.model.names[2:]]
+    joints = [robot.description.joint[name] for name in robot.moving_joint_names]
     for slides in (False, True):
         group = [joint for joint in joints if (joint.kind == "prismatic") is slides]
         damping = "N·s/m" if slides else "N·m·s/rad"

@@ -1,4 +1,4 @@
-"""What is idealised of wheels and swivels: places, directions and sizes, in numbers."""
+"""Idealisations of wheels and swivels: their places, directions and sizes."""
 
 from __future__ import annotations
 
@@ -9,23 +9,20 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_paths import MeshPaths
 from rpctl.drive.drive import Swivel
 from rpctl.drive.evidence import lines_of
 from rpctl.drive.wheel_size import SHAPE_ROLES, WheelSize, is_round, shape_sizes, wheel_parts
-from rpctl.drive.wheels import WheelCandidate, root_axis
-from rpctl.robot.idealisation import Idealisation, listed
+from rpctl.drive.wheels import WheelCandidate
+from rpctl.robot.idealised import Idealisation, listed
 from rpctl.robot.model import Robot
 
 ANGLE_ROUNDING = 1e-4  # rad; smaller ones are the rounding of a file's angles
 LENGTH_ROUNDING_M = 1e-5  # m; shorter ones are the rounding of a file's places
-MESH_RADIUS_TOLERANCE = (
-    5e-3  # of the radius: so near to it the bounds of a circle of 32 corners are
-)
+MESH_RADIUS_TOLERANCE = 5e-3  # of the radius; a circle of 32 corners is drawn as near to it
 
 
 def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
-    """Yield what is idealised of a robot's wheels and swivels."""
+    """Yield the idealisations of a robot's wheels and swivels."""
     wheels = [_placed(robot, index) for index in range(len(robot.drive.wheels))]
     rolling = [
         wheel
@@ -48,10 +45,9 @@ def _placed(robot: Robot, index: int) -> WheelCandidate:
     """Return a wheel of the drive where the file has it, in the root link's frame."""
     record, description = robot.drive.wheels[index], robot.description
     joint = description.joint[record.joint]
-    pose = description.pose(joint.parent, dict(robot.locked)) @ joint.origin
-    axle = pose[:3, :3] @ joint.axis
+    frame = robot.tree.frame(joint)
     swivel = None if record.swivel is None else description.joint[record.swivel]
-    place = (pose[:3, 3], axle, pose[:3, :3], swivel)
+    place = (frame[:3, 3], robot.tree.axis(joint), frame[:3, :3], swivel)
     return WheelCandidate(joint, *place, record.radius, record.source, record.offset, False, "")
 
 
@@ -67,7 +63,7 @@ def _degrees(angle: float) -> str:
 
 
 def _heading(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
-    """Yield by how much axles of wheels that the root link holds are off their mean."""
+    """Yield the largest angle between an axle that the root link holds and their mean."""
     if not wheels:
         return
     angle, worst = max(
@@ -143,14 +139,12 @@ def _standing(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisati
 
 
 def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
-    """Yield what is idealised of a swivel: its axis, its trail, and its wheels' directions."""
-    description, locked = robot.description, dict(robot.locked)
-    joint = description.joint[swivel.joint]
-    pose = description.pose(joint.parent, locked) @ joint.origin
-    axis = root_axis(description, locked, joint)
+    """Yield the idealisations of a swivel: its axis, its trail, and its wheels' directions."""
+    joint = robot.description.joint[swivel.joint]
+    origin, axis = robot.tree.frame(joint)[:3, 3], robot.tree.axis(joint)
     lean = math.atan2(math.hypot(axis[0], axis[1]), abs(float(axis[2])))
     if lean > ANGLE_ROUNDING:
-        shift = abs(float(pose[2, 3]) - robot.drive.ground) * math.tan(lean)
+        shift = abs(float(origin[2]) - robot.drive.ground) * math.tan(lean)
         yield Idealisation(
             "swivel lean",
             math.degrees(lean),
@@ -160,7 +154,7 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
         )
     ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading)])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
-    trail = float(ahead @ (contact - pose[:2, 3]))
+    trail = float(ahead @ (contact - origin[:2]))
     if abs(trail - swivel.trail) > LENGTH_ROUNDING_M:
         yield Idealisation(
             "trail",
@@ -185,7 +179,10 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
 
 
 class _OtherRadius(NamedTuple):
-    """A radius that shapes tell besides the one used; wheels alike are told of together."""
+    """A radius from a wheel's shapes that differs from the one used.
+
+    Wheels with the same values are reported together.
+    """
 
     role: str
     radius: float  # m
@@ -196,11 +193,10 @@ class _OtherRadius(NamedTuple):
 
 
 def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
-    """Yield where shapes tell other radii than the one used, are off the axle, and how wide."""
-    paths = MeshPaths(robot.description.path, robot.description.package_dirs)
+    """Yield other radii than the one used, shapes off the axle, and the width that is left out."""
     widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, _OtherRadius]]]()
     for wheel in wheels:
-        sizes = shape_sizes(robot.description, robot.locked, wheel.joint, paths)
+        sizes = shape_sizes(robot.tree, wheel.joint)
         drawn = _unambiguous_roles(robot, wheel)
         for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
             others.setdefault(other[:2] + other[3:], []).append((wheel, other))
@@ -221,8 +217,11 @@ def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]
 
 
 def _unambiguous_roles(robot: Robot, wheel: WheelCandidate) -> set[str]:
-    """Return the roles of shapes that are all round or meshes: rollers and lugs hide the reach."""
-    parts = wheel_parts(robot.description, robot.locked, wheel.joint)
+    """Return the roles (collision, visual) whose shapes are all round or meshes.
+
+    Rollers and lugs make the outer radius ambiguous.
+    """
+    parts = wheel_parts(robot.tree, wheel.joint)
     hidden = {p.role for p in parts if p.shape.kind != "mesh" and not is_round(p, wheel.joint.axis)}
     return set(SHAPE_ROLES) - hidden
 

@@ -1,14 +1,15 @@
-"""``load``: from a file or a name to a ``Robot``, with every fault named."""
+"""Load a ``Robot`` from a file or a catalogue name; every fault is named."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from rpctl.description.density import fill
 from rpctl.description.expansion import lines_explained
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_checks import check_meshes
 from rpctl.description.packages import require_folders
 from rpctl.description.records import Description, Joint
@@ -43,7 +44,7 @@ def load(
         density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
             None leaves these links massless, or refuses them where a joint moves nothing else.
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
-        strict: Whether warnings are errors, and what was assumed of the drive.
+        strict: Whether warnings are errors, and so are assumptions about the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
             ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
             the file come after them.
@@ -57,74 +58,62 @@ def load(
     path, entry = _resolve(source)
     folders = require_folders(package_dirs)
     with lines_explained(path):
-        return _load(path, entry, drive, lock, density, end_effector, strict, folders)
-
-
-def _load(
-    path: Path,
-    entry: catalog.Entry | None,
-    drive: Drive | str | Path | None,
-    lock: Iterable[str] | Mapping[str, float],
-    density: float | None,
-    end_effector: str | None,
-    strict: bool,
-    package_dirs: Sequence[Path],
-) -> Robot:
-    """Return the robot in a file; as :func:`load`."""
-    description = read(path, package_dirs)
-    if density is not None:
-        description = fill(description, density)
-    locked = _locked(description, entry.lock if entry else (), lock)
-    findings = (
-        *description.findings,
-        *check_meshes(description),
-        *_massless_movers(description, locked),
-    )
-    if strict:
-        _refuse_doubts(path, findings)
-    check(description, locked)
-    if not isinstance(drive, Drive):
-        drive_source = entry.drive if drive is None and entry else drive
-        drive = detect(
-            description, locked, None if drive_source is None else _specification(drive_source)
-        )
+        description = read(path, folders)
+        if density is not None:
+            description = fill(description, density)
+        tree = FrozenTree(description, _locked(description, entry.lock if entry else (), lock))
+        findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
         if strict:
-            _refuse_doubts(path, [Finding("warning", None, doubt) for doubt in drive.doubts])
-    else:
-        drive = replace(drive, declared=("drive",))
-    model = build(description, locked)
+            _refuse_doubts(path, findings)
+        check(tree)
+        drive = _drive(tree, entry.drive if drive is None and entry else drive, strict)
+        model, joints = build(tree), _arm_joints(tree, drive)
+        if end_effector is not None and end_effector not in description.link:
+            raise UnknownNameError("link", end_effector, description.link)
+        return Robot(
+            name=entry.name if entry else description.name,
+            source=entry.name if entry else str(path.resolve()),
+            description=description,
+            model=model,
+            drive=drive,
+            locked=tree.locked,
+            joints=joints,
+            end_effector=end_effector or _tip(description, joints),
+            findings=findings,
+            density=density,
+        )
+
+
+def _drive(tree: FrozenTree, source: Drive | str | Path | None, strict: bool) -> Drive:
+    """Return the drive that a user gives, or the one that is found; ``strict`` refuses doubts."""
+    if isinstance(source, Drive):
+        return replace(source, declared=("drive",))
+    drive = detect(tree, _specification(source))
+    if strict:
+        doubts = [Finding("warning", None, doubt) for doubt in drive.doubts]
+        _refuse_doubts(tree.description.path, doubts)
+    return drive
+
+
+def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
+    """Return the free joints that are no wheels, swivels or mimics, in file order."""
     rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
-    joints = tuple(
+    return tuple(
         joint
-        for joint in description.joints
-        if joint.moving
-        and joint.mimic is None
-        and joint.name not in rolling
-        and joint.name not in locked
-    )
-    if end_effector is not None and end_effector not in description.link:
-        raise UnknownNameError("link", end_effector, description.link)
-    return Robot(
-        name=entry.name if entry else description.name,
-        source=entry.name if entry else str(path.resolve()),
-        description=description,
-        model=model,
-        drive=drive,
-        locked=locked,
-        joints=joints,
-        end_effector=end_effector or _tip(description, joints),
-        findings=findings,
-        density=density,
+        for joint in tree.description.joints
+        if tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
     )
 
 
-def _specification(drive_source: str | Path) -> DriveSpec:
-    """Return what the name of a type, or a drive file, says of the drive."""
-    if isinstance(drive_source, str) and not Path(drive_source).suffix and "/" not in drive_source:
-        if drive_source not in DRIVE_TYPES:
-            raise UnknownNameError("drive", drive_source, DRIVE_TYPES)
-        return DriveSpec(drive_source)
-    return read_drive(drive_source)
+def _specification(source: str | Path | None) -> DriveSpec:
+    """Return the drive that the name of a type or a drive file declares; None declares nothing."""
+    if source is None:
+        return DriveSpec()
+    if isinstance(source, str) and not Path(source).suffix and "/" not in source:
+        if source not in DRIVE_TYPES:
+            raise UnknownNameError("drive", source, DRIVE_TYPES)
+        return DriveSpec(source)
+    return read_drive(source)
 
 
 def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:
@@ -150,6 +139,7 @@ def _locked(
     defaults: Iterable[str],
     lock: Iterable[str] | Mapping[str, float],
 ) -> dict[str, float]:
+    """Return the positions (rad or m) of the joints that the patterns match, by name."""
     wanted = dict.fromkeys(defaults, 0.0)
     if isinstance(lock, str):
         lock = (lock,)
@@ -164,13 +154,10 @@ def _locked(
     return locked
 
 
-def _massless_movers(description: Description, locked: Mapping[str, float]) -> list[Finding]:
-    """Note links that joints move, whose mass the file does not give, and that others outweigh."""
-    moved = [
-        description.link[joint.child]
-        for joint in description.joints
-        if joint.moving and joint.name not in locked
-    ]
+def _massless_movers(tree: FrozenTree) -> list[Finding]:
+    """Return a warning for each link that a free joint moves and that has no <inertial>."""
+    description = tree.description
+    moved = (description.link[joint.child] for joint in description.joints if tree.is_free(joint))
     return [
         Finding(
             "warning",

@@ -11,13 +11,14 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
 from rpctl.errors import Finding, RpctlError, UnknownNameError
+from rpctl.robot.coordinates import JointEntry, joint_entries, write_root
 
-BASE_NQ = 4  # x, y, cos θ, sin θ of the planar root
-BASE_NV = 3
+BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
@@ -50,16 +51,36 @@ class Robot:
     density: float | None = None
 
     @cached_property
+    def tree(self) -> FrozenTree:
+        """Its links, with the locked joints held."""
+        return FrozenTree(self.description, self.locked)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's joints."""
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def entries(self) -> dict[str, JointEntry]:
+        """The entries in q of all the model's joints, by name."""
+        return joint_entries(self.model)
+
+    @property
+    def moving_joint_names(self) -> tuple[str, ...]:
+        """Names of all the model's joints: wheels, swivels, the arm's and mimics."""
+        return tuple(self.entries)
+
+    @cached_property
     def quasi_velocities(self) -> tuple[str, ...]:
         """Names of ν: the base's speeds (v of P, omega), then the joints' rates."""
-        return self.drive.base_speeds + tuple(joint.name for joint in self.joints)
+        return self.drive.base_speeds + self.joint_names
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
         """Names of τ: the driven wheels' joints, the driven swivels', then the arm's."""
         wheels = tuple(wheel.joint for wheel in self.drive.wheels if wheel.driven)
         swivels = tuple(swivel.joint for swivel in self.drive.swivels if swivel.driven)
-        return wheels + swivels + tuple(joint.name for joint in self.joints)
+        return wheels + swivels + self.joint_names
 
     @property
     def dof(self) -> int:
@@ -116,12 +137,6 @@ class Robot:
         """Return a joint's index in v."""
         return int(self.model.joints[self.model.getJointId(joint)].idx_v)
 
-    @cached_property
-    def _positions(self) -> dict[str, tuple[int, int]]:
-        """Index in q and number of entries of each moving joint."""
-        ids = ((n, self.model.joints[self.model.getJointId(n)]) for n in self.model.names[2:])
-        return {name: (int(j.idx_q), int(j.nq)) for name, j in ids}
-
     def configuration(
         self,
         x: float = 0.0,
@@ -143,7 +158,7 @@ class Robot:
             UnknownNameError: A joint is not among the model's.
         """
         q: Array = pin.neutral(self.model)
-        q[:BASE_NQ] = x, y, math.cos(theta), math.sin(theta)
+        write_root(q, x, y, theta)
         given = {**self.locked, **(joints or {})}
         for name, position in (joints or {}).items():
             self.set_joint(q, name, position)
@@ -157,24 +172,25 @@ class Robot:
         return q
 
     def set_joint(self, q: Array, joint: str, position: float) -> None:
-        """Set a joint's position (rad or m) in q, in place.
+        """Set a joint's position in q, in place.
+
+        Args:
+            q: Configuration (nq,).
+            joint: Name of the joint.
+            position: rad or m.
 
         Raises:
             UnknownNameError: The joint is not among the model's.
         """
-        if joint not in self._positions:
-            raise UnknownNameError("joint", joint, self._positions)
-        index, count = self._positions[joint]
-        q[index : index + count] = (
-            (math.cos(position), math.sin(position)) if count == 2 else (position,)
-        )
+        if joint not in self.entries:
+            raise UnknownNameError("joint", joint, self.entries)
+        self.entries[joint].write(q, position)
 
     def joint_position(self, q: Array, joint: str) -> float:
         """Return a joint's position (rad or m) in q, or where it is locked."""
         if joint in self.locked:
             return self.locked[joint]
-        index, count = self._positions[joint]
-        return math.atan2(q[index + 1], q[index]) if count == 2 else float(q[index])
+        return self.entries[joint].read(q)
 
     def joint_positions(self, q: Array) -> Array:
         """Return the arm's positions (n_joints,), rad or m; continuous joints in (−π, π]."""
@@ -204,6 +220,13 @@ class Robot:
         theta = math.atan2(sin, cos) + self.drive.heading
         return np.array([q[0] + cos * px - sin * py, q[1] + sin * px + cos * py, theta])
 
+    def root_pose(self, pose: Array) -> tuple[float, float, float]:
+        """Return the root link's pose (x, y, θ) for that of P (3,): :meth:`base_pose` inverted."""
+        theta = pose[2] - self.drive.heading
+        cos, sin = math.cos(theta), math.sin(theta)
+        px, py = self.drive.point
+        return pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py, theta
+
     def configuration_at(self, pose: Array, joints: Array, steering: Array | None = None) -> Array:
         """Return q (nq,) for a pose of P and positions of the joints.
 
@@ -212,15 +235,11 @@ class Robot:
             joints: Positions of the arm (n_joints,), rad or m.
             steering: Positions of the steered joints (n_steered,), rad; None for 0.
         """
-        theta = pose[2] - self.drive.heading
-        cos, sin = math.cos(theta), math.sin(theta)
-        px, py = self.drive.point
-        x, y = pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py
-        positions = dict(zip((joint.name for joint in self.joints), joints, strict=True))
+        positions = dict(zip(self.joint_names, joints, strict=True))
         if steering is not None:
             names = (swivel.joint for swivel in self.drive.steered)
             positions |= dict(zip(names, steering, strict=True))
-        return self.configuration(x, y, theta, positions)
+        return self.configuration(*self.root_pose(pose), positions)
 
     def random_configuration(self, rng: np.random.Generator) -> Array:
         """Return a random q (nq,): base anywhere within 10 m, joints within their limits.
@@ -229,8 +248,7 @@ class Robot:
         Steering stays away from where it fixes no one motion.
         """
         x, y = rng.uniform(-10.0, 10.0, 2)
-        names = tuple(self.model.names[2:])
-        positions = {name: self._draw(name, rng) for name in names}
+        positions = {name: self._draw(name, rng) for name in self.moving_joint_names}
         while not is_regular(self.drive, positions):
             positions |= {s.joint: self._draw(s.joint, rng) for s in self.drive.steered}
         return self.configuration(x, y, float(rng.uniform(-math.pi, math.pi)), positions)
@@ -239,12 +257,7 @@ class Robot:
         """Return a random position of a joint within its limits."""
         joint = self.description.joint[name]
         reach = 1.0 if joint.kind == "prismatic" else math.pi
-        low, high = joint.lower, joint.upper
-        if math.isinf(low):
-            low = min(-reach, high - reach)
-        if math.isinf(high):
-            high = max(reach, low + reach)
-        return float(rng.uniform(low, high))
+        return float(rng.uniform(*joint.span(reach)))
 
     @cached_property
     def home(self) -> Array:

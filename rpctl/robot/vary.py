@@ -50,7 +50,7 @@ def set_limits(
     Raises:
         RpctlError: A limit is not positive, or no joint has such a name.
     """
-    names = list(robot.model.names)[2:]
+    names = robot.moving_joint_names
     given: dict[str, dict[str, Any]] = {name: {} for name in names}
     for kind, limits in (("effort", effort or {}), ("velocity", velocity or {})):
         for pattern, limit in limits.items():
@@ -80,7 +80,7 @@ def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
     model = robot.model.copy()
     matching = [i for i, name in enumerate(model.names) if i and fnmatchcase(name, joints)]
     if not matching:
-        raise UnknownNameError("joint", joints, list(model.names)[2:])
+        raise UnknownNameError("joint", joints, robot.moving_joint_names)
     for index in matching:
         inertia = model.inertias[index]
         model.inertias[index] = pin.Inertia(

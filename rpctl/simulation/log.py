@@ -1,9 +1,10 @@
-"""What a closed loop logs: a row a sample, then the arrays and facts of a ``Run``."""
+"""The log of a closed loop: a row a sample, then arrays."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -11,17 +12,97 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.law import Limit
+from rpctl.control.law import Command, Limit
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import ReferenceState
+from rpctl.reference.motion import ReferenceState, end_effector_reference
 from rpctl.reference.quasi_velocities import reference_rates, steering
 from rpctl.robot.model import Robot
+from rpctl.simulation.facts import other_joints, steered_joints
 
 LogRow = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Log:
+    """The samples of a run: K rows in each array; arrays are read-only.
+
+    Attributes:
+        t: Time (K,), s.
+        q: Configuration (K, nq).
+        nu: Quasi-velocities (K, dof); m/s, rad/s.
+        tau: Actuator efforts from each sample on (K, n_act); N·m or N.
+        rates: Rate of each actuator's joint (K, n_act), wheels included; rad/s or m/s.
+        nu_d: Quasi-velocities that the kinematic law asks for (K, dof).
+        nu_ref: Quasi-velocities of the reference (K, dof).
+        base: Pose of P (K, 3): x, y in m, heading in rad.
+        base_ref: Reference pose of P (K, 3).
+        joints: Positions of the arm (K, n_joints); rad or m.
+        joints_ref: Their references (K, n_joints).
+        steering: Positions of the joints that steer wheels (K, n_steering), rad.
+        others: Positions of the other moving joints (K, n_others), wheels and mimic joints
+            included; rad or m, those of continuous joints in (−π, π].
+        other_rates: Their rates (K, n_others); rad/s or m/s.
+        e: Tracking error (K, 3 + n_joints): longitudinal, lateral, heading, joints.
+        q_ref: Configuration of the reference robot (K, nq), wheels turned as they would roll.
+        ee: Position of the end effector (K, 3), m; (K, 0) for a robot without an arm.
+        ee_ref: Its reference (K, 3), m.
+        ee_angle: Angle between the end effector's and its reference's orientation (K,), rad.
+        energy: Kinetic plus potential energy (K,), J.
+        work: Work done by the actuators since the start (K,), J.
+        constraint_residual: Largest entry of |A v| (K,); m/s, rad/s.
+        wheel_force: Force of the ground on each wheel, forward (K, n_wheels), N.
+        axle_force: Force of the ground on each axle, to the left (K, n_axles), N.
+        contact_load: Vertical force of the ground on each contact (K, n_contacts), N; (K, 0) where
+            the contacts known do not hold a balance. Beyond three contacts, of equal springs.
+        zmp: Zero-moment point (K, 2), m; (K, 0) for a fixed base.
+        tip_margin: Distance of the zero-moment point to the edge of the support polygon (K,), m;
+            negative outside; (K, 0) where it is not defined.
+        slip_ratio: Largest of the wheels' horizontal force over friction times load (K,); above 1
+            a wheel slips; (K, 0) where it is not defined. The loads are ``contact_load``.
+        load_range: Least and largest load of each contact (K, n_contacts, 2) of all splits that
+            statics admit, N; NaN where the robot tips. (K, 0) where ``contact_load`` is the only
+            split or not defined, and in files of versions that logged none.
+        slip_range: Least and largest ``slip_ratio`` of those splits (K, 2); inf where a wheel that
+            pushes may bear nothing, NaN where the robot tips; (K, 0) where ``load_range`` is.
+        active_limits: 1 where a limit bound the efforts, else 0 (K, n_bound).
+        bound_limits: Joint and kind of each limit that ever bound the efforts, a column of
+            ``active_limits`` each.
+    """
+
+    t: Array
+    q: Array
+    nu: Array
+    tau: Array
+    rates: Array
+    nu_d: Array
+    nu_ref: Array
+    base: Array
+    base_ref: Array
+    joints: Array
+    joints_ref: Array
+    steering: Array
+    others: Array
+    other_rates: Array
+    e: Array
+    q_ref: Array
+    ee: Array
+    ee_ref: Array
+    ee_angle: Array
+    energy: Array
+    work: Array
+    constraint_residual: Array
+    wheel_force: Array
+    axle_force: Array
+    contact_load: Array
+    zmp: Array
+    tip_margin: Array
+    slip_ratio: Array
+    load_range: Array
+    slip_range: Array
+    active_limits: Array
+    bound_limits: tuple[tuple[str, str], ...]
 
 
 class Recorder:
@@ -36,6 +117,8 @@ class Recorder:
     def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None, bias: Array) -> None:
         self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
         self._data = dynamics.robot.model.createData()
+        self._steered, self._others = steered_joints(dynamics.robot), other_joints(dynamics.robot)
+        self._other_indices = [dynamics.robot.velocity_index(name) for name in self._others]
         self._rows: list[LogRow] = []
         self._limits: list[tuple[Limit, ...]] = []
         self._reactions: list[GroundReaction] = []
@@ -58,7 +141,8 @@ class Recorder:
         """
         self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
-        v = dynamics.basis(q) @ nu
+        at = dynamics.at(q)
+        v = at.S @ nu
         if self._contacts is not None:
             push = tau + self._bias
             self._reactions.append(ground_reaction(dynamics, self._contacts, q, nu, push))
@@ -68,7 +152,7 @@ class Recorder:
                 "q": q,
                 "nu": nu,
                 "tau": tau,
-                "rates": dynamics.actuation(q).T @ nu,
+                "rates": at.B.T @ nu,
                 "nu_d": command.nu_d,
                 "nu_ref": reference_rates(robot, state).nu,
                 "base": robot.base_pose(q),
@@ -76,13 +160,9 @@ class Recorder:
                 "joints": robot.joint_positions(q),
                 "joints_ref": state.joints,
                 "steering_ref": steering(robot, state)[0],
-                "steering": np.array(
-                    [robot.joint_position(q, name) for name in _steered_joints(robot)]
-                ),
-                "others": np.array(
-                    [robot.joint_position(q, name) for name in _other_joints(robot)]
-                ),
-                "other_rates": v[[robot.velocity_index(name) for name in _other_joints(robot)]],
+                "steering": np.array([robot.joint_position(q, name) for name in self._steered]),
+                "others": np.array([robot.joint_position(q, name) for name in self._others]),
+                "other_rates": v[self._other_indices],
                 "e": e,
                 "energy": dynamics.energy(q, nu),
                 "work": work,
@@ -92,8 +172,8 @@ class Recorder:
             }
         )
 
-    def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a Run, read-only, samples first, and the limits that ever bound."""
+    def log(self) -> Log:
+        """Return the log, samples first."""
         log: dict[str, Array] = {
             key: np.array([row[key] for row in self._rows]) for key in self._rows[0]
         }
@@ -110,55 +190,7 @@ class Recorder:
         log["active_limits"] = np.array(active)
         for array in log.values():
             array.setflags(write=False)
-        return {**log, "bound_limits": tuple(map(tuple, bound))}
-
-
-def run_facts(robot: Robot, contacts: Contacts | None) -> dict[str, Any]:
-    """Return what a Run tells of its robot."""
-    joints = robot.joints
-    return {
-        "robot": robot.name,
-        "source": robot.source,
-        "urdf_sha256": robot.description.sha256,
-        "locked": dict(robot.locked),
-        "drive": dataclasses.asdict(robot.drive),
-        "density": robot.density,
-        "package_dirs": tuple(map(str, robot.description.package_dirs)),
-        "quasi_velocities": robot.quasi_velocities,
-        "actuators": robot.actuators,
-        "joint_names": tuple(joint.name for joint in joints),
-        "units": tuple("m" if joint.kind == "prismatic" else "rad" for joint in joints),
-        "effort_limits": tuple(robot.effort_limits.tolist()),
-        "velocity_limits": tuple(robot.description.joint[n].velocity for n in robot.actuators),
-        "lower_limits": tuple(joint.lower for joint in joints),
-        "upper_limits": tuple(joint.upper for joint in joints),
-        "steering_names": _steered_joints(robot),
-        "steering_limits": tuple(
-            (robot.description.joint[name].lower, robot.description.joint[name].upper)
-            for name in _steered_joints(robot)
-        ),
-        "other_names": _other_joints(robot),
-        "other_limits": tuple(
-            (limited.lower, limited.upper, limited.velocity)
-            for limited in (robot.description.joint[name] for name in _other_joints(robot))
-        ),
-        "end_effector": robot.end_effector,
-        "contacts": contacts.names if contacts else (),
-        "contact_points": tuple(map(tuple, contacts.points.tolist())) if contacts else (),
-        "axles": contacts.axles if contacts else (),
-        "ground_notes": contacts.notes if contacts else (),
-    }
-
-
-def _steered_joints(robot: Robot) -> tuple[str, ...]:
-    """Return the joints that turn wheels, but for casters."""
-    return tuple(swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster")
-
-
-def _other_joints(robot: Robot) -> tuple[str, ...]:
-    """Return the moving joints that are not the arm's: wheels', swivels, and mimic joints."""
-    arm = {joint.name for joint in robot.joints}
-    return tuple(name for name in robot.model.names[2:] if name not in arm)
+        return Log(**log, bound_limits=tuple((limit.joint, limit.kind) for limit in bound))
 
 
 def describe(law: object) -> dict[str, Any]:

@@ -9,10 +9,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.command import KinematicLaw
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import tracking_error
-from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
+from rpctl.control.law import (
+    DynamicFunction,
+    DynamicLaw,
+    KinematicFunction,
+    KinematicLaw,
+    Rest,
+    as_efforts,
+    as_law,
+)
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import FRICTION, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -22,7 +29,8 @@ from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.model import Robot
-from rpctl.simulation.log import Recorder, describe, run_facts
+from rpctl.simulation.facts import ground_facts, robot_facts
+from rpctl.simulation.log import Recorder, describe
 from rpctl.simulation.periods import (
     CONTROL_PERIOD,
     delay_note,
@@ -42,8 +50,8 @@ def track(
     reference: str | Reference = "eight",
     duration: float | None = None,
     initial_error: Sequence[float] = (0.0, 0.0, 0.0),
-    kinematic: KinematicLaw | Startable[KinematicLaw] | None = None,
-    dynamic: DynamicLaw | Startable[DynamicLaw] | None = None,
+    kinematic: KinematicLaw | KinematicFunction | None = None,
+    dynamic: DynamicLaw | DynamicFunction | None = None,
     control_period: float = CONTROL_PERIOD,
     plant_step: float = 0.002,
     certificate: Certificate | None = None,
@@ -111,8 +119,8 @@ def track(
     recorder = Recorder(dynamics, contacts, bias)
     q, nu, work = _start(robot, reference(0.0), initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    kinematic_law = started(kinematic, controller_dynamics, control_period, rest)
-    dynamic_law = started(dynamic, controller_dynamics, control_period, rest)
+    kinematic_law = as_law(kinematic).start(controller_dynamics, control_period, rest)
+    dynamic_law = as_law(dynamic).start(controller_dynamics, control_period, rest)
     started_at = time.perf_counter()
     sent = plant.pipeline(rest.tau, control_period)
     for k in range(steps + 1):
@@ -139,13 +147,12 @@ def track(
         if progress is not None:
             progress(k, steps)
     wall_time = time.perf_counter() - started_at
-    report = getattr(kinematic_law, "report", None)
-    if report is not None:  # a law that counts has more to tell than its settings
-        settings["kinematic_report"] = report()
+    if report := kinematic_law.report():
+        settings["kinematic_report"] = report
     return Run(
-        **recorder.arrays(),
-        **run_facts(robot, contacts),
-        friction=friction,
+        log=recorder.log(),
+        robot=robot_facts(robot),
+        ground=ground_facts(contacts, friction),
         settings=settings,
         notes=notes,
         certificate=None if certificate is None else certificate.to_dict(),

@@ -6,7 +6,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from rpctl.errors import RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from rpctl.simulation.facts import GroundFacts, RobotFacts
+from rpctl.simulation.log import Log
 
 SCHEMA = 3
 OLDER_SCHEMA = (
@@ -33,136 +35,21 @@ OPTIONAL_ENTRIES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A logged motion of K samples; arrays are read-only.
+    """A logged motion of K samples, and all that it came from.
 
     Attributes:
-        t: Time (K,), s.
-        q: Configuration (K, nq).
-        nu: Quasi-velocities (K, dof); m/s, rad/s.
-        tau: Actuator efforts from each sample on (K, n_act); N·m or N.
-        rates: Rate of each actuator's joint (K, n_act), wheels included; rad/s or m/s.
-        nu_d: Quasi-velocities that the kinematic law asks for (K, dof).
-        nu_ref: Quasi-velocities of the reference (K, dof).
-        base: Pose of P (K, 3): x, y in m, heading in rad.
-        base_ref: Reference pose of P (K, 3).
-        joints: Positions of the arm (K, n_joints); rad or m.
-        joints_ref: Their references (K, n_joints).
-        steering: Positions of the joints that steer wheels (K, n_steering), rad.
-        others: Positions of the other moving joints (K, n_others), wheels and mimic joints
-            included; rad or m, those of continuous joints in (−π, π].
-        other_rates: Their rates (K, n_others); rad/s or m/s.
-        e: Tracking error (K, 3 + n_joints): longitudinal, lateral, heading, joints.
-        q_ref: Configuration of the reference robot (K, nq), wheels turned as they would roll.
-        ee: Position of the end effector (K, 3), m; (K, 0) for a robot without an arm.
-        ee_ref: Its reference (K, 3), m.
-        ee_angle: Angle between the end effector's and its reference's orientation (K,), rad.
-        energy: Kinetic plus potential energy (K,), J.
-        work: Work done by the actuators since the start (K,), J.
-        constraint_residual: Largest entry of |A v| (K,); m/s, rad/s.
-        wheel_force: Force of the ground on each wheel, forward (K, n_wheels), N.
-        axle_force: Force of the ground on each axle, to the left (K, n_axles), N.
-        contact_load: Vertical force of the ground on each contact (K, n_contacts), N; (K, 0) where
-            the contacts known do not hold a balance. Beyond three contacts, of equal springs.
-        zmp: Zero-moment point (K, 2), m; (K, 0) for a fixed base.
-        tip_margin: Distance of the zero-moment point to the edge of the support polygon (K,), m;
-            negative outside; (K, 0) where it is not defined.
-        slip_ratio: Largest of the wheels' horizontal force over friction times load (K,); above 1
-            a wheel slips; (K, 0) where it is not defined. The loads are ``contact_load``.
-        load_range: Least and largest load of each contact (K, n_contacts, 2) of all splits that
-            statics admit, N; NaN where the robot tips. (K, 0) where ``contact_load`` is the only
-            split or not defined, and in files of versions that logged none.
-        slip_range: Least and largest ``slip_ratio`` of those splits (K, 2); inf where a wheel that
-            pushes may bear nothing, NaN where the robot tips; (K, 0) where ``load_range`` is.
-        active_limits: 1 where a limit bound the efforts, else 0 (K, n_bound).
-        robot: Name of the robot.
-        source: What the robot was loaded from.
-        urdf_sha256: Digest of its URDF.
-        locked: Its frozen joints.
-        drive: Its drive, as a dict.
-        density: Density from which its missing inertias were estimated, kg/m³, or None.
-        package_dirs: Folders where its packages lay.
-        quasi_velocities: Names of ν.
-        actuators: Names of τ.
-        joint_names: Names of the arm's joints.
-        units: Unit of each joint's position, ``"rad"`` or ``"m"``.
-        effort_limits: Limits of τ; inf where the URDF gives none.
-        velocity_limits: Limits of the actuators' rates; inf where the URDF gives none.
-        lower_limits: Lower limits of the arm's positions; -inf where there is none.
-        upper_limits: Upper limits of the arm's positions; inf where there is none.
-        steering_names: Joints that steer wheels.
-        steering_limits: Their limits (lower, upper), rad.
-        other_names: Moving joints that are not the arm's: wheels', swivels, mimic joints.
-        other_limits: Their limits (lower, upper, velocity).
-        end_effector: The link that was tracked, or None.
-        contacts: Names of the contacts with the ground, wheels first; none for a fixed base.
-        contact_points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
-        axles: Wheels (indices) that share each lateral force.
-        ground_notes: What keeps loads and margins from being defined or unique.
-        bound_limits: Joint and kind of each limit that ever bound, as the dynamic law told.
-        friction: Coefficient between wheels and ground that ``slip_ratio`` is for.
+        log: The samples.
+        robot: The robot.
+        ground: How it stands on the ground.
         settings: Reference, laws, horizons, sample times, all as they were simulated.
         notes: Where that is not what was asked for, in sentences.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
     """
 
-    t: Array
-    q: Array
-    nu: Array
-    tau: Array
-    rates: Array
-    nu_d: Array
-    nu_ref: Array
-    base: Array
-    base_ref: Array
-    joints: Array
-    joints_ref: Array
-    steering: Array
-    others: Array
-    other_rates: Array
-    e: Array
-    q_ref: Array
-    ee: Array
-    ee_ref: Array
-    ee_angle: Array
-    energy: Array
-    work: Array
-    constraint_residual: Array
-    wheel_force: Array
-    axle_force: Array
-    contact_load: Array
-    zmp: Array
-    tip_margin: Array
-    slip_ratio: Array
-    load_range: Array
-    slip_range: Array
-    active_limits: Array
-    robot: str
-    source: str
-    urdf_sha256: str
-    locked: Mapping[str, float]
-    drive: Mapping[str, Any]
-    density: float | None
-    package_dirs: tuple[str, ...]
-    quasi_velocities: tuple[str, ...]
-    actuators: tuple[str, ...]
-    joint_names: tuple[str, ...]
-    units: tuple[str, ...]
-    effort_limits: tuple[float, ...]
-    velocity_limits: tuple[float, ...]
-    lower_limits: tuple[float, ...]
-    upper_limits: tuple[float, ...]
-    steering_names: tuple[str, ...]
-    steering_limits: tuple[tuple[float, float], ...]
-    other_names: tuple[str, ...]
-    other_limits: tuple[tuple[float, float, float], ...]
-    end_effector: str | None
-    contacts: tuple[str, ...]
-    contact_points: tuple[tuple[float, float], ...]
-    axles: tuple[tuple[int, ...], ...]
-    ground_notes: tuple[str, ...]
-    bound_limits: tuple[tuple[str, str], ...]
-    friction: float
+    log: Log
+    robot: RobotFacts
+    ground: GroundFacts
     settings: Mapping[str, Any]
     notes: tuple[str, ...]
     certificate: Mapping[str, Any] | None
@@ -170,7 +57,42 @@ class Run:
 
     def __repr__(self) -> str:
         reference = self.settings.get("reference", "motion")
-        return f"Run({self.robot}, {reference}, {self.t[-1] - self.t[0]:.4g} s)"
+        return f"Run({self.robot.name}, {reference}, {self.t[-1] - self.t[0]:.4g} s)"
+
+    @property
+    def t(self) -> Array:
+        """Time (K,), s."""
+        return self.log.t
+
+    @property
+    def q(self) -> Array:
+        """Configuration (K, nq)."""
+        return self.log.q
+
+    @property
+    def nu(self) -> Array:
+        """Quasi-velocities (K, dof); m/s, rad/s."""
+        return self.log.nu
+
+    @property
+    def tau(self) -> Array:
+        """Actuator efforts from each sample on (K, n_act); N·m or N."""
+        return self.log.tau
+
+    @property
+    def base_ref(self) -> Array:
+        """Reference pose of P (K, 3): x, y in m, heading in rad."""
+        return self.log.base_ref
+
+    @property
+    def joints_ref(self) -> Array:
+        """References of the arm's positions (K, n_joints); rad or m."""
+        return self.log.joints_ref
+
+    @property
+    def q_ref(self) -> Array:
+        """Configuration of the reference robot (K, nq), wheels turned as they would roll."""
+        return self.log.q_ref
 
     def save(self, path: str | Path) -> Path:
         """Write the run to one file; it is there whole or not at all.
@@ -181,16 +103,16 @@ class Run:
         Returns:
             The path.
         """
-        meta: dict[str, Any] = {"schema": SCHEMA}
-        arrays = {}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                arrays[item.name] = value
-            else:
-                meta[item.name] = value
+        entries = {
+            entry: getattr(self if record is None else getattr(self, record), name)
+            for entry, (record, name) in ENTRIES.items()
+        }
+        entries["drive"] = asdict(self.robot.drive)
+        arrays = {name: value for name, value in entries.items() if isinstance(value, np.ndarray)}
+        meta = {name: value for name, value in entries.items() if name not in arrays}
+        text = json.dumps({"schema": SCHEMA, **meta})
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, allow_pickle=False, **{META_ENTRY: json.dumps(meta)}, **arrays)
+        np.savez_compressed(buffer, allow_pickle=False, **{META_ENTRY: text}, **arrays)
         return write_atomically(path, buffer.getvalue())
 
     @staticmethod
@@ -217,8 +139,10 @@ class Run:
                 f"{path}: schema {schema}, this rpctl reads {OLDER_SCHEMA} and {SCHEMA}; track the "
                 "robot again"
             )
-        values = {**meta, **arrays}
-        return _checked(path, _completed(values) if schema == OLDER_SCHEMA else values)
+        entries = {**meta, **arrays}
+        if schema == OLDER_SCHEMA:
+            entries = _completed(entries)
+        return _from_entries(path, entries)
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
@@ -229,52 +153,92 @@ class Run:
         Raises:
             RunFileError: Its URDF has changed since.
         """
+        known = self.robot
         robot = load(
-            self.source,
-            Drive.from_dict(self.drive),
-            self.locked,
-            self.density,
-            self.end_effector,
+            known.source,
+            known.drive,
+            known.locked,
+            known.density,
+            known.end_effector,
             package_dirs=package_dirs
-            or [folder for folder in self.package_dirs if Path(folder).is_dir()],
+            or [folder for folder in known.package_dirs if Path(folder).is_dir()],
         )
-        if robot.description.sha256 != self.urdf_sha256:
+        if robot.description.sha256 != known.urdf_sha256:
             raise RunFileError(
                 f"{robot.description.path}: the URDF has changed since the run; track it again"
             )
         return robot
 
 
-def _completed(values: dict[str, Any]) -> dict[str, Any]:
+RECORDS: dict[str, type[Log | RobotFacts | GroundFacts]] = {
+    "log": Log,
+    "robot": RobotFacts,
+    "ground": GroundFacts,
+}
+
+
+def _entry_places() -> dict[str, tuple[str | None, str]]:
+    """Return where each entry of the file stands in a run: its record (None: the run), its name."""
+    renamed = {
+        ("robot", "name"): "robot",
+        ("ground", "points"): "contact_points",
+        ("ground", "notes"): "ground_notes",
+    }
+    places: dict[str, tuple[str | None, str]] = {}
+    for record, kind in RECORDS.items():
+        for item in fields(kind):
+            places[renamed.get((record, item.name), item.name)] = record, item.name
+    rest = (item.name for item in fields(Run) if item.name not in RECORDS)
+    return {**places, **{name: (None, name) for name in rest}}
+
+
+ENTRIES = _entry_places()  # the file is flat
+ARRAY_ENTRIES = {item.name for item in fields(Log)} - {"bound_limits"}
+
+
+def _completed(entries: dict[str, Any]) -> dict[str, Any]:
     """Return what an older file holds with what it lacks, empty."""
-    nothing = np.empty((np.size(values.get("t", ())), 0))
+    nothing = np.empty((np.size(entries.get("t", ())), 0))
     lists: dict[str, list[Any]] = {"other_names": [], "other_limits": [], "notes": []}
-    return {"others": nothing, "other_rates": nothing.copy(), **lists, **values}
+    return {"others": nothing, "other_rates": nothing.copy(), **lists, **entries}
 
 
-def _checked(path: str | Path, values: dict[str, Any]) -> Run:
+def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
     """Return a run from what a file holds, shapes and names checked."""
     for name in OPTIONAL_ENTRIES:
-        values.setdefault(name, np.empty((np.size(values.get("t", ())), 0)))
-    names = {item.name: item.type for item in fields(Run)}
-    missing, extra = names.keys() - values.keys(), values.keys() - names.keys()
+        entries.setdefault(name, np.empty((np.size(entries.get("t", ())), 0)))
+    missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
     if missing or extra:
         listed = ", ".join(sorted(missing | extra))
         raise RunFileError(f"{path}: entries missing or not known: {listed}")
-    lengths = {len(v) for v in values.values() if isinstance(v, np.ndarray) and v.ndim}
+    _check_arrays(path, entries)
+    values: dict[str | None, dict[str, Any]] = {record: {} for record in (None, *RECORDS)}
+    for entry, (record, name) in ENTRIES.items():
+        value = entries[entry]
+        if isinstance(value, list):
+            value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
+        values[record][name] = value
+    try:
+        values["robot"]["drive"] = Drive.from_dict(entries["drive"])
+    except (TypeError, KeyError, AttributeError) as error:
+        raise RunFileError(f'{path}: entry "drive" is not known: {error}') from None
+    records: dict[str, Any] = {name: kind(**values[name]) for name, kind in RECORDS.items()}
+    return Run(**records, **values[None])
+
+
+def _check_arrays(path: str | Path, entries: Mapping[str, Any]) -> None:
+    """Refuse arrays of other kinds, lengths or shapes than a log's; make the others read-only."""
+    lengths = {len(v) for v in entries.values() if isinstance(v, np.ndarray) and v.ndim}
     if len(lengths) != 1:
         raise RunFileError(f"{path}: arrays of differing lengths {sorted(lengths)}")
-    for name, kind in names.items():
-        value = values[name]
-        if (kind == "Array") != isinstance(value, np.ndarray):
+    for name, value in entries.items():
+        if (name in ARRAY_ENTRIES) != isinstance(value, np.ndarray):
             raise RunFileError(f'{path}: entry "{name}" is of the wrong kind')
         if isinstance(value, np.ndarray):
             finite = name in OPTIONAL_ENTRIES or np.isfinite(value).all()
             if value.dtype != np.float64 or not finite:
                 raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
             value.setflags(write=False)
-        elif isinstance(value, list):
-            values[name] = tuple(tuple(v) if isinstance(v, list) else v for v in value)
     columns = {
         "nu": "quasi_velocities",
         "tau": "actuators",
@@ -285,11 +249,10 @@ def _checked(path: str | Path, values: dict[str, Any]) -> Run:
         "active_limits": "bound_limits",
     }
     for array, labels in columns.items():
-        if values[array].ndim != 2 or values[array].shape[1] != len(values[labels]):
+        if entries[array].ndim != 2 or entries[array].shape[1] != len(entries[labels]):
             raise RunFileError(f'{path}: "{array}" does not fit its names')
-    contacts = len(values["contacts"])
+    contacts = len(entries["contacts"])
     shapes = {"contact_load": (contacts,), "load_range": (contacts, 2), "slip_range": (2,)}
     for name, shape in shapes.items():
-        if values[name].size and values[name].shape[1:] != shape:
+        if entries[name].size and entries[name].shape[1:] != shape:
             raise RunFileError(f'{path}: "{name}" does not fit its names')
-    return Run(**values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,91 +15,118 @@ SLIP_RATIO_SHOWN_MAX = (
 )
 EQUALITY_TOLERANCE = 1e-9  # relative width up to which an interval is one number
 DETERMINATE_CONTACTS = 3  # contacts whose loads statics tell apart
-GROUND_KEYS = (
-    "min_tip_over_margin",
-    "would_tip",
-    "max_slip_ratio",
-    "slip_ratio_range",
-    "equal_springs_slip_ratio",
-    "would_slip",
-    "could_slip",
-    "contact_loads",
-)
 
 
-def ground(run: Run) -> dict[str, Any]:
+@dataclass(frozen=True)
+class LoadRange:
+    """Least and largest load of a contact over a run and over all splits of it, N."""
+
+    name: str
+    min: float
+    max: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundFigures:
+    """Whether a robot would slip or tip; None is what cannot be said.
+
+    Attributes:
+        min_tip_over_margin: Least distance of the zero-moment point to the edge of the support
+            polygon, m; negative outside.
+        would_tip: Whether it left the polygon.
+        max_slip_ratio: Largest share of the grip that the motion needs, where it is one number.
+        slip_ratio_range: Least and largest share of the grip, over all splits of the load that
+            statics admit while the robot does not tip; its end is inf where a wheel that pushes
+            may bear nothing.
+        equal_springs_slip_ratio: That share for one split, of equally stiff contacts.
+        would_slip: Whether it slips for all splits.
+        could_slip: Whether it slips for one at least.
+        contact_loads: Of each contact.
+        friction: Coefficient between wheels and ground that the shares are of.
+        sentence: All of it in words; of a robot whose contacts do not hold a balance why that is.
+    """
+
+    min_tip_over_margin: float | None = None
+    would_tip: bool | None = None
+    max_slip_ratio: float | None = None
+    slip_ratio_range: tuple[float, float] | None = None
+    equal_springs_slip_ratio: float | None = None
+    would_slip: bool | None = None
+    could_slip: bool | None = None
+    contact_loads: tuple[LoadRange, ...] | None = None
+    friction: float
+    sentence: str | None = None
+
+
+def ground(run: Run) -> GroundFigures:
     """Return whether a robot would slip or tip, by figures and in one sentence.
 
-    ``min_tip_over_margin`` is in m. ``slip_ratio_range`` holds the least and the largest share of
-    the grip at ``friction`` that the motion needs, over all splits of the load that statics admit
-    while the robot does not tip; its end is inf where a wheel that pushes may bear nothing.
-    ``max_slip_ratio`` is that share where it is one number, else None, and
-    ``equal_springs_slip_ratio`` that of one split, of equally stiff contacts. ``would_slip`` tells
-    of all splits, ``could_slip`` of at least one. ``contact_loads`` has the ``name``, ``min`` and
-    ``max`` of each contact's load over the run and over all splits, N.
-
-    All are None where the contacts known do not hold a balance, and the sentence says why; a fixed
-    base has no sentence. Of a run that logged no ranges, only what one split tells is not None.
+    All but the friction is None where the contacts known do not hold a balance, and the sentence
+    says why; a fixed base has no sentence. Of a run that logged no ranges, only what one split
+    tells is not None.
     """
-    if not run.tip_margin.size:
-        sentence = run.ground_notes[0] if run.ground_notes else None
-        return {**dict.fromkeys(GROUND_KEYS), "friction": run.friction, "ground": sentence}
-    margin, equal = float(run.tip_margin.min()), float(run.slip_ratio.max())
+    log, friction = run.log, run.ground.friction
+    if not log.tip_margin.size:
+        sentence = run.ground.notes[0] if run.ground.notes else None
+        return GroundFigures(friction=friction, sentence=sentence)
+    margin, equal = float(log.tip_margin.min()), float(log.slip_ratio.max())
     slips = _slips(run)
-    found: dict[str, Any] = {
-        **dict.fromkeys(GROUND_KEYS),
-        "min_tip_over_margin": margin,
-        "would_tip": margin < 0.0,
-        "equal_springs_slip_ratio": equal,
-        "could_slip": True if slips is None and equal > 1.0 else None,
-        "contact_loads": _load_ranges(run),
-        "friction": run.friction,
-        "ground": f"{_balance(run, margin)} and {_grip(run, slips, equal)}",
-    }
+    found = GroundFigures(
+        min_tip_over_margin=margin,
+        would_tip=margin < 0.0,
+        equal_springs_slip_ratio=equal,
+        could_slip=True if slips is None and equal > 1.0 else None,
+        contact_loads=_load_ranges(run),
+        friction=friction,
+        sentence=f"{_balance(run, margin)} and {_grip(run, slips, equal)}",
+    )
     if slips is None or np.isnan(slips).all():
         return found
     least, most = np.nanmax(slips, axis=0).tolist()
-    return found | {
-        "max_slip_ratio": most if _is_single(least, most) else None,
-        "slip_ratio_range": [least, most],
-        "would_slip": least > 1.0,
-        "could_slip": most > 1.0,
-    }
+    return replace(
+        found,
+        max_slip_ratio=most if _is_single(least, most) else None,
+        slip_ratio_range=(least, most),
+        would_slip=least > 1.0,
+        could_slip=most > 1.0,
+    )
 
 
 def _slips(run: Run) -> Array | None:
     """Return the range of the worst wheel's slip ratio (K, 2); None where no range was logged."""
-    if run.slip_range.size:
-        return run.slip_range
-    if len(run.contacts) > DETERMINATE_CONTACTS:
+    if run.log.slip_range.size:
+        return run.log.slip_range
+    if len(run.ground.contacts) > DETERMINATE_CONTACTS:
         return None
-    return np.column_stack([run.slip_ratio, run.slip_ratio])
+    return np.column_stack([run.log.slip_ratio, run.log.slip_ratio])
 
 
-def _load_ranges(run: Run) -> list[dict[str, Any]] | None:
+def _load_ranges(run: Run) -> tuple[LoadRange, ...] | None:
     """Return the range of each contact's load, N; None where it was not logged, or tips always."""
-    loads = run.load_range
-    if not loads.size and len(run.contacts) <= DETERMINATE_CONTACTS:
-        loads = run.contact_load[:, :, None]
+    loads = run.log.load_range
+    if not loads.size and len(run.ground.contacts) <= DETERMINATE_CONTACTS:
+        loads = run.log.contact_load[:, :, None]
     if not loads.size or np.isnan(loads).all():
         return None
     least, most = np.nanmin(loads, axis=(0, 2)).tolist(), np.nanmax(loads, axis=(0, 2)).tolist()
-    rows = zip(run.contacts, least, most, strict=True)
-    return [{"name": name, "min": low, "max": high} for name, low, high in rows]
+    rows = zip(run.ground.contacts, least, most, strict=True)
+    return tuple(LoadRange(*row) for row in rows)
 
 
 def _balance(run: Run, margin: float) -> str:
     if margin >= 0.0:
         return f"keeps {margin:.2g} m from tipping"
-    first = run.t[int(np.argmax(run.tip_margin < 0.0))]
+    first = run.t[int(np.argmax(run.log.tip_margin < 0.0))]
     return f"would tip over at {first:.3g} s, by {-margin:.2g} m at worst,"
 
 
 def _grip(run: Run, slips: Array | None, equal: float) -> str:
     """Return what the motion needs of the grip, in words."""
-    many, friction = len(run.contacts), f"the grip at friction {run.friction:g}"
+    many, friction = len(run.ground.contacts), f"the grip at friction {run.ground.friction:g}"
     if slips is None:
-        grip_text = _grip_needed(run, np.column_stack([run.slip_ratio, run.slip_ratio]), friction)
+        grip_text = _grip_needed(
+            run, np.column_stack([run.log.slip_ratio, run.log.slip_ratio]), friction
+        )
         return f"{grip_text} ({many} contacts, taken as equally stiff)"
     if np.isnan(slips).all():
         return "nothing can be said of its grip"

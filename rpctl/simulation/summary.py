@@ -2,162 +2,265 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
-from rpctl.simulation.slip_and_tip import ground
+from rpctl.simulation.slip_and_tip import GroundFigures, ground
 
 LIMIT_NAMES = {"lower": "lower position", "upper": "upper position"}  # in words
 LIMIT_TOLERANCE = 1e-9  # of a limit: touching it is not breaking it
 
 
-def summarize(run: Run) -> dict[str, Any]:
-    """Return the figures of merit of a run.
+@dataclass(frozen=True)
+class JointError:
+    """How far a joint was from its reference, in its unit; ``settled`` as of a :class:`Summary`."""
 
-    Errors are distances in m, joint errors in each joint's unit; ``settled`` figures are the
-    largest over the second half. ``limits_violated`` lists every limit of the URDF that was
-    broken, as :func:`violations` does, and ``limits_bound`` every one that the dynamic law had to
-    heed, as :func:`binding_limits` does. A robot without an arm has None for its end
-    effector; one without effort limits has None for ``max_effort_ratio``. What a kinematic law
-    counts is in ``kinematic_report``, None for a law that counts nothing. What the ground does is
-    in the keys of :func:`ground`.
+    joint: str
+    unit: str
+    rms: float
+    final: float
+    settled: float
+
+
+@dataclass(frozen=True)
+class EffortPeak:
+    """The largest effort of an actuator, and its limit, N·m or N; inf where there is none."""
+
+    actuator: str
+    peak: float
+    limit: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit of the URDF that a run broke.
+
+    Attributes:
+        joint: The joint.
+        limit: ``"effort"``, ``"velocity"``, ``"lower"`` or ``"upper"``.
+        value: The furthest beyond the limit: of a lower limit the least position; of efforts and
+            rates the largest size.
+        allowed: The limit, in the same unit.
+        first_time: When it was broken first, s.
+        duration: For how long in all, s.
     """
-    base = np.hypot(run.e[:, 0], run.e[:, 1])
-    joints = run.e[:, 3:]
-    arm = np.linalg.norm(run.ee - run.ee_ref, axis=1) if run.end_effector else None
+
+    joint: str
+    limit: str
+    value: float
+    allowed: float
+    first_time: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class BindingLimit:
+    """A limit that bound the efforts.
+
+    Attributes:
+        joint: The joint.
+        limit: ``"effort"``, ``"velocity"``, ``"lower"`` or ``"upper"``.
+        first_time: When it bound first, s.
+        first_place: Where P was then (x, y), m.
+        duration: For how long in all, s.
+    """
+
+    joint: str
+    limit: str
+    first_time: float
+    first_place: tuple[float, float]
+    duration: float
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one sentence."""
+        x, y = self.first_place
+        return (
+            f"{self.joint} {LIMIT_NAMES.get(self.limit, self.limit)} limit bound from "
+            f"{self.first_time:.3g} s, at ({x:.2f}, {y:.2f}) m, {self.duration:.2g} s in all"
+        )
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The figures of merit of a run; ``settled`` figures are the largest over its second half.
+
+    Attributes:
+        duration: Time simulated, s.
+        rms_base_error: Root mean square of P's distance from its reference, m.
+        final_base_error: That distance at the end, m.
+        settled_base_error: Its largest over the second half, m.
+        final_lateral_error: Its lateral part at the end, m.
+        joint_errors: Of each joint of the arm.
+        rms_end_effector_error: Root mean square of the end effector's distance from its
+            reference, m; None for a robot without an arm, as are the two that follow.
+        final_end_effector_error: That distance at the end, m.
+        settled_end_effector_error: Its largest over the second half, m.
+        efforts: Of each actuator.
+        max_effort_ratio: Largest effort over its limit; None without effort limits.
+        max_effort_joint: The actuator whose ratio that is.
+        limits_violated: Every limit of the URDF that was broken.
+        limits_bound: Every limit that the dynamic law had to heed.
+        ground: What the ground does.
+        kinematic_report: What the kinematic law counts, by name; empty for one that counts nothing.
+        energy_residual: Largest gap between energy and work, relative to the work's swing.
+        constraint_residual: Largest entry of |A v|; m/s, rad/s.
+        wall_time: What the simulation took, s.
+        realtime_factor: Time simulated per time taken.
+    """
+
+    duration: float
+    rms_base_error: float
+    final_base_error: float
+    settled_base_error: float
+    final_lateral_error: float
+    joint_errors: tuple[JointError, ...]
+    rms_end_effector_error: float | None
+    final_end_effector_error: float | None
+    settled_end_effector_error: float | None
+    efforts: tuple[EffortPeak, ...]
+    max_effort_ratio: float | None
+    max_effort_joint: str | None
+    limits_violated: tuple[Violation, ...]
+    limits_bound: tuple[BindingLimit, ...]
+    ground: GroundFigures
+    kinematic_report: Mapping[str, float]
+    energy_residual: float
+    constraint_residual: float
+    wall_time: float
+    realtime_factor: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures as JSON says them: flat, those of the ground among the others."""
+        found: dict[str, Any] = {}
+        for name, value in asdict(self).items():
+            if name == "ground":
+                found |= {"ground" if key == "sentence" else key: v for key, v in value.items()}
+            else:
+                found[name] = value
+        found["kinematic_report"] = self.kinematic_report or None
+        found["limits_bound"] = [{**asdict(b), "told": b.sentence} for b in self.limits_bound]
+        return found
+
+
+def summarize(run: Run) -> Summary:
+    """Return the figures of merit of a run."""
+    log, robot = run.log, run.robot
+    base = np.hypot(log.e[:, 0], log.e[:, 1])
+    arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
     half = len(run.t) // 2
     tau = np.abs(run.tau).max(axis=0)
-    limited = np.isfinite(run.effort_limits)
-    peaks = np.where(limited, tau / np.array(run.effort_limits), -1.0)  # -1: never the largest
+    limited = np.isfinite(robot.effort_limits)
+    peaks = np.where(limited, tau / np.array(robot.effort_limits), -1.0)  # -1: never the largest
     duration = float(run.t[-1])
-    return {
-        "duration": duration,
-        "rms_base_error": _rms(base),
-        "final_base_error": float(base[-1]),
-        "settled_base_error": float(base[half:].max()),
-        "final_lateral_error": float(abs(run.e[-1, 1])),
-        "joint_errors": [
-            {"joint": name, "unit": unit, **_errors(error, half)}
-            for name, unit, error in zip(run.joint_names, run.units, joints.T, strict=True)
-        ],
-        "rms_end_effector_error": None if arm is None else _rms(arm),
-        "final_end_effector_error": None if arm is None else float(arm[-1]),
-        "settled_end_effector_error": None if arm is None else float(arm[half:].max()),
-        "efforts": [
-            {"actuator": name, "peak": peak, "limit": limit, "ratio": peak / limit}
+    return Summary(
+        duration=duration,
+        rms_base_error=_rms(base),
+        final_base_error=float(base[-1]),
+        settled_base_error=float(base[half:].max()),
+        final_lateral_error=float(abs(log.e[-1, 1])),
+        joint_errors=_joint_errors(run, half),
+        rms_end_effector_error=None if arm is None else _rms(arm),
+        final_end_effector_error=None if arm is None else float(arm[-1]),
+        settled_end_effector_error=None if arm is None else float(arm[half:].max()),
+        efforts=tuple(
+            EffortPeak(name, peak, limit, peak / limit)
             for name, peak, limit in zip(
-                run.actuators, tau.tolist(), run.effort_limits, strict=True
+                robot.actuators, tau.tolist(), robot.effort_limits, strict=True
             )
-        ],
-        "max_effort_ratio": float(peaks.max()) if limited.any() else None,
-        "max_effort_joint": run.actuators[int(peaks.argmax())] if limited.any() else None,
-        "limits_violated": violations(run),
-        "limits_bound": binding_limits(run),
-        **ground(run),
-        "kinematic_report": run.settings.get("kinematic_report"),
-        "energy_residual": _energy_residual(run),
-        "constraint_residual": float(run.constraint_residual.max()),
-        "wall_time": run.wall_time,
-        "realtime_factor": duration / run.wall_time,
-    }
+        ),
+        max_effort_ratio=float(peaks.max()) if limited.any() else None,
+        max_effort_joint=robot.actuators[int(peaks.argmax())] if limited.any() else None,
+        limits_violated=violations(run),
+        limits_bound=binding_limits(run),
+        ground=ground(run),
+        kinematic_report=run.settings.get("kinematic_report", {}),
+        energy_residual=_energy_residual(run),
+        constraint_residual=float(log.constraint_residual.max()),
+        wall_time=run.wall_time,
+        realtime_factor=duration / run.wall_time,
+    )
 
 
-def violations(run: Run) -> list[dict[str, Any]]:
-    """Return the limits of the URDF that a run broke: which, how far, when first, for how long.
-
-    ``value`` is the furthest beyond the limit ``allowed``, both as the joint counts: of a lower
-    limit the least position; of efforts and rates the size.
-    """
-    found = []
+def violations(run: Run) -> tuple[Violation, ...]:
+    """Return the limits of the URDF that a run broke."""
+    log, robot = run.log, run.robot
+    found: list[Violation] = []
     for name, tau, rate, effort_limit, velocity_limit in zip(
-        run.actuators, run.tau.T, run.rates.T, run.effort_limits, run.velocity_limits, strict=True
+        robot.actuators,
+        run.tau.T,
+        log.rates.T,
+        robot.effort_limits,
+        robot.velocity_limits,
+        strict=True,
     ):
         found += _violation(run, name, "effort", np.abs(tau), effort_limit)
         found += _violation(run, name, "velocity", np.abs(rate), velocity_limit)
     for name, position, lower, upper in zip(
-        run.joint_names, run.joints.T, run.lower_limits, run.upper_limits, strict=True
+        robot.joint_names, log.joints.T, robot.lower_limits, robot.upper_limits, strict=True
     ):
         found += _position_violations(run, name, position, lower, upper)
     for name, position, (lower, upper) in zip(
-        run.steering_names, run.steering.T, run.steering_limits, strict=True
+        robot.steering_names, log.steering.T, robot.steering_limits, strict=True
     ):
         found += _position_violations(run, name, position, lower, upper)
     for name, position, rate, (lower, upper, fastest) in zip(
-        run.other_names, run.others.T, run.other_rates.T, run.other_limits, strict=True
+        robot.other_names, log.others.T, log.other_rates.T, robot.other_limits, strict=True
     ):
-        if name not in run.actuators:
+        if name not in robot.actuators:
             found += _violation(run, name, "velocity", np.abs(rate), fastest)
-        if name not in run.steering_names:
+        if name not in robot.steering_names:
             found += _position_violations(run, name, position, lower, upper)
-    return found
+    return tuple(found)
 
 
-def binding_limits(run: Run) -> list[dict[str, Any]]:
-    """Return the limits that bound the efforts: which, when and where first, for how long.
-
-    ``first_place`` is where P was (x, y), m; ``told`` says it all in one sentence.
-    """
+def binding_limits(run: Run) -> tuple[BindingLimit, ...]:
+    """Return the limits that bound the efforts."""
     found = []
-    for (joint, kind), active in zip(run.bound_limits, run.active_limits.T, strict=True):
+    for (joint, kind), active in zip(run.log.bound_limits, run.log.active_limits.T, strict=True):
         first, duration = int(np.argmax(active)), float(active.mean() * run.t[-1])
-        x, y = run.base[first, :2].tolist()
-        at, limit_name = float(run.t[first]), LIMIT_NAMES.get(kind, kind)
-        found.append(
-            {
-                "joint": joint,
-                "limit": kind,
-                "first_time": at,
-                "first_place": [x, y],
-                "duration": duration,
-                "told": f"{joint} {limit_name} limit bound from {at:.3g} s, at ({x:.2f}, {y:.2f}) "
-                f"m, {duration:.2g} s in all",
-            }
-        )
-    return found
+        x, y = run.log.base[first, :2].tolist()
+        found.append(BindingLimit(joint, kind, float(run.t[first]), (x, y), duration))
+    return tuple(found)
 
 
 def _position_violations(
     run: Run, joint: str, position: Array, lower: float, upper: float
-) -> list[dict[str, Any]]:
+) -> list[Violation]:
     """Return the position limits that a joint broke."""
-    below = _violation(run, joint, "lower", -position, -lower)
-    for broken in below:  # found as an upper limit of the negative; told as the joint counts
-        broken |= {"value": -broken["value"], "allowed": -broken["allowed"]}
+    below = [  # found as an upper limit of the negative, kept as the joint counts
+        replace(broken, value=-broken.value, allowed=-broken.allowed)
+        for broken in _violation(run, joint, "lower", -position, -lower)
+    ]
     return [*below, *_violation(run, joint, "upper", position, upper)]
 
 
-def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[dict[str, Any]]:
+def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[Violation]:
     broken = value > limit + LIMIT_TOLERANCE * max(abs(limit), 1.0)
     if not broken.any():
         return []
-    return [
-        {
-            "joint": joint,
-            "limit": kind,
-            "value": float(value.max()),
-            "allowed": float(limit),
-            "first_time": float(run.t[int(np.argmax(broken))]),
-            "duration": float(broken.mean() * run.t[-1]),
-        }
-    ]
+    first, duration = float(run.t[int(np.argmax(broken))]), float(broken.mean() * run.t[-1])
+    return [Violation(joint, kind, float(value.max()), float(limit), first, duration)]
+
+
+def _joint_errors(run: Run, half: int) -> tuple[JointError, ...]:
+    rows = zip(run.robot.joint_names, run.robot.units, np.abs(run.log.e[:, 3:].T), strict=True)
+    return tuple(
+        JointError(name, unit, _rms(size), float(size[-1]), float(size[half:].max()))
+        for name, unit, size in rows
+    )
 
 
 def _energy_residual(run: Run) -> float:
     """Return the largest gap between energy and work, relative to the work's swing."""
-    gap = run.energy - run.energy[0] - run.work
-    return float(np.abs(gap).max() / max(float(np.ptp(run.work)), 1e-12))
-
-
-def _errors(error: Array, half: int) -> dict[str, float]:
-    size = np.abs(error)
-    return {
-        "rms": _rms(error),
-        "final": float(size[-1]),
-        "settled": float(size[half:].max()),
-    }
+    gap = run.log.energy - run.log.energy[0] - run.log.work
+    return float(np.abs(gap).max() / max(float(np.ptp(run.log.work)), 1e-12))
 
 
 def _rms(values: Array) -> float:

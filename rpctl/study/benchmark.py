@@ -18,9 +18,8 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.law import Rest, Startable, started
-from rpctl.control.registry import kinematic_by_name
+from rpctl.control.law import Law, Rest
+from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
@@ -35,7 +34,7 @@ from rpctl.study.scenarios import SCENARIOS, LawPair
 REFERENCES = ("line", "reverse", "spin", "circle", "eight", "waypoints", "ee-square")
 INITIAL_ERROR = (0.1, -0.1, 0.1)  # m, m, rad
 
-Law = TypeVar("Law")
+Controller = TypeVar("Controller")
 Progress = Callable[[int, int], object]
 
 
@@ -103,29 +102,32 @@ class Stopwatch:
     def __init__(self) -> None:
         self.seconds: list[float] = []  # of each call, the laws in turn
 
-    def time_law(self, law: Law | Startable[Law]) -> _Timed[Law]:
+    def time_law(self, law: Law[Controller]) -> Law[Controller]:
         """Return a law that is timed."""
-        return _Timed(law, self.seconds)
+        return _TimedLaw(law, self.seconds)
 
 
-class _Timed(Generic[Law]):
-    def __init__(self, law: Law | Startable[Law], call_seconds: list[float]) -> None:
+class _TimedLaw(Generic[Controller]):
+    def __init__(self, law: Law[Controller], call_seconds: list[float]) -> None:
         self._law, self._seconds = law, call_seconds
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
-    ) -> Law:
-        """Return the law of one run."""
-        law: Any = started(self._law, dynamics, control_period, rest)
-        call_seconds = self._seconds
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+    ) -> Controller:
+        """Return the controller of one run; see :meth:`rpctl.control.law.Law.start`."""
+        controller = self._law.start(dynamics, period, rest)
+        return cast("Controller", _TimedController(controller, self._seconds))
 
-        def timed(*arguments: Any) -> Any:
-            began = time.thread_time()
-            answer = law(*arguments)
-            call_seconds.append(time.thread_time() - began)
-            return answer
 
-        return cast("Law", timed)
+class _TimedController:
+    def __init__(self, controller: Any, call_seconds: list[float]) -> None:
+        self.report, self._controller, self._seconds = controller.report, controller, call_seconds
+
+    def __call__(self, *arguments: Any) -> Any:
+        began = time.thread_time()
+        answer = self._controller(*arguments)
+        self._seconds.append(time.thread_time() - began)
+        return answer
 
 
 class Benchmark:
@@ -192,20 +194,20 @@ def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
         call_seconds: What each call of its two laws took, in turn, s.
     """
     summary = summarize(run)
-    limits = np.array(run.effort_limits)
+    limits = np.array(run.robot.effort_limits)
     effort_ratios = (run.tau / limits)[:, np.isfinite(limits)]
     samples = np.reshape(call_seconds, (-1, 2)).sum(axis=1)
     return Figures(
-        rms_base=summary["rms_base_error"],
-        final_base=summary["final_base_error"],
-        final_lateral=summary["final_lateral_error"],
-        rms_end_effector=summary["rms_end_effector_error"],
-        final_end_effector=summary["final_end_effector_error"],
+        rms_base=summary.rms_base_error,
+        final_base=summary.final_base_error,
+        final_lateral=summary.final_lateral_error,
+        rms_end_effector=summary.rms_end_effector_error,
+        final_end_effector=summary.final_end_effector_error,
         peak_effort=float(np.abs(effort_ratios).max()) if effort_ratios.size else None,
         rms_effort=float(np.sqrt(np.mean(np.square(effort_ratios))))
         if effort_ratios.size
         else None,
-        violations=tuple(f"{each['joint']} {each['limit']}" for each in summary["limits_violated"]),
+        violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
         sample_time=float(np.median(samples)),
         sample_time_99=float(np.percentile(samples, 99.0)),
     )

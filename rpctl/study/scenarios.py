@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference

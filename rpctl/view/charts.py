@@ -1,13 +1,15 @@
-"""What the interactive plots of a run show: lines over time, by what they measure."""
+"""The charts of a run, described once: the page and the paper figure both draw these."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
+from rpctl.view.chart import Chart, Line, Panel
 
 BASE_SPEED_LABELS = {
     "v": ("v", "m/s"),
@@ -15,197 +17,229 @@ BASE_SPEED_LABELS = {
     "vy": ("vy", "m/s"),
     "omega": ("ω", "rad/s"),
 }
-GRIP_SHOWN_MAX = 3.0  # that a grip's line shows at most: beyond, the wheel slips or is in the air
+PRINTED_SYMBOLS = {"vx": "$v_x$", "vy": "$v_y$"}
+ALL_SPLITS = "all splits of the load"  # what a band shows
+EQUAL_SPRINGS = "equally stiff contacts"  # what the line in a band shows
+GRIP_SHOWN_MAX = 3.0  # largest slip ratio drawn; beyond it the curve is clipped
+MAX_JOINTS_WITH_REFERENCE = 3  # a panel with more joints has no room for their references
+AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
+AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
 
-@dataclass(frozen=True, eq=False)
-class ChartLine:
-    """One line of a chart.
-
-    Attributes:
-        label: What it shows.
-        unit: Unit of the value that a reader is told.
-        values: What is drawn (K,).
-        colour: Its number in the page's palette.
-        scale: The value told is what is drawn times this.
-        reference: What it should be (K,), drawn dashed, or None.
-        shown: Whether it is drawn until somebody asks for it.
-        band: The least and the largest value (K,) that it may have, the latter inf where it is far
-            beyond the axis; None where there is one value.
-    """
-
-    label: str
-    unit: str
-    values: Array
-    colour: int
-    scale: float = 1.0
-    reference: Array | None = None
-    shown: bool = True
-    band: tuple[Array, Array] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Chart:
-    """Lines that share their axes.
-
-    Attributes:
-        title: What the chart shows.
-        unit: Unit of its axis.
-        lines: At least one.
-        limits: Levels that are drawn dashed and always in view.
-        errors: Whether its lines are errors, of which the magnitude is drawn over decades.
-        note: What a reader must know beside the title.
-    """
-
-    title: str
-    unit: str
-    lines: tuple[ChartLine, ...]
-    limits: tuple[float, ...] = ()
-    errors: bool = False
-    note: str = ""
-
-
-def charts(run: Run) -> list[Chart]:
-    """Return the charts that suit a run: errors, speeds, efforts, and what the ground bears."""
-    found = [_base_error(run), _tip_error(run), _joint_errors(run)]
-    found += [*_speeds(run), *_efforts(run), *_margins(run), _loads(run)]
-    return [chart for chart in found if chart is not None and chart.lines]
+def charts(run: Run) -> tuple[Chart, ...]:
+    """Return the charts that a run has data for: errors, speeds, efforts, margins, loads."""
+    found = (
+        *_base_error(run),
+        *_tip_error(run),
+        _joint_errors(run),
+        *_speeds(run),
+        *_efforts(run),
+        *_margins(run),
+        _loads(run),
+    )
+    return tuple(chart for chart in found if chart.lines)
 
 
 def has_base(run: Run) -> bool:
     """Return whether the base moves."""
-    return any(_of_base(run, name) for name in run.quasi_velocities)
+    return any(_of_base(run, name) for name in run.robot.quasi_velocities)
+
+
+def coloured_joints(run: Run) -> list[str]:
+    """Return the joints in the order of their colours, the same in all charts."""
+    return list(dict.fromkeys((*run.robot.actuators, *run.robot.joint_names)))
 
 
 def short_name(joint: str) -> str:
-    """Return a joint's name without what all joints' names end in."""
+    """Return a joint's name without its suffix ``_joint``."""
     return joint.removesuffix("_joint")
 
 
-def _base_error(run: Run) -> Chart | None:
+def grip_top(run: Run) -> float:
+    """Return the upper end of the slip-ratio axis: the largest value, from 1 to GRIP_SHOWN_MAX.
+
+    Of the band, a largest value beyond GRIP_SHOWN_MAX does not count.
+    """
+    needed = [1.0, min(float(run.log.slip_ratio.max()), GRIP_SHOWN_MAX)]
+    most = float(np.nanmax(run.log.slip_range, initial=0.0))
+    return max(*needed, most if most <= GRIP_SHOWN_MAX else 0.0)
+
+
+def _base_error(run: Run) -> list[Chart]:
     if not has_base(run):
-        return None
-    x1, x2, x3 = run.e[:, :3].T
+        return []
+    x1, x2, x3 = run.log.e[:, :3].T
     lines = (
-        ChartLine("distance", "m", np.hypot(x1, x2), 3, shown=False),
-        ChartLine("longitudinal x₁", "m", x1, 0),
-        ChartLine("lateral x₂", "m", x2, 1),
-        ChartLine("heading x₃", "rad", x3, 2),
+        Line("distance", "m", np.hypot(x1, x2), 3, shown=False),
+        Line("longitudinal x₁", "m", x1, 0, printed="longitudinal |x₁|, m"),
+        Line("lateral x₂", "m", x2, 1, printed="lateral |x₂|, m", dash=1),
+        Line("heading x₃", "rad", x3, 2, printed="heading |x₃|, rad", dash=2),
     )
-    return Chart("Base error", "m, rad", lines, errors=True)
+    panel = Panel("base", "Base error", "m or rad", legend="own")
+    return [Chart("Base error", "m, rad", lines, errors=True, panel=panel)]
 
 
-def _tip_error(run: Run) -> Chart | None:
-    if not run.ee.shape[1]:
-        return None
-    distance = np.linalg.norm(run.ee_ref - run.ee, axis=1)
+def _tip_error(run: Run) -> list[Chart]:
+    if not run.log.ee.shape[1]:
+        return []
+    distance = np.linalg.norm(run.log.ee_ref - run.log.ee, axis=1)
     lines = (
-        ChartLine("position", "m", distance, 1),
-        ChartLine("orientation", "rad", run.ee_angle, 4),
+        Line("position", "m", distance, 1, printed="position, mm"),
+        Line("orientation", "rad", run.log.ee_angle, 4, printed="orientation, mrad", dash=1),
     )
-    return Chart("End-effector error", "m, rad", lines, errors=True)
+    panel = Panel("tip", "End-effector error", "mm or mrad", factor=1e3, legend="own")
+    return [Chart("End-effector error", "m, rad", lines, errors=True, panel=panel)]
 
 
 def _joint_errors(run: Run) -> Chart:
     lines = tuple(
-        ChartLine(short_name(name), unit, error, _colour(run, name))
-        for name, unit, error in zip(run.joint_names, run.units, run.e[:, 3:].T, strict=True)
+        Line(short_name(name), unit, error, _colour(run, name))
+        for name, unit, error in zip(
+            run.robot.joint_names, run.robot.units, run.log.e[:, 3:].T, strict=True
+        )
     )
-    return Chart("Joint errors", _units(lines), lines, errors=True)
+    panel = Panel("joints", "Joint errors", _units(lines, " or "), legend="joints")
+    return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel)
 
 
 def _speeds(run: Run) -> list[Chart]:
-    """Return the quasi-velocities with their reference: of the base, the arm, and the rest."""
-    groups: dict[str, list[ChartLine]] = {"Base speeds": [], "Joint speeds": [], "Other speeds": []}
-    for name, actual, wanted in zip(run.quasi_velocities, run.nu.T, run.nu_ref.T, strict=True):
+    """Return the quasi-velocities with their reference: of the base, the arm, and the rest.
+
+    On paper the rest, steering, joins the base and continues its colours.
+    """
+    base: list[Line] = []
+    arm: list[Line] = []
+    rest: list[Line] = []
+    for name, actual, wanted in zip(
+        run.robot.quasi_velocities, run.nu.T, run.log.nu_ref.T, strict=True
+    ):
         if _of_base(run, name):
-            label, unit = BASE_SPEED_LABELS[name]
-            title, colour = "Base speeds", len(groups["Base speeds"])
+            group, colour, (label, unit) = base, len(base), BASE_SPEED_LABELS[name]
         else:
-            label, unit, colour = short_name(name), f"{_unit(run, name)}/s", _colour(run, name)
-            title = "Joint speeds" if name in run.joint_names else "Other speeds"
-        groups[title].append(ChartLine(label, unit, actual, colour, reference=wanted))
+            group = arm if name in run.robot.joint_names else rest
+            colour, label, unit = _colour(run, name), short_name(name), f"{_unit(run, name)}/s"
+        printed = f"{PRINTED_SYMBOLS.get(label, label)}, {unit}"
+        group.append(Line(label, unit, actual, colour, reference=wanted, printed=printed))
+    joining = tuple(replace(line, colour=k) for k, line in enumerate(rest, len(base)))
+    unit = _units([*base, *joining], " or ")
+    base_panel = Panel("speeds", "Base speeds", unit, legend="own", more=joining)
+    arm_panel = Panel(
+        "joint-speeds",
+        "Joint speeds",
+        _units(arm, " or "),
+        legend="joints",
+        references=len(arm) <= MAX_JOINTS_WITH_REFERENCE,
+    )
     return [
-        Chart(title, _units(lines), tuple(lines), note="dashed: reference")
-        for title, lines in groups.items()
+        Chart(title, _units(lines), tuple(lines), note="dashed: reference", panel=panel)
+        for title, lines, panel in (
+            ("Base speeds", base, base_panel),
+            ("Joint speeds", arm, arm_panel),
+            ("Other speeds", rest, None),
+        )
     ]
 
 
 def _efforts(run: Run) -> list[Chart]:
-    """Return the efforts as shares of their limits, and for each unit those without limits."""
-    limited: list[ChartLine] = []
-    free: dict[str, list[ChartLine]] = {"N·m": [], "N": []}
-    for name, tau, limit in zip(run.actuators, run.tau.T, run.effort_limits, strict=True):
-        unit, colour = "N" if _unit(run, name) == "m" else "N·m", _colour(run, name)
+    """Return the efforts in percent of their limits, and for each unit those without limits."""
+    limited: list[Line] = []
+    free: dict[str, list[Line]] = {"N·m": [], "N": []}
+    for name, tau, limit in zip(
+        run.robot.actuators, run.tau.T, run.robot.effort_limits, strict=True
+    ):
+        label, colour = short_name(name), _colour(run, name)
+        unit = "N" if _unit(run, name) == "m" else "N·m"
         if np.isfinite(limit) and limit > 0.0:
-            limited.append(
-                ChartLine(short_name(name), unit, 100.0 * tau / limit, colour, 0.01 * limit)
-            )
+            limited.append(Line(label, unit, 100.0 * tau / limit, colour, 0.01 * limit))
         else:
-            free[unit].append(ChartLine(short_name(name), unit, tau, colour))
-    found = [Chart("Efforts", "% of limit", tuple(limited), (-100.0, 100.0), note="dashed: limits")]
-    return found + [
-        Chart(f"Efforts without limits, {unit}", unit, tuple(lines)) for unit, lines in free.items()
-    ]
+            free[unit].append(Line(label, unit, tau, colour))
+    values = np.array([line.values for line in limited])
+    ends = values.min(initial=-100.0), values.max(initial=100.0)
+    panel = Panel(
+        "efforts",
+        "Efforts, limits dashed",
+        "effort / limit",
+        factor=0.01,
+        legend="joints",
+        span=(AXIS_ZOOM * float(ends[0]), AXIS_ZOOM * float(ends[1])),
+    )
+    shares = Chart("Efforts", "% of limit", tuple(limited), (-100.0, 100.0), panel=panel)
+    found = [replace(shares, note="dashed: limits")]
+    for unit, lines in free.items():
+        title = f"Efforts without limits, {unit}"
+        panel = Panel("efforts", title, f"effort, {unit}", legend="joints")
+        found.append(Chart(title, unit, tuple(lines), panel=panel))
+    return found
 
 
 def _margins(run: Run) -> list[Chart]:
-    if not run.tip_margin.size:
-        return []
-    tip = ChartLine("zero-moment point to edge", "m", run.tip_margin, 0)
-    top = grip_top(run)
-    used, band = 100.0 * np.minimum(run.slip_ratio, top), None
-    if run.slip_range.size:
-        least, most = 100.0 * run.slip_range.T
-        band = np.minimum(least, 100.0 * top), np.where(most > 100.0 * top, np.inf, most)
-    grip = ChartLine("force / (friction · load)", "%", used, 1, band=band)
-    most = max(float(run.slip_ratio.max()), float(np.nanmax(run.slip_range, initial=0.0)))
+    margins = [_tip_margin(run)] if run.log.tip_margin.size else []
+    return [*margins, _grip(run)] if run.log.slip_ratio.size else margins
+
+
+def _tip_margin(run: Run) -> Chart:
+    label = "zero-moment point to edge"
+    low, high = min(0.0, float(run.log.tip_margin.min())), max(0.0, float(run.log.tip_margin.max()))
+    margin = AXIS_MARGIN * (high - low)
+    panel = Panel(
+        "tip-over",
+        "Tip-over margin, limit dashed",
+        f"{label}, m",
+        span=(low - margin, high + margin),
+    )
+    line = Line(label, "m", run.log.tip_margin, 0)
+    note = "tips below the dashed line"
+    return Chart("Tip-over margin", "m", (line,), (0.0,), note=note, panel=panel)
+
+
+def _grip(run: Run) -> Chart:
+    label, top = "force / (friction · load)", grip_top(run)
+    least_most = tuple(100.0 * run.log.slip_range.T)
+    band = (least_most[0], least_most[1]) if run.log.slip_range.size else None
+    line = Line(label, "%", 100.0 * run.log.slip_ratio, 1, band=band, printed=EQUAL_SPRINGS)
+    most = max(float(run.log.slip_ratio.max()), float(np.nanmax(run.log.slip_range, initial=0.0)))
     beyond = f" (drawn up to {100.0 * top:.0f})" if most > top else ""
-    slips = f"friction {run.friction:g}, slips above 100{beyond}"
-    return [
-        Chart("Tip-over margin", "m", (tip,), (0.0,), note="tips below the dashed line"),
-        Chart("Grip used", "%", (grip,), (100.0,), note=slips + _shading(run)),
-    ]
-
-
-def grip_top(run: Run) -> float:
-    """Return how far a grip's axis reaches: to all that is needed, unless that is far too much."""
-    needed = [1.0, min(float(run.slip_ratio.max()), GRIP_SHOWN_MAX)]
-    most = float(np.nanmax(run.slip_range, initial=0.0))
-    return max(*needed, most if most <= GRIP_SHOWN_MAX else 0.0)
-
-
-def _shading(run: Run) -> str:
-    return "; shaded: all splits of the load" if run.slip_range.size else ""
+    panel = Panel(
+        "grip",
+        f"Grip at friction {run.ground.friction:g}, limit dashed",
+        label,
+        factor=0.01,
+        legend="own" if band else "none",
+        span=(0.0, AXIS_ZOOM * 100.0 * top),
+    )
+    note = f"friction {run.ground.friction:g}, slips above 100{beyond}"
+    note += f"; shaded: {ALL_SPLITS}" if band else ""
+    return Chart("Grip used", "%", (line,), (100.0,), note=note, top=100.0 * top, panel=panel)
 
 
 def _loads(run: Run) -> Chart:
-    bands: list[tuple[Array, Array] | None] = [None] * len(run.contacts)
-    if run.load_range.size:
-        bands = [(low, high) for low, high in run.load_range.transpose(1, 2, 0)]
+    """Return the vertical forces of the ground; no panel has them."""
+    bands: list[tuple[Array, Array] | None] = [None] * len(run.ground.contacts)
+    if run.log.load_range.size:
+        bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
     lines = tuple(
-        ChartLine(short_name(name), "N", load, k, band=band)
+        Line(short_name(name), "N", load, k, band=band)
         for k, (name, load, band) in enumerate(
-            zip(run.contacts, run.contact_load.T, bands, strict=False)
+            zip(run.ground.contacts, run.log.contact_load.T, bands, strict=False)
         )
     )
-    return Chart("Ground loads", "N", lines, note=_shading(run).removeprefix("; "))
+    note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
+    return Chart("Ground loads", "N", lines, note=note)
 
 
 def _of_base(run: Run, name: str) -> bool:
-    """Return whether a quasi-velocity is the base's, and not that of a joint which is called so."""
-    return name in BASE_SPEED_LABELS and name not in run.joint_names
+    """Return whether a quasi-velocity is the base's, and not that of a joint with such a name."""
+    return name in BASE_SPEED_LABELS and name not in run.robot.joint_names
 
 
 def _unit(run: Run, joint: str) -> str:
     """Return the unit of a joint's position; wheels and steering, which are no arm's, turn."""
-    return run.units[run.joint_names.index(joint)] if joint in run.joint_names else "rad"
-
-
-def _units(lines: tuple[ChartLine, ...] | list[ChartLine]) -> str:
-    return ", ".join(dict.fromkeys(line.unit for line in lines))
+    return dict(zip(run.robot.joint_names, run.robot.units, strict=True)).get(joint, "rad")
 
 
 def _colour(run: Run, joint: str) -> int:
-    """Return a joint's number, the same in all charts."""
-    return list(dict.fromkeys((*run.actuators, *run.joint_names, joint))).index(joint)
+    return list(dict.fromkeys((*coloured_joints(run), joint))).index(joint)
+
+
+def _units(lines: Iterable[Line], between: str = ", ") -> str:
+    return between.join(dict.fromkeys(line.unit for line in lines))

@@ -38,7 +38,7 @@ CONTROLS = """<div class="bar" role="group" aria-label="Timeline">
 
 
 def show(run: Run) -> str:
-    """Return a run as HTML for a notebook: what it is, and its scene, which can be played.
+    """Return a run as HTML for a notebook: one line of text, and its scene with controls.
 
     Where the robot cannot be loaded any more, the reason stands in the place of the scene.
     """
@@ -47,10 +47,10 @@ def show(run: Run) -> str:
         scene = build_scene(run.load_robot(), run)
     except RpctlError as error:
         return f"<p>{summary}</p><p>The scene cannot be drawn: {escape(str(error))}</p>"
-    page = player(scene, run.robot, ASPECT, asset("notebook.js"), CONTROLS)
+    page = player(scene, run.robot.name, ASPECT, asset("notebook.js"), CONTROLS)
     return IFRAME.substitute(
         summary=summary,
-        title=escape(run.robot),
+        title=escape(run.robot.name),
         page=escape(pack(page)),
         width=MAX_WIDTH_PX,
         aspect=f"{ASPECT:.4f}",
@@ -60,17 +60,19 @@ def show(run: Run) -> str:
 def _summary_line(run: Run) -> str:
     """Return what the run is, and how well it ended, in one line."""
     errors = []
-    if run.drive["wheels"]:
-        errors.append(f"base {1e3 * np.hypot(*run.e[-1, :2]):.3g} mm")
-    if run.end_effector is not None:
-        errors.append(f"end effector {1e3 * np.linalg.norm(run.ee_ref[-1] - run.ee[-1]):.3g} mm")
+    if run.robot.drive.wheels:
+        errors.append(f"base {1e3 * np.hypot(*run.log.e[-1, :2]):.3g} mm")
+    if run.robot.end_effector is not None:
+        errors.append(
+            f"end effector {1e3 * np.linalg.norm(run.log.ee_ref[-1] - run.log.ee[-1]):.3g} mm"
+        )
     reference = PurePath(run.settings.get("reference", "motion")).name  # no folder of this machine
     duration = run.t[-1] - run.t[0]
-    return f"{run.robot}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
+    return f"{run.robot.name}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
 
 
 def pack(page: str) -> str:
-    """Return a page that unpacks itself, of half the size: notebooks keep all that they show."""
+    """Return a page that unpacks itself, at half the size: notebooks store their outputs."""
     script = asset("unpack.js")
     inner = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
     packed = base64.b64encode(zlib.compress(page.encode(), level=9)).decode()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,7 +12,7 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
+from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.report import write_report
 from rpctl.view.plots.figures import save_tracking_figure
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES
@@ -28,11 +28,37 @@ MAX_REPORT_MB = 6.0  # of a report, unless the user says otherwise
 BYTES_PER_MB = 1_000_000  # of a megabyte
 REPORT_ATTEMPTS = 6  # at a report within its size
 SIZE_TARGET_RATIO = (
-    0.97  # of the size that is aimed at: triangles are only about as many as asked for
+    0.97  # fraction of the size limit aimed at: simplification misses its count a little
 )
 
 
-def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> dict[str, Any]:
+@dataclass(frozen=True)
+class RunFolder:
+    """What was written of a run.
+
+    Attributes:
+        summary: Its figures of merit.
+        report: The report.
+        report_bytes: Its size.
+        notes: What could not be done, in sentences.
+    """
+
+    summary: Summary
+    report: Path
+    report_bytes: int
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as ``summary.json`` says it."""
+        return {
+            **self.summary.to_dict(),
+            "report": str(self.report),
+            "report_bytes": self.report_bytes,
+            "notes": self.notes,
+        }
+
+
+def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> RunFolder:
     """Write all files of a run; each is there whole or not at all.
 
     Args:
@@ -41,7 +67,7 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> di
         megabytes: What the report may take, MB; meshes are simplified until it does.
 
     Returns:
-        The figures of merit, with the report's path and size, and notes on what could not be done.
+        The figures of merit, the report's path and size, and notes on what could not be done.
 
     Raises:
         RpctlError: The folder cannot be made or written to.
@@ -56,16 +82,13 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> di
     save_tracking_figure(run, folder / FIGURE_FILE)
     report = folder / REPORT_FILE
     scene = _write_sized(run, robot, summary, report, megabytes)
-    summary |= {"report": str(report), "report_bytes": report.stat().st_size}
-    summary |= {"notes": list(scene.notes)}
-    write_atomically(folder / SUMMARY_FILE, (to_json(summary) + "\n").encode())
-    return summary
+    written = RunFolder(summary, report, report.stat().st_size, tuple(scene.notes))
+    write_atomically(folder / SUMMARY_FILE, (to_json(written.to_dict()) + "\n").encode())
+    return written
 
 
-def _write_sized(
-    run: Run, robot: Robot, summary: Mapping[str, Any], path: Path, megabytes: float
-) -> Scene:
-    """Write a report that is no larger than asked, if fewer triangles can bring that about."""
+def _write_sized(run: Run, robot: Robot, summary: Summary, path: Path, megabytes: float) -> Scene:
+    """Write a report within a size, simplifying meshes until it fits or cannot become smaller."""
     triangles = MAX_TRIANGLES
     for _ in range(REPORT_ATTEMPTS):
         scene = build_scene(robot, run, triangles)
@@ -91,7 +114,7 @@ def is_run(name: str) -> bool:
 def report_source(
     runs: Sequence[Path], package_dirs: Sequence[str | Path] = ()
 ) -> Callable[[], bytes]:
-    """Return what reads the report of a run, or of several; written anew where there is none.
+    """Return a function that reads the report of one run or several, written first if missing.
 
     Args:
         runs: Their folders or ``run.npz`` files.
@@ -108,7 +131,7 @@ def report_source(
 
 
 def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
-    """Return the report of a run's folder or ``run.npz``; written anew where it is not there.
+    """Return the path of a run's report; it is written first if it is missing.
 
     Args:
         run: The folder or file.

@@ -16,11 +16,12 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.command import Command
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.qp import QuadraticProgram, Solver
+from rpctl.control.horizon.qp import QuadraticProgram
+from rpctl.control.horizon.solver import Solver
 from rpctl.control.horizon.target import TimeScaling, look_ahead
-from rpctl.reference.motion import reference_by_name
+from rpctl.control.law import Command
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
 
 NOW = 5.0  # s
@@ -95,7 +96,7 @@ def main() -> None:
         for clock, values in zip(("wall", "CPU"), clocks, strict=True):
             median, late = np.percentile(values[1:], [50, 99])
             print(f"{name:6} {clock:4}  median {median:5.2f} ms  99th percentile {late:5.2f} ms")
-    print(rpctl.summarize(run)["kinematic_report"])
+    print(rpctl.summarize(run).kinematic_report)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,13 @@
-"""Speeds, each beside a peer in the same run: compare ratios, not absolute times."""
+"""Speeds, each beside a peer in the same run: compare ratios, not absolute times.
+
+``python -m tests.bench.test_speed`` prints the forward dynamics of every drive beside its floor.
+"""
 
 from __future__ import annotations
 
 import itertools
+import time
+import timeit
 from collections.abc import Callable
 
 import numpy as np
@@ -13,21 +18,30 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.dynamic import dynamic_by_name
-from rpctl.control.law import started
-from rpctl.control.registry import kinematic_by_name
+from rpctl.control.law import Command
+from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.motion import rk4_step
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
+from rpctl.robot import catalog
 from rpctl.study.scenarios import LawPair, controllers
 
 State = tuple[ReducedDynamics, Array, Array, Array]
 
 
+DRIVES = (*(entry.name for entry in catalog.ENTRIES if entry.own), "tiago", "tiago_pro")
+FLOORS, OVERHEAD = 4.0, 15.0  # times the floor, and µs: what forward dynamics may take
+
+
+def state_of(robot: Robot) -> State:
+    rng = np.random.default_rng(20210601)
+    q = robot.random_configuration(rng)
+    tau = rng.normal(size=len(robot.actuators))
+    return ReducedDynamics(robot), q, rng.normal(size=robot.dof), tau
+
+
 @pytest.fixture
-def state(tiago: Robot, rng: np.random.Generator) -> State:
-    q = tiago.random_configuration(rng)
-    return ReducedDynamics(tiago), q, rng.normal(size=tiago.dof), rng.normal(size=tiago.dof)
+def state(tiago: Robot) -> State:
+    return state_of(tiago)
 
 
 def floor(state: State) -> Callable[[], object]:
@@ -57,8 +71,10 @@ def naive(state: State) -> Callable[[], object]:
 
 
 def projected(state: State) -> Callable[[], object]:
+    """Forward dynamics where the robot was not before: nothing of the last call serves again."""
     dynamics, q, nu, tau = state
-    return lambda: dynamics.forward(q, nu, tau)
+    places = itertools.cycle((q, dynamics.robot.configuration()))
+    return lambda: dynamics.forward(next(places), nu, tau)
 
 
 @pytest.mark.benchmark(group="forward dynamics of TIAGo")
@@ -67,13 +83,22 @@ def test_forward(benchmark: BenchmarkFixture, state: State, make: Callable[..., 
     benchmark(make(state))
 
 
+@pytest.mark.parametrize("make", [floor, projected], ids=lambda make: make.__name__)
+@pytest.mark.parametrize("name", DRIVES)
+def test_forward_of_each_drive(
+    benchmark: BenchmarkFixture, name: str, make: Callable[..., Callable[[], object]]
+) -> None:
+    benchmark.group = f"forward dynamics of {name}"
+    benchmark(make(state_of(rpctl.load(name))))
+
+
 @pytest.mark.benchmark(group="control sample of TIAGo")
 @pytest.mark.parametrize("pair", controllers(), ids=str)
 def test_control_sample(benchmark: BenchmarkFixture, tiago: Robot, pair: LawPair) -> None:
     """Both laws of each controller that ``rpctl compare`` compares, off their reference."""
     dynamics, reference = ReducedDynamics(tiago), reference_by_name(tiago, "eight")
-    kinematic = started(kinematic_by_name(pair.kinematic), dynamics, 0.002)
-    dynamic = started(dynamic_by_name(pair.dynamic), dynamics, 0.002)
+    kinematic = kinematic_by_name(pair.kinematic).start(dynamics, 0.002)
+    dynamic = dynamic_by_name(pair.dynamic).start(dynamics, 0.002)
     state = reference(7.0)
     q = tiago.configuration_at(state.pose + 0.05, state.joints)
     nu = np.concatenate([state.twist[[0, 2]], state.joint_rates])
@@ -94,7 +119,7 @@ def test_dynamic_law(
 ) -> None:
     dynamics, q = ReducedDynamics(tiago), tiago.configuration_at(np.zeros(3), tiago.home)
     nu, nu_d, nu_d_dot = size * rng.normal(size=(3, tiago.dof))
-    law = started(dynamic_by_name(name), dynamics, 0.002)
+    law = dynamic_by_name(name).start(dynamics, 0.002)
     benchmark(law, dynamics, q, nu, Command(nu_d, nu_d_dot))
 
 
@@ -117,3 +142,20 @@ def test_verify_ten_states(benchmark: BenchmarkFixture, tiago: Robot) -> None:
 @pytest.mark.benchmark(group="whole tasks on TIAGo")
 def test_track_one_second(benchmark: BenchmarkFixture, tiago: Robot) -> None:
     benchmark(rpctl.track, tiago, "eight", 1.0)
+
+
+def main() -> None:
+    """Print the least CPU times (µs) of the floor and of the forward dynamics of each drive."""
+    for name in DRIVES:
+        state = state_of(rpctl.load(name))
+        lowest, forward = (
+            1e3 * min(timeit.repeat(make(state), timer=time.thread_time, number=1000, repeat=20))
+            for make in (floor, projected)
+        )
+        kept = forward <= FLOORS * lowest + OVERHEAD
+        goal = f"{FLOORS:g} floors + {OVERHEAD:g}: {FLOORS * lowest + OVERHEAD:5.1f}"
+        print(f"{name:14} floor {lowest:5.1f}  forward {forward:5.1f}  {goal}  {kept}")
+
+
+if __name__ == "__main__":
+    main()

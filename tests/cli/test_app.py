@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rpctl.cli.app import app
+from rpctl.cli.app import COMMANDS, app, load_command
+from rpctl.cli.options import LoadOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.view.film.browser import BROWSER_NAMES
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 runner = CliRunner()
@@ -178,6 +181,7 @@ def test_track_asks_for_a_browser_before_it_simulates(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, BROWSER_NAMES)), reason="no chromium on PATH")
 def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
     run("track", "paper", "--duration", "0.2", "--samples", "0", "--png", "--out", str(tmp_path))
@@ -202,7 +206,7 @@ def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     assert {broken["limit"] for broken in output["limits_violated"]} >= {"effort"}
 
 
-@pytest.mark.parametrize("dynamic", ["bounded", "integral"])
+@pytest.mark.parametrize("dynamic", cells(("bounded", "integral"), {"bounded"}, {"integral"}))
 def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
     words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
     words += ["--dynamic", dynamic, "--out", str(tmp_path)]
@@ -304,13 +308,19 @@ def test_robots_lists_the_catalogue() -> None:
     assert "mixed_chain" in run("robots")[1]
 
 
-@pytest.mark.parametrize(
-    "command", ["inspect", "verify", "derive", "track", "compare", "view", "plot", "robots"]
-)
-def test_help_has_an_example(command: str) -> None:
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: str) -> None:
     code, out, _ = run(command, "--help")
     assert code == 0
     assert f"Example: rpctl {command}" in " ".join(out.split())
+    assert load_command(command).help.splitlines()[0] == COMMANDS[command].summary
+
+
+def test_options_of_a_dataclass_are_options_of_the_command() -> None:
+    """Each comes once, in the order of the fields, and so does what is no dataclass."""
+    names = [parameter.name for parameter in load_command("inspect").params]
+    loading = [field.name for field in fields(LoadOptions)]
+    assert names == ["robot", *loading, "as_json"]
 
 
 def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:

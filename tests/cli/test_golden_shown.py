@@ -16,16 +16,17 @@ from rich.console import Console
 
 import rpctl
 from rpctl import Robot, Run, summarize
-from rpctl.cli import compare as cli_compare
-from rpctl.cli import show
+from rpctl.cli import compare, inspect, terminal, track, verify
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.row import Check
 from rpctl.errors import Finding
 from rpctl.robot.facts import facts
 from rpctl.study.benchmark import Cell, Figures, Row, figures
 from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
+from rpctl.view.run_folder import RunFolder
 from tests.golden import COUNT, TRICYCLE
 from tests.robots import write
+from tests.runs import vary
 from tests.vehicles import vehicle
 
 KANAYAMA = LawPair("kanayama", "paper")
@@ -36,7 +37,7 @@ Printed = Callable[[], list[str]]
 def printed(monkeypatch: pytest.MonkeyPatch) -> Printed:
     """Return what gives the lines that were printed, without the spaces of columns."""
     console = Console(width=160, record=True, file=io.StringIO(), highlight=False)
-    for module in (show, cli_compare):
+    for module in (compare, inspect, track, verify):
         monkeypatch.setattr(module, "console", lambda: console)
 
     def lines() -> list[str]:
@@ -46,11 +47,11 @@ def printed(monkeypatch: pytest.MonkeyPatch) -> Printed:
 
 
 def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
-    tau, rates = np.array(golden.tau), np.array(golden.rates)
+    tau, rates = np.array(golden.tau), np.array(golden.log.rates)
     tau[2:4, 3], rates[4, 4] = -25.0, 0.75
-    summary = summarize(replace(golden, tau=tau, rates=rates))
-    notes = {"notes": ["a note"], "report": "out/report.html", "report_bytes": 1_250_000}
-    show.show_summary({**summary, **notes}, Path("out"))
+    summary = summarize(vary(golden, tau=tau, rates=rates))
+    written = RunFolder(summary, Path("out/report.html"), 1_250_000, ("a note",))
+    track.show_summary(written, Path("out"))
     rms = {
         "base": (5.0, 0.5, 0.5, 0.13, 0.1, 0.05),
         "tip": (0.7, 0.3, 0.07, 0.03, 0.07, 0.03),
@@ -87,13 +88,12 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     ("margin", "slip", "marked"), [(0.1, 0.5, 0), (-0.1, 0.5, 1), (0.1, 2.0, 1)]
 )
 def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked: int) -> None:
-    run = replace(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
-    run = replace(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
+    run = vary(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
+    run = vary(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
     console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(show, "console", lambda: console)
-        more = {"notes": [], "report": "r", "report_bytes": 0}
-        show.show_summary({**summarize(run), **more}, Path("out"))
+        patch.setattr(track, "console", lambda: console)
+        track.show_summary(RunFolder(summarize(run), Path("r"), 0, ()), Path("out"))
     text = console.export_text(styles=True)
     assert text.count("\x1b[1;31mground\x1b[0m") == marked
     assert "\x1b[1;31mslide_joint" in text  # 60 N of 50
@@ -102,16 +102,13 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
 
 def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, printed: Printed) -> None:
     none = np.empty((COUNT, 0))
-    bare = replace(
-        golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none
-    )
-    more = {"notes": [], "report": "r", "report_bytes": 0}
-    show.show_summary({**summarize(bare), **more}, Path("out"))
+    bare = vary(golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none)
+    track.show_summary(RunFolder(summarize(bare), Path("r"), 0, ()), Path("out"))
     assert not [line for line in printed() if line.startswith(("end effector", "ground"))]
 
 
 def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
-    show.show_robot(tricycle)
+    inspect.show_robot(tricycle)
     text = printed()
     for line in (
         "drive tricycle",
@@ -141,7 +138,7 @@ def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
     drive = replace(tricycle.drive, heading=-0.5 * math.pi, ground=-0.25)
     known = facts(replace(tricycle, drive=drive))["drive"]
     measures = {
-        kind: dict(show._drive_rows({**known, "type": kind}))
+        kind: dict(inspect._drive_rows({**known, "type": kind}))
         for kind in ("tricycle", "skid-steer", "steered")
     }
     assert {kind: rows["track"] for kind, rows in measures.items()} == {
@@ -150,18 +147,18 @@ def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
         "steered": "0.6 m; P, the origin of the root link, at (-0.1, 0) m",
     }
     level = facts(replace(tricycle, drive=replace(drive, ground=0.0)))["drive"]
-    assert dict(show._drive_rows(level))["root link"] == "forward at -90°, 0 m above the ground"
+    assert dict(inspect._drive_rows(level))["root link"] == "forward at -90°, 0 m above the ground"
     for rows in measures.values():
         assert rows["root link"] == "forward at -90°, 0.25 m above the ground"
 
 
 def test_reasons_and_findings_name_what_they_are_about(tricycle: Robot, printed: Printed) -> None:
     both = [{"joint": "a", "why": "is round"}, {"joint": "b", "why": "is round"}]
-    assert [*show._reasons(both)] == ["[dim]each is round[/]"]
+    assert [*inspect._reasons(both)] == ["[dim]each is round[/]"]
     more = [*both, {"joint": "c", "why": "is said to be"}]
-    assert [*show._reasons(more)] == ["[dim]a, b is round[/]", "[dim]c is said to be[/]"]
+    assert [*inspect._reasons(more)] == ["[dim]a, b is round[/]", "[dim]c is said to be[/]"]
     findings = (Finding("warning", 7, "it is odd"), Finding("info", None, "it is fine"))
-    show.show_robot(replace(tricycle, findings=findings))
+    inspect.show_robot(replace(tricycle, findings=findings))
     assert printed()[-2:] == ["warning golden.urdf:7: it is odd", "info golden.urdf: it is fine"]
 
 
@@ -169,13 +166,13 @@ def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
     exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
     good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near))
-    show.show_certificate(good)
+    verify.show_certificate(good)
     text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
     assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
     assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
     assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
-    show.show_certificate(replace(good, checks=(exact, bad)))
+    verify.show_certificate(replace(good, checks=(exact, bad)))
     assert printed()[-1].startswith(
         "✗ not verified: rolling against A; 2 checks over 5 random states"
     )
@@ -186,7 +183,7 @@ def test_a_caster_trails_behind(tmp_path: Path, printed: Printed) -> None:
     robot = rpctl.load(write(tmp_path, vehicle("casters")))
     trails = {s.joint: s.trail for s in robot.drive.swivels}
     assert trails["caster_2"] == pytest.approx(-0.07, abs=5e-3)
-    show.show_robot(robot)
+    inspect.show_robot(robot)
     (row,) = (line for line in printed() if line.startswith("caster_2 caster"))
     assert "-0.3, 0 m 70" in row
 
@@ -244,7 +241,7 @@ def test_meanings_have_their_units(tmp_path: Path, kind: str, meanings: dict[str
 
 
 def test_progress_is_quiet_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
-    with show.progress_bar("verify") as advance:
+    with terminal.progress_bar("verify") as advance:
         advance(1, 2)
     assert capsys.readouterr() == ("", "")
 
@@ -266,11 +263,9 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
         "sample_time_99": pytest.approx(4e-5),
     }
     assert asdict(found) == expected
-    lifted = np.array(golden.joints)
+    lifted = np.array(golden.log.joints)
     lifted[2, 1] = 0.5
-    assert figures(replace(golden, joints=lifted), [1e-5, 1e-5]).violations == (
-        "slide_joint upper",
-    )
+    assert figures(vary(golden, joints=lifted), [1e-5, 1e-5]).violations == ("slide_joint upper",)
 
 
 def row(law: LawPair, base: float, tip: float | None, *broken: str) -> Row:
@@ -287,7 +282,7 @@ def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
         row(PROPOSED, 0.003, 0.008),
         row(KANAYAMA, 0.001, None, "a upper"),
     ]
-    cli_compare.show_comparison([*rows, failed], PROPOSED, tmp_path)
+    compare.show_comparison([*rows, failed], PROPOSED, tmp_path)
     text = printed()
     for line in (
         "line paper+paper 4.00 2.00 6.00 3.00 75 % 12 % 0 40 90",
@@ -309,7 +304,7 @@ def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
 
 def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:
     printed: list[dict[str, Any]] = [row(PROPOSED, 0.003, 0.008, "a upper", "b effort").to_dict()]
-    (read,) = csv.DictReader(cli_compare._csv(printed).splitlines())
+    (read,) = csv.DictReader(compare._csv(printed).splitlines())
     for found in (read, printed[0]):
         assert float(found["rms_base"]) == 0.003
         assert float(found["final_base"]) == 0.0015

@@ -13,7 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl.cli import show
+from rpctl.cli import inspect, verify
 from rpctl.cli.app import app
 from rpctl.view.pages.certificate import write_certificate
 from tests.robots import SET_A, platform, write
@@ -28,7 +28,8 @@ runner = CliRunner()
 def page(monkeypatch: pytest.MonkeyPatch) -> Console:
     """Return the console that is printed on: a terminal of common width."""
     console = Console(width=WIDTH, record=True, force_terminal=True, highlight=False)
-    monkeypatch.setattr(show, "console", lambda: console)
+    for module in (inspect, verify):
+        monkeypatch.setattr(module, "console", lambda: console)
     return console
 
 
@@ -40,7 +41,7 @@ def inspect_json(path: Path, *words: str) -> dict[str, Any]:
 
 
 def test_a_car(tmp_path: Path, page: Console) -> None:
-    show.show_robot(rpctl.load(write(tmp_path, vehicle("car-like"))))
+    inspect.show_robot(rpctl.load(write(tmp_path, vehicle("car-like"))))
     text = page.export_text()
     for said in (
         "2 wheels on one axle, held by the root link: rear_left, rear_right",
@@ -56,12 +57,12 @@ def test_a_car(tmp_path: Path, page: Console) -> None:
 
 
 def test_casters_have_their_trail(tmp_path: Path, page: Console) -> None:
-    show.show_robot(rpctl.load(write(tmp_path, vehicle("casters"))))
+    inspect.show_robot(rpctl.load(write(tmp_path, vehicle("casters"))))
     assert "60 mm  contact 60 mm off its axis, no limits" in page.export_text()
 
 
 def test_two_wheels_balance(tmp_path: Path, page: Console) -> None:
-    show.show_robot(rpctl.load(write(tmp_path, platform(SET_A))))
+    inspect.show_robot(rpctl.load(write(tmp_path, platform(SET_A))))
     assert "assumes balance and leaves pitch out" in " ".join(page.export_text().split())
 
 
@@ -70,14 +71,14 @@ def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
     text = platform(SET_A).replace('xyz="0 -0.75 0.15"', 'xyz="0 -0.75 0.154"')
     path = write(tmp_path, text)
     robot = rpctl.load(path)
-    show.show_robot(robot)
+    inspect.show_robot(robot)
     output = inspect_json(path)["idealised"]
     assert [(each["what"], round(each["value"], 9), each["unit"]) for each in output] == [
         ("contact height", 2.0, "mm"),
         ("thin wheels", 40.0, "mm"),
     ]
     certificate = rpctl.verify(robot, samples=1, engines=())
-    show.show_certificate(certificate)
+    verify.show_certificate(certificate)
     assert list(certificate.idealised) == [each["sentence"] for each in output]
     assert certificate.to_dict()["idealised"] == list(certificate.idealised)
     shown = " ".join(page.export_text().split())
@@ -97,7 +98,7 @@ def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_keeps_to_the_page(tmp_path: Path, page: Console, kind: str) -> None:
-    show.show_robot(rpctl.load(write(tmp_path, vehicle(kind))))
+    inspect.show_robot(rpctl.load(write(tmp_path, vehicle(kind))))
     table = [line for line in page.export_text().splitlines()[1:] if "collision cylinder" in line]
     assert table
     assert all(len(line.rstrip()) <= WIDTH and ", line 1 " in line for line in table)

@@ -25,8 +25,8 @@ from rpctl import (
     track,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import Command
+from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.plant import advance
@@ -185,8 +185,8 @@ def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot)
     """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
     plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
     run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
-    beyond = run.lower_limits[0] - run.joints[:, 0]
-    assert run.joint_names[0] == "torso_lift_joint"
+    beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
+    assert run.robot.joint_names[0] == "torso_lift_joint"
     assert 1e-4 < beyond.max() < 5e-3
 
 
@@ -199,12 +199,14 @@ def clipped(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) ->
 def curvature_error(run: Run) -> float:
     """Return the rms gap between the curvature driven and the one asked for, wheels at a limit."""
     wheels = slice(2)
-    at_limit = np.abs(run.tau[:, wheels]) > 0.999 * np.array(run.effort_limits[wheels])
-    at_limit |= np.abs(run.rates[:, wheels]) > 0.99 * np.array(run.velocity_limits[wheels])
+    at_limit = np.abs(run.tau[:, wheels]) > 0.999 * np.array(run.robot.effort_limits[wheels])
+    at_limit |= np.abs(run.log.rates[:, wheels]) > 0.99 * np.array(
+        run.robot.velocity_limits[wheels]
+    )
     kept = at_limit.any(axis=1) & (run.nu[:, 0] > 0.05)
     assert kept.sum() > 20
     driven = run.nu[kept, 1] / run.nu[kept, 0]
-    return float(np.sqrt(np.mean((driven - run.nu_d[kept, 1] / run.nu_d[kept, 0]) ** 2)))
+    return float(np.sqrt(np.mean((driven - run.log.nu_d[kept, 1] / run.log.nu_d[kept, 0]) ** 2)))
 
 
 def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None:
@@ -223,7 +225,7 @@ def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     apart = track(slow, "circle", 4.0, dynamic=BoundedDynamic(along=1.0))
     kept = track(slow, "circle", 4.0, dynamic=BoundedDynamic())
     assert curvature_error(kept) < 0.05 * curvature_error(apart)
-    assert {limit["limit"] for limit in summarize(kept)["limits_bound"]} == {"velocity"}
+    assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
 def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None:
@@ -231,10 +233,10 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None
     half = scale_limits(tiago, effort=0.5)
     free = summarize(track(tiago, "eight", 3.0, OFF))
     told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))
-    assert told["limits_violated"] == []
-    assert {"joint": "arm_2_joint", "limit": "effort"}.items() <= told["limits_bound"][1].items()
-    assert told["rms_base_error"] == pytest.approx(free["rms_base_error"], rel=1e-2)
-    assert summarize(track(half, "eight", 0.5, OFF))["limits_violated"]
+    assert told.limits_violated == ()
+    assert (told.limits_bound[1].joint, told.limits_bound[1].limit) == ("arm_2_joint", "effort")
+    assert told.rms_base_error == pytest.approx(free.rms_base_error, rel=1e-2)
+    assert summarize(track(half, "eight", 0.5, OFF)).limits_violated
 
 
 @pytest.mark.slow
@@ -242,19 +244,19 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None
 def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
     half = scale_limits(tiago, effort=0.5)
     law = dynamic_by_name(dynamic)
-    assert summarize(track(half, "eight", 20.0, OFF, dynamic=law))["limits_violated"] == []
+    assert summarize(track(half, "eight", 20.0, OFF, dynamic=law)).limits_violated == ()
 
 
 def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
     hard = scale_limits(paper, effort=0.1, velocity=0.3)
-    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5)))["limits_violated"]
-    assert {(b["joint"], b["limit"]) for b in broken} >= {
+    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5))).limits_violated
+    assert {(b.joint, b.limit) for b in broken} >= {
         ("wheel_right_joint", "effort"),
         ("wheel_right_joint", "velocity"),
     }
     told = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
-    assert told["limits_violated"] == []
-    assert {b["limit"] for b in told["limits_bound"]} >= {"effort", "velocity"}
+    assert told.limits_violated == ()
+    assert {b.limit for b in told.limits_bound} >= {"effort", "velocity"}
 
 
 def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generator) -> None:

@@ -23,10 +23,9 @@ from rpctl import (
     Run,
 )
 from rpctl.cli.app import app
-from rpctl.control.command import KinematicLaw
 from rpctl.control.config import Config, LimitOverrides, RunSettings, read_config, write_config
-from rpctl.control.dynamic import DYNAMIC_LAWS
-from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.control.law import KinematicLaw
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.control.settings import from_table, to_table
 from rpctl.errors import DescriptionError, UnknownNameError
 
@@ -229,12 +228,12 @@ def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first.tau, second.tau)
     assert first.settings == second.settings
     assert first.t[-1] == pytest.approx(0.2)
-    np.testing.assert_allclose(first.e[0, :3], [0.3, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(first.log.e[0, :3], [0.3, 0.0, 0.0], atol=1e-12)
     assert first.settings["kinematic"]["kx"] == 2.0
     assert first.settings["control_period"] == 0.004
-    assert first.effort_limits == (5.0, 5.0, 7.0, 120.0)
-    assert first.velocity_limits[2:] == (0.5, 0.5)
-    assert first.friction == 0.5
+    assert first.robot.effort_limits == (5.0, 5.0, 7.0, 120.0)
+    assert first.robot.velocity_limits[2:] == (0.5, 0.5)
+    assert first.ground.friction == 0.5
 
 
 @pytest.mark.parametrize(

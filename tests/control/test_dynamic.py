@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 
 from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.dynamic import dynamic_by_name
+from rpctl.control.law import Command
+from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState
 

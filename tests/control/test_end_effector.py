@@ -24,14 +24,13 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.box_least_squares import Box, WithRate
-from rpctl.control.command import KinematicLaw
 from rpctl.control.end_effector import EndEffector, EndEffectorLaw
 from rpctl.control.error import tracking_error
 from rpctl.control.frame_kinematics import end_effector_frame, jacobian, reference_motion
-from rpctl.control.law import Startable, started
+from rpctl.control.law import KinematicLaw
 from rpctl.control.registry import kinematic_by_name
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
+from rpctl.reference.named import reference_by_name
 from tests.robots import SET_B, platform, write
 
 STEP = 1e-6
@@ -50,7 +49,7 @@ def beside(robot: Robot, reference: Reference, error: tuple[float, float, float]
 
 
 def obey(
-    law: KinematicLaw | Startable[KinematicLaw],
+    law: KinematicLaw,
     robot: Robot,
     reference: Reference,
     q: Array,
@@ -62,16 +61,16 @@ def obey(
         Times (K,), configurations (K, nq) and what was asked there (K, dof).
     """
     dynamics, step = ReducedDynamics(robot), 0.01
-    law = started(law, dynamics, step)
+    controller = law.start(dynamics, step)
     still = np.zeros(robot.dof)
     times = np.arange(0.0, duration, step)
     path, asked = [], []
     for t in times:
-        nu = law(dynamics, reference, t, q, still).nu_d
+        nu = controller(dynamics, reference, t, q, still).nu_d
         path.append(q)
         asked.append(nu)
         half = pin.integrate(robot.model, q, 0.5 * step * dynamics.basis(q) @ nu)
-        nu = law(dynamics, reference, t + 0.5 * step, half, still).nu_d
+        nu = controller(dynamics, reference, t + 0.5 * step, half, still).nu_d
         q = pin.integrate(robot.model, q, step * dynamics.basis(half) @ nu)
     return times, np.array(path), np.array(asked)
 
@@ -250,9 +249,11 @@ def test_the_whole_robot_follows(tiago: Robot) -> None:
     fastest = [joint.velocity for joint in tiago.joints]
     for law in (PaperKinematic(), EndEffector(SLOW)):
         run = rpctl.track(tiago, "eight", 3.0, (0.3, 0.5, 0.8), kinematic=law)
-        distance = np.linalg.norm(run.ee - run.ee_ref, axis=1)
+        distance = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)
         assert (np.abs(run.nu[:, 2:]) <= fastest).all()
-        assert ((run.joints >= run.lower_limits) & (run.joints <= run.upper_limits)).all()
+        assert (
+            (run.log.joints >= run.robot.lower_limits) & (run.log.joints <= run.robot.upper_limits)
+        ).all()
         rms[type(law)] = math.sqrt(float(np.mean(distance[500:] ** 2)))
     assert rms[EndEffector] < 0.15 * rms[PaperKinematic]
 
@@ -281,8 +282,8 @@ def test_over_a_base_that_looks_ahead_both_errors_are_less(paper: Robot) -> None
     for law in (EndEffector(), EndEffector(UnifiedKinematic())):
         run = rpctl.track(paper, "circle", 3.0, (0.2, -0.2, 0.2), law, BoundedDynamic())
         told = summarize(run)
-        rms.append([told["rms_base_error"], told["rms_end_effector_error"]])
-        assert told["limits_violated"] == []
+        rms.append([told.rms_base_error, told.rms_end_effector_error or np.inf])
+        assert told.limits_violated == ()
         counted = run.settings.get("kinematic_report", {})
         assert counted.get("solves", 0) == (151 if law == EndEffector() else 0)
     assert rms[0][0] < 0.95 * rms[1][0]

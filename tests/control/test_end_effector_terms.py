@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,10 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.command import Command
 from rpctl.control.end_effector import EndEffector
-from rpctl.reference.motion import Reference, ReferenceState, reference_by_name
+from rpctl.control.law import Command, KinematicLaw, as_law
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.named import reference_by_name
 from tests.robots import SET_B, platform, write
 from tests.vehicles import vehicle
 
@@ -32,13 +32,13 @@ HAND = """<link name="hand"/><joint name="hand_joint" type="fixed"><parent link=
   <child link="hand"/><origin xyz="0.5 -0.2 0.1"/></joint></robot>"""
 
 
-def asks(change: Array, start: Array) -> Callable[..., Command]:
+def asks(change: Array, start: Array) -> KinematicLaw:
     """Return a law that asks for ν at time ``NOW``, changing at a constant rate."""
 
     def law(dynamics: ReducedDynamics, reference: Reference, t: float, *_: Array) -> Command:
         return Command(start + (t - NOW) * change, change)
 
-    return law
+    return as_law(law)
 
 
 @pytest.fixture

@@ -12,7 +12,8 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.control.error import observe, tracking_error, wrap
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from tests.robots import SET_A, platform, write
 
 

@@ -14,7 +14,8 @@ from rpctl import FeedbackLinearization, Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
 from rpctl.control.twist import Twist
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NO_JOINTS, StateOverTime, along, steady
 

@@ -19,14 +19,13 @@ from rpctl import (
     track,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command
-from rpctl.control.law import DynamicLaw, Rest, Startable, as_efforts, started
+from rpctl.control.law import Command, DynamicLaw, Rest, as_efforts
 from rpctl.simulation.plant import advance
 
 
 def follow(
     robot: Robot,
-    law: DynamicLaw | Startable[DynamicLaw],
+    law: DynamicLaw,
     nu_d: Array,
     bias: Array,
     seconds: float,
@@ -35,10 +34,10 @@ def follow(
     """Return ν (K, dof) of a robot that follows a constant command from rest."""
     dynamics, nu = ReducedDynamics(robot), np.zeros(robot.dof)
     q = robot.configuration_at(np.zeros(3), robot.home)
-    efforts = started(law, dynamics, period)
+    controller = law.start(dynamics, period)
     log = [nu]
     for _ in range(round(seconds / period)):
-        tau = as_efforts(efforts(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
+        tau = as_efforts(controller(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
         q, nu, _ = advance(dynamics, q, nu, tau + bias, period, period)
         log.append(nu)
     return np.array(log)
@@ -87,8 +86,8 @@ def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
     plant = Plant(tau_bias={"wheel_left_joint": 2.0})
     plain = summarize(track(paper, "eight", 8.0, plant=plant))
     integral = summarize(track(paper, "eight", 8.0, dynamic=IntegralDynamic(), plant=plant))
-    assert plain["rms_base_error"] > 0.02
-    assert integral["rms_base_error"] < 3e-5
+    assert plain.rms_base_error > 0.02
+    assert integral.rms_base_error < 3e-5
 
 
 def test_at_rest_it_knows_what_its_model_does_not(tiago: Robot) -> None:

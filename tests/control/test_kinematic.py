@@ -13,7 +13,8 @@ from scipy.special import sici
 from rpctl import PaperKinematic, ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from tests.control.unicycle import asked, follow, sampled_step, steady
 
 LAW = PaperKinematic(horizon=0.4, beta=1.5)

@@ -12,11 +12,10 @@ import pytest
 import rpctl
 from rpctl import PaperKinematic, ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.law import started
 from rpctl.control.registry import KINEMATIC_LAWS, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 
 STEP = 1e-6
 APART = ("horizon", "end-effector")  # the one plans and may be late, the other needs an arm
@@ -55,7 +54,7 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
 @pytest.mark.parametrize("reference", ["circle", "eight", "reverse"])
 def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference: str) -> None:
     dynamics = ReducedDynamics(paper)
-    law = started(kinematic_by_name(name), dynamics, 0.002)
+    law = kinematic_by_name(name).start(dynamics, 0.002)
     motion, nu, t = reference_by_name(paper, reference), np.array([0.3, -0.2, 0.1, 0.4]), 0.8
     q = paper.configuration(x=-0.2, y=0.1, theta=0.4)
     v = dynamics.basis(q) @ nu
@@ -72,7 +71,7 @@ def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference
 def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name: str) -> None:
     robot = rpctl.load(robot_name)
     dynamics = ReducedDynamics(robot)
-    law = started(kinematic_by_name(name), dynamics, 0.002)
+    law = kinematic_by_name(name).start(dynamics, 0.002)
     reference = reference_by_name(robot, "eight")
     state, later, earlier = (reference(5.0 + s) for s in (0.0, STEP, -STEP))
     q = robot.configuration_at(state.pose, state.joints)

@@ -12,7 +12,8 @@ from scipy.optimize import minimize_scalar
 from rpctl import PaperKinematic, Robot, RpctlError, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.control.error import Tracking, error_rate
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NO_JOINTS, along, asked, follow, jacobian, sampled_step, steady
 

@@ -186,7 +186,7 @@ def test_a_run_of_a_xacro_loads_its_robot_again(tmp_path: Path) -> None:
     robot = rpctl.load(path, package_dirs=[tmp_path / "far"])
     run = rpctl.track(robot, "line", 0.1)
     saved = rpctl.Run.load(run.save(tmp_path / "run.npz"))
-    assert saved.package_dirs == (str(tmp_path / "far"),)
+    assert saved.robot.package_dirs == (str(tmp_path / "far"),)
     assert saved.load_robot().quasi_velocities == robot.quasi_velocities
     write(tmp_path / "far" / "parts" / "w.xacro", PARTS.replace("0.15", "0.16"))
     with pytest.raises(RpctlError, match="the URDF has changed since the run"):

@@ -16,6 +16,7 @@ from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files import caps
 from tests.description.corpus import BASE
 from tests.description.test_fuzz import PATIENCE, patience
+from tests.grids import cells
 
 SECRET = "root:x:0:0"
 LAUGHS = "<!ENTITY a0 'ha'>" + "".join(
@@ -132,7 +133,7 @@ HUGE = {
 }
 
 
-@pytest.mark.parametrize("name", HUGE)
+@pytest.mark.parametrize("name", cells(HUGE, {"deep, moving"}, HUGE))
 def test_a_huge_file_is_told_within_half_a_gigabyte(name: str, tmp_path: Path) -> None:
     path = tmp_path / "huge.urdf"
     path.write_text(HUGE[name], encoding="utf-8")

@@ -99,7 +99,7 @@ def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def exhaust(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("rpctl.cli.app.load_robot", exhaust)
+    monkeypatch.setattr("rpctl.cli.options.LoadOptions.load", exhaust)
     code, out, err = rpctl("inspect", tmp_path / "robot.urdf")
     assert (code, out) == (2, "")
     assert err.startswith("out of memory; is the file or a cap (RPCTL_MAX_...) too large?")

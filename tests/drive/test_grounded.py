@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import rpctl
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf import read
-from rpctl.drive.grounded import lowest
 from rpctl.drive.near_misses import wheels_on_fixed_joints
 from rpctl.drive.wheels import find_candidates
 from tests.drive.drive_cases import Files, axles, body, tricycle, xml
@@ -42,9 +42,9 @@ def test_the_lowest_point_of_a_tilted_shape(
     parts.link("base", 1.0)
     parts.link("part", 1.0, drawn)
     parts.joint("held", "fixed", ("base", "part"), "0 0 2", "0 0 1")
-    description = read(write(tmp_path, xml(parts)))
-    assert lowest(description, {}, "part") == pytest.approx(2.5 - reach)
-    assert lowest(description, {}, "base") == math.inf
+    tree = FrozenTree(read(write(tmp_path, xml(parts))))
+    assert tree.lowest("part") == pytest.approx(2.5 - reach)
+    assert tree.lowest("base") == math.inf
 
 
 def slab(parts: Parts, top: float) -> Parts:
@@ -85,7 +85,7 @@ def test_fixed_wheels_are_seen_as_near_to_the_floor(
     rear_axle(parts)
     parts.wheel("third", "base", f"0.5 0 {0.1 + gap}")
     path = write(tmp_path, xml(parts).replace('"continuous"', '"fixed"'))
-    advice = wheels_on_fixed_joints(read(path), {})
+    advice = wheels_on_fixed_joints(FrozenTree(read(path)))
     assert [text.split('"')[1] for text in advice] == [
         "rear_left",
         "rear_right",
@@ -121,7 +121,7 @@ def test_a_ball_is_drawn_as_nothing_but_spheres(tmp_path: Path, shapes: str, bal
     parts = body()
     parts.link("roll", 1.0, "".join(drawn[shape] for shape in shapes))
     parts.joint("roll_joint", "continuous", ("base", "roll"), "0 0.3 0.1", "0 1 0")
-    (candidate,) = find_candidates(read(write(tmp_path, xml(parts))), {}, {})
+    (candidate,) = find_candidates(FrozenTree(read(write(tmp_path, xml(parts)))), {})
     assert candidate.ball is ball
 
 

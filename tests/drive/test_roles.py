@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf import read
 from rpctl.drive.near_misses import wheels_on_fixed_joints
 from tests.drive.drive_cases import TRANSMISSION, Files, axles, body, xml
@@ -30,7 +31,7 @@ def test_names_alone_make_no_wheel_of_what_is_drawn_otherwise(files: Files) -> N
     for name, shapes in drawn.items():
         parts.link(f"{name}_wheel", 1.0, shapes)
         parts.joint(f"{name}_joint", "fixed", ("base", f"{name}_wheel"), "0 0.3 0.1", "0 0 1")
-    sentences = wheels_on_fixed_joints(read(write(files.folder, xml(parts))), {})
+    sentences = wheels_on_fixed_joints(FrozenTree(read(write(files.folder, xml(parts)))))
     assert [text.split('"')[1] for text in sentences] == ["meshed_joint"]
 
 

@@ -12,14 +12,12 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
+from rpctl.drive.rows import angle_of, lateral_row, rolling_row
 from rpctl.drive.steering import (
-    angle_of,
     follower_positions,
     free_twist,
     heading_along,
     is_regular,
-    lateral_row,
-    rolling_row,
     steer,
     steering_limits,
 )

@@ -159,10 +159,10 @@ def test_only_the_limits_proportions_matter(paper: Robot, scale: float) -> None:
 
 def test_what_nothing_drives_is_named(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A)))
-    one_wheel = dataclasses.replace(robot.drive, wheels=robot.drive.wheels[:1])
-    lame = dataclasses.replace(robot, drive=one_wheel)
-    dynamics = ReducedDynamics(robot)
-    dynamics.robot = lame
-    dynamics._columns = dynamics._columns[:, :1]
+    left, right = robot.drive.wheels
+    one_wheel = dataclasses.replace(
+        robot.drive, wheels=(left, dataclasses.replace(right, driven=False))
+    )
+    dynamics = ReducedDynamics(dataclasses.replace(robot, drive=one_wheel))
     with pytest.raises(ActuationError, match="no actuator drives v, omega of platform"):
         dynamics.efforts(robot.configuration(), np.ones(2))

@@ -34,7 +34,7 @@ def test_rows_are_the_contact_points_velocity(robot: Robot, rng: np.random.Gener
     rolling, step = find_rolling(robot), 1e-6
     for _ in range(10):
         q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
-        *along, across = constraint(robot, rolling, q) @ v
+        *along, across = constraint(rolling, q) @ v
         heading = robot.base_pose(q)[2]
         forward = np.array([np.cos(heading), np.sin(heading), 0.0])
         moved = contact_velocities(robot, q, v)
@@ -52,10 +52,10 @@ def test_the_drift_is_the_rows_rate(robot: Robot, rng: np.random.Generator) -> N
     for _ in range(10):
         q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
         ahead, behind = (
-            constraint(robot, rolling, pin.integrate(robot.model, q, s * v)) for s in (step, -step)
+            constraint(rolling, pin.integrate(robot.model, q, s * v)) for s in (step, -step)
         )
         rate = (ahead - behind) @ v / (2 * step)
-        assert constraint_drift(robot, rolling, q, v) == pytest.approx(rate, abs=1e-7)
+        assert constraint_drift(rolling, q, v) == pytest.approx(rate, abs=1e-7)
 
 
 def test_wheels_touch_the_ground(robot: Robot, rng: np.random.Generator) -> None:

@@ -43,10 +43,10 @@ def test_the_drift_is_the_rows_rate(tmp_path: Path, kind: str, rng: np.random.Ge
         v = rng.normal(size=robot.nv)
         q = pin.integrate(robot.model, steered(robot, rng)[0], 0.3 * rng.normal(size=robot.nv))
         ahead, behind = (
-            constraint(robot, rolling, pin.integrate(robot.model, q, s * v)) for s in (STEP, -STEP)
+            constraint(rolling, pin.integrate(robot.model, q, s * v)) for s in (STEP, -STEP)
         )
         rate = (ahead - behind) @ v / (2 * STEP)
-        assert constraint_drift(robot, rolling, q, v) == pytest.approx(rate, abs=1e-7)
+        assert constraint_drift(rolling, q, v) == pytest.approx(rate, abs=1e-7)
 
 
 @pytest.mark.parametrize("kind", TURNING)
@@ -128,7 +128,7 @@ def test_what_is_kept_cannot_be_written(tmp_path: Path) -> None:
     robot = load(tmp_path, "bicycle")
     dynamics = ReducedDynamics(robot)
     q = robot.configuration(joints={"steer": 0.2})
-    for array in (dynamics.rolling.constant, dynamics.constraint(q), dynamics.basis(q)):
+    for array in (dynamics.rolling.matrix.constant, dynamics.constraint(q), dynamics.basis(q)):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1.0
     turned = dynamics.basis(robot.configuration(joints={"steer": 0.4}))

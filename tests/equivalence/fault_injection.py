@@ -16,21 +16,21 @@ from rpctl.dynamics import basis, rolling
 Injection = Callable[[Robot], AbstractContextManager[Robot]]
 
 
-def in_method(name: str, change: Callable[..., Any]) -> Injection:
+def in_method(name: str, change: Callable[..., Any], owner: type = ReducedDynamics) -> Injection:
     """Plant ``change(original, dynamics, *arguments)`` in place of a method's result."""
 
     @contextmanager
     def inject(robot: Robot) -> Iterator[Robot]:
-        original = getattr(ReducedDynamics, name)
+        original = getattr(owner, name)
 
-        def changed(dynamics: ReducedDynamics, *arguments: Any) -> Any:
+        def changed(dynamics: Any, *arguments: Any) -> Any:
             return change(original, dynamics, *arguments)
 
-        setattr(ReducedDynamics, name, changed)
+        setattr(owner, name, changed)
         try:
             yield robot
         finally:
-            setattr(ReducedDynamics, name, original)
+            setattr(owner, name, original)
 
     return inject
 
@@ -91,8 +91,8 @@ def in_placement(change: Callable[[pin.SE3], pin.SE3]) -> Injection:
 def rolling_of(change: Callable[[Robot], Robot]) -> Injection:
     """Plant another robot's rolling constraint: the equations get it, the oracles do not."""
 
-    def changed(original: Callable[..., Any], robot: Robot) -> Any:
-        return original(change(robot))
+    def changed(original: Callable[..., Any], robot: Robot, *rest: Any) -> Any:
+        return original(change(robot), *rest)
 
     return in_function(rolling.find_rolling, changed)
 

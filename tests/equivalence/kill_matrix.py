@@ -166,8 +166,8 @@ def directions(robot: Robot) -> Robot:
     return dataclasses.replace(robot, drive=drive)
 
 
-def lost_drift(original: Callable[..., Array], *arguments: Any) -> Array:
-    return np.zeros_like(original(*arguments))
+def lost(drift: Array, *arguments: Any) -> Array:
+    return np.zeros_like(drift)
 
 
 def negative(robot: Robot) -> Robot:
@@ -194,11 +194,11 @@ FAULTS: dict[str, tuple[str, Injection]] = {
         for name, fault in shared_faults.FAULTS.items()
     },
     "steered A: pivots": ("car", rolling_of(pivots(lambda x, y: (x + SMALL, y - SMALL)))),
-    "steered Ȧv: lost": ("tricycle", in_function(rolling.constraint_drift, lost_drift)),
+    "steered Ȧv: lost": ("tricycle", in_class(rolling.RollingConstraints, "drift", lost)),
     "following A: pivots": ("swerve", rolling_of(pivots(lambda x, y: (x * (1 + SMALL), y)))),
-    "following Ȧv: lost": ("swerve", in_function(rolling.constraint_drift, lost_drift)),
+    "following Ȧv: lost": ("swerve", in_class(rolling.RollingConstraints, "drift", lost)),
     "caster A: trails": ("casters", rolling_of(trails)),
-    "caster Ȧv: lost": ("casters", in_function(rolling.constraint_drift, lost_drift)),
+    "caster Ȧv: lost": ("casters", in_class(rolling.RollingConstraints, "drift", lost)),
     "roller A: directions": ("mecanum", rolling_of(directions)),
     "omni A: directions": ("omni", rolling_of(directions)),
     "file: an inertia below zero": (GENERAL, of_robot(negative)),
@@ -253,7 +253,7 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "inverse: 1e-11 of M ν̇": (GENERAL, in_method("inverse", heavier)),
     "forward: 1e-6": (GENERAL, in_method("forward", mutations.scaled(slice(None)))),
     "energy: 1 %": (GENERAL, in_class(ReducedDynamics, "energy", scaled(1.01))),
-    "differences: S": ("swerve", in_module(checks, "basis", field("S", 1.0 + VISIBLE))),
+    "differences: S": ("swerve", in_module(checks, "basis", scaled(1.0 + VISIBLE))),
     "Pinocchio: C": (GENERAL, in_module(pin, "computeCoriolisMatrix", scaled(1.0 + VISIBLE))),
 }
 

@@ -14,6 +14,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics import rolling
 from rpctl.dynamics.basis import selection
+from rpctl.dynamics.projection import Projection
 from tests.equivalence.fault_injection import (
     Injection,
     in_body,
@@ -99,14 +100,15 @@ def scaled(index: Any, factor: float = 1.0 + SMALL) -> Callable[..., Array]:
     return changed
 
 
-def slipping(original: Callable[..., Array], dynamics: object, q: Array) -> Array:
-    S = original(dynamics, q).copy()
+def slipping(original: Callable[..., Projection], dynamics: object, q: Array) -> Projection:
+    at = original(dynamics, q)
+    S = at.S.copy()
     S[1, 1] += SMALL
-    return S
+    return dataclasses.replace(at, S=S)
 
 
-def drifting(original: Callable[..., Array], dynamics: object, q: Array, nu: Array) -> Array:
-    drift = original(dynamics, q, nu).copy()
+def drifting(original: Callable[..., Array], at: Projection, nu: Array) -> Array:
+    drift = original(at, nu).copy()
     drift[1] += nu[0] * nu[1]  # the base's classical acceleration, where v̇ in the body is meant
     return drift
 
@@ -172,8 +174,8 @@ MUTATIONS: dict[str, Injection] = {
     "h: Coriolis 1e-6 larger": in_method("bias", coriolis(1.0 + SMALL)),
     "M: an entry 1e-6 smaller": in_method("inertia", scaled((0, 0), 1.0 - SMALL)),
     "M: not symmetric": in_method("inertia", scaled((1, -1))),
-    "S: slip in turns": in_method("basis", slipping),
-    "Ṡν: classical acceleration": in_method("basis_drift", drifting),
+    "S: slip in turns": in_method("at", slipping),
+    "Ṡν: classical acceleration": in_method("drift", drifting, Projection),
     "B: sign of an arm joint": in_method("actuation", scaled((-1, -1), -1.0)),
     "B: sign of a wheel, everywhere": in_method("__init__", wheel_sign),
     "ν̇: 1e-6 larger": in_method("forward", scaled(slice(None))),

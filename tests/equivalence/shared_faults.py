@@ -14,6 +14,7 @@ from typing import Any
 
 import rpctl
 from rpctl import Robot
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.row import Check
 from rpctl.robot.build import build
@@ -75,7 +76,7 @@ def rewritten(pattern: str, new: str | Callable[[re.Match[str]], str]) -> Callab
         xml, count = re.subn(pattern, new, robot.description.xml)
         assert count, pattern
         description = dataclasses.replace(robot.description, xml=xml)
-        model = build(description, robot.locked)
+        model = build(FrozenTree(description, robot.locked))
         return dataclasses.replace(robot, description=description, model=model)
 
     return inject

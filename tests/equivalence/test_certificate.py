@@ -15,6 +15,7 @@ from rpctl.arrays import Array
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from rpctl.robot.catalog import names
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 ROBOTS = names()
@@ -26,8 +27,7 @@ def test_robots_of_the_catalogue_pass(name: str) -> None:
     assert proof.passed, [check for check in proof.checks if not check.passed]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", cells(ROBOTS, slow={"paper", "tiago", "swerve", "panda"}))
 def test_robots_of_the_catalogue_pass_at_a_hundred_states(name: str) -> None:
     assert verify(rpctl.load(name), samples=100).passed
 

@@ -30,7 +30,7 @@ def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator, redunda
         q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
         v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
         motion = constrained_motion(robot, q, v, tau)
-        A, drift = constraint(robot, rolling, q), constraint_drift(robot, rolling, q, v)
+        A, drift = constraint(rolling, q), constraint_drift(rolling, q, v)
         assert np.linalg.matrix_rank(A) == len(A) - redundant
         slip = A @ motion.v_dot + drift
         assert np.abs(slip).max() < 1e-10 * max(1.0, np.abs(motion.v_dot).max())

@@ -15,6 +15,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, draw_state
 from rpctl.arrays import Array
 from rpctl.dynamics import motion
+from rpctl.dynamics.projection import Projection
 from rpctl.equivalence import checks
 from rpctl.equivalence.mujoco_engine import installed
 from rpctl.equivalence.row import Check
@@ -63,10 +64,10 @@ def a_percent(original: Callable[..., float], *arguments: Any) -> float:
     return 1.01 * original(*arguments)
 
 
-def last_sign(original: Callable[..., Array], *arguments: Any) -> Array:
-    B = original(*arguments).copy()
-    B[:, -1] *= -1.0
-    return B
+def last_sign(original: Callable[..., Projection], *arguments: Any) -> Projection:
+    at = dataclasses.replace(original(*arguments))
+    vars(at)["B"] = at.B * np.append(np.ones(at.B.shape[1] - 1), -1.0)
+    return at
 
 
 def first_wheel(robot: Robot) -> Robot:
@@ -78,7 +79,7 @@ def first_wheel(robot: Robot) -> Robot:
 ENERGY = in_method("energy", a_percent)
 ACCELERATION = in_method("forward", larger)
 FORCE = in_method("inverse", larger)
-ACTUATION = in_method("actuation", last_sign)
+ACTUATION = in_method("at", last_sign)
 RADIUS = rolling_of(first_wheel)
 ENERGIES = {"power balance", "energy rate"}
 MOTIONS = {"accelerations", "forward ∘ inverse"}

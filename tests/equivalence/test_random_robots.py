@@ -72,7 +72,7 @@ def test_random_robots_are_verified(built: WheeledRobot) -> None:
     check(built)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @settings(REPEATABLE, max_examples=500)
 @given(robots())
 def test_many_random_robots_are_verified(built: WheeledRobot) -> None:

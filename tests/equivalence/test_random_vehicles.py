@@ -9,6 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
+from tests.grids import cells
 from tests.random_vehicles import DRIVE_FILES, DRIVE_TYPES, KINDS, Vehicle, vehicle
 from tests.robots import write
 
@@ -58,10 +59,10 @@ def test_steered_wheels_of_a_base_that_heads_along_y_share_a_lateral_force(
     check(tmp_path, kind, seed)
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("seeds", cells([range(3, 20), range(20, 103)], slow=[range(3, 20)]))
 @pytest.mark.parametrize("kind", KINDS)
-def test_many_vehicles_are_verified(tmp_path: Path, kind: str) -> None:
-    for seed in range(3, 103):
+def test_many_vehicles_are_verified(tmp_path: Path, kind: str, seeds: range) -> None:
+    for seed in seeds:
         check(tmp_path, kind, seed)
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rpctl
-from rpctl.equivalence import file_drive, file_wheels, raw_file, wheel_slip
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.equivalence import file_drive, file_wheels, planar, raw_file, tree, wheel_slip
 from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.raw_file import read_file
 from rpctl.robot.catalog import names
@@ -23,10 +25,10 @@ def test_the_minimal_reader_places_every_link_as_the_strict_one(name: str) -> No
     raw = read_file(description.raw)
     rng = np.random.default_rng(3)
     positions = {joint.name: float(rng.uniform(-1.0, 1.0)) for joint in description.joints}
-    poses = raw.poses(positions)
+    poses, frozen = raw.poses(positions), FrozenTree(description, positions)
     assert list(raw.link) == list(description.link)
     for link in description.links:
-        expected = description.pose(link.name, positions)
+        expected = frozen.pose(link.name)
         np.testing.assert_allclose(poses[link.name], expected, rtol=0, atol=1e-13)
         shapes = [(s.kind, s.size) for s in (*link.collisions, *link.visuals)]
         assert [(s.kind, s.size) for s in raw.link[link.name].shapes] == shapes
@@ -55,14 +57,16 @@ def test_it_reads_by_itself_only_what_yourdfpy_cannot(tmp_path: Path) -> None:
 @pytest.mark.parametrize("module", [raw_file, file_wheels, file_drive, wheel_slip])
 def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: object) -> None:
     """Of ``description`` only meshes are opened through it; of ``robot`` records are named."""
-    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
+    source = Path(str(module.__file__)).read_text(encoding="utf-8")  # type: ignore[attr-defined]
+    nodes = list(ast.walk(ast.parse(source)))
     imported = {
         f"{node.module}.{alias.name}"
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    own = {each for each in imported if each.startswith(("rpctl.description", "rpctl.robot"))}
+    rooms = ("rpctl.description", "rpctl.drive", "rpctl.robot")
+    own = {each for each in imported if each.startswith(rooms)}
     assert own <= {
         "rpctl.description.mesh_files",
         "rpctl.description.mesh_paths.MeshError",
@@ -72,5 +76,11 @@ def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: obj
         "rpctl.drive.drive.Wheel",
         "rpctl.robot.model.Robot",
     }
-    read_of_robot = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
-    assert not read_of_robot & {"xml", "model", "link_", "child_joints", "parent_joint"}
+    read_of_robot = {n.attr for n in nodes if isinstance(n, ast.Attribute)}
+    assert not read_of_robot & {"xml", "model", "tree", "child_joints", "parent_joint"}
+
+
+@pytest.mark.parametrize("module", [raw_file, file_wheels, file_drive, tree, planar])
+def test_poses_and_axes_are_not_those_of_the_detection(module: object) -> None:
+    source = Path(str(module.__file__)).read_text(encoding="utf-8")  # type: ignore[attr-defined]
+    assert not re.search(r"frozen_tree|FrozenTree|robot\.tree\b", source)

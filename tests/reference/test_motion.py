@@ -12,9 +12,10 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.end_effector import end_effector_reference
-from rpctl.reference.motion import BASE_PATHS, Reference, reference_by_name
+from rpctl.reference.motion import Reference, end_effector_reference
+from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
 
@@ -98,7 +99,7 @@ def test_the_end_effector_is_where_forward_kinematics_says(mixed_chain: Robot) -
     root = pin.SE3(pin.utils.rotate("z", state.pose[2]), np.zeros(3))
     P = np.array([*mixed_chain.drive.point, 0.0])
     root.translation = np.array([*state.pose[:2], 0.0]) - root.rotation @ P
-    expected = root.homogeneous @ mixed_chain.description.pose(link, positions)
+    expected = root.homogeneous @ FrozenTree(mixed_chain.description, positions).pose(link)
     np.testing.assert_allclose(pose.homogeneous, expected, atol=1e-12)
 
 

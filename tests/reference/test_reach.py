@@ -12,11 +12,12 @@ import rpctl
 from rpctl import Robot, summarize
 from rpctl.errors import RpctlError
 from rpctl.reference.arm import Arm
-from rpctl.reference.base_parametrisation import DEGREE, DrivingBase
+from rpctl.reference.base_parametrisation import DrivingBase
 from rpctl.reference.end_effector_plan import END_EFFECTOR_TOLERANCE, plan_reach
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, wheel_rates
 from rpctl.reference.load import along_goal, load_reference
+from rpctl.reference.splines import clamped_knots
 from rpctl.reference.timed_path import TimedPath, along
 from tests.reference.differences import check_derivatives, check_rest
 
@@ -126,8 +127,7 @@ def test_an_arm_is_needed(tiago: Robot) -> None:
 
 def test_base_motions_know_their_slopes() -> None:
     s = np.linspace(0.0, 3.0, 31)
-    inner = np.linspace(0.0, 3.0, 6)
-    knots = np.concatenate([np.full(DEGREE, 0.0), inner, np.full(DEGREE, 3.0)])
+    knots = clamped_knots(np.linspace(0.0, 3.0, 6))
     for columns in ([0, 2], [0, 1, 2]):
         base = DrivingBase(s, knots, columns)
         z = np.random.default_rng(3).normal(size=base.size)
@@ -161,9 +161,9 @@ def test_tiago_tracks_a_square_with_its_end_effector(tiago: Robot) -> None:
     run = rpctl.track(tiago, "ee-square")
     figures = summarize(run)
     assert run.t[-1] > 20.0
-    assert figures["rms_end_effector_error"] < 3e-4
-    assert figures["settled_end_effector_error"] < 1e-3
-    assert not figures["limits_violated"]
+    assert (figures.rms_end_effector_error or np.inf) < 3e-4
+    assert (figures.settled_end_effector_error or np.inf) < 1e-3
+    assert not figures.limits_violated
 
 
 def test_a_file_gives_points(tmp_path: Path, paper: Robot) -> None:

@@ -12,8 +12,8 @@ import trimesh
 
 import rpctl
 from rpctl import Robot
-from rpctl.robot.idealisation import Idealisation
-from rpctl.robot.idealised import idealisations
+from rpctl.robot.facts import idealisations
+from rpctl.robot.idealised import Idealisation
 from tests.drive.drive_cases import Files, body, xml
 from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import Parts, caster, rear_axle, vehicle

@@ -13,8 +13,12 @@ def test_limits_scale_and_nothing_else(tiago: Robot) -> None:
     half = scale_limits(tiago, effort=0.5, velocity=0.25)
     np.testing.assert_array_equal(half.effort_limits, 0.5 * tiago.effort_limits)
     run, plain = track(half, "eight", 0.01), track(tiago, "eight", 0.01)
-    np.testing.assert_array_equal(run.effort_limits, 0.5 * np.array(plain.effort_limits))
-    np.testing.assert_array_equal(run.velocity_limits, 0.25 * np.array(plain.velocity_limits))
+    np.testing.assert_array_equal(
+        run.robot.effort_limits, 0.5 * np.array(plain.robot.effort_limits)
+    )
+    np.testing.assert_array_equal(
+        run.robot.velocity_limits, 0.25 * np.array(plain.robot.velocity_limits)
+    )
     assert [j.effort for j in half.joints] == [0.5 * j.effort for j in tiago.joints]
     q = tiago.configuration()
     np.testing.assert_array_equal(

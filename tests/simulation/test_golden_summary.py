@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from rpctl import Run, summarize
 from rpctl.simulation.summary import violations
 from tests.golden import COUNT, TIMES
+from tests.runs import vary
 
 DURATION = float(TIMES[-1])
 
@@ -21,10 +21,10 @@ def rms(*values: float) -> float:
 
 def changed(run: Run, name: str, sample: int | slice, column: int, value: float) -> Run:
     """Return a run with one entry of an array, or several of a column, changed."""
-    array = np.array(getattr(run, name))
+    array = np.array(getattr(run.log, name))
     array[sample, column] = value
     entry: dict[str, Any] = {name: array}
-    return replace(run, **entry)
+    return vary(run, **entry)
 
 
 def test_figures_of_a_run(golden: Run) -> None:
@@ -46,20 +46,20 @@ def test_figures_of_a_run(golden: Run) -> None:
         "wall_time": 0.25,
         "realtime_factor": 2.0,
     }
-    assert {name: summary[name] for name in figures} == pytest.approx(figures, rel=1e-12)
-    assert summary["max_effort_joint"] == "swing_joint"
-    assert summary["limits_violated"] == []
-    assert summary["kinematic_report"] == {"softened": 3.0}
-    swing, slide = summary["joint_errors"]
-    assert (swing["joint"], swing["unit"]) == ("swing_joint", "rad")
-    assert (slide["joint"], slide["unit"]) == ("slide_joint", "m")
-    assert [swing[key] for key in ("rms", "final", "settled")] == pytest.approx(
+    assert {name: summary.to_dict()[name] for name in figures} == pytest.approx(figures, rel=1e-12)
+    assert summary.max_effort_joint == "swing_joint"
+    assert summary.limits_violated == ()
+    assert summary.kinematic_report == {"softened": 3.0}
+    swing, slide = summary.joint_errors
+    assert (swing.joint, swing.unit) == ("swing_joint", "rad")
+    assert (slide.joint, slide.unit) == ("slide_joint", "m")
+    assert [swing.rms, swing.final, swing.settled] == pytest.approx(
         [rms(1.0, 0.5, 0.2, 0.1, 0.3, 0.2), 0.2, 0.3]
     )
-    assert [slide[key] for key in ("rms", "final", "settled")] == pytest.approx(
+    assert [slide.rms, slide.final, slide.settled] == pytest.approx(
         [rms(0.04, 0.03, 0.01, 0.005, 0.02, 0.01), 0.01, 0.02]
     )
-    efforts = [(e["actuator"], e["peak"], e["limit"], e["ratio"]) for e in summary["efforts"]]
+    efforts = [(e.actuator, e.peak, e.limit, e.ratio) for e in summary.efforts]
     assert efforts == [
         ("left_wheel_joint", 30.0, 40.0, 0.75),
         ("right_wheel_joint", 50.0, np.inf, 0.0),
@@ -71,11 +71,11 @@ def test_figures_of_a_run(golden: Run) -> None:
 
 def test_the_second_half_of_an_odd_number_of_samples_has_the_middle_one(golden: Run) -> None:
     arrays: dict[str, Any] = {
-        name: a[:5] for name, a in vars(golden).items() if isinstance(a, np.ndarray)
+        name: a[:5] for name, a in vars(golden.log).items() if isinstance(a, np.ndarray)
     }
-    summary = summarize(replace(golden, **arrays))
-    assert summary["settled_base_error"] == pytest.approx(0.5)
-    assert summary["joint_errors"][1]["settled"] == pytest.approx(0.02)
+    summary = summarize(vary(golden, **arrays))
+    assert summary.settled_base_error == pytest.approx(0.5)
+    assert summary.joint_errors[1].settled == pytest.approx(0.02)
 
 
 # Array, its column, limit, and what is told of it: the joint and the kind of limit.
@@ -111,13 +111,13 @@ def test_each_limit_in_each_direction(golden: Run, case: tuple[str, int, float, 
     run = changed(golden, array, slice(2, 4), column, 1.25 * limit)
     run = changed(run, array, 4, column, 1.125 * limit)
     (found,) = violations(run)
-    assert (found["joint"], found["limit"]) == (joint, kind)
+    assert (found.joint, found.limit) == (joint, kind)
     sign = 1.0 if kind in ("lower", "upper") else np.sign(limit)  # of efforts and rates the size
-    assert found["value"] == pytest.approx(1.25 * limit * sign)
-    assert found["allowed"] == pytest.approx(limit * sign)
-    assert found["first_time"] == pytest.approx(0.2)
-    assert found["duration"] == pytest.approx(3 / COUNT * DURATION)
-    assert summarize(run)["limits_violated"] == [found]
+    assert found.value == pytest.approx(1.25 * limit * sign)
+    assert found.allowed == pytest.approx(limit * sign)
+    assert found.first_time == pytest.approx(0.2)
+    assert found.duration == pytest.approx(3 / COUNT * DURATION)
+    assert summarize(run).limits_violated == (found,)
 
 
 @pytest.mark.parametrize("case", LIMITS, ids=lambda case: f"{case[3]}-{case[4]}-{case[2]:g}")
@@ -125,81 +125,77 @@ def test_each_limit_may_be_reached_but_not_passed(
     golden: Run, case: tuple[str, int, float, str, str]
 ) -> None:
     array, column, limit, joint, kind = case
-    assert violations(changed(golden, array, 1, column, limit)) == []
+    assert violations(changed(golden, array, 1, column, limit)) == ()
     size = max(abs(limit), 1.0)  # rounding may pass it by 1e-9 of the limit, and of 1
     assert (
-        violations(changed(golden, array, 1, column, limit + 0.5e-9 * np.sign(limit) * size)) == []
+        violations(changed(golden, array, 1, column, limit + 0.5e-9 * np.sign(limit) * size)) == ()
     )
     (found,) = violations(changed(golden, array, 1, column, limit + 2e-9 * np.sign(limit) * size))
-    assert (found["joint"], found["limit"]) == (joint, kind)
+    assert (found.joint, found.limit) == (joint, kind)
 
 
 def test_limits_on_the_far_side_of_zero(golden: Run) -> None:
     """A joint from 2 to 3 rad: rounding may pass 2 by 2e-9, and no more."""
-    inside = np.column_stack([np.full(COUNT, 2.5), golden.joints[:, 1]])
-    run = replace(golden, joints=inside, lower_limits=(2.0, -0.1), upper_limits=(3.0, 0.4))
-    assert violations(run) == []
-    assert violations(changed(run, "joints", 3, 0, 2.0 - 1.5e-9)) == []
+    inside = np.column_stack([np.full(COUNT, 2.5), golden.log.joints[:, 1]])
+    run = vary(golden, joints=inside, lower_limits=(2.0, -0.1), upper_limits=(3.0, 0.4))
+    assert violations(run) == ()
+    assert violations(changed(run, "joints", 3, 0, 2.0 - 1.5e-9)) == ()
     (lower,) = violations(changed(run, "joints", 3, 0, 1.75))
     (upper,) = violations(changed(run, "joints", 3, 0, 3.25))
-    assert (lower["limit"], upper["limit"]) == ("lower", "upper")
-    assert (abs(lower["value"]), abs(lower["allowed"])) == (1.75, 2.0)
-    assert (upper["value"], upper["allowed"]) == (3.25, 3.0)
-    below = replace(golden, joints=inside - [5.5, 0.0], lower_limits=(-3.5, -0.1))
-    (upper,) = violations(replace(below, upper_limits=(-3.25, 0.4)))
-    assert (upper["limit"], upper["value"], upper["allowed"]) == ("upper", -3.0, -3.25)
+    assert (lower.limit, upper.limit) == ("lower", "upper")
+    assert (abs(lower.value), abs(lower.allowed)) == (1.75, 2.0)
+    assert (upper.value, upper.allowed) == (3.25, 3.0)
+    below = vary(golden, joints=inside - [5.5, 0.0], lower_limits=(-3.5, -0.1))
+    (upper,) = violations(vary(below, upper_limits=(-3.25, 0.4)))
+    assert (upper.limit, upper.value, upper.allowed) == ("upper", -3.0, -3.25)
 
 
 def test_both_directions_of_a_symmetric_limit(golden: Run) -> None:
     for array, column, size, kind in (("tau", 3, 21.0, "effort"), ("rates", 3, 2.1, "velocity")):
         for sign in (1.0, -1.0):
             (found,) = violations(changed(golden, array, 5, column, sign * size))
-            assert (found["joint"], found["limit"]) == ("swing_joint", kind)
-            assert found["value"] == size
-            assert found["first_time"] == pytest.approx(0.5)
+            assert (found.joint, found.limit) == ("swing_joint", kind)
+            assert found.value == size
+            assert found.first_time == pytest.approx(0.5)
 
 
 def test_where_there_is_no_limit_nothing_is_broken(golden: Run) -> None:
     run = changed(changed(golden, "tau", 0, 1, 1e6), "rates", 0, 1, -1e6)
-    assert violations(run) == []
-    free = replace(run, lower_limits=(-np.inf, -np.inf), upper_limits=(np.inf, np.inf))
+    assert violations(run) == ()
+    free = vary(run, lower_limits=(-np.inf, -np.inf), upper_limits=(np.inf, np.inf))
     free = changed(changed(free, "joints", 0, 0, 1e6), "joints", 0, 1, -1e6)
-    assert violations(free) == []
-    free = replace(free, effort_limits=(np.inf,) * 5)
+    assert violations(free) == ()
+    free = vary(free, effort_limits=(np.inf,) * 5)
     summary = summarize(free)
-    assert summary["max_effort_ratio"] is summary["max_effort_joint"] is None
+    assert (summary.max_effort_ratio, summary.max_effort_joint) == (None, None)
 
 
 def test_efforts_of_nothing_use_nothing_of_their_limits(golden: Run) -> None:
     """Only a robot without effort limits has no share of one."""
-    still = replace(
-        golden, tau=np.zeros((COUNT, 5)), effort_limits=(np.inf, 40.0, 15.0, 20.0, 80.0)
-    )
+    still = vary(golden, tau=np.zeros((COUNT, 5)), effort_limits=(np.inf, 40.0, 15.0, 20.0, 80.0))
     summary = summarize(still)
-    assert (summary["max_effort_ratio"], summary["max_effort_joint"]) == (0.0, "right_wheel_joint")
+    assert (summary.max_effort_ratio, summary.max_effort_joint) == (0.0, "right_wheel_joint")
 
 
 def test_limits_that_bound(golden: Run) -> None:
-    wheel, slide = summarize(golden)["limits_bound"]
-    assert (wheel["joint"], wheel["limit"]) == ("left_wheel_joint", "effort")
-    assert (slide["joint"], slide["limit"]) == ("slide_joint", "upper")
-    assert [wheel["first_time"], slide["first_time"]] == pytest.approx([0.2, 0.1])
+    wheel, slide = summarize(golden).limits_bound
+    assert (wheel.joint, wheel.limit) == ("left_wheel_joint", "effort")
+    assert (slide.joint, slide.limit) == ("slide_joint", "upper")
+    assert [wheel.first_time, slide.first_time] == pytest.approx([0.2, 0.1])
     # P is 0.1 m behind the root link, which is at (0.4, 0.12) m and turned by 0.6 rad.
-    assert wheel["first_place"] == pytest.approx(
-        [0.4 - 0.1 * np.cos(0.6), 0.12 - 0.1 * np.sin(0.6)]
-    )
-    assert wheel["duration"] == pytest.approx(0.5 * DURATION)
-    assert slide["duration"] == pytest.approx(DURATION / 3.0)
-    assert wheel["told"] == (
+    assert wheel.first_place == pytest.approx([0.4 - 0.1 * np.cos(0.6), 0.12 - 0.1 * np.sin(0.6)])
+    assert wheel.duration == pytest.approx(0.5 * DURATION)
+    assert slide.duration == pytest.approx(DURATION / 3.0)
+    assert wheel.sentence == (
         "left_wheel_joint effort limit bound from 0.2 s, at (0.32, 0.06) m, 0.25 s in all"
     )
-    assert slide["told"] == (
+    assert slide.sentence == (
         "slide_joint upper position limit bound from 0.1 s, at (0.10, 0.00) m, 0.17 s in all"
     )
-    lower = replace(golden, bound_limits=(("steer_joint", "lower"), ("slide_joint", "velocity")))
-    first, second = summarize(lower)["limits_bound"]
-    assert first["told"].startswith("steer_joint lower position limit bound from 0.2 s")
-    assert second["told"].startswith("slide_joint velocity limit bound from 0.1 s")
+    lower = vary(golden, bound_limits=(("steer_joint", "lower"), ("slide_joint", "velocity")))
+    first, second = summarize(lower).limits_bound
+    assert first.sentence.startswith("steer_joint lower position limit bound from 0.2 s")
+    assert second.sentence.startswith("slide_joint velocity limit bound from 0.1 s")
 
 
 # Margins (m) and slip ratios at samples 1 to 3, and what is told of them.
@@ -250,30 +246,30 @@ GROUND: list[tuple[tuple[float, ...], tuple[float, ...], dict[str, Any]]] = [
 def test_what_the_ground_does(
     golden: Run, margins: tuple[float, ...], slips: tuple[float, ...], summary: dict[str, Any]
 ) -> None:
-    tip, slip = np.array(golden.tip_margin), np.array(golden.slip_ratio)
+    tip, slip = np.array(golden.log.tip_margin), np.array(golden.log.slip_ratio)
     tip[1:4], slip[1:4] = margins, slips
-    found = summarize(replace(golden, tip_margin=tip, slip_ratio=slip))
+    found = summarize(vary(golden, tip_margin=tip, slip_ratio=slip)).to_dict()
     assert {key: found[key] for key in summary} == summary
 
 
 def test_a_split_of_the_load_that_is_assumed_is_told(golden: Run) -> None:
-    summary = summarize(replace(golden, contacts=("a", "b", "c", "d")))["ground"]
-    assert summary.endswith("friction 0.7 (4 contacts, taken as equally stiff)")
+    summary = summarize(vary(golden, contacts=("a", "b", "c", "d"))).ground.sentence
+    assert str(summary).endswith("friction 0.7 (4 contacts, taken as equally stiff)")
 
 
 def test_ground_without_a_balance(golden: Run) -> None:
     nothing = np.empty((COUNT, 0))
-    bare = replace(golden, tip_margin=nothing, slip_ratio=nothing, contact_load=nothing)
-    noted = summarize(replace(bare, ground_notes=("a meshed caster", "another note")))
+    bare = vary(golden, tip_margin=nothing, slip_ratio=nothing, contact_load=nothing)
+    noted = summarize(vary(bare, ground_notes=("a meshed caster", "another note")))
     keys = ("min_tip_over_margin", "max_slip_ratio", "would_slip", "would_tip", "ground")
-    assert [noted[key] for key in keys] == [None, None, None, None, "a meshed caster"]
-    assert summarize(bare)["ground"] is None
+    assert [noted.to_dict()[key] for key in keys] == [None, None, None, None, "a meshed caster"]
+    assert summarize(bare).ground.sentence is None
 
 
 def test_without_an_arm_or_work_to_speak_of(golden: Run) -> None:
     nothing = np.empty((COUNT, 0))
-    summary = summarize(replace(golden, end_effector=None, ee=nothing, ee_ref=nothing))
+    summary = summarize(vary(golden, end_effector=None, ee=nothing, ee_ref=nothing))
     keys = [f"{when}_end_effector_error" for when in ("rms", "final", "settled")]
-    assert [summary[key] for key in keys] == [None] * 3
-    rest = replace(golden, work=np.zeros(COUNT), energy=np.full(COUNT, 7.0))
-    assert summarize(rest)["energy_residual"] == 0.0
+    assert [summary.to_dict()[key] for key in keys] == [None] * 3
+    rest = vary(golden, work=np.zeros(COUNT), energy=np.full(COUNT, 7.0))
+    assert summarize(rest).energy_residual == 0.0

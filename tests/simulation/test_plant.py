@@ -8,7 +8,7 @@ import pytest
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError, scale_masses, summarize, track
 from rpctl.arrays import Array
-from rpctl.control.command import Command
+from rpctl.control.law import Command
 from rpctl.errors import UnknownNameError
 
 OFF = (0.1, -0.1, 0.1)
@@ -23,7 +23,7 @@ def test_a_bias_pushes_but_is_not_the_actuators(paper: Robot) -> None:
     push = dynamics.actuation(plain.q[0]) @ np.array([2.0, 0.0, 0.0, 0.0])
     expected = np.linalg.solve(dynamics.inertia(plain.q[0]), push) * 0.002
     np.testing.assert_allclose(biased.nu[1] - plain.nu[1], expected, rtol=1e-2, atol=1e-6)
-    assert summarize(biased)["energy_residual"] < 1e-6
+    assert summarize(biased).energy_residual < 1e-6
     assert biased.settings["plant"]["bias of wheel_left_joint"] == 2.0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,11 +23,12 @@ from rpctl import (
     verify,
 )
 from rpctl.arrays import Array
-from rpctl.control.command import Command, KinematicLaw
+from rpctl.control.law import Command, KinematicFunction
 from rpctl.errors import RunFileError
 from rpctl.reference.motion import Reference
-from rpctl.simulation.run import META_ENTRY
+from rpctl.simulation.run import ENTRIES, META_ENTRY
 from tests.robots import SET_A, platform, write
+from tests.runs import vary
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +38,16 @@ def run(paper: Robot) -> Run:
 
 def test_it_comes_back_as_it_was(run: Run, tmp_path: Path) -> None:
     back = Run.load(run.save(tmp_path / "run.npz"))
-    for item in dataclasses.fields(Run):
-        here, there = getattr(run, item.name), getattr(back, item.name)
+    for entry, (record, name) in ENTRIES.items():
+        here, there = (
+            getattr(r if record is None else getattr(r, record), name) for r in (run, back)
+        )
         if isinstance(here, np.ndarray):
             np.testing.assert_array_equal(here, there)
             with pytest.raises(ValueError, match="read-only"):
                 there[...] = 0.0
         else:
-            assert json.dumps(here) == json.dumps(there), item.name
+            assert here == there, entry
     assert back.certificate is not None
     assert back.certificate["passed"]
     assert list(tmp_path.iterdir()) == [tmp_path / "run.npz"]
@@ -55,16 +57,16 @@ def test_limits_that_bound_come_back(paper: Robot, tmp_path: Path) -> None:
     hard = rpctl.scale_limits(paper, effort=0.1)
     run = track(hard, "eight", 0.1, (0.5, 0.3, 0.5), dynamic=rpctl.IntegralDynamic())
     back = Run.load(run.save(tmp_path / "run.npz"))
-    assert back.bound_limits == run.bound_limits
-    assert ("wheel_right_joint", "effort") in back.bound_limits
-    assert back.active_limits.any()
-    np.testing.assert_array_equal(back.active_limits, run.active_limits)
+    assert back.log.bound_limits == run.log.bound_limits
+    assert ("wheel_right_joint", "effort") in back.log.bound_limits
+    assert back.log.active_limits.any()
+    np.testing.assert_array_equal(back.log.active_limits, run.log.active_limits)
     assert back.settings["dynamic"]["inner"]["law"] == "BoundedDynamic"
 
 
 @dataclass(frozen=True)
 class _Own:
-    inner: KinematicLaw
+    inner: KinematicFunction
     gains: Any
     least: Any
     around: tuple[Disc, ...]
@@ -89,13 +91,13 @@ def test_settings_within_settings_come_back(paper: Robot, tmp_path: Path) -> Non
 def test_no_arm_comes_back_too(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A)))
     back = Run.load(track(robot, "circle", 0.1).save(tmp_path / "run.npz"))
-    assert back.ee.shape == (len(back.t), 0)
-    assert np.isinf(back.effort_limits).all()
-    assert back.tip_margin.shape == back.slip_ratio.shape == (len(back.t), 0)
-    assert back.zmp.shape == (len(back.t), 2)
+    assert back.log.ee.shape == (len(back.t), 0)
+    assert np.isinf(back.robot.effort_limits).all()
+    assert back.log.tip_margin.shape == back.log.slip_ratio.shape == (len(back.t), 0)
+    assert back.log.zmp.shape == (len(back.t), 2)
     fixed = Run.load(track(rpctl.load("panda"), "eight", 0.1).save(tmp_path / "fixed.npz"))
-    assert not (fixed.contacts or fixed.axles or fixed.ground_notes)
-    assert fixed.zmp.shape == fixed.wheel_force.shape == (len(fixed.t), 0)
+    assert not (fixed.ground.contacts or fixed.ground.axles or fixed.ground.notes)
+    assert fixed.log.zmp.shape == fixed.log.wheel_force.shape == (len(fixed.t), 0)
 
 
 def altered(run: Run, path: Path, meta: Mapping[str, object], **arrays: Any) -> Path:
@@ -121,15 +123,19 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
         ({"schema": 99}, {}, "schema 99, this rpctl reads 2 and 3"),
         ({"schema": 1}, {}, "schema 1, this rpctl reads 2 and 3"),
         ({"notes": None}, {}, "missing or not known: notes"),
-        ({}, {"others": run.others[:, :1]}, '"others" does not fit its names'),
-        ({}, {"other_rates": run.others[:, :1]}, '"other_rates" does not fit its names'),
+        ({}, {"others": run.log.others[:, :1]}, '"others" does not fit its names'),
+        ({}, {"other_rates": run.log.others[:, :1]}, '"other_rates" does not fit its names'),
         ({"robot": None}, {}, "missing or not known: robot"),
         ({"colour": "red"}, {}, "missing or not known: colour"),
         ({}, {"tau": None}, "missing or not known: tau"),
         ({}, {"nu": wrong}, '"nu" holds other than finite numbers'),
         ({}, {"nu": run.nu[:5]}, "differing lengths"),
         ({}, {"nu": run.nu[:, :2]}, '"nu" does not fit its names'),
-        ({}, {"contact_load": run.contact_load[:, :2]}, '"contact_load" does not fit its names'),
+        (
+            {},
+            {"contact_load": run.log.contact_load[:, :2]},
+            '"contact_load" does not fit its names',
+        ),
         ({}, {"nu": run.nu.astype(np.float32)}, '"nu" holds other than finite numbers'),
     )
     for meta, arrays, message in cases:
@@ -141,9 +147,9 @@ def test_older_runs_come_back_without_what_they_lack(run: Run, tmp_path: Path) -
     gone: dict[str, object] = dict.fromkeys(("other_names", "other_limits", "notes"))
     arrays = {"others": None, "other_rates": None}
     back = Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, **gone}, **arrays))
-    assert back.others.shape == back.other_rates.shape == (len(run.t), 0)
-    assert (back.other_names, back.other_limits, back.notes) == ((), (), ())
-    assert rpctl.summarize(back)["limits_violated"] == []
+    assert back.log.others.shape == back.log.other_rates.shape == (len(run.t), 0)
+    assert (back.robot.other_names, back.robot.other_limits, back.notes) == ((), (), ())
+    assert rpctl.summarize(back).limits_violated == ()
     with pytest.raises(RunFileError, match="missing or not known: robot"):
         Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, "robot": None}))
 
@@ -174,27 +180,27 @@ def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
 
 def test_ranges_come_back_and_older_files_lack_them(run: Run, tmp_path: Path) -> None:
     split = track(rpctl.load("skid_steer"), "eight", 0.2)
-    assert split.load_range.shape == (len(split.t), 4, 2)
-    assert split.slip_range.shape == (len(split.t), 2)
-    slips = split.slip_range.copy()
+    assert split.log.load_range.shape == (len(split.t), 4, 2)
+    assert split.log.slip_range.shape == (len(split.t), 2)
+    slips = split.log.slip_range.copy()
     slips[3], slips[4] = np.nan, (0.1, np.inf)  # it tips, and a wheel may bear nothing
-    path = dataclasses.replace(split, slip_range=slips).save(tmp_path / "run.npz")
-    np.testing.assert_array_equal(Run.load(path).slip_range, slips)
-    np.testing.assert_array_equal(Run.load(path).load_range, split.load_range)
+    path = vary(split, slip_range=slips).save(tmp_path / "run.npz")
+    np.testing.assert_array_equal(Run.load(path).log.slip_range, slips)
+    np.testing.assert_array_equal(Run.load(path).log.load_range, split.log.load_range)
     old = Run.load(altered(split, path, {}, load_range=None, slip_range=None))
-    assert old.load_range.shape == old.slip_range.shape == (len(old.t), 0)
-    np.testing.assert_array_equal(old.contact_load, split.contact_load)
+    assert old.log.load_range.shape == old.log.slip_range.shape == (len(old.t), 0)
+    np.testing.assert_array_equal(old.log.contact_load, split.log.contact_load)
     for name in ("load_range", "slip_range"):
-        wrong: dict[str, Any] = {name: getattr(split, name)[:, :1]}
+        wrong: dict[str, Any] = {name: getattr(split.log, name)[:, :1]}
         with pytest.raises(RunFileError, match=f'"{name}" does not fit its names'):
             Run.load(altered(split, path, {}, **wrong))
-    assert run.load_range.shape == run.slip_range.shape == (len(run.t), 0)  # three contacts
+    assert run.log.load_range.shape == run.log.slip_range.shape == (len(run.t), 0)  # three contacts
 
 
 def test_ranges_cost_little_room(tiago: Robot, tmp_path: Path) -> None:
     run = track(tiago, "eight", 2.0, (0.1, -0.1, 0.1))
     nothing = np.empty((len(run.t), 0))
-    bare = dataclasses.replace(run, load_range=nothing, slip_range=nothing)
+    bare = vary(run, load_range=nothing, slip_range=nothing)
     sizes = [each.save(tmp_path / "run.npz").stat().st_size for each in (bare, run)]
     assert sizes[0] < sizes[1] < 1.1 * sizes[0]
 

@@ -106,11 +106,11 @@ def test_controllers_by_name() -> None:
 def test_figures_are_those_of_the_run(paper: Robot) -> None:
     run = rpctl.track(paper, "circle", 0.3, (0.1, 0.2, 0.0))
     found = figures(run, [1.0, 3.0] * 99 + [0.0, 50.0])
-    base = np.hypot(run.e[:, 0], run.e[:, 1])
+    base = np.hypot(run.log.e[:, 0], run.log.e[:, 1])
     assert found.rms_base == pytest.approx(math.sqrt(np.mean(base**2)))
     assert found.final_base == base[-1]
-    assert found.final_lateral == abs(run.e[-1, 1])
-    shares = np.abs(run.tau) / np.array(run.effort_limits)
+    assert found.final_lateral == abs(run.log.e[-1, 1])
+    shares = np.abs(run.tau) / np.array(run.robot.effort_limits)
     assert found.peak_effort == pytest.approx(shares.max())
     assert found.rms_effort == pytest.approx(np.sqrt((shares**2).mean()))
     assert found.violations == ()

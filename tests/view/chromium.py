@@ -38,15 +38,16 @@ def chromium() -> Iterator[Any]:
 
 
 @contextmanager
-def opened(browser: Any, url: str, *allowed: str) -> Iterator[Any]:
+def opened(browser: Any, url: str, *allowed: str, **options: Any) -> Iterator[Any]:
     """Yield a page that is ready; in the end it has complained of nothing and fetched nothing.
 
     Args:
         browser: The browser.
         url: The page.
         allowed: How the addresses begin that it may fetch nevertheless.
+        options: Of the browser's context, such as its color_scheme.
     """
-    context = browser.new_context(viewport=WINDOW)
+    context = browser.new_context(**{"viewport": WINDOW, **options})
     page = context.new_page()
     page.set_default_timeout(1000 * PAGE_TIMEOUT_S)
     problems: list[str] = []
@@ -75,6 +76,12 @@ def picture(page: Any, viewer: str) -> np.ndarray[Any, Any]:
     script = f"(() => {{ {viewer}.render(); return {viewer}.renderer.domElement.toDataURL(); }})()"
     data = base64.b64decode(page.evaluate(script).partition(",")[2])
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA")).astype(int)
+
+
+def picture_at(page: Any, time: float) -> np.ndarray[Any, Any]:
+    """Return what a report's scene draws (h, w, 4) at a time, s."""
+    page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", time)
+    return picture(page, "rpctl.viewer")
 
 
 def changed(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> int:

@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import rpctl
 from rpctl import Robot, Run
+from tests.view.chromium import chromium
 from tests.view.samples import short_run, write_cart
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as slow what needs a real browser, but for one quick test of each kind of page."""
+    for item in items:
+        if "browser" in getattr(item, "fixturenames", ()) and not item.get_closest_marker("quick"):
+            item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """One browser a file: films, which start their own, bear no other beside it."""
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture

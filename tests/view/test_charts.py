@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.view.chart_data import MAX_POINTS, chart_data
-from rpctl.view.charts import Chart, charts, grip_top
+from rpctl.view.chart import Chart
+from rpctl.view.charts import charts, grip_top
+from rpctl.view.pages.chart_data import MAX_POINTS, chart_data
 from rpctl.view.pages.forces import contact_forces, effort_ratios, overlay
+from tests.runs import vary
 from tests.view.samples import short_run
 
 
@@ -32,9 +34,11 @@ def stretched(run: Run, count: int) -> Run:
     t = np.linspace(0.0, run.t[-1], count)
     places = np.searchsorted(run.t, t - 1e-9)
     arrays: dict[str, Any] = {
-        name: value[places] for name, value in vars(run).items() if isinstance(value, np.ndarray)
+        name: value[places]
+        for name, value in vars(run.log).items()
+        if isinstance(value, np.ndarray)
     }
-    return replace(run, **{**arrays, "t": t})
+    return vary(run, **{**arrays, "t": t})
 
 
 def test_charts_suit_the_robot(paper_run: Run, ur5_run: Run, cart: Robot) -> None:
@@ -55,14 +59,14 @@ def test_charts_suit_the_robot(paper_run: Run, ur5_run: Run, cart: Robot) -> Non
 
 
 def test_speeds_are_told_by_name(paper_run: Run) -> None:
-    names = ("vy", "front_steering_joint", *paper_run.quasi_velocities[2:])
-    run = replace(paper_run, quasi_velocities=names)
+    names = ("vy", "front_steering_joint", *paper_run.robot.quasi_velocities[2:])
+    run = vary(paper_run, quasi_velocities=names)
     (vy,) = chart(run, "Base speeds").lines
     assert (vy.label, vy.unit) == ("vy", "m/s")
     (steering,) = chart(run, "Other speeds").lines
     assert (steering.label, steering.unit) == ("front_steering", "rad/s")
     np.testing.assert_array_equal(steering.values, run.nu[:, 1])
-    units = dict(zip(run.joint_names, run.units, strict=True))
+    units = dict(zip(run.robot.joint_names, run.robot.units, strict=True))
     shown_units = [line.unit for line in chart(run, "Joint speeds").lines]
     assert shown_units == [f"{units[name]}/s" for name in names[2:]]
     assert set(shown_units) == {"m/s", "rad/s"}
@@ -72,7 +76,7 @@ def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
     efforts = chart(paper_run, "Efforts")
     assert efforts.limits == (-100.0, 100.0)
     for line, tau, limit in zip(
-        efforts.lines, paper_run.tau.T, paper_run.effort_limits, strict=True
+        efforts.lines, paper_run.tau.T, paper_run.robot.effort_limits, strict=True
     ):
         np.testing.assert_allclose(line.values, 100.0 * tau / limit)
         np.testing.assert_allclose(line.values * line.scale, tau)
@@ -84,22 +88,22 @@ def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
 def shared(run: Run) -> Run:
     """Return a run whose loads are intervals: twice and half of what they were, grip likewise."""
     loads, slips = (
-        np.stack([0.5 * run.contact_load, 2.0 * run.contact_load], axis=2),
-        run.slip_ratio,
+        np.stack([0.5 * run.log.contact_load, 2.0 * run.log.contact_load], axis=2),
+        run.log.slip_ratio,
     )
     slips = np.column_stack([0.5 * slips, 2.0 * slips])
-    return replace(run, load_range=loads, slip_range=slips)
+    return vary(run, load_range=loads, slip_range=slips)
 
 
 def test_what_is_an_interval_has_a_band(paper_run: Run) -> None:
     run = shared(paper_run)
     loads, grip = chart(run, "Ground loads"), chart(run, "Grip used")
-    for line, load in zip(loads.lines, run.contact_load.T, strict=True):
+    for line, load in zip(loads.lines, run.log.contact_load.T, strict=True):
         assert line.band is not None
         np.testing.assert_array_equal(line.band, [0.5 * load, 2.0 * load])
     (line,) = grip.lines
     assert line.band is not None
-    np.testing.assert_allclose(line.band, 100.0 * np.outer([0.5, 2.0], run.slip_ratio))
+    np.testing.assert_allclose(line.band, 100.0 * np.outer([0.5, 2.0], run.log.slip_ratio))
     for each in (loads, grip):
         assert each.note.endswith("shaded: all splits of the load")
     for title in ("Ground loads", "Grip used"):
@@ -108,31 +112,32 @@ def test_what_is_an_interval_has_a_band(paper_run: Run) -> None:
     data = chart_data([run], ["run"])
     drawn = next(c for c in data["charts"] if c["title"] == "Ground loads")["variants"][0]["lines"]
     least, most = (floats(text) for text in drawn[1]["band"])
-    np.testing.assert_allclose(least, 0.5 * run.contact_load[:, 1], rtol=1e-6)
-    np.testing.assert_allclose(most, 2.0 * run.contact_load[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(least, 0.5 * run.log.contact_load[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(most, 2.0 * run.log.contact_load[:, 1], rtol=1e-6)
     assert "band" not in data["charts"][0]["variants"][0]["lines"][0]
 
 
 def test_a_band_without_an_end_leaves_the_axis_to_the_line(paper_run: Run) -> None:
-    slips = np.column_stack([0.5 * paper_run.slip_ratio, np.full_like(paper_run.t, 2.5)])
-    run = replace(shared(paper_run), slip_range=slips)
+    slips = np.column_stack([0.5 * paper_run.log.slip_ratio, np.full_like(paper_run.t, 2.5)])
+    run = vary(shared(paper_run), slip_range=slips)
     assert grip_top(run) == 2.5
     slips[5, 1], slips[6], slips[7, 1] = np.inf, np.nan, 7.0
-    assert grip_top(run) == max(1.0, paper_run.slip_ratio.max())
+    assert grip_top(run) == max(1.0, paper_run.log.slip_ratio.max())
     grip = chart(run, "Grip used")
     assert "(drawn up to 100)" in grip.note
-    assert grip.lines[0].band is not None
-    least, most = grip.lines[0].band
+    data = chart_data([run], ["run"])
+    json.dumps(data, allow_nan=False)
+    drawn = next(c for c in data["charts"] if c["title"] == "Grip used")["variants"][0]["lines"]
+    least, most = (floats(edge) for edge in drawn[0]["band"])
     np.testing.assert_array_equal(np.isnan(least), np.arange(len(least)) == 6)
     assert np.isinf(most[[5, 7]]).all()
-    json.dumps(chart_data([run], ["run"]), allow_nan=False)
 
 
 def test_no_peak_is_lost(paper_run: Run) -> None:
     run = stretched(paper_run, 30_000)
     tau = np.array(run.tau)
     tau[17_777, 0], tau[4_321, 0] = 55.0, -66.0
-    data = chart_data([replace(run, tau=tau)], ["run"])
+    data = chart_data([vary(run, tau=tau)], ["run"])
     times = floats(data["x"])
     efforts = next(c for c in data["charts"] if c["title"] == "Efforts")["variants"][0]
     line = efforts["lines"][0]
@@ -148,7 +153,7 @@ def test_short_run_keeps_its_samples(paper_run: Run) -> None:
     data = chart_data([paper_run], ["run"])
     np.testing.assert_allclose(floats(data["x"]), paper_run.t, rtol=1e-6)
     base = data["charts"][0]["variants"][0]
-    np.testing.assert_allclose(floats(base["lines"][2]["values"]), paper_run.e[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(floats(base["lines"][2]["values"]), paper_run.log.e[:, 1], rtol=1e-6)
     assert base["decades"][0] < base["decades"][1]
     json.dumps(data, allow_nan=False)
 
@@ -170,26 +175,26 @@ def test_several_runs_share_time_and_charts(paper: Robot, paper_run: Run) -> Non
 
 def test_forces_of_the_ground(paper: Robot, paper_run: Run) -> None:
     force = contact_forces(paper_run)
-    np.testing.assert_array_equal(force[:, :, 2], paper_run.contact_load)
+    np.testing.assert_array_equal(force[:, :, 2], paper_run.log.contact_load)
     np.testing.assert_allclose(
-        force[:, :, 0].sum(axis=1), paper_run.wheel_force.sum(axis=1), atol=1e-9
+        force[:, :, 0].sum(axis=1), paper_run.log.wheel_force.sum(axis=1), atol=1e-9
     )
     np.testing.assert_allclose(
-        force[:, :, 1].sum(axis=1), paper_run.axle_force.sum(axis=1), atol=1e-9
+        force[:, :, 1].sum(axis=1), paper_run.log.axle_force.sum(axis=1), atol=1e-9
     )
-    turned = replace(paper_run, drive={**paper_run.drive, "heading": 0.5 * np.pi})
+    turned = vary(paper_run, drive=replace(paper_run.robot.drive, heading=0.5 * np.pi))
     np.testing.assert_allclose(contact_forces(turned)[:, :, 1], force[:, :, 0], atol=1e-12)
     np.testing.assert_allclose(contact_forces(turned)[:, :, 0], -force[:, :, 1], atol=1e-12)
-    steered = replace(
-        paper_run, quasi_velocities=("v", "steering", *paper_run.quasi_velocities[2:])
+    steered = vary(
+        paper_run, quasi_velocities=("v", "steering", *paper_run.robot.quasi_velocities[2:])
     )
     assert not contact_forces(steered)[:, :, :2].any()
 
 
 def test_effort_between_frames_is_not_lost(paper: Robot, paper_run: Run) -> None:
     tau = np.array(paper_run.tau)
-    tau[123, 1] = -0.9 * paper_run.effort_limits[1]
-    run = replace(paper_run, tau=tau)
+    tau[123, 1] = -0.9 * paper_run.robot.effort_limits[1]
+    run = vary(paper_run, tau=tau)
     drawn = floats(overlay(paper, run, run.t[:300:10])["effort"]["share"]).reshape(30, -1)
     assert drawn[12, 1] == pytest.approx(0.9)
     assert drawn[13, 1] < 0.9
@@ -206,10 +211,12 @@ def test_zero_moment_point_is_told_in_the_robots_frame(paper: Robot, paper_run: 
     ):
         cos, sin = np.cos(yaw), np.sin(yaw)
         world = [x + cos * px - sin * py, y + sin * px + cos * py]
-        np.testing.assert_allclose(world, paper_run.zmp[sample], atol=1e-6)
+        np.testing.assert_allclose(world, paper_run.log.zmp[sample], atol=1e-6)
 
 
 def test_nothing_is_drawn_of_ground_that_was_not_logged(ur5: Robot, ur5_run: Run) -> None:
     drawn = overlay(ur5, ur5_run, ur5_run.t[:3])
     assert drawn["stance"] is None
-    assert drawn["effort"]["joints"] == [ur5.model.getJointId(name) for name in ur5_run.actuators]
+    assert drawn["effort"]["joints"] == [
+        ur5.model.getJointId(name) for name in ur5_run.robot.actuators
+    ]

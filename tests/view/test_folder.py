@@ -30,21 +30,20 @@ def test_meshes_are_simplified_until_the_report_keeps_its_size(
     fine_run: Run, tmp_path: Path
 ) -> None:
     free = write_folder(fine_run, tmp_path / "free")
-    assert free["report_bytes"] == (tmp_path / "free/report.html").stat().st_size
-    budget = free["report_bytes"] - 600_000
-    summary = write_folder(fine_run, tmp_path / "small", budget / BYTES_PER_MB)
-    assert summary["notes"] == free["notes"] == []
-    assert 0.8 * budget < summary["report_bytes"] <= budget
-    assert (
-        json.loads((tmp_path / "small/summary.json").read_text())["report_bytes"]
-        == (summary["report_bytes"])
+    assert free.report_bytes == (tmp_path / "free/report.html").stat().st_size
+    budget = free.report_bytes - 600_000
+    written = write_folder(fine_run, tmp_path / "small", budget / BYTES_PER_MB)
+    assert written.notes == free.notes == ()
+    assert 0.8 * budget < written.report_bytes <= budget
+    assert json.loads((tmp_path / "small/summary.json").read_text())["report_bytes"] == (
+        written.report_bytes
     )
 
 
 def test_size_that_cannot_be_kept_is_told(fine_run: Run, tmp_path: Path) -> None:
-    summary = write_folder(fine_run, tmp_path / "tiny", 0.5)
-    (note,) = summary["notes"]
-    assert f"{summary['report_bytes'] / BYTES_PER_MB:.2f} MB" in note
+    written = write_folder(fine_run, tmp_path / "tiny", 0.5)
+    (note,) = written.notes
+    assert f"{written.report_bytes / BYTES_PER_MB:.2f} MB" in note
 
 
 def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
@@ -69,4 +68,4 @@ def test_report_is_written_where_there_is_none(paper_run: Run, tmp_path: Path) -
 @pytest.mark.slow
 def test_report_of_tiago_is_under_its_size(tmp_path: Path) -> None:
     run = rpctl.track(rpctl.load("tiago"), "eight", duration=20.0)
-    assert write_folder(run, tmp_path)["report_bytes"] < 6e6
+    assert write_folder(run, tmp_path).report_bytes < 6e6

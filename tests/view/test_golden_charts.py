@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rpctl import Run
-from rpctl.view.chart_data import chart_data
+from rpctl.view.pages.chart_data import chart_data
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part, speeds
+from tests.runs import vary
 from tests.view.readers import floats
 
 EFFORTS = np.array(made.EFFORTS)
@@ -118,7 +118,7 @@ def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: 
 
 
 def test_speeds_of_every_kind_of_base(golden: Run) -> None:
-    run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
+    run = vary(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
     drawn = lines(charts_of(run)["Base speeds"])
     assert {label: line["unit"] for label, line in drawn.items()} == {
         "vx": "m/s", "vy": "m/s", "ω": "rad/s",
@@ -131,7 +131,7 @@ def test_speeds_of_every_kind_of_base(golden: Run) -> None:
 def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     arm = ("swing_joint", "slide_joint")
     charts = charts_of(
-        replace(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.nu_ref[:, 2:])
+        vary(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.log.nu_ref[:, 2:])
     )
     assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
     assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
@@ -140,21 +140,21 @@ def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
 def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
     names: dict[str, Any] = {
         "joint_names": ("omega", "vx"),
-        "actuators": (*golden.actuators[:3], "omega", "vx"),
+        "actuators": (*golden.robot.actuators[:3], "omega", "vx"),
     }
-    run = replace(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
+    run = vary(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
     charts = charts_of(run)
     assert [*lines(charts["Base speeds"])] == ["v"]
     told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
     assert told_of == {"omega": "rad/s", "vx": "m/s"}
-    alone = replace(
-        run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.nu_ref[:, 2:]
+    alone = vary(
+        run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.log.nu_ref[:, 2:]
     )
     assert not {"Base error", "Base speeds"} & set(charts_of(alone))
 
 
 def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
-    charts = charts_of(replace(golden, effort_limits=(np.inf,) * 5))
+    charts = charts_of(vary(golden, effort_limits=(np.inf,) * 5))
     assert "Efforts" not in charts
     assert [*lines(charts["Efforts without limits, N·m"])] == [
         "left_wheel", "right_wheel", "steer", "swing",
@@ -167,10 +167,10 @@ def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
 def test_a_grip_beyond_bounds_is_cut_and_that_is_told(golden: Run) -> None:
     slip = np.array(made.SLIP_RATIOS)
     slip[3] = 3.0
-    at_most = charts_of(replace(golden, slip_ratio=slip))["Grip used"]
+    at_most = charts_of(vary(golden, slip_ratio=slip))["Grip used"]
     assert at_most["note"] == "friction 0.7, slips above 100"
     slip[3] = 4.0
-    chart = charts_of(replace(golden, slip_ratio=slip))["Grip used"]
+    chart = charts_of(vary(golden, slip_ratio=slip))["Grip used"]
     (line,) = lines(chart).values()
     assert floats(line["values"]) == pytest.approx([10.0, 20.0, 15.0, 300.0, 30.0, 5.0])
     assert chart["note"] == "friction 0.7, slips above 100 (drawn up to 300)"
@@ -186,17 +186,17 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
     longer = charts_of(part(golden, np.tile(np.arange(COUNT), 4), t=0.1 * np.arange(4 * COUNT)))
     # Settled: the median over the last fifth, of 0.3, 0.05, 0.06 and 0.03 m.
     assert longer["Base error"]["variants"][0]["decades"] == pytest.approx([0.2 * 0.055, 8.0])
-    settled = replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None])
+    settled = vary(golden, e=golden.log.e * np.array([1.0] * 5 + [1e-9])[:, None])
     assert charts_of(settled)["Base error"]["variants"][0]["decades"] == pytest.approx([8e-6, 8.0])
-    coarse = replace(golden, e=np.full((COUNT, 5), -0.5))
+    coarse = vary(golden, e=np.full((COUNT, 5), -0.5))
     assert charts_of(coarse)["Base error"]["variants"][0]["decades"] == pytest.approx([0.01, 1.0])
-    perfect = replace(golden, e=np.zeros((COUNT, 5)))
+    perfect = vary(golden, e=np.zeros((COUNT, 5)))
     low, high = charts_of(perfect)["Base error"]["variants"][0]["decades"]
     assert (low, high) == pytest.approx((2e-13, 2e-11))
 
 
 def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> None:
-    other = replace(golden, nu=golden.nu + 100.0, nu_ref=golden.nu_ref - 100.0, tau=0.5 * EFFORTS)
+    other = vary(golden, nu=golden.nu + 100.0, nu_ref=golden.log.nu_ref - 100.0, tau=0.5 * EFFORTS)
     charts = charts_of(golden, other)
     joints = charts["Joint speeds"]
     assert [variant["label"] for variant in joints["variants"]] == ["swing", "slide"]
@@ -213,7 +213,7 @@ def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> 
     efforts = charts["Efforts"]["variants"][3]
     assert (efforts["label"], efforts["unit"]) == ("slide", "% of limit")
     assert floats(efforts["lines"][1]["values"]) == pytest.approx(0.5 * SHARES[:, 4])
-    loose = replace(other, effort_limits=(np.inf, *golden.effort_limits[1:]))
+    loose = vary(other, effort_limits=(np.inf, *golden.robot.effort_limits[1:]))
     mixed = charts_of(golden, loose)
     assert [*lines(mixed["Efforts"], 0)] == ["run 0"]  # the other's wheel has no limit
     alone = mixed["Efforts without limits, N·m"]["variants"]

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import zlib
-from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import rpctl
 from rpctl import Run
 from rpctl.view import notebook
 from rpctl.view.film import browser
+from tests.runs import vary
 from tests.view.samples import short_run, write_cart
 
 EVIL = '"></iframe><script>alert(1)</script>'
@@ -60,7 +60,7 @@ def test_importing_rpctl_in_a_notebook_is_enough() -> None:
 
 
 def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:
-    html = notebook.show(replace(paper_run, robot=EVIL))
+    html = notebook.show(vary(paper_run, robot=EVIL))
     assert "<script>" not in html
     assert html.count("<iframe") == html.count("</iframe>") == 1
     assert "alert(1)</script>" not in page_inside(html)
@@ -75,6 +75,7 @@ def test_a_robot_that_is_gone_is_told(tmp_path: Path) -> None:
     assert "cart.urdf" in html
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, browser.BROWSER_NAMES)), reason="no chromium on PATH")
 def test_the_frame_plays(shown: dict[str, Any], paper_run: Run) -> None:
     pytest.importorskip("playwright", reason="playwright is not installed")

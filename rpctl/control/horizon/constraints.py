@@ -1,4 +1,4 @@
-"""What the horizon law keeps to: hard bounds of each unknown, and soft rows for the rest."""
+"""Constraints of the horizon law's QP: hard bounds on each unknown, soft rows for the rest."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
-from rpctl.control.horizon.qp_builder import (
+from rpctl.control.horizon.qp import (
     LinearisedConstraint,
     RowBlock,
     StageIndices,
     StageValues,
 )
 from rpctl.control.horizon.target import Sample
+from rpctl.control.obstacles import Obstacle
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import require_positive
 from rpctl.robot.model import Robot
@@ -28,7 +29,7 @@ BRAKING_ROOM = 1e-9  # rad or m: room left to a joint that can only just brake
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds that no URDF holds, and how near to the others a motion may come.
+    """Limits that no URDF holds, and how near to all limits a predicted motion may come.
 
     Attributes:
         base_acceleration: Largest acceleration of the base forward and to the left, m/s².
@@ -36,9 +37,9 @@ class Bounds:
         catch_up: How much faster than its reference the base may drive, m/s.
         rise: Time in which a joint may reach its velocity limit, s.
         joint_acceleration: Largest acceleration of joints without one, rad/s² or m/s².
-        share: Share of the URDF's speeds and efforts that a motion may use.
+        share: Fraction of the URDF's speed and effort limits that a motion may use.
         tip_margin: Least distance of the zero-moment point to the support polygon's edge, m.
-        grip: Share of each wheel's grip that a motion may use.
+        grip: Fraction of each wheel's grip that a motion may use.
         friction: Coefficient between wheels and ground.
     """
 
@@ -65,11 +66,11 @@ class Bounds:
         return np.concatenate([base, joints])
 
     def efforts(self, robot: Robot) -> tuple[Indices, Array]:
-        """Return the actuators (indices) whose effort is limited, and how far it may go."""
+        """Return the indices (k,) of the actuators with an effort limit, and the bounds (k,)."""
         return self._limited(robot.effort_limits)
 
     def rates(self, robot: Robot) -> tuple[Indices, Array]:
-        """Return the actuators (indices) whose rate is limited, and how far it may go."""
+        """Return the indices (k,) of the actuators with a velocity limit, and the bounds (k,)."""
         joint = robot.description.joint
         return self._limited(np.array([joint[name].velocity for name in robot.actuators]))
 
@@ -81,8 +82,8 @@ class Bounds:
 class HardBounds:
     """Hard bounds of accelerations, speeds and joint positions, as far as they can be kept.
 
-    What is too fast, or too near to its limit to stop before it, is held to the hardest braking
-    instead: so the bounds never contradict each other.
+    A speed above its bound, or a position too close to its limit to stop before it, is only asked
+    to brake as hard as allowed; so the bounds never contradict each other.
     """
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
@@ -102,7 +103,7 @@ class HardBounds:
         )  # speed that braking takes away by each step
 
     def linearise(self, sample: Sample) -> tuple[StageValues, StageValues]:
-        """Return lower and upper bounds of the deviations from a motion."""
+        """Return lower and upper bounds of the deviations from the predicted motion."""
         motion, base = sample.motion, self._base
         braked_nu = np.sign(motion.nu[0]) * np.maximum(
             np.abs(motion.nu[0]) - self._braked_speed, 0.0
@@ -132,17 +133,17 @@ def _is_turning(model: Model) -> list[bool]:
 
 
 class SoftBound(Protocol):
-    """A kind of soft rows."""
+    """Soft constraints of one kind."""
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
-        """Return the families that :meth:`linearise` fills, in its order."""
+        """Return the structure of the rows, in the order of :meth:`linearise`."""
 
     def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return their numbers about a motion."""
+        """Return the values of the rows about a motion."""
 
 
 class WheelSpeeds:
-    """Speeds of the wheels within their limits: they are Bᵀν. One unit of slack is one limit."""
+    """Wheel speeds Bᵀν within their limits, in units of the limits."""
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
         joints = {joint.name for joint in model.joints}
@@ -159,13 +160,13 @@ class WheelSpeeds:
         return B.T[self._limited] / self._limits[:, None]
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
-        """Return one family, of the speeds after each step."""
+        """Return one block, on ν after each step."""
         if not len(self._limited):
             return []
         return [RowBlock(indices.nu[:, : self._model.base_columns], 2 * len(self._limited))]
 
     def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return its numbers."""
+        """Return the values of the block."""
         if not len(self._limited):
             return []
         motion = sample.motion
@@ -187,14 +188,13 @@ class WheelSpeeds:
 class ForceBounds:
     """Efforts within their limits, zero-moment point inside the polygon, wheels within their grip.
 
-    The first step is bounded in all accelerations: it is the one that will be carried out. Later
-    steps are looked at for the ground only, at the ``ground`` stages, and there the arm's
-    accelerations and the steering are those of the motion: rows that tie all joints together at
-    many stages would cost the QP its sparsity.
+    The rows of the first step, the one that is carried out, depend on all accelerations. Later
+    steps have rows for the ground only, at the ``ground`` stages, and depend on the base's motion
+    only: rows that tie all joints together at many stages would cost the QP its sparsity.
 
-    Contacts let go and take hold, and the wheels' loads are linear in between only. A step that is
-    bounded by one such piece alone may end in another one, where it slips, and the next step back
-    in the first. So the first step keeps to the grip of the last three pieces that were met.
+    Contacts lift off and touch down, so the wheels' loads are only piecewise linear in the moments.
+    A first step bounded by one piece may end in another piece and slip there; it is therefore
+    bounded by the last three load splits met.
     """
 
     def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
@@ -204,7 +204,7 @@ class ForceBounds:
         self._ground_stages = [k for k in ground if k and forces.rows]
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
-        """Return the efforts' family, the ground's now, and the ground's later."""
+        """Return the blocks of the efforts, of the ground at once, and of the ground later."""
         base, count = self._model.base_columns, self._forces.rows
         now = KEPT_LOAD_SPLITS * self._forces.grip_rows
         found = [
@@ -216,7 +216,7 @@ class ForceBounds:
         return [*found, RowBlock(later, count)]
 
     def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return their numbers."""
+        """Return the values of the blocks."""
         found = self._first_step(sample.motion)
         base, count = self._model.base_columns, self._forces.rows
         value = np.empty((len(self._ground_stages), count))
@@ -233,8 +233,9 @@ class ForceBounds:
         return [*found, LinearisedConstraint(value, jacobian)]
 
     def _first_step(self, motion: PredictedMotion) -> list[LinearisedConstraint]:
+        dynamics = self._model.dynamics
         forces = self._forces.with_derivatives(
-            motion.start, motion.nu[0], motion.nu_dot[0], now=True
+            motion.start, motion.nu[0], motion.nu_dot[0], dynamics
         )
         dof = len(motion.nu[0])
         tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
@@ -250,8 +251,65 @@ class ForceBounds:
         return [efforts, LinearisedConstraint(-margins[None, :, 0], -margins[None, :, 1 : 1 + dof])]
 
     def _remember(self, load_split: Array) -> None:
-        """Remember a piece; at first it stands for the others as well."""
+        """Remember a load split; the first stands for the others as well."""
         if not self._load_splits:
             self._load_splits.extend([load_split] * KEPT_LOAD_SPLITS)
         elif not np.array_equal(load_split, self._load_splits[-1]):
             self._load_splits.append(load_split)
+
+
+class BaseClearance:
+    """Clearance of the base, a disc of ``radius`` (m) about P, after each step; slack in m."""
+
+    def __init__(self, obstacles: tuple[Obstacle, ...], radius: float) -> None:
+        self._obstacles, self._radius = obstacles, radius
+
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+        """Return one block, on the position of P."""
+        return [RowBlock(indices.pose[:, :2], len(self._obstacles))]
+
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
+        """Return the values of the block."""
+        points = sample.motion.pose[1:, :2]
+        stride = float(np.linalg.norm(np.diff(sample.motion.pose[:, :2], axis=0), axis=1).max())
+        jacobian = np.broadcast_to(np.eye(2), (len(points), 2, 2))
+        return [_clear(self._obstacles, self._radius, points, jacobian, stride)]
+
+
+class ArmClearance:
+    """Clearance of the end effector, a ball of ``radius`` (m), at some stages; slack in m."""
+
+    def __init__(self, obstacles: tuple[Obstacle, ...], radius: float, stages: list[int]) -> None:
+        self._obstacles, self._radius, self._stages = obstacles, radius, stages
+
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+        """Return one block, on pose and joints."""
+        unknowns = np.hstack([indices.pose[self._stages], indices.joints[self._stages]])
+        return [RowBlock(unknowns, len(self._obstacles))]
+
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
+        """Return the values of the block."""
+        end_effector = sample.end_effector
+        if end_effector is None:
+            raise ValueError("a robot without an end effector has no clearance of it")
+        points, jacobian = end_effector.positions[:, :2], end_effector.jacobian[:, :2]
+        stride = float(np.linalg.norm(points[1] - points[0]))  # the first stages are one step apart
+        return [_clear(self._obstacles, self._radius, points, jacobian, stride)]
+
+
+def _clear(
+    obstacles: tuple[Obstacle, ...], radius: float, points: Array, jacobian: Array, stride: float
+) -> LinearisedConstraint:
+    """Return level − normal · p ≤ slack, linearised.
+
+    Args:
+        obstacles: Obstacles to keep clear of.
+        radius: Radius about each point, m.
+        points: Points p (K, 2), m.
+        jacobian: Their derivatives (K, 2, unknowns).
+        stride: Distance between successive points, m.
+    """
+    lines = [obstacle.linearise(points, radius, stride) for obstacle in obstacles]
+    values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
+    by = [-np.einsum("ki,kij->kj", line.normal, jacobian) for line in lines]
+    return LinearisedConstraint(np.column_stack(values), np.stack(by, axis=1))

@@ -10,7 +10,7 @@ from scipy.linalg import solve_discrete_are
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Model
-from rpctl.control.horizon.qp_builder import Quadratic, StageValues
+from rpctl.control.horizon.qp import Quadratic, StageValues
 from rpctl.control.horizon.target import EndEffectorPoints, Sample
 from rpctl.errors import require_positive
 
@@ -44,15 +44,16 @@ class Weights:
 
 
 class Cost:
-    """½ Σ over the steps of weighted squared errors, accelerations less the reference's.
+    """Half the weighted sum over the steps of squared errors and of squared accelerations.
 
-    The last step weighs as much as all that would follow: each coordinate's position and rate by
-    the Riccati solution of a double integrator with the same weights.
+    Accelerations are relative to the reference's. The terminal cost stands for everything beyond
+    the horizon: for each coordinate it is the cost-to-go (Riccati solution) of a double integrator
+    with the same weights.
 
     Args:
-        weights: Its weights.
+        weights: The weights.
         model: The prediction's model.
-        end_effector_cost: Stages at which the end effector counts; each has its share.
+        stage_count: Number of stages with a cost of the end effector, which share its weight.
     """
 
     def __init__(self, weights: Weights, model: Model, stage_count: int) -> None:
@@ -76,7 +77,7 @@ class Cost:
         self._continuous = [i for i in continuous if i >= model.steered]  # the arm's
 
     def gradient(self, sample: Sample) -> StageValues:
-        """Return the gradient, the end effector's share left out."""
+        """Return the gradient of the cost without the end effector's."""
         motion, target, model = sample.motion, sample.target, self._model
         pose = motion.pose[1:] - target.pose[1:]
         pose[:, 2] = wrap_angles(pose[:, 2])
@@ -92,7 +93,7 @@ class Cost:
         return StageValues(hessian.nu_dot * nu_dot, of_pose, of_joints, of_nu)
 
     def end_effector_cost(self, end_effector: EndEffectorPoints | None) -> list[Quadratic]:
-        """Return the end effector's share at its stages."""
+        """Return the cost of the end effector's error at its stages; empty without one."""
         if end_effector is None:
             return []
         weighted_error = self._end_effector * (end_effector.positions - end_effector.goals)

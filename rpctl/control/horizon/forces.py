@@ -10,15 +10,15 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.prediction import Indices, Model
+from rpctl.control.horizon.prediction import Model
 from rpctl.dynamics.ground_reaction import Contacts, stance_at
+from rpctl.dynamics.projection import Projection
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
 
 ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
 GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
-RANK_MARGIN = 1e-9  # of the largest singular value of A: below it rows are redundant
 
 
 class Forces(NamedTuple):
@@ -27,8 +27,7 @@ class Forces(NamedTuple):
     Columns: the value, then by ν̇ (dof), then by the ν that moves the base; or the value alone.
     """
 
-    q: Array  # (nq,)
-    now: bool  # whether the casters are where q says
+    at: Projection  # its rolling wheels
     force: Array  # (nv, columns)
     wrench: Array  # (6, columns) at the root link's origin, in its axes
 
@@ -36,10 +35,9 @@ class Forces(NamedTuple):
 class ForceModel:
     """Forces of one robot at states, measured or foreseen; owns a workspace.
 
-    Where casters will stand is not foreseen. At foreseen states they glide: they neither turn nor
-    roll, and only their mass counts; the contacts are those of the posture that
-    :meth:`update_contacts` was given. Angles that no motion led to would make up rates and forces
-    many times too large.
+    Where casters will stand is not foreseen. At foreseen states they glide, and the contacts are
+    those of the posture that :meth:`update_contacts` was given. Angles that no motion led to would
+    make up rates and forces many times too large.
 
     Args:
         model: The prediction's model.
@@ -54,16 +52,13 @@ class ForceModel:
         robot = model.robot
         self._model, self._data = model, robot.model.createData()
         self._contacts, self._tip_margin, self._grip = contacts, tip_margin, grip
-        self._columns = np.zeros((robot.nv, len(robot.actuators)))
-        for column, name in enumerate(robot.actuators):
-            self._columns[robot.velocity_index(name), column] = 1.0
+        self._foreseen = model.dynamics
+        if any(swivel.role == "caster" for swivel in robot.drive.swivels):
+            self._foreseen = ReducedDynamics(robot, gliding=("caster",))
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
         self._faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
         self._stance: Stance | None = None
-        self._cached_maps: tuple[Array, bool, tuple[Array, Array]] | None = (
-            None  # the last maps, where
-        )
-        self._caster_velocities, self._caster_rows = _casters(model.dynamics)
+        self._cached_maps: tuple[Projection, tuple[Array, Array]] | None = None
         if contacts is not None and contacts.balanced:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
             self._stance = stance_at(model.dynamics, contacts, q)
@@ -98,39 +93,27 @@ class ForceModel:
 
     def value(self, q: Array, nu: Array, nu_dot: Array) -> Forces:
         """Return the forces at a foreseen q (nq,), ν (dof,) and ν̇ (dof,), one column."""
-        S, drift = self._basis(q, now=False), self._drift(q, nu, now=False)
-        force = pin.rnea(self._model.robot.model, self._data, q, S @ nu, S @ nu_dot + drift)
+        at = self._foreseen.at(q)
+        acceleration = at.S @ nu_dot + at.drift(nu)
+        force = pin.rnea(self._model.robot.model, self._data, q, at.S @ nu, acceleration)
         wrench = self._data.f[ROOT_JOINT].vector
-        return Forces(q, False, force[:, None].copy(), wrench[:, None].copy())
+        return Forces(at, force[:, None].copy(), wrench[:, None].copy())
 
-    def _basis(self, q: Array, now: bool) -> Array:
-        S = self._model.dynamics.basis(q)
-        if not now and len(self._caster_velocities):
-            S = S.copy()
-            S[self._caster_velocities] = 0.0
-        return S
-
-    def _drift(self, q: Array, nu: Array, now: bool) -> Array:
-        """Return Ṡν (nv,)."""
-        drift = self._model.dynamics.basis_drift(q, nu)
-        if not now and len(self._caster_velocities):
-            drift = drift.copy()
-            drift[self._caster_velocities] = 0.0
-        return drift
-
-    def with_derivatives(self, q: Array, nu: Array, nu_dot: Array, now: bool = False) -> Forces:
+    def with_derivatives(
+        self, q: Array, nu: Array, nu_dot: Array, dynamics: ReducedDynamics | None = None
+    ) -> Forces:
         """Return the forces at q (nq,), ν (dof,) and ν̇ (dof,), all columns.
 
         Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
         quadratic in ν, so that central differences of any step are exact where S is constant;
-        where wheels are steered the slopes by ν are those at the motion's Ṡν. ``now`` takes the
-        casters for where q has them.
+        where wheels are steered the slopes by ν are those at the motion's Ṡν. The state is a
+        foreseen one, or with the robot's own ``dynamics`` a measured one.
         """
         model, data = self._model.robot.model, self._data
-        q = np.concatenate(
-            [ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]]
-        )  # where the world's axes are the root link's
-        S, drift = self._basis(q, now), self._drift(q, nu, now)
+        # At the origin the world's axes are the root link's.
+        q = np.concatenate([ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]])
+        here = (dynamics or self._foreseen).at(q)
+        S, drift = here.S, here.drift(nu)
         base, dof = self._model.base_columns, S.shape[1]
         force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
         for column in range(base):
@@ -147,11 +130,11 @@ class ForceModel:
         x, y, z = data.com[0]
         arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         wrench[3:, 1 : 1 + dof] += arm @ momentum[:3]
-        return Forces(q, now, force, wrench)
+        return Forces(here, force, wrench)
 
     def efforts(self, forces: Forces) -> Array:
         """Return τ (n_act, columns)."""
-        allocation, _ = self._maps(forces.q, forces.now)
+        allocation, _ = self._maps(forces.at)
         return np.asarray(allocation @ forces.force)
 
     def ground(self, forces: Forces) -> Array:
@@ -193,7 +176,7 @@ class ForceModel:
         contacts = self._contacts
         if contacts is None:
             raise ValueError("no ground reactions are defined")
-        horizontal = self._maps(forces.q, forces.now)[1] @ forces.force
+        horizontal = self._maps(forces.at)[1] @ forces.force
         moments = self._moments(forces)
         wheels = len(contacts.along)
         along, lateral = horizontal[:wheels], horizontal[wheels:]
@@ -210,39 +193,17 @@ class ForceModel:
             rows.append(slack.reshape(-1, slack.shape[2]) / (usable_friction * self._weight))
         return np.vstack(rows)
 
-    def _maps(self, q: Array, now: bool) -> tuple[Array, Array]:
+    def _maps(self, at: Projection) -> tuple[Array, Array]:
         """Return the maps from the tree's force to the efforts, and to the wheels' forces."""
-        dynamics, dof = self._model.dynamics, self._model.robot.dof
-        if self._cached_maps is not None:
-            at, then, maps = self._cached_maps
-            same = dynamics.constant or (then == now and not (self._model.steered or now))
-            if same or (then == now and np.array_equal(at, q)):
-                return maps
-        allocation = dynamics.efforts(q, np.eye(dof)) @ self._basis(q, now).T
-        horizontal = np.empty((0, len(self._columns)))
-        if self._contacts is not None:
-            A = dynamics.constraint(q)
-            if not now and len(self._caster_rows):
-                A = A.copy()
-                A[self._caster_rows] = 0.0
-            multipliers = np.linalg.pinv(A.T, rcond=RANK_MARGIN)
-            forces = np.vstack([self._contacts.along, self._contacts.across]) @ multipliers
-            horizontal = forces @ (np.eye(len(self._columns)) - self._columns @ allocation)
-        maps = allocation, horizontal
-        self._cached_maps = q.copy(), now, maps
-        return maps
-
-
-def _casters(dynamics: ReducedDynamics) -> tuple[Indices, Indices]:
-    """Return the velocities (indices) of casters and of their wheels, and the rows of A on them."""
-    robot, rolling = dynamics.robot, dynamics.rolling
-    casters = [swivel for swivel in robot.drive.swivels if swivel.role == "caster"]
-    wheels = {wheel for caster in casters for wheel in robot.drive.carried(caster)}
-    names = [s.joint for s in casters] + [robot.drive.wheels[wheel].joint for wheel in wheels]
-    rows = [rolling.along[wheel] for wheel in wheels]
-    rows += [row for row, shared in rolling.across if shared and wheels.issuperset(shared)]
-    found = [robot.velocity_index(name) for name in names]
-    return np.array(found, dtype=np.intp), np.array(rows, dtype=np.intp)
+        if self._cached_maps is None or self._cached_maps[0] is not at:
+            allocation = at.allocation @ at.S.T
+            columns = at.projector.columns
+            horizontal = np.empty((0, len(columns)))
+            if self._contacts is not None:
+                forces = np.vstack([self._contacts.along, self._contacts.across]) @ at.multipliers
+                horizontal = forces @ (np.eye(len(columns)) - columns @ allocation)
+            self._cached_maps = at, (allocation, horizontal)
+        return self._cached_maps[1]
 
 
 def _load_split(stance: Stance, moments: Array) -> Array:

@@ -8,14 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.command import Command, KinematicLaw
-from rpctl.control.horizon.clearance import (
+from rpctl.control.horizon.constraints import (
     ArmClearance,
     BaseClearance,
-    arm_detour,
-    base_detour,
-)
-from rpctl.control.horizon.constraints import (
     Bounds,
     ForceBounds,
     HardBounds,
@@ -25,11 +20,18 @@ from rpctl.control.horizon.constraints import (
 from rpctl.control.horizon.cost import Cost, Weights
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
-from rpctl.control.horizon.qp import QuadraticProgram, Solver
-from rpctl.control.horizon.qp_builder import QpBuilder, stage_indices
-from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target, look_ahead
+from rpctl.control.horizon.qp import QpBuilder, QuadraticProgram, stage_indices
+from rpctl.control.horizon.solver import Solver
+from rpctl.control.horizon.target import (
+    EndEffectorKinematics,
+    Sample,
+    Target,
+    arm_detour,
+    base_detour,
+    look_ahead,
+)
 from rpctl.control.horizon.time_scaling import TimeScaler
-from rpctl.control.law import Rest
+from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.obstacles import Obstacle
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts
@@ -51,32 +53,31 @@ SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as gi
 class Horizon:
     """Predictive control over N steps of length dt, by one sparse QP a solve.
 
-    Each ``period`` the motion that the last solution foresaw is predicted anew from the measured
-    q, the robot is linearised about it, and a QP finds the accelerations ν̇ of the N steps that
-    bring pose, arm, end effector and ν nearest to the reference (one step of sequential quadratic
-    programming, [DBS05]'s real-time iteration). Until the next solve the command is
-    ν_d = ν₀ + ν̇₀ (t − t₀), ν̇_d = ν̇₀: the first step of the motion found, so both agree. ν₀ is
-    where the last plan has come to, drawn towards the measured ν with 0.08 s. Steering angles are
-    states of the prediction as the arm's are.
+    Every ``period`` the last plan is simulated again from the measured q, the robot is linearised
+    about that motion, and a QP finds the accelerations ν̇ of the N steps that bring pose, arm, end
+    effector and ν nearest to the reference (one step of sequential quadratic programming, the
+    real-time iteration of [DBS05]). Until the next solve the command is the first step of the plan,
+    ν_d = ν₀ + ν̇₀ (t − t₀) and ν̇_d = ν̇₀. ν₀ is the last plan's value, drawn towards the measured
+    ν with a time constant of 0.08 s. Steering angles are states of the prediction as the arm's are.
 
-    Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts, the
-    zero-moment point, the wheels' grip and clearances may give way at a price above what errors
-    pay. Where they do not let the robot follow, the reference is read late, slower ahead of what is
-    too fast for them, and made up for later (``time_scaling.py``). A solve that fails leaves its
-    period to the ``fallback``, and is counted.
+    Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts,
+    zero-moment point, grip and clearances are soft, at a price above that of tracking errors. Where
+    the bounds do not let the robot follow, the reference's time is scaled
+    (:class:`~rpctl.control.horizon.time_scaling.TimeScaler`). A failed solve is counted and its
+    period is left to ``fallback``.
 
     Attributes:
-        steps: N.
+        steps: Number of steps N.
         dt: Length of a step, s.
-        period: Time from solve to solve, s; at most ``dt``.
+        period: Time between two solves, s; at most ``dt``.
         weights: Weights of the cost.
         bounds: Bounds beside those of the URDF.
-        base_obstacles: What the base must keep clear of.
-        end_effector_obstacles: What the end effector must keep clear of.
-        base_radius: Radius of the base about P, m; None takes the farthest contact's.
-        end_effector_radius: m.
-        leash: How far behind the reference the base may fall before the reference waits, m.
-        fallback: The law of samples without a solution.
+        base_obstacles: Obstacles of the base.
+        end_effector_obstacles: Obstacles of the end effector.
+        base_radius: Radius of the base about P, m; None: distance of the farthest contact.
+        end_effector_radius: Radius of the end effector, m.
+        leash: Largest distance of the base behind the reference, m; beyond, the reference waits.
+        fallback: Law of the samples without a plan.
     """
 
     steps: int = 20
@@ -105,21 +106,20 @@ class Horizon:
             )
 
     def start(
-        self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> HorizonLaw:
-        """Return the law of one run, with nothing foreseen and nothing counted.
+        """Return the controller of one run, without a plan and with all counts at zero.
 
         Args:
-            dynamics: The robot's dynamics.
-            control_period: Time between two calls, s; the law looks at the clock, not at it.
-            rest: Not needed.
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s, for the fallback: solves are :attr:`period` apart.
+            rest: State before the run, for the fallback.
         """
-        del control_period, rest
-        return HorizonLaw(self, dynamics)
+        return HorizonLaw(self, dynamics, as_law(self.fallback).start(dynamics, period, rest))
 
 
 class HorizonPlan(NamedTuple):
-    """What a solve found: from ``t`` and ``nu`` on, accelerations held in each step."""
+    """Result of a solve: accelerations, constant in each step, from time ``t`` and ``nu`` on."""
 
     t: float
     nu: Array  # (dof,)
@@ -127,15 +127,18 @@ class HorizonPlan(NamedTuple):
 
 
 class HorizonLaw:
-    """:class:`Horizon` on one robot, with what it foresees and what it has counted.
+    """:class:`Horizon` on one robot, with its plan and its counts.
 
     Args:
         law: Its settings.
         dynamics: The robot's dynamics.
+        fallback: Controller of the samples without a plan.
     """
 
-    def __init__(self, law: Horizon, dynamics: ReducedDynamics) -> None:
-        self._law = law
+    def __init__(
+        self, law: Horizon, dynamics: ReducedDynamics, fallback: KinematicController
+    ) -> None:
+        self._law, self._fallback = law, fallback
         self._plan: HorizonPlan | None = None
         self.solved_at = -np.inf
         self.solves = self.fallbacks = self.softened = 0
@@ -171,23 +174,23 @@ class HorizonLaw:
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command; see :class:`~rpctl.control.command.KinematicLaw`."""
+        """Return the command; see :class:`~rpctl.control.law.KinematicFunction`."""
         if t - self.solved_at >= self._law.period - TIME_ROUNDING:
             self.solved_at = t
             try:
                 self._plan = self._solve(reference, t, q, self._planning_nu(t, nu))
-            except SingularBasisError:  # somewhere ahead the steering fixes no one motion
+            except SingularBasisError:  # the plan passes through singular steering angles
                 self.fallbacks += 1
                 self._plan = None
         if self._plan is None:
-            return self._law.fallback(dynamics, reference, t, q, nu)
+            return self._fallback(dynamics, reference, t, q, nu)
         nu_dot = self._plan.nu_dot[0]
         return Command(self._plan.nu + (t - self._plan.t) * nu_dot, nu_dot)
 
     def report(self) -> dict[str, float]:
         """Return how many solves there were, how many failed, and how many softened a bound.
 
-        ``largest_lag`` (s) is that of the clock by which the reference is read.
+        ``largest_lag`` (s) is how far the scaled reference time fell behind.
         """
         return {
             "solves": self.solves,
@@ -197,7 +200,7 @@ class HorizonLaw:
         }
 
     def build_qp(self, motion: PredictedMotion, target: Target) -> QuadraticProgram:
-        """Return the QP about a motion, towards a target."""
+        """Return the QP that is linearised about a motion and leads it to a target."""
         model, law = self.model, self._law
         if model.base:
             target = base_detour(
@@ -225,7 +228,14 @@ class HorizonLaw:
         )
 
     def _solve(self, reference: Reference, t: float, q: Array, nu: Array) -> HorizonPlan | None:
-        """Return what to do from the state at ``t`` on; None where no QP's solution says it."""
+        """Return the plan from the measured state on; None if a QP was not solved.
+
+        Args:
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities to plan from (dof,).
+        """
         model = self.model
         self._forces.update_contacts(q)
         time_scaling = self._time_scaler(reference, t, model.robot.base_pose(q))
@@ -245,10 +255,10 @@ class HorizonLaw:
         return HorizonPlan(t, nu, nu_dot)
 
     def _planning_nu(self, t: float, nu: Array) -> Array:
-        """Return the ν (dof,) to plan from: the last plan's, drawn to the robot's.
+        """Return the initial ν (dof,) of the next plan: the last plan's, drawn to the measured one.
 
-        A plan from the robot's own ν would ask for what is there already, and nothing but the far
-        end of the horizon would bring ν back: light joints run away once efforts come 20 ms late.
+        Planning from the measured ν alone would accept every deviation, and only the far end of the
+        horizon would correct it: light joints drift off once efforts arrive 20 ms late.
         """
         if self._plan is None:
             return nu
@@ -257,7 +267,7 @@ class HorizonLaw:
         return np.asarray(planned + min(elapsed / PLAN_BLEND_TIME, 1.0) * (nu - planned))
 
     def _shifted_plan(self, t: float) -> Array:
-        """Return the accelerations (N, dof) that the last plan foresaw for the steps from t on."""
+        """Return the last plan's accelerations (N, dof), shifted to steps from t on."""
         rest = np.zeros((self.model.steps, self.model.robot.dof))
         if self._plan is None:
             return rest
@@ -271,7 +281,7 @@ class HorizonLaw:
 def _soft_bounds(
     law: Horizon, model: Model, forces: ForceModel, end_effector_stages: list[int], radius: float
 ) -> list[SoftBound]:
-    """Return the kinds of soft rows that a robot has use for."""
+    """Return the soft constraints that apply to a robot."""
     bounds, robot = law.bounds, model.robot
     ground = [0, *_every_nth_stage(law.steps, GROUND_STRIDE)]
     found: list[SoftBound] = [
@@ -295,5 +305,5 @@ def _base_radius(robot: Robot, contacts: Contacts | None) -> float:
 
 
 def _every_nth_stage(steps: int, every: int) -> list[int]:
-    """Return stages ``every`` so many steps apart, the last of all among them."""
+    """Return every ``every``-th stage, counted back from the last."""
     return list(range(steps - 1, 0, -every))[::-1]

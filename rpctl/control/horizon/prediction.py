@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.steered_twist import Steering
 from rpctl.description.records import Joint
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.robot.coordinates import JointEntry, write_root
 from rpctl.robot.model import BASE_NV, Robot
 
 Indices = NDArray[np.intp]
@@ -60,7 +60,7 @@ class Model:
         steering: The steered joints' effect on the twist, None without them.
         twist_map: Map (3, dof) from ν to the twist; its columns of the arm alone with ``steering``.
         joint_columns: Map (nv, n_joints) from the joints' rates to v, mimic joints included.
-        q_indices: Index in q of each joint, with whether it is a pair (cos, sin).
+        entries: The entry in q of each joint.
     """
 
     dynamics: ReducedDynamics
@@ -72,7 +72,7 @@ class Model:
     steering: Steering | None
     twist_map: Array
     joint_columns: Array
-    q_indices: tuple[tuple[Indices, Indices], tuple[Indices, Indices]]
+    entries: tuple[JointEntry, ...]
 
     @property
     def robot(self) -> Robot:
@@ -96,15 +96,10 @@ class Model:
         if self.robot.mimics or self.robot.drive.followers:
             return self._configuration_by_name(joints, pose)
         q: Array = pin.neutral(self.robot.model)
-        (index, where), (pairs, of) = self.q_indices
-        q[index] = joints[where]
-        if len(pairs):
-            q[pairs], q[pairs + 1] = np.cos(joints[of]), np.sin(joints[of])
+        for entry, position in zip(self.entries, joints.tolist(), strict=True):
+            entry.write(q, position)
         if pose is not None:
-            theta = pose[2] - self.robot.drive.heading
-            cos, sin = math.cos(theta), math.sin(theta)
-            px, py = self.robot.drive.point
-            q[:4] = pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py, cos, sin
+            write_root(q, *self.robot.root_pose(pose))
         return q
 
     def _configuration_by_name(self, joints: Array, pose: Array | None) -> Array:
@@ -185,9 +180,6 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
     q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
     joint_columns = dynamics.basis(q)[:, base:].copy()
     joint_columns[:BASE_NV] = 0.0
-    entries = [robot.model.joints[robot.model.getJointId(joint.name)] for joint in joints]
-    single = np.array([i for i, entry in enumerate(entries) if entry.nq == 1], dtype=np.intp)
-    pairs = np.array([i for i, entry in enumerate(entries) if entry.nq == 2], dtype=np.intp)
     return Model(
         dynamics=dynamics,
         steps=steps,
@@ -195,13 +187,10 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
         base=base,
         joints=joints,
         steered=len(steered),
-        steering=Steering(dynamics) if steered else None,
+        steering=Steering(robot) if steered else None,
         twist_map=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
         joint_columns=joint_columns,
-        q_indices=(
-            (np.array([entries[i].idx_q for i in single], dtype=np.intp), single),
-            (np.array([entries[i].idx_q for i in pairs], dtype=np.intp), pairs),
-        ),
+        entries=tuple(robot.entries[joint.name] for joint in joints),
     )
 
 

@@ -2,69 +2,45 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Swivel
-from rpctl.drive.steering import lateral_row, rolling_row
-from rpctl.dynamics.basis import RANK_MARGIN
-from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import TurningRow
+from rpctl.dynamics.basis import RANK_MARGIN, selection
+from rpctl.dynamics.projection import eliminate
+from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import SingularBasisError
-
-
-class RowTerm(NamedTuple):
-    """A row, or its share, that turns with a steered joint, or with a swivel that mimics one."""
-
-    row: int
-    turning: TurningRow
-    weight: float
-    column: int  # of the steered joint
-    ratio: float
-    offset: float  # rad
+from rpctl.robot.model import BASE_NV, Robot
 
 
 class Steering:
     """Maps from the base's speed and the steering rates to the twist of P.
 
-    They are S's rows of the base, from the constraints that fix it alone: with M(δ) two lateral
-    rows and the row of the speed ν₁, and N what turning wheels beside their axes adds to them,
+    They are S's rows of the base. Casters and followers have no part in them, so they glide here.
+    With M(δ) y = R ν and T = X(δ) y + C ν from :func:`rpctl.dynamics.projection.eliminate`,
 
-        M(δ) T = (0, 0, ν₁) − N δ̇,    ∂T/∂δ_i = −M⁻¹ (∂M/∂δ_i) T  at given ν₁ and δ̇.
+        ∂T/∂δ_i = (∂X/∂δ_i) y − X M⁻¹ (∂M/∂δ_i) y   at given ν.
 
     Args:
-        dynamics: Dynamics of a robot with steered wheels.
+        robot: A robot with steered wheels.
     """
 
-    def __init__(self, dynamics: ReducedDynamics) -> None:
-        robot, rolling = dynamics.robot, dynamics.rolling
+    def __init__(self, robot: Robot) -> None:
         drive = robot.drive
-        names = [swivel.joint for swivel in drive.steered]
+        rolling = find_rolling(robot, gliding=("caster", "follower"))
+        core, _, _, R, C = eliminate(rolling.matrix, selection(robot, rolling))
+        speeds = len(drive.base_speeds)
+        self._R, self._C = R[:, :speeds], C[:BASE_NV, :speeds]
         self._point_velocity = robot.point_velocity
-        self._constant_rows = np.zeros((3, 3))
-        self._right_hand_side = np.zeros((3, 1 + len(names)))
-        self._right_hand_side[2, 0] = 1.0
-        if drive.has_axle:
-            self._constant_rows[0] = lateral_row(drive.point, drive.heading)
-            self._constant_rows[2] = rolling_row(drive.point, drive.heading)
-        base_terms = [term for term in rolling.turning if term.swivel.role in ("steered", "mimic")]
-        lateral = [term for term in base_terms if term.row not in rolling.along]
-        rows = {
-            row: i + drive.has_axle for i, row in enumerate(dict.fromkeys(p.row for p in lateral))
-        }
-        self._terms = [_row_term(rows[term.row], term, 1.0, names) for term in lateral]
-        if not drive.has_axle:  # the speed is the first swivel's wheels', on average
-            along = [
-                p for p in base_terms if p.row in rolling.along and p.swivel == drive.steered[0]
-            ]
-            self._terms += [_row_term(2, term, 1.0 / len(along), names) for term in along]
-        for row, turning, weight, column, ratio, _ in self._terms:
-            self._constant_rows[row, 2] += weight * turning.lever
-            self._right_hand_side[row, 1 + column] -= (
-                weight * turning.swivel.sign * turning.lever * ratio
-            )
+        leaders = [swivel.joint for swivel in drive.steered]
+        spread, offset = np.zeros((len(drive.swivels), len(leaders))), np.zeros(len(drive.swivels))
+        for i, swivel in enumerate(drive.swivels):
+            if swivel.role == "steered":
+                spread[i, leaders.index(swivel.joint)] = 1.0
+            elif swivel.role == "mimic":
+                spread[i, leaders.index(str(swivel.shares))] = swivel.ratio
+                offset[i] = swivel.offset
+        base = core.map(lambda part: part[..., : len(R) + BASE_NV, :])
+        self._matrix = base.following(spread, offset)
 
     def maps(self, angles: Array) -> Array:
         """Return the maps (K, 3, 1 + n_steered) at steering angles (K, n_steered), rad.
@@ -72,12 +48,8 @@ class Steering:
         Raises:
             SingularBasisError: Some angles fix no one motion.
         """
-        rows = np.tile(self._constant_rows, (len(angles), 1, 1))
-        for term in self._terms:
-            cos, sin = _direction(term, angles)
-            x, y = term.turning.swivel.pivot
-            rows[:, term.row] += term.weight * np.column_stack([cos, sin, sin * x - cos * y])
-        return self._point_velocity @ _solve(rows, self._right_hand_side)
+        inverse, X = self._solve(self._matrix.turn(angles))
+        return np.asarray(self._point_velocity @ (X @ (inverse @ self._R) + self._C))
 
     def jacobian(self, angles: Array, speeds: Array) -> Array:
         """Return the derivatives (K, 3, n_steered) of the twists by the angles.
@@ -86,42 +58,24 @@ class Steering:
             angles: rad (K, n_steered).
             speeds: The base's speed and the steering rates (K, 1 + n_steered).
         """
-        rows = np.tile(self._constant_rows, (len(angles), 1, 1))
-        row_derivatives = np.zeros((len(angles), angles.shape[1], 3, 3))
-        for term in self._terms:
-            cos, sin = _direction(term, angles)
-            x, y = term.turning.swivel.pivot
-            rows[:, term.row] += term.weight * np.column_stack([cos, sin, sin * x - cos * y])
-            gain = term.weight * term.turning.swivel.sign * term.ratio
-            row_derivatives[:, term.column, term.row] += gain * np.column_stack(
-                [-sin, cos, cos * x + sin * y]
-            )
-        twist = _solve(rows, (speeds @ self._right_hand_side.T)[:, :, None])[:, :, 0]
-        derivative_times_twist = np.einsum("kirj,kj->kri", row_derivatives, twist)
-        return -self._point_velocity @ _solve(rows, derivative_times_twist)
+        u = self._matrix.turn(angles)
+        inverse, X = self._solve(u)
+        y = inverse @ (speeds @ self._R.T)[:, :, None]  # (K, n, 1)
+        change = self._matrix.rate(u[:, None], np.eye(angles.shape[1])) @ y[:, None]
+        change = np.swapaxes(change[..., 0], 1, 2)  # (K, n + 3, n_steered)
+        count = len(self._R)
+        jacobian = change[:, count:] - X @ (inverse @ change[:, :count])
+        return np.asarray(self._point_velocity @ jacobian)
 
-
-def _row_term(row: int, turning: TurningRow, weight: float, names: list[str]) -> RowTerm:
-    swivel: Swivel = turning.swivel
-    if swivel.role == "steered":
-        return RowTerm(row, turning, weight, names.index(swivel.joint), 1.0, 0.0)
-    column = names.index(str(swivel.shares))
-    return RowTerm(row, turning, weight, column, swivel.ratio, swivel.offset)
-
-
-def _direction(term: RowTerm, angles: Array) -> tuple[Array, Array]:
-    position = term.ratio * angles[:, term.column] + term.offset
-    angle = term.turning.angle + term.turning.swivel.sign * position
-    return np.cos(angle), np.sin(angle)
-
-
-def _solve(rows: Array, right: Array) -> Array:
-    """Return rows⁻¹ right of each posture: (K, 3, 3), and (3, n) or (K, 3, n)."""
-    try:
-        inverse = np.asarray(np.linalg.inv(rows), dtype=float)
-    except np.linalg.LinAlgError:
-        inverse = np.full(rows.shape, np.inf)
-    size = np.abs(rows).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
-    if not (size * RANK_MARGIN < 1.0).all():
-        raise SingularBasisError("the steered wheels fix no one motion ahead")
-    return inverse @ right
+    def _solve(self, u: Array) -> tuple[Array, Array]:
+        """Return M⁻¹ (K, n, n) and X (K, 3, n) of each posture."""
+        found, count = self._matrix.at(u), len(self._R)
+        M = found[:, :count]
+        try:
+            inverse = np.asarray(np.linalg.inv(M), dtype=float)
+        except np.linalg.LinAlgError:
+            inverse = np.full(M.shape, np.inf)
+        size = np.abs(M).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
+        if not (size * RANK_MARGIN < 1.0).all():
+            raise SingularBasisError("the steered wheels fix no one motion ahead")
+        return inverse, found[:, count:]

@@ -1,7 +1,7 @@
-"""The clock by which the horizon law reads its reference: it slows down ahead of what is too fast.
+"""Time scaling: the horizon law slows the reference down ahead of parts too fast for the robot.
 
-A reference is a motion in time. One that would tip the robot, or ask for more than its limits, is
-followed along the same path at a pace that the robot can keep, and made up for later.
+A reference that would tip the robot or exceed its limits is followed along the same path more
+slowly, and the lag is made up later.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ PACE_STRIDE = 3  # steps: how far apart the reference ahead is looked at
 
 
 class TimeScaler:
-    """Reads a reference late where the robot cannot keep up with it.
+    """Scales the reference's time so that the robot can keep up with it.
 
-    At a pace p a motion's speeds scale with p, and what accelerations and speeds take with p²: the
-    largest pace within the limits is found at places ahead, and the clock slows down in time for
-    it, at a rate ṗ that costs the base no more than half its acceleration. Besides, the lag is
-    at least what keeps the base within a leash behind the reference.
+    At a time rate p (the pace), speeds scale with p and the part of the efforts due to motion with
+    p². The largest admissible p is found at points ahead, and the pace is lowered in advance at a
+    rate ṗ that costs at most half of the base's acceleration. In addition the lag keeps the base
+    within the leash of the reference.
 
     Args:
         model: The prediction's model.
-        forces: Efforts and ground reactions.
+        forces: Efforts and ground reactions of the prediction.
         bounds: Bounds of the motion.
-        leash: m.
+        leash: Largest distance of the base behind the reference, m.
     """
 
     def __init__(self, model: Model, forces: ForceModel, bounds: Bounds, leash: float) -> None:
@@ -50,7 +50,13 @@ class TimeScaler:
         self.largest_lag = 0.0
 
     def __call__(self, reference: Reference, t: float, pose: Array) -> TimeScaling:
-        """Return when to read the reference for the steps from ``t`` (s), the base at ``pose``."""
+        """Return the reference times of the steps.
+
+        Args:
+            reference: The reference.
+            t: Time, s.
+            pose: Measured pose of P (3,).
+        """
         model = self._model
         if self._last_call is None:
             self._last_call = self._reference_time = t
@@ -71,7 +77,13 @@ class TimeScaler:
         return self._advance(t, lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
 
     def _advance(self, t: float, limit: Callable[[float], float], change: float) -> TimeScaling:
-        """Let the clock run on, up to the time: within the limit, gaining pace at a rate (1/s)."""
+        """Return the reference times and paces of the N steps, never ahead of real time.
+
+        Args:
+            t: Time, s.
+            limit: Largest pace at a reference time.
+            change: Rate at which the pace grows, 1/s.
+        """
         model = self._model
         times, paces = np.empty(model.steps + 1), np.empty(model.steps + 1)
         at, pace = self._reference_time, self._pace
@@ -86,7 +98,7 @@ class TimeScaler:
         return TimeScaling(times, paces)
 
     def _limits(self, reference: Reference, times: Array) -> tuple[Array, float]:
-        """Return the largest pace at each time, and the rate (1/s) at which a pace may change."""
+        """Return the largest pace at each time (K,), and the rate (1/s) at which it may change."""
         robot, limits, fastest = self._model.robot, np.empty(len(times)), SLOW_REFERENCE_SPEED
         for j, at in enumerate(times.tolist()):
             state = reference(at)
@@ -108,7 +120,7 @@ class TimeScaler:
         return min(math.sqrt(square), 1.0 / speed)
 
     def _margins(self, q: Array, nu: Array, nu_dot: Array) -> Array:
-        """Return what is left of the efforts' and the ground's limits, over these limits."""
+        """Return the margins of efforts, tipping and slipping, each as a fraction of its limit."""
         forces = self._forces.value(q, nu, nu_dot)
         limited, limit_values = self._efforts
         tau = self._forces.efforts(forces)[limited, 0] / limit_values

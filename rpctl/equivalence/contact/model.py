@@ -264,9 +264,7 @@ def _one_directional(robot: Robot, wheel: Wheel) -> bool:
 
 def _off_rolling(robot: Robot, wheel: Wheel) -> tuple[float, float]:
     """Return the direction in which a wheel is held, seen from its rolling direction (2,)."""
-    description = robot.description
-    pose = description.pose(description.joint[wheel.joint].child, dict(robot.locked))
-    axle = pose[:3, :3] @ description.joint[wheel.joint].axis
+    axle = robot.tree.axis(robot.description.joint[wheel.joint])
     ahead = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
     x, y = wheel.direction
     return float(ahead[0] * x + ahead[1] * y), float(ahead[0] * y - ahead[1] * x)

@@ -109,7 +109,7 @@ def plan_motion(dynamics: ReducedDynamics, contacts: Contacts) -> ContactPlan:
 def start(robot: Robot) -> Array:
     """Return where the motion starts (nq,): the arm at home, casters trailing."""
     drive = robot.drive
-    joints = dict(zip((joint.name for joint in robot.joints), robot.home, strict=True))
+    joints = dict(zip(robot.joint_names, robot.home, strict=True))
     for swivel in drive.swivels:
         if swivel.role == "caster":
             trailing = drive.heading + (math.pi if swivel.trail > 0.0 else 0.0)

@@ -24,6 +24,7 @@ from rpctl.equivalence.contact.record import ContactMotion, ContactTrial
 from rpctl.equivalence.mujoco_model import EngineRefused
 from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
+from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot
 
 CHECK_NAME = "motion on the ground"
@@ -128,7 +129,7 @@ def _stepped_rows(
     robot = dynamics.robot
     index = [robot.velocity_index(name) for name in plan.names]
     q, nu = plan.q[0].copy(), np.zeros(robot.dof)
-    q[:4] = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
+    write_root(q, *pose)
     for tick in range(len(plan.tau) + 1):
         at = np.array([robot.joint_position(q, name) for name in plan.names])
         tau = plan.efforts(tick, at, (dynamics.basis(q) @ nu)[index])
@@ -146,7 +147,7 @@ def _reduced_row(
     """Return a row of :class:`ContactMotion` at q, ν and τ."""
     robot, (q, nu, tau) = dynamics.robot, state
     ground = ground_reaction(dynamics, contacts, q, nu, tau)
-    pose = np.array([q[0], q[1], math.atan2(q[3], q[2])])
+    pose = np.array(read_root(q))
     caster_angles = np.array([robot.joint_position(q, name) for name in caster_names(robot)])
     return pose, ground.load, ground.force, ground.zmp, tau[list(plan.servoed)], caster_angles
 

@@ -23,7 +23,7 @@ NO_BROWSER = (
 
 
 def require_browser() -> None:
-    """Refuse where no page can be opened, before anything is computed for it.
+    """Raise if no browser is found; called before anything is computed for a page.
 
     Raises:
         RpctlError: Playwright or a browser is missing.
@@ -79,7 +79,7 @@ def _driver() -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Keep Ctrl-C from the processes that are started meanwhile: we end them in good order."""
+    """Let processes that start meanwhile ignore Ctrl-C; this process closes them in order."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

@@ -115,7 +115,7 @@ def write_still(
 
 
 def _require_folder(path: Path) -> None:
-    """Refuse a file that cannot be written before it is drawn, which takes long."""
+    """Raise if a file cannot be written; called before the film is drawn, which takes long."""
     if not path.parent.is_dir():
         raise RpctlError(f"{path}: there is no folder {path.parent}; make it first")
 
@@ -131,9 +131,9 @@ def _checked(size: Size) -> Size:
 
 @contextmanager
 def _camera(run: Run, size: Size) -> Iterator[Callable[[float, bool], bytes]]:
-    """Open the scene of a run; yields what takes a PNG at a time (s), stamped with it or not."""
+    """Open the scene of a run; yields a function that takes a PNG at a time (s), stamped or not."""
     scene = build_scene(run.load_robot(), run)
-    html = player(scene, run.robot, size[0] / size[1], asset("film.js"))
+    html = player(scene, run.robot.name, size[0] / size[1], asset("film.js"))
     with open_page(html, *size) as page:
 
         def photograph(time: float, stamped: bool) -> bytes:

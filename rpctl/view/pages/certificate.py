@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 from rpctl.equivalence.certificate import Certificate
@@ -12,7 +11,8 @@ from rpctl.equivalence.contact.record import Gap
 from rpctl.equivalence.row import Check, Skipped
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.contact_section import contact_section
-from rpctl.view.pages.summary_panel import badge, residual
+from rpctl.view.pages.page import asset, badge
+from rpctl.view.pages.summary_panel import residual
 
 STYLE = """
 main { padding: 0 20px 24px; margin: 0 auto; }
@@ -58,7 +58,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     Returns:
         The path.
     """
-    style = files("rpctl.view").joinpath("assets", "report.css").read_text(encoding="utf-8")
+    style = asset("report.css")
     about = f"M(q) ν̇ + h(q, ν) = B(q) τ at {certificate.samples} random states"
     trial, moves = "", ""
     gaps: tuple[Gap, ...] = ()
@@ -95,7 +95,7 @@ def _estimates(links: Sequence[str]) -> str:
 
 
 def _shared(phrases: Sequence[str]) -> str:
-    """Return the sentence on what no derivation found for itself, or nothing."""
+    """Return the sentence on what all derivations take from a common source, or nothing."""
     if not phrases:
         return ""
     return f'<p class="remark">Shared by all derivations: {escape("; ".join(phrases))}.</p>'

@@ -1,19 +1,36 @@
-"""Several runs in one scene: the first as it is, the others as ghosts in their own colours."""
+"""Several runs on one page: a scene with the first as it is and the others as ghosts, and texts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 
 from rpctl.simulation.run import Run
-from rpctl.view.scene import obstacle_shapes, surroundings, threejs
-from rpctl.view.scene.obstacles import run_obstacles
+from rpctl.simulation.summary import Summary
+from rpctl.view.charts import has_base
+from rpctl.view.obstacles import run_obstacles
+from rpctl.view.pages.summary_panel import (
+    MERIT_LABELS,
+    certificate_badge,
+    is_finite,
+    keyboard_section,
+    legend_entry,
+    limits_badge,
+    merits,
+    notes_section,
+    obstacle_entries,
+    setting_texts,
+)
+from rpctl.view.scene import obstacle_shapes, threejs
+from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, Scene
 
 GHOST_RUN_OPACITY = 0.55
 TRAILS_PATH, GROUND_PATH, ANIMATION_COMMAND = "/rpctl/trails", "/rpctl/ground", "set_animation"
+PALETTE_SIZE = 12  # colours --c0 to --c11 of the style sheet
 
 
 def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
@@ -27,12 +44,12 @@ def merge(runs: Sequence[Run], scenes: Sequence[Scene]) -> Scene:
         scenes: Their scenes.
     """
     first = scenes[0]
-    ground = float(runs[0].drive["ground"])
+    ground = float(runs[0].robot.drive.ground)
     lower = np.min([scene.lower for scene in scenes], axis=0)
     upper = np.max([scene.upper for scene in scenes], axis=0)
     around = {
-        "/rpctl/lights": surroundings.lights_command(lower, upper),
-        GROUND_PATH: surroundings.ground_command(lower, upper, ground),
+        "/rpctl/lights": lights_command(lower, upper),
+        GROUND_PATH: ground_command(lower, upper, ground),
     }
     obstacles = tuple(dict.fromkeys(each for run in runs for each in run_obstacles(run)))
     size = max(float(scene.start[1, 2]) for scene in scenes) - ground
@@ -72,12 +89,12 @@ def _unpack(command: bytes) -> threejs.Json:
 
 
 def _command_key(command: threejs.Json) -> str:
-    """Return the path that a command is about, or the type of the one that is about no path."""
+    """Return a command's path, or its type if it has none."""
     return str(command["path"] or command["type"])
 
 
 def _add_ghost(scene: threejs.Json, other: threejs.Json, k: int) -> None:
-    """Add another run's robot, drawn as its reference is; the page gives it the run's colour."""
+    """Add another run's robot with the ghost's material; the page gives it the run's colour."""
     names = _share_geometries(scene, other, k)
     tint = next(m for m in other["materials"] if m["uuid"] == "tint")
     scene["materials"].append({**tint, "uuid": f"tint-{k}", "opacity": GHOST_RUN_OPACITY})
@@ -101,7 +118,7 @@ def _add_ghost(scene: threejs.Json, other: threejs.Json, k: int) -> None:
 
 
 def _share_geometries(scene: threejs.Json, other: threejs.Json, k: int) -> dict[str, str]:
-    """Add the geometries that the scene lacks; return under which name each is there."""
+    """Add the geometries that the scene lacks; return the name of each in the scene."""
     known = {threejs.pack(g["data"]): g["uuid"] for g in scene["geometries"] if "data" in g}
     names = {}
     for geometry in other["geometries"]:
@@ -114,19 +131,19 @@ def _share_geometries(scene: threejs.Json, other: threejs.Json, k: int) -> dict[
 
 
 def covered_trails(first: Run, other: Run) -> set[str]:
-    """Return the desired trails of a run that the first run's cover, however they are dashed."""
+    """Return the names of the desired trails of a run that coincide with the first run's."""
     count = len(other.t)
     if count > len(first.t) or not np.allclose(first.t[:count], other.t):
         return set()
     pairs = {
         "trail-base-desired": (first.base_ref[:count, :2], other.base_ref[:, :2]),
-        "trail-tip-desired": (first.ee_ref[:count], other.ee_ref),
+        "trail-tip-desired": (first.log.ee_ref[:count], other.log.ee_ref),
     }
     return {name for name, (a, b) in pairs.items() if a.shape == b.shape and np.allclose(a, b)}
 
 
 def _add_trails(scene: threejs.Json, other: threejs.Json, k: int, known: set[str]) -> None:
-    """Add another run's trails but those that are known already."""
+    """Add another run's trails except the names in ``known``."""
     for kind in ("geometries", "materials"):
         scene[kind] += [{**item, "uuid": f"run{k}-{item['uuid']}"} for item in other[kind]]
     names = ("uuid", "name", "geometry", "material")
@@ -145,3 +162,85 @@ def _add_motion(command: threejs.Json, other: threejs.Json, k: int) -> None:
         for track in motion["clip"]["tracks"]
         if track["name"].startswith(f"{ACTUAL}-")
     ]
+
+
+def compare_panel(
+    runs: Sequence[Run],
+    names: Sequence[str],
+    summaries: Sequence[Summary],
+    notes: Sequence[str],
+) -> str:
+    """Return the panel of several runs: figures of merit, settings, notes, keys.
+
+    Args:
+        runs: The runs.
+        names: What they are called.
+        summaries: Their figures of merit.
+        notes: Notes on the scene, in sentences.
+    """
+    texts = [merits(run, summary) for run, summary in zip(runs, summaries, strict=True)]
+    rows = [(label, [text.get(key, "–") for text in texts]) for key, label in MERIT_LABELS.items()]
+    effort_ratios = [summary.max_effort_ratio for summary in summaries]
+    rows.append(
+        ("Largest effort / limit", [f"{v:.0%}" if is_finite(v) else "–" for v in effort_ratios])
+    )
+    rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
+    marks = [
+        ("Limits", [limits_badge(summary.limits_violated) for summary in summaries]),
+        (
+            "Dynamics",
+            ["–" if r.certificate is None else certificate_badge(r.certificate) for r in runs],
+        ),
+    ]
+    return "\n".join(
+        (
+            _table("Tracking error", names, [*rows, *marks]),
+            _table("Settings", names, _settings(runs)),
+            notes_section(notes),
+            keyboard_section(),
+        )
+    )
+
+
+def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
+    """Return the scene's legend: every run, the desired paths, obstacles, and the ghost."""
+    entries = [
+        legend_entry(
+            f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE_SIZE})"
+        )
+        for k, name in enumerate(names)
+    ]
+    if any(has_base(run) or run.log.ee.shape[1] for run in runs):
+        entries.append(legend_entry("desired", "Desired"))
+    entries += obstacle_entries(runs)
+    return "".join([*entries, legend_entry("ghost", "Reference robot", shown=False)])
+
+
+def _settings(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
+    """Return the settings by label; those in which the runs differ stand first, in bold."""
+    columns = [{"Robot": run.robot.name, **setting_texts(run.settings)} for run in runs]
+    labels = dict.fromkeys(label for column in columns for label in column)
+    rows = [(label, [column.get(label, "–") for column in columns]) for label in labels]
+    rows.sort(key=lambda row: len(set(row[1])) == 1)
+    return [
+        (label, [f"<b>{escape(c)}</b>" if len(set(cells)) > 1 else escape(c) for c in cells])
+        for label, cells in rows
+    ]
+
+
+def _table(title: str, names: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Return a section with a column a run; the cells are HTML already."""
+    head = "".join(
+        f'<th scope="col"><i style="color: var(--c{k % PALETTE_SIZE})"></i>{escape(name)}</th>'
+        for k, name in enumerate(names)
+    )
+    body = "".join(
+        f'<tr><th scope="row">{escape(label)}</th>'
+        + "".join(f"<td>{cell}</td>" for cell in cells)
+        + "</tr>"
+        for label, cells in rows
+    )
+    return (
+        f'<section><h2>{escape(title)}</h2><div class="wide"><table class="runs">'
+        f"<thead><tr><td></td>{head}</tr></thead><tbody>{body}</tbody></table></div></section>"
+    )

@@ -28,7 +28,7 @@ MAX_SQUARES = 14  # of them across the picture, at most
 
 @dataclass(frozen=True)
 class Viewport:
-    """Where points of the floor (m) lie in the picture: x to the right, y up."""
+    """Map from points of the floor (m; x to the right, y up) to the picture."""
 
     left: float
     top: float
@@ -126,7 +126,7 @@ def _grid(viewport: Viewport) -> str:
 
 
 def _scale_bar(viewport: Viewport) -> str:
-    """Return the bar that tells the length of a square."""
+    """Return the scale bar: the length of a square of the grid."""
     edge = _square(viewport)
     long, text = edge * viewport.scale, f"{edge:g} m" if edge >= 1.0 else f"{100 * edge:g} cm"
     x, y = PLAN_WIDTH - 16.0, viewport.height - 14.0
@@ -138,7 +138,7 @@ def _scale_bar(viewport: Viewport) -> str:
 
 
 def _contact_paths(footprint: Array, pose: Array, viewport: Viewport) -> str:
-    """Return the way of every contact."""
+    """Return the path of every contact."""
     ways = np.array([_placed(footprint, at) for at in pose[::5]])
     lines = "".join(_line(viewport.place(ways[:, k])) for k in range(len(footprint)))
     return f'<path class="track" d="{lines}"/>'
@@ -163,7 +163,7 @@ def _robot(kind: str, footprint: Array, outline: Array, viewport: Viewport) -> s
 
 
 def _label(text: str, pose: Array, ahead: float, viewport: Viewport) -> str:
-    """Return a post at the root link's place, and a word so far ahead of it."""
+    """Return a marker at the root link's position, and a text at a distance (m) ahead of it."""
     x, y = viewport.place(pose[None, :2])[0]
     u, v = x + ahead * math.cos(pose[2]), y - ahead * math.sin(pose[2]) + 4.0
     return (

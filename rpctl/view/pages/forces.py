@@ -1,4 +1,4 @@
-"""What a page adds to the moving robot: its efforts, and what the ground does to it."""
+"""Efforts and ground reactions at each frame of the animation."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.view.chart_data import packed
 from rpctl.view.charts import BASE_SPEED_LABELS
+from rpctl.view.pages.chart_data import packed
 
 
 def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
@@ -23,10 +23,10 @@ def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
         times: Times of the frames (n,), s, from 0.
     """
     frames = np.searchsorted(run.t - run.t[0], times)
-    ratios = np.maximum.reduceat(effort_ratios(run), frames)  # a frame tells of what it skips
+    ratios = np.maximum.reduceat(effort_ratios(run), frames)  # the largest up to the next frame
     return {
         "effort": {
-            "joints": [robot.model.getJointId(name) for name in run.actuators],
+            "joints": [robot.model.getJointId(name) for name in run.robot.actuators],
             "share": packed(ratios),
         },
         "stance": _stance(run, frames),
@@ -34,9 +34,9 @@ def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
 
 
 def effort_ratios(run: Run) -> Array:
-    """Return |τ| as shares (K, n_act) of the limits; of the run's peak where there is no limit."""
+    """Return |τ| / limit (K, n_act); without a limit, |τ| over its maximum in the run."""
     size = np.abs(run.tau)
-    limits = np.array(run.effort_limits)
+    limits = np.array(run.robot.effort_limits)
     known = np.isfinite(limits) & (limits > 0.0)
     return np.asarray(size / np.where(known, limits, np.maximum(size.max(axis=0), 1e-12)))
 
@@ -47,17 +47,17 @@ def contact_forces(run: Run) -> Array:
     The lateral force of an axle is shared in proportion to its wheels' loads. Wheels that steer
     push in directions that the log does not hold: of them only the load is told.
     """
-    force = np.zeros((*run.contact_load.shape, 3))
-    force[:, :, 2] = run.contact_load
-    if not set(run.quasi_velocities) <= {*BASE_SPEED_LABELS, *run.joint_names}:
+    force = np.zeros((*run.log.contact_load.shape, 3))
+    force[:, :, 2] = run.log.contact_load
+    if not set(run.robot.quasi_velocities) <= {*BASE_SPEED_LABELS, *run.robot.joint_names}:
         return force
-    wheels = run.wheel_force.shape[1]
-    force[:, :wheels, 0] = run.wheel_force
-    for axle, lateral in zip(run.axles, run.axle_force.T, strict=True):
-        load = np.maximum(run.contact_load[:, list(axle)], 0.0)
+    wheels = run.log.wheel_force.shape[1]
+    force[:, :wheels, 0] = run.log.wheel_force
+    for axle, lateral in zip(run.ground.axles, run.log.axle_force.T, strict=True):
+        load = np.maximum(run.log.contact_load[:, list(axle)], 0.0)
         load_fraction = load / np.maximum(load.sum(axis=1, keepdims=True), 1e-12)
         force[:, list(axle), 1] = load_fraction * lateral[:, None]
-    heading = float(run.drive["heading"])
+    heading = float(run.robot.drive.heading)
     forward = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-forward[1], forward[0]])
     force[:, :, :2] = force[:, :, :1] * forward + force[:, :, 1:2] * left
@@ -66,22 +66,22 @@ def contact_forces(run: Run) -> Array:
 
 def _stance(run: Run, frames: NDArray[np.int64]) -> dict[str, Any] | None:
     """Return contacts, forces, support polygon and zero-moment point in the root link's frame."""
-    if not run.tip_margin.size:
+    if not run.log.tip_margin.size:
         return None
     from scipy.spatial import ConvexHull
 
-    points = np.array(run.contact_points)
+    points = np.array(run.ground.points)
     x, y, cos, sin = run.q[frames, :4].T
-    dx, dy = run.zmp[frames, 0] - x, run.zmp[frames, 1] - y
+    dx, dy = run.log.zmp[frames, 0] - x, run.log.zmp[frames, 1] - y
     stance: dict[str, Any] = {
-        "height": run.drive["ground"],
+        "height": run.robot.drive.ground,
         "points": np.round(points, 4).tolist(),
         "polygon": ConvexHull(points).vertices.tolist(),
         "pose": packed(np.column_stack([x, y, np.unwrap(np.arctan2(sin, cos))])),
         "zmp": packed(np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx])),
-        "margin": packed(run.tip_margin[frames]),
+        "margin": packed(run.log.tip_margin[frames]),
     }
-    if run.contact_load.size:
+    if run.log.contact_load.size:
         stance["force"] = packed(contact_forces(run)[frames])
-        stance["largest"] = float(np.abs(run.contact_load).max())
+        stance["largest"] = float(np.abs(run.log.contact_load).max())
     return stance

@@ -1,10 +1,12 @@
-"""What every page of ours is made of: its files, its data, and the policy that closes it."""
+"""The parts of every page: assets, embedded data, the content policy, badges and sections."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import json
+from collections.abc import Iterable
+from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -50,3 +52,19 @@ def policy(*scripts: str) -> str:
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"
     )
+
+
+def badge(good: bool, text: str) -> str:
+    """Return a word on a green or red ground."""
+    return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
+
+
+def section(title: str, body: str) -> str:
+    """Return a section; both strings are HTML already."""
+    return f"<section><h2>{title}</h2>{body}</section>"
+
+
+def definitions(rows: Iterable[tuple[str, str]]) -> str:
+    """Return a list of names and values."""
+    cells = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
+    return f'<dl class="rows">{cells}</dl>'

@@ -16,10 +16,9 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
-from rpctl.view.chart_data import chart_data
-from rpctl.view.pages.compare import merge
-from rpctl.view.pages.compare_panel import compare_legend, compare_panel
+from rpctl.simulation.summary import Summary, summarize
+from rpctl.view.pages.chart_data import chart_data
+from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
@@ -30,7 +29,7 @@ SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
 
 @dataclass(frozen=True)
 class Page:
-    """What stands in a page; all texts but ``title`` and ``scene_label`` are HTML already."""
+    """The content of a report; all texts but ``title`` and ``scene_label`` are HTML already."""
 
     title: str
     subtitle: str
@@ -48,7 +47,7 @@ def write_report(
     *,
     robot: Robot | None = None,
     scene: Scene | None = None,
-    summary: Mapping[str, Any] | None = None,
+    summary: Summary | None = None,
     names: Sequence[str] | None = None,
 ) -> Path:
     """Write the report of a run, or the comparison of several: one HTML file, whole or not at all.
@@ -80,12 +79,19 @@ def write_report(
     return write_atomically(path, _render(page).encode())
 
 
-def single(run: Run, robot: Robot, scene: Scene, summary: Mapping[str, Any]) -> Page:
-    """Return what stands in the page of one run."""
+def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
+    """Return the content of the page of one run.
+
+    Args:
+        run: The run.
+        robot: Its robot.
+        scene: Its scene.
+        summary: Its figures of merit.
+    """
     return Page(
-        title=run.robot,
+        title=run.robot.name,
         subtitle=subtitle(run),
-        scene_label=f"{run.robot} following its reference, in three dimensions",
+        scene_label=f"{run.robot.name} following its reference, in three dimensions",
         figures=headline(run, summary),
         legend=legend(run),
         panel=panel(run, summary, scene.notes),
@@ -93,13 +99,13 @@ def single(run: Run, robot: Robot, scene: Scene, summary: Mapping[str, Any]) -> 
         data={
             **_scene_data([scene], scene),
             **overlay(robot, run, scene.times),
-            "plots": chart_data([run], [run.robot]),
+            "plots": chart_data([run], [run.robot.name]),
         },
     )
 
 
 def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
-    """Return what stands in the page of several runs.
+    """Return the content of the page of several runs.
 
     Raises:
         RpctlError: There are more or fewer names than runs.
@@ -108,7 +114,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
         raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
     scenes = [build_scene(run.load_robot(), run) for run in runs]
     scene = merge(runs, scenes)
-    robots = " · ".join(dict.fromkeys(run.robot for run in runs))
+    robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
     return Page(
         title=robots,
         subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
@@ -125,7 +131,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
     """Return names that tell runs apart: what differs of robot, reference and laws, or numbers."""
     facts = [
         (
-            run.robot,
+            run.robot.name,
             *(
                 _setting_label(run.settings.get(key))
                 for key in ("reference", "kinematic", "dynamic")
@@ -166,7 +172,7 @@ def _render(page: Page) -> str:
 
 
 def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
-    """Return what the page needs of the runs' scenes and of the one that they make up."""
+    """Return the page's data of the runs' scenes and of the scene merged from them."""
     return {
         "runs": [
             {
@@ -186,5 +192,5 @@ def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
 
 
 def _uplot() -> str:
-    """Return uPlot's script with its licence, which goes where the script goes."""
+    """Return uPlot's script with its licence."""
     return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"

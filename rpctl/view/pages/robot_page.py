@@ -15,14 +15,16 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
+from rpctl.view.obstacles import DrawnObstacle
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
-from rpctl.view.scene import materials, obstacle_shapes, surroundings, threejs
+from rpctl.view.scene import materials, obstacle_shapes, threejs, trails
+from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
-from rpctl.view.scene.obstacles import DrawnObstacle
 from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
 from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, joint_poses
-from rpctl.view.scene.skeleton import ROOT, joints, skeleton
+from rpctl.view.scene.skeleton import joints, skeleton
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
 REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
@@ -49,7 +51,7 @@ class LiveMotion:
 
 
 def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
-    """Return the page of a robot as HTML; it fetches nothing but the motion of a show.
+    """Return the page of a robot as HTML; only a live page fetches anything, its motion.
 
     Args:
         robot: The robot.
@@ -106,11 +108,11 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "wheels": markers.wheels,
         "point": robot.drive.point,
         "ground": robot.drive.ground,
-        "start": [float(q[0]), float(q[1]), float(np.arctan2(q[3], q[2]))],
+        "start": read_root(q),
         "reach": [-reach, reach] if moves else None,
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
-        "trail": surroundings.trail_width(*shown),
+        "trail": trails.trail_width(*shown),
         "stream": None if motion is None else motion.stream,
         "duration": None if motion is None else motion.duration,
     }
@@ -130,8 +132,8 @@ def _commands(
     commands = [threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")]
     commands += [
         threejs.set_property("/Background", "visible", False),
-        surroundings.lights_command(lower, upper),
-        surroundings.ground_command(lower, upper, ground),
+        lights_command(lower, upper),
+        ground_command(lower, upper, ground),
     ]
     figures = [
         total_mass_marker(robot.mass),
@@ -142,7 +144,7 @@ def _commands(
         paths = {"base-desired": desired, "base": desired[:1]}
         size = float(box[1, 2]) - ground
         commands += obstacle_shapes.commands(motion.obstacles, lower, upper, ground, size)
-        commands.append(surroundings.trails_command(paths, lower, upper))
+        commands.append(trails.trails_command(paths, lower, upper))
         figures.append(skeleton(robot, REFERENCE, lambda j: materials.ghost(bodies, j)))
     drawn = threejs.set_object(
         ROBOTS_PATH,
@@ -157,7 +159,7 @@ def _box(robot: Robot, bodies: Bodies, q: Array) -> Array:
     """Return the least and the largest coordinates (2, 3) of a robot and of its ground, m."""
     (poses,) = joint_poses(robot, q[None])
     corners = [np.array([[q[0], q[1], robot.drive.ground]])]
-    for j in range(ROOT, robot.model.njoints):
+    for j in range(ROOT_JOINT, robot.model.njoints):
         part = bounding_corners(bodies, j)
         if part is not None:
             turn = _rotation(poses[j, 3:])
@@ -173,7 +175,7 @@ def _rotation(quaternion: Array) -> Array:
 
 
 def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
-    """Return the box (2, 3) of the robot, wherever P is to be, and of the obstacles near it."""
+    """Return the box (2, 3) around the robot along its desired path, and obstacles nearby, m."""
     places = motion.desired[:, :2]
     radius = 0.5 * float(np.linalg.norm((box[1] - box[0])[:2]))
     area = box.copy()

@@ -6,16 +6,18 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypeGuard
 
 from rpctl.simulation.run import Run
+from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
-from rpctl.view.scene.obstacles import (
+from rpctl.view.obstacles import (
     OBSTACLE_SETTINGS,
     OBSTACLE_TITLES,
     obstacle_texts,
     run_obstacles,
 )
+from rpctl.view.pages.page import badge, definitions, section
 
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
 SETTING_LABELS = {
@@ -61,8 +63,14 @@ KEYBOARD = (
 )
 
 
-def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
-    """Return the panel: figures of merit, certificate, settings, robot, notes, keys."""
+def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
+    """Return the panel: figures of merit, certificate, settings, robot, notes, keys.
+
+    Args:
+        run: The run.
+        summary: Its figures of merit.
+        notes: Notes on the scene, in sentences.
+    """
     sections = (
         _merits(run, summary),
         _certificate(run.certificate),
@@ -75,15 +83,15 @@ def panel(run: Run, summary: Mapping[str, Any], notes: Sequence[str]) -> str:
 
 
 def legend(run: Run) -> str:
-    """Return what is drawn in the scene: entries that show and hide it."""
+    """Return the scene's legend, whose entries show and hide what is drawn."""
     entries = [("base", "Base")] if has_base(run) else []
-    entries += [("tip", "End effector")] if run.ee.shape[1] == 3 else []
+    entries += [("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    limited = any(math.isfinite(limit) for limit in run.effort_limits)
+    limited = any(math.isfinite(limit) for limit in run.robot.effort_limits)
     entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
-    if run.tip_margin.size:
-        one = ": equally stiff contacts" if run.load_range.size else ""
-        entries += [("loads", f"Ground reactions{one}")] if run.contact_load.size else []
+    if run.log.tip_margin.size:
+        one = ": equally stiff contacts" if run.log.load_range.size else ""
+        entries += [("loads", f"Ground reactions{one}")] if run.log.contact_load.size else []
         entries += [("zmp", "Support, zero-moment point")]
     return "".join([*(legend_entry(key, text) for key, text in entries), *obstacle_entries([run])])
 
@@ -100,11 +108,18 @@ def obstacle_entries(runs: Iterable[Run]) -> list[str]:
 
 def keyboard_section() -> str:
     """Return the section on the keys."""
-    return _section("Keyboard", _rows(KEYBOARD))
+    return section("Keyboard", definitions(KEYBOARD))
 
 
 def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
-    """Return one entry of the scene's legend; ``style`` is CSS of its swatch."""
+    """Return one entry of the scene's legend; ``style`` is CSS of its swatch.
+
+    Args:
+        layer: What it shows and hides; a CSS class too.
+        text: Its name.
+        style: CSS of its swatch.
+        shown: Whether it is shown at first.
+    """
     drawn = f' style="{style}"' if style else ""
     pressed = str(shown).lower()
     return (
@@ -113,19 +128,17 @@ def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> 
     )
 
 
-def headline(run: Run, summary: Mapping[str, Any]) -> str:
+def headline(run: Run, summary: Summary) -> str:
     """Return the few figures that stand above everything else."""
     known = merits(run, summary)
     rows = [(MERIT_LABELS[key], text) for key, text in known.items() if key.startswith("rms")]
-    if _has_figure(summary, "max_effort_ratio"):
-        rows.append(("Effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
+    if is_finite(summary.max_effort_ratio):
+        rows.append(("Effort / limit", f"{100.0 * summary.max_effort_ratio:.0f} %"))
     figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
     badges = []
     if run.certificate is not None:
         badges.append(certificate_badge(run.certificate, "dynamics verified"))
-    broken = summary.get("limits_violated")
-    if broken is not None:
-        badges.append(limits_badge(broken))
+    badges.append(limits_badge(summary.limits_violated))
     return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
 
 
@@ -135,66 +148,56 @@ def certificate_badge(certificate: Mapping[str, Any], text: str = "verified") ->
     return badge(passed, text if passed else "not equivalent")
 
 
-def limits_badge(broken: Sequence[Any]) -> str:
+def limits_badge(broken: Sequence[Violation]) -> str:
     """Return the badge of the limits that were broken."""
     return badge(not broken, "limits broken" if broken else "within limits")
 
 
 def subtitle(run: Run) -> str:
     """Return one line about the run, escaped."""
-    count = len(run.quasi_velocities)
-    words = [f"{count} quasi-velocities", f"{len(run.actuators)} actuators"]
+    count = len(run.robot.quasi_velocities)
+    words = [f"{count} quasi-velocities", f"{len(run.robot.actuators)} actuators"]
     if "reference" in run.settings:
         words.insert(0, f"reference: {setting_text(run.settings['reference'])}")
     words.append(f"{float(run.t[-1] - run.t[0]):.4g} s")
     return escape(" · ".join(words))
 
 
-def merits(run: Run, summary: Mapping[str, Any]) -> dict[str, str]:
+def merits(run: Run, summary: Summary) -> dict[str, str]:
     """Return the run's lengths of merit as texts by their keys; a fixed base has none of a base."""
     return {
-        key: length(summary[key])
+        key: length(figure)
         for key in MERIT_LABELS
-        if _has_figure(summary, key) and (has_base(run) or "end_effector" in key)
+        if is_finite(figure := getattr(summary, key)) and (has_base(run) or "end_effector" in key)
     }
 
 
-def _merits(run: Run, summary: Mapping[str, Any]) -> str:
+def _merits(run: Run, summary: Summary) -> str:
     rows = [(MERIT_LABELS[key], text) for key, text in merits(run, summary).items()]
-    if _has_figure(summary, "max_effort_ratio"):
-        rows.append(("Largest effort / limit", f"{100.0 * summary['max_effort_ratio']:.0f} %"))
-    if _has_figure(summary, "realtime_factor"):
-        rows.append(("Simulated at", f"{summary['realtime_factor']:.3g} × real time"))
-    if not rows:
-        return ""
-    broken = summary.get("limits_violated")
-    if broken is None:
-        return _section("Tracking error", _rows(rows))
-    mark = limits_badge(broken)
-    sentences = [_violation(each) for each in broken]
-    sentences += [f"{each['told']}." for each in summary.get("limits_bound", ())]
-    if summary.get("ground"):
-        sentences.append(f"On the ground: {summary['ground']}.")
+    if is_finite(summary.max_effort_ratio):
+        rows.append(("Largest effort / limit", f"{100.0 * summary.max_effort_ratio:.0f} %"))
+    if is_finite(summary.realtime_factor):
+        rows.append(("Simulated at", f"{summary.realtime_factor:.3g} × real time"))
+    mark = limits_badge(summary.limits_violated)
+    sentences = [_violation(each) for each in summary.limits_violated]
+    sentences += [f"{each.sentence}." for each in summary.limits_bound]
+    if summary.ground.sentence:
+        sentences.append(f"On the ground: {summary.ground.sentence}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
     body = f'<ul class="notes">{details}</ul>' if sentences else ""
-    return _section("Tracking error" + mark, _rows(rows) + body)
+    return section("Tracking error" + mark, definitions(rows) + body)
 
 
-def _violation(broken: Mapping[str, Any]) -> str:
+def _violation(broken: Violation) -> str:
     return (
-        f"{broken['joint']}: {broken['limit']} {broken['value']:.4g}, allowed "
-        f"{broken['allowed']:.4g}, from {broken['first_time']:.2f} s"
+        f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
+        f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
     )
 
 
-def finite_figure(summary: Mapping[str, Any], key: str) -> float | None:
-    """Return a figure of merit, or None where it is not defined."""
-    value = summary.get(key)
-    return value if isinstance(value, int | float) and math.isfinite(value) else None
-
-
-def _has_figure(summary: Mapping[str, Any], key: str) -> bool:
-    return finite_figure(summary, key) is not None
+def is_finite(figure: float | None) -> TypeGuard[float]:
+    """Return whether a figure of merit is a finite number."""
+    return figure is not None and math.isfinite(figure)
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> str:
@@ -209,7 +212,7 @@ def _certificate(certificate: Mapping[str, Any] | None) -> str:
     sampling = f"Worst of {samples} random states, seed {seed}."
     mark = certificate_badge(certificate)
     quiet = f'<p class="quiet">{escape(sampling)}</p>'
-    return _section("Dynamics" + mark, _rows(rows) + quiet)
+    return section("Dynamics" + mark, definitions(rows) + quiet)
 
 
 def residual(check: Mapping[str, Any]) -> str:
@@ -222,7 +225,7 @@ def residual(check: Mapping[str, Any]) -> str:
 
 def _settings(settings: Mapping[str, Any]) -> str:
     rows = setting_texts(settings)
-    return _section("Settings", _rows(rows.items())) if rows else ""
+    return section("Settings", definitions(rows.items())) if rows else ""
 
 
 def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
@@ -243,21 +246,21 @@ def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _robot(run: Run) -> str:
-    drive = run.drive
-    rows = [("Drive", str(drive["type"]))]
-    if drive["wheels"]:
-        radii = dict.fromkeys(f"{wheel['radius']:.4g}" for wheel in drive["wheels"])
-        rows.append(("Wheels", f"{len(drive['wheels'])}, radius {', '.join(radii)} m"))
+    drive = run.robot.drive
+    rows = [("Drive", str(drive.type))]
+    if drive.wheels:
+        radii = dict.fromkeys(f"{wheel.radius:.4g}" for wheel in drive.wheels)
+        rows.append(("Wheels", f"{len(drive.wheels)}, radius {', '.join(radii)} m"))
     rows += [
-        ("Quasi-velocities", str(len(run.quasi_velocities))),
-        ("Actuators", str(len(run.actuators))),
-        ("Frozen joints", str(len(run.locked))),
+        ("Quasi-velocities", str(len(run.robot.quasi_velocities))),
+        ("Actuators", str(len(run.robot.actuators))),
+        ("Frozen joints", str(len(run.robot.locked))),
     ]
-    if run.end_effector is not None:
-        rows.append(("End effector", run.end_effector))
-    names = escape(", ".join(run.quasi_velocities))
+    if run.robot.end_effector is not None:
+        rows.append(("End effector", run.robot.end_effector))
+    names = escape(", ".join(run.robot.quasi_velocities))
     body = f"<details><summary>Names</summary><p>{names}</p></details>"
-    return _section("Robot", _rows(rows) + body)
+    return section("Robot", definitions(rows) + body)
 
 
 def notes_section(notes: Sequence[str]) -> str:
@@ -265,11 +268,11 @@ def notes_section(notes: Sequence[str]) -> str:
     if not notes:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return _section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
+    return section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
 
 
 def length(value: float) -> str:
-    """Return a length in a unit that suits it; metres in."""
+    """Return a length, given in m, as text in m, mm or µm."""
     for unit, size in (("m", 1.0), ("mm", 1e-3)):
         if abs(value) >= size:
             return f"{value / size:.3g} {unit}"
@@ -286,18 +289,3 @@ def setting_text(value: Any) -> str:
         return ", ".join(setting_text(item) for item in value)
     text = str(value)
     return PurePath(text).name if PurePath(text).is_absolute() else text
-
-
-def badge(good: bool, text: str) -> str:
-    """Return a word on a green or red ground."""
-    return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
-
-
-def _section(title: str, body: str) -> str:
-    """Return a section; both strings are HTML already."""
-    return f"<section><h2>{title}</h2>{body}</section>"
-
-
-def _rows(rows: Iterable[tuple[str, str]]) -> str:
-    cells = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
-    return f'<dl class="rows">{cells}</dl>'

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rpctl.study.benchmark import Row
 from rpctl.study.scenarios import PAPER, LawPair
 from rpctl.study.verdicts import group_rows
-from rpctl.view.plots.style import LIGHT, SMALL_PT, TEXT_PT
+from rpctl.view.plots import style
+from rpctl.view.plots.style import SMALL_PT, TEXT_PT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,8 +21,9 @@ MM_PER_M = 1e3  # mm of a m
 AXIS_MARGIN_RATIO = 1.6  # times the extreme errors: where the axis ends
 NARROW_SPAN_RATIO = 50.0  # times the least value of an axis: up to there 3 is marked, too
 GREY = "#9aa2ad"
+TITLE_STYLE: dict[str, Any] = {"fontsize": TEXT_PT, "fontweight": "bold", "color": style.INK}
 Colours = dict[LawPair, str]  # of the two that matter
-BROKEN_LIMIT_STYLE: dict[str, Any] = {"marker": "^", "color": LIGHT.ink, "ms": 3.0, "ls": ""}
+BROKEN_LIMIT_STYLE: dict[str, Any] = {"marker": "^", "color": style.INK, "ms": 3.0, "ls": ""}
 
 
 def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
@@ -41,42 +43,27 @@ def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
     width = LABELS_WIDTH_IN + PANEL_WIDTH_IN * len(references) + 0.15
     height = HEAD_IN + (panel_height + GAP_IN) * len(scenarios) + FOOT_IN
     figure = Figure((width, height))
-    figure.set_facecolor(LIGHT.paper)
-    colours = {PAPER: LIGHT.tip, proposed: LIGHT.base}
+    figure.set_facecolor(style.PAPER)
+    colours = {PAPER: style.TIP, proposed: style.BASE}
     groups = dict(group_rows(rows))
     spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
     for i, scenario in enumerate(scenarios):
         for j, reference in enumerate(references):
+            left = LABELS_WIDTH_IN + j * PANEL_WIDTH_IN + 0.04
             bottom = height - HEAD_IN - (i + 1) * panel_height - i * GAP_IN
-            box = (
-                LABELS_WIDTH_IN + j * PANEL_WIDTH_IN + 0.04,
-                bottom,
-                PANEL_WIDTH_IN - 0.08,
-                panel_height,
-            )
-            axes = figure.add_axes(
-                (box[0] / width, box[1] / height, box[2] / width, box[3] / height)
-            )
-            last = i == len(scenarios) - 1
-            _panel(
-                axes, groups.get((scenario, reference), []), laws, colours, spans[reference], last
-            )
+            size = (PANEL_WIDTH_IN - 0.08) / width, panel_height / height
+            axes = figure.add_axes((left / width, bottom / height, *size))
+            shown, last = groups.get((scenario, reference), []), i == len(scenarios) - 1
+            _panel(axes, shown, laws, colours, spans[reference], last)
             if i == 0:
-                axes.set_title(
-                    reference, fontsize=TEXT_PT, fontweight="bold", color=LIGHT.ink, pad=5
-                )
+                axes.set_title(reference, pad=5, **TITLE_STYLE)
             if j == 0:
                 _names(axes, scenario, laws, colours)
-    figure.text(
-        (LABELS_WIDTH_IN + 0.5 * PANEL_WIDTH_IN * len(references)) / width,
-        0.36 / height,
-        "rms error, mm (logarithmic)",
-        ha="center",
-        fontsize=SMALL_PT,
-        color=LIGHT.ink,
-    )
-    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", fontsize=TEXT_PT + 1,
-                fontweight="bold", color=LIGHT.ink)  # fmt: skip
+    middle = LABELS_WIDTH_IN + 0.5 * PANEL_WIDTH_IN * len(references)
+    figure.text(middle / width, 0.36 / height, "rms error, mm (logarithmic)", ha="center",
+                fontsize=SMALL_PT, color=style.INK)  # fmt: skip
+    heading = {**TITLE_STYLE, "fontsize": TEXT_PT + 1}
+    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", **heading)
     _legend(figure, height, proposed)
     return figure
 
@@ -111,17 +98,17 @@ def _panel(
     axes.set_xscale("log")
     axes.set_xlim(*span)
     axes.set_ylim(len(laws), -1)
-    axes.set_facecolor(LIGHT.paper)
+    axes.set_facecolor(style.PAPER)
     axes.yaxis.set_major_locator(NullLocator())
     steps = (1.0, 3.0) if span[1] < NARROW_SPAN_RATIO * span[0] else (1.0,)
     axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=4))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.grid(True, axis="x", color=LIGHT.faint, lw=0.5)
+    axes.grid(True, axis="x", color=style.FAINT, lw=0.5)
     axes.set_axisbelow(True)
-    axes.tick_params(length=0, labelsize=SMALL_PT - 1, colors=LIGHT.ink, pad=2)
+    axes.tick_params(length=0, labelsize=SMALL_PT - 1, colors=style.INK, pad=2)
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}") if last else NullFormatter())
     for spine in axes.spines.values():
-        spine.set(color=LIGHT.faint, linewidth=0.6)
+        spine.set(color=style.FAINT, linewidth=0.6)
     for row in rows:
         colour = colours.get(row.cell.controller, GREY)
         _mark(axes, row, laws.index(row.cell.controller), colour, span)
@@ -135,7 +122,7 @@ def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float
     base, tip = figures.rms_base, figures.rms_end_effector
     if tip:
         axes.plot([MM_PER_M * base, MM_PER_M * tip], [line, line], color=colour, lw=0.8, zorder=2)
-        axes.plot([MM_PER_M * tip], [line], "o", mfc=LIGHT.paper, mec=colour, mew=0.9, ms=3.4)
+        axes.plot([MM_PER_M * tip], [line], "o", mfc=style.PAPER, mec=colour, mew=0.9, ms=3.4)
     axes.plot([MM_PER_M * base], [line], "o", color=colour, ms=3.6, zorder=4)
     if figures.violations:
         axes.plot([span[0] * AXIS_MARGIN_RATIO**0.35], [line], **BROKEN_LIMIT_STYLE)
@@ -146,26 +133,26 @@ def _names(axes: Axes, scenario: str, laws: Sequence[LawPair], colours: Colours)
     for line, law in enumerate(laws):
         axes.annotate(str(law), (0, line), (-4, 0), ("axes fraction", "data"), "offset points",
                       ha="right", va="center", fontsize=SMALL_PT - 1.2,
-                      color=LIGHT.ink if law in colours else LIGHT.desired)  # fmt: skip
+                      color=style.INK if law in colours else style.DESIRED)  # fmt: skip
     left = -LABELS_WIDTH_IN * 72 + 4
     axes.annotate(scenario, (0, 1), (left, 1), "axes fraction", "offset points", ha="left",
-                  va="bottom", fontsize=TEXT_PT, fontweight="bold", color=LIGHT.ink)  # fmt: skip
+                  va="bottom", **TITLE_STYLE)  # fmt: skip
 
 
 def _legend(figure: Figure, height: float, proposed: LawPair) -> None:
     from matplotlib.lines import Line2D
 
-    ring = {"marker": "o", "mfc": LIGHT.paper, "color": LIGHT.ink, "ms": 3.4, "ls": ""}
+    ring = {"marker": "o", "mfc": style.PAPER, "color": style.INK, "ms": 3.4, "ls": ""}
     looks: dict[str, dict[str, Any]] = {
-        f"{proposed} (rpctl's)": {"marker": "o", "color": LIGHT.base, "ms": 3.6},
-        f"{PAPER} (the paper's)": {"marker": "o", "color": LIGHT.tip, "ms": 3.6},
+        f"{proposed} (rpctl's)": {"marker": "o", "color": style.BASE, "ms": 3.6},
+        f"{PAPER} (the paper's)": {"marker": "o", "color": style.TIP, "ms": 3.6},
         "others": {"marker": "o", "color": GREY, "ms": 3.6},
-        "base": {"marker": "o", "color": LIGHT.ink, "ms": 3.6, "ls": ""},
+        "base": {"marker": "o", "color": style.INK, "ms": 3.6, "ls": ""},
         "end effector": ring,
         "did not run": {"marker": "x", "color": GREY, "ms": 3.6, "ls": ""},
         "broke a limit": BROKEN_LIMIT_STYLE,
     }
     handles = [Line2D([], [], label=label, lw=0.8, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.04 / height),
-                  ncols=len(handles), fontsize=SMALL_PT, labelcolor=LIGHT.ink, frameon=False,
+                  ncols=len(handles), fontsize=SMALL_PT, labelcolor=style.INK, frameon=False,
                   handlelength=1.6, columnspacing=1.4)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where a fixed camera stands so that a whole motion is in its picture."""
+"""Placement of a fixed camera that has a whole motion in its picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which frames of a motion a viewer needs, if it fills in the others by itself."""
+"""Selection of keyframes from which a viewer interpolates a motion to a tolerance."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _fractions(times: Array, first: int, last: int) -> Array:
 
 
 def _keep(count: int, deviation: Deviation, tolerance: float) -> NDArray[np.int64]:
-    """Return the first frame, the last, and the worst of every stretch that deviates too much."""
+    """Return first and last frame and, recursively, the worst of each interval."""
     kept, stretches = {0, count - 1}, [(0, count - 1)]
     while stretches:
         first, last = stretches.pop()

@@ -1,4 +1,4 @@
-"""What a viewer shows of a robot beside its shapes: frames, masses, and how it meets the ground."""
+"""Markers on a robot: link frames, centres of mass, wheel contacts and P."""
 
 from __future__ import annotations
 
@@ -9,26 +9,40 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.rolling import contact_point
+from rpctl.libraries import library
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
-from rpctl.view.scene import marker_shapes, threejs
-from rpctl.view.scene.skeleton import ROOT
+from rpctl.view.scene import threejs
 
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
 MIN_BALL_RADIUS_M = 0.004  # m; radius below which nobody would see it
 FRAME_AXIS_RATIO = 0.05  # length of a frame's axes, of the size of the robot
-CONTACT_RANK = 1e9  # rank of the names of contacts; masses rank by their kg, frames last
+CONTACT_RANK = 1e9  # label priority of contacts, above all masses (ranked by kg); frames have 0
 ROLLING_TOLERANCE_RAD = math.radians(
     1.0
 )  # a direction nearer to rolling than this is the rolling direction
+AXIS_COLOURS = (
+    (0.86, 0.20, 0.18),
+    (0.18, 0.62, 0.22),
+    (0.16, 0.42, 0.86),
+)  # x red, y green, z blue
+MASS_COLOUR, TOTAL_MASS_COLOUR, CONTACT_COLOUR, ROLLER_COLOUR, POINT_COLOUR = (
+    0xE8A33D,
+    0x6B3FA0,
+    0x0072B2,
+    0xCC4B9B,
+    0x009E73,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Markers, and the joints that they hang on.
+    """Markers by the joint that carries them.
 
     Attributes:
         joint_nodes: Nodes by the index of the joint; the names of all begin with their layer.
@@ -55,10 +69,9 @@ def build_markers(robot: Robot, size: float) -> Markers:
         robot: The robot.
         size: Its size, m; frames and arrows are in proportion.
     """
-    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in range(ROOT, robot.model.njoints)}
-    markers = Markers(
-        joint_nodes, [], [], [], marker_shapes.geometries(), marker_shapes.materials()
-    )
+    indices = range(ROOT_JOINT, robot.model.njoints)
+    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
+    markers = Markers(joint_nodes, [], [], [], _geometries(), _materials())
     for index, link in enumerate(robot.description.links):
         frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
         pose = frame.placement.homogeneous
@@ -88,7 +101,7 @@ def total_mass_marker(mass: float) -> threejs.Json:
 
 
 def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> None:
-    """Hang a wheel's contact on what carries the wheel: it does not turn with it."""
+    """Attach a wheel's contact to the link that carries the wheel, so that it does not turn."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.configuration())
     contact, axle = _contact(robot, data, wheel)
@@ -98,7 +111,7 @@ def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> N
         _mesh("arrow", "contact", _scaled(1.5 * wheel.radius)),
     ]
     along = np.array([1.0, 0.0])
-    if carrier == ROOT:  # the direction is told in the root link's frame
+    if carrier == ROOT_JOINT:  # the direction is told in the root link's frame
         along = contact[:2, :2].T @ wheel.direction
         turn = math.atan2(along[1], along[0])
         if abs(math.sin(turn)) > math.sin(ROLLING_TOLERANCE_RAD):
@@ -130,7 +143,7 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
 
 
 def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
-    """Hang P with the robot's forward direction on the root link."""
+    """Attach P, with the robot's forward direction, to the root link."""
     drive = robot.drive
     pose = _rotated(drive.heading)
     pose[:3, 3] = *drive.point, drive.ground
@@ -138,7 +151,7 @@ def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
         _mesh("disc", "point", _scaled(0.012 * size)),
         _mesh("arrow", "point", _scaled(0.16 * size)),
     ]
-    _attach(markers, ROOT, "contact-P", pose, shapes)
+    _attach(markers, ROOT_JOINT, "contact-P", pose, shapes)
     markers.labels.append(_label("contact-P", "P", CONTACT_RANK))
 
 
@@ -150,12 +163,12 @@ def _attach(
 
 
 def _label(name: str, text: str, rank: float) -> dict[str, Any]:
-    """Return a label; of two that do not fit beside each other, the one of higher rank is shown."""
+    """Return a label; of two that overlap, the one of higher rank is shown."""
     return {"node": name, "layer": name.partition("-")[0], "text": text, "rank": rank}
 
 
 def _mesh(shape: str, paint: str, pose: Array) -> threejs.Json:
-    """Return a marker that is seen through the robot; P and contacts lie below the others."""
+    """Return a marker visible through the robot; P and contacts are drawn first."""
     order = 10 + ("contact", "roller", "point", "whole", "mass", "axes").index(paint)
     entries = {"geometry": f"marker-{shape}", "material": f"marker-{paint}", "renderOrder": order}
     return threejs.node("Mesh", f"{paint}-{shape}", **entries, **threejs.fixed_matrix(pose))
@@ -177,8 +190,79 @@ def _scaled(factor: float) -> Array:
 
 
 def _rotated(angle: float) -> Array:
-    """Return a turn (4, 4) about z."""
+    """Return a rotation (4, 4) about z."""
     pose = np.eye(4)
     cos, sin = math.cos(angle), math.sin(angle)
     pose[:2, :2] = [[cos, -sin], [sin, cos]]
     return pose
+
+
+def _geometries() -> list[threejs.Json]:
+    """Return axes, ball, disc, arrow and bar, each about 1 m long."""
+    creation = library("trimesh.creation")
+
+    ball = creation.icosphere(subdivisions=2)
+    disc = creation.cylinder(1.0, 0.02, sections=32)
+    return [
+        threejs.geometry("marker-axes", *_axes()),
+        _geometry("marker-ball", ball.vertices, ball.faces),
+        _geometry("marker-disc", disc.vertices, disc.faces),
+        _geometry("marker-arrow", *_flat([(0, 0.05), (0.7, 0.05), (0.7, 0.14), (1.0, 0.0)])),
+        _geometry("marker-bar", *_flat([(-1.0, 0.045), (1.0, 0.045), (1.0, 0.0)])),
+    ]
+
+
+def _materials() -> list[threejs.Json]:
+    """Return the material of each kind of marker, visible through the robot."""
+    seen = {"transparent": True, "depthTest": False, "depthWrite": False, "side": 2}
+    flat = {"type": "MeshBasicMaterial", **seen}
+    ball = {"type": "MeshLambertMaterial", "opacity": 0.7, **seen}
+    return [
+        {"uuid": "marker-axes", "vertexColors": 2, **flat},
+        {"uuid": "marker-mass", "color": MASS_COLOUR, "emissive": 0x503000, **ball},
+        {"uuid": "marker-whole", "color": TOTAL_MASS_COLOUR, "emissive": 0x201040, **ball},
+        {"uuid": "marker-contact", "color": CONTACT_COLOUR, "opacity": 0.85, **flat},
+        {"uuid": "marker-roller", "color": ROLLER_COLOUR, "opacity": 0.85, **flat},
+        {"uuid": "marker-point", "color": POINT_COLOUR, "opacity": 0.85, **flat},
+    ]
+
+
+def _axes() -> tuple[dict[str, threejs.Json], NDArray[np.int64]]:
+    """Return three thin boxes along the axes, each in its colour, and their triangles."""
+    creation = library("trimesh.creation")
+
+    vertices, colours, faces = [], [], []
+    for axis, colour in enumerate(AXIS_COLOURS):
+        edges, middle = np.full(3, 0.05), np.zeros(3)
+        edges[axis], middle[axis] = 1.0, 0.5
+        box = creation.box(edges)
+        faces.append(box.faces + len(box.vertices) * axis)
+        vertices.append(box.vertices + middle)
+        colours.append(np.tile(np.rint(255.0 * np.array(colour)), (len(box.vertices), 1)))
+    attributes = {
+        "position": threejs.attribute(np.concatenate(vertices).astype(np.float32)),
+        "color": threejs.attribute(np.concatenate(colours).astype(np.uint8), normalized=True),
+    }
+    return attributes, np.concatenate(faces)
+
+
+def _geometry(uuid: str, vertices: Array, faces: NDArray[np.int64]) -> threejs.Json:
+    unit = np.asarray(vertices, float)
+    lengths = np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-9)
+    attributes = {
+        "position": threejs.attribute(unit.astype(np.float32)),
+        "normal": threejs.attribute((unit / lengths).astype(np.float32)),
+    }
+    return threejs.geometry(uuid, attributes, np.asarray(faces))
+
+
+def _flat(upper: list[tuple[float, float]]) -> tuple[Array, NDArray[np.int64]]:
+    """Return a flat mesh in the xy plane, symmetric about the x axis, from its upper outline."""
+    edge = np.array(upper)
+    outline = np.concatenate([edge, edge[::-1] * [1.0, -1.0]])
+    count = len(edge)
+    faces = []
+    for k in range(count - 1):
+        a, b, c, d = k, k + 1, 2 * count - 2 - k, 2 * count - 1 - k
+        faces += [(a, b, c), (a, c, d)]
+    return np.column_stack([outline, np.zeros(len(outline))]), np.array(faces)

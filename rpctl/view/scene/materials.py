@@ -1,4 +1,4 @@
-"""A robot's parts as three.js objects: their meshes, their paint, and the ghost's veil."""
+"""A robot's parts as three.js objects: meshes, materials, and the ghost's depth-only pass."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _paint(uuid: str, rgba: tuple[float, ...]) -> threejs.Json:
 
 
 def _veil() -> threejs.Json:
-    """Return a material that only fills the depth: of the ghost, the nearest face is drawn."""
+    """Return a material that writes depth only, so that only the ghost's nearest face is drawn."""
     return {"uuid": "veil", "type": "MeshBasicMaterial", "colorWrite": False, **_behind()}
 
 
@@ -99,6 +99,6 @@ def _tint() -> threejs.Json:
 
 
 def _behind() -> threejs.Json:
-    """Return what keeps the ghost behind the robot, so that it never tints it, wherever it is."""
+    """Return the entries that keep the ghost behind the robot, so that it never tints the robot."""
     stencil = {"stencilWrite": True, "stencilRef": ROBOT_STENCIL, "stencilFunc": NOT_EQUAL}
     return {"transparent": True, "side": 2, **stencil}

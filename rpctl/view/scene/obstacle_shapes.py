@@ -8,8 +8,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.view.scene import surroundings, threejs, trails
-from rpctl.view.scene.obstacles import BASE, TIP, DrawnObstacle, near, rim, rims
+from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rim, rims
+from rpctl.view.scene import threejs, trails
+from rpctl.view.scene.ground import ground_disc
 
 OBSTACLES_PATH = "/rpctl/obstacles"
 OBSTACLE_COLOURS = {BASE: 0xB0325F, TIP: 0x9A6A00}
@@ -29,7 +30,7 @@ FadedMesh = tuple[trails.Mesh, Array]  # a mesh, and the opacity of its vertices
 
 
 def corners(obstacles: Sequence[DrawnObstacle], cloud: Array, ground: float, size: float) -> Array:
-    """Return points (n, 3) of the discs near a motion, m: what a camera has to show as well.
+    """Return points (n, 3) of the discs near a motion, m, for a camera to include.
 
     Args:
         obstacles: Any.
@@ -49,7 +50,7 @@ def corners(obstacles: Sequence[DrawnObstacle], cloud: Array, ground: float, siz
 def commands(
     obstacles: Sequence[DrawnObstacle], lower: Array, upper: Array, ground: float, size: float
 ) -> list[bytes]:
-    """Return the command that draws obstacles, one mesh for each body; none where nothing is drawn.
+    """Return the command that draws obstacles, one mesh for each body, or nothing.
 
     Args:
         obstacles: Any.
@@ -58,8 +59,8 @@ def commands(
         ground: Height of the ground, m.
         size: Height of the robot, m.
     """
-    width = surroundings.trail_width(lower, upper)
-    place = surroundings.ground_disc(lower, upper)
+    width = trails.trail_width(lower, upper)
+    place = ground_disc(lower, upper)
     geometries, materials, nodes = [], [], []
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
         shapes = [obstacle.shape for obstacle in obstacles if obstacle.body == body]
@@ -82,7 +83,14 @@ def commands(
 
 
 def column(disc: Disc, height: float, width: float, dashed: bool) -> list[FadedMesh]:
-    """Return the sides, floor and edge of a disc on a ground at height 0."""
+    """Return the sides, floor and edge of a disc on a ground at height 0.
+
+    Args:
+        disc: The disc.
+        height: Of its sides, m.
+        width: Of its edge, m.
+        dashed: Whether its edge is dashed.
+    """
     edge = _level(rim(disc), 0.0)
     count = len(edge) - 1
     centre = np.array([[disc.x, disc.y, 0.0]])
@@ -98,7 +106,7 @@ def column(disc: Disc, height: float, width: float, dashed: bool) -> list[FadedM
 def wall(
     plane: HalfPlane, centre: Array, radius: float, height: float, width: float, dashed: bool
 ) -> list[FadedMesh]:
-    """Return the side, edge and floor beyond of a half-plane, as far as the ground goes.
+    """Return side, edge and blocked floor of a half-plane, as far as the ground extends.
 
     Args:
         plane: The half-plane.
@@ -129,7 +137,13 @@ def wall(
 
 
 def clip(plane: HalfPlane, centre: Array, radius: float) -> Array | None:
-    """Return the ends (2, 2) of the line within a circle, m, or None where it passes it by."""
+    """Return the ends (2, 2) of a half-plane's line within a circle, m, or None outside it.
+
+    Args:
+        plane: The half-plane.
+        centre: Centre of the circle (2,) or more, m.
+        radius: Radius of the circle, m.
+    """
     (gap,) = plane.distance(np.asarray(centre)[None, :2])
     if abs(gap) >= radius:
         return None
@@ -146,7 +160,7 @@ def _edges(path: Array, width: float, dashed: bool) -> list[FadedMesh]:
 
 
 def _sides(edge: Array, height: float, opacity: Array) -> FadedMesh:
-    """Return what stands on an edge (n, 3); its opacity (n,) falls towards its top."""
+    """Return the side above an edge (n, 3); its opacity (n,) falls towards its top."""
     top = edge + np.array([0.0, 0.0, height])
     mesh = np.stack([edge, top], 1).reshape(-1, 3), trails.strip(len(edge), 2)
     return mesh, np.column_stack([FOOT_OPACITY * opacity, TOP_OPACITY * opacity]).reshape(-1)
@@ -171,6 +185,6 @@ def _geometry(name: str, mesh: trails.Mesh, opacity: Array, height: float) -> th
 
 
 def _material(name: str, colour: int) -> threejs.Json:
-    """Return a material that pages tint anew; it fills no depth, so it hides nothing."""
+    """Return a material that pages may recolour; it writes no depth, so it hides nothing."""
     look = {"vertexColors": 2, "transparent": True, "depthWrite": False, "side": 2}
     return {"uuid": name, "type": "MeshBasicMaterial", "color": colour, **look}

@@ -101,7 +101,7 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
 
 
 def _mesh_label(shape: Shape) -> str:
-    """Return a mesh as the URDF names it, but no folder of this machine: reports are passed on."""
+    """Return a mesh's name in the URDF, of an absolute path its file name: reports are shared."""
     name = shape.mesh or shape.kind
     outside = PurePath(name).is_absolute() or name.startswith("file:")
     return PurePath(name).name if outside else name
@@ -205,7 +205,7 @@ def _digest(surface: Surface) -> bytes:
 
 
 def _cap(counts: list[int], total: int) -> int:
-    """Return the largest number of triangles of one mesh for which all keep within ``total``."""
+    """Return the largest limit of triangles per mesh that keeps the sum within ``total``."""
     left, remaining = total, len(counts)
     for count in sorted(counts):
         if count * remaining > left:

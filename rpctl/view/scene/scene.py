@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
-from rpctl.view.scene import keyframes, materials, obstacle_shapes, surroundings, threejs
-from rpctl.view.scene.obstacles import run_obstacles
+from rpctl.view.obstacles import run_obstacles
+from rpctl.view.scene import keyframes, materials, obstacle_shapes, threejs, trails
+from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
@@ -86,10 +87,10 @@ def build_scene(robot: Robot, run: Run, triangles: int = MAX_TRIANGLES) -> Scene
     commands = (
         *(threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
         threejs.set_property("/Background", "visible", False),
-        surroundings.lights_command(lower, upper),
-        surroundings.ground_command(lower, upper, ground),
+        lights_command(lower, upper),
+        ground_command(lower, upper, ground),
         *obstacle_shapes.commands(obstacles, lower, upper, ground, size),
-        surroundings.trails_command(paths, lower, upper),
+        trails.trails_command(paths, lower, upper),
         _robots(bodies, joints),
         _animation(joints, times, poses, ghost),
     )
@@ -140,10 +141,10 @@ def _paths(robot: Robot, run: Run, frames: NDArray[np.int64]) -> dict[str, Array
     ground = np.full((len(frames), 1), robot.drive.ground)
     paths = {
         "base-desired": np.hstack([run.base_ref[frames, :2], ground]),
-        "base": np.hstack([run.base[frames, :2], ground]),
+        "base": np.hstack([run.log.base[frames, :2], ground]),
     }
-    if run.ee.shape[1] == 3:
-        paths |= {"tip-desired": run.ee_ref[frames], "tip": run.ee[frames]}
+    if run.log.ee.shape[1] == 3:
+        paths |= {"tip-desired": run.log.ee_ref[frames], "tip": run.log.ee[frames]}
     return paths
 
 
@@ -160,7 +161,7 @@ def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
 
 
 def _hull(cloud: Array) -> Array:
-    """Return the farthest points (n, 3) of a cloud in directions all around."""
+    """Return the extreme points (n, 3) of a cloud in evenly spread directions."""
     count = 128
     heights = np.linspace(-1.0, 1.0, count)
     turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere

@@ -1,4 +1,4 @@
-"""Triangles for the eye: fewer of them, with normals that keep sharp edges sharp."""
+"""Meshes for display: fewer triangles, and normals that keep sharp edges sharp."""
 
 from __future__ import annotations
 
@@ -31,7 +31,13 @@ class ShadedMesh:
 
 
 def simplify(vertices: Floats, faces: Faces, count: int) -> tuple[Floats, Faces]:
-    """Return a mesh of about ``count`` triangles of the same shape (quadric edge collapse)."""
+    """Return a mesh of about ``count`` triangles of the same shape (quadric edge collapse).
+
+    Args:
+        vertices: Vertices (n, 3), m.
+        faces: Triangles (m, 3), as indices of vertices.
+        count: Number of triangles aimed at.
+    """
     vertices, faces = weld(vertices, faces)
     if len(faces) <= count:
         return vertices, faces

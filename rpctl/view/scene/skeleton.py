@@ -1,4 +1,4 @@
-"""A robot's kinematic tree as nested three.js groups: one that turns or slides for each joint."""
+"""A robot's kinematic tree as nested three.js groups, one moving group for each joint."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.view.scene import threejs
-
-ROOT = 1  # Pinocchio's index of the planar root
 
 
 def skeleton(
@@ -19,9 +18,8 @@ def skeleton(
 ) -> threejs.Json:
     """Return the group of the root link, all others nested below it.
 
-    The group ``PREFIX-j`` of joint j is fixed to nothing but its joint: turned or slid by the
-    joint's position, it carries all that the joint moves. Where the joint sits on its parent is
-    the matrix of a group of its own above it.
+    Group ``PREFIX-j`` holds all that joint j moves; its parent group ``PREFIX-seat-j`` holds the
+    joint's fixed placement.
 
     Args:
         robot: The robot.
@@ -31,17 +29,17 @@ def skeleton(
     model = robot.model
     groups = {
         j: threejs.node("Group", f"{prefix}-{j}", children=nodes_of(j))
-        for j in range(ROOT, model.njoints)
+        for j in range(ROOT_JOINT, model.njoints)
     }
-    for j in range(ROOT + 1, model.njoints):
+    for j in range(ROOT_JOINT + 1, model.njoints):
         place = threejs.fixed_matrix(model.jointPlacements[j].homogeneous)
         seat = threejs.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
         groups[model.parents[j]]["children"].append(seat)
-    return groups[ROOT]
+    return groups[ROOT_JOINT]
 
 
 def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
-    """Return what a page has to know of each joint above the root, in the order of the model.
+    """Return the page's data of each joint after the root, in the model's order.
 
     Args:
         robot: The robot.
@@ -53,8 +51,8 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
         there is none) and, of a mimic joint, ``mimic`` (``follows``: index in this list or None
         where the joint that it follows is locked; ``multiplier``; ``offset``).
     """
-    names = list(robot.model.names)[ROOT + 1 :]
-    wheels, arm = {w.joint for w in robot.drive.wheels}, {j.name for j in robot.joints}
+    names = list(robot.moving_joint_names)
+    wheels, arm = {w.joint for w in robot.drive.wheels}, set(robot.joint_names)
     mimics = {joint.name for joint in robot.mimics}
     entries = []
     for number, name in enumerate(names):
@@ -62,7 +60,7 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
         role = "wheel" if name in wheels else "arm" if name in arm else "other"
         entry: dict[str, Any] = {
             "name": name,
-            "node": ROOT + 1 + number,
+            "node": ROOT_JOINT + 1 + number,
             "slides": joint.kind == "prismatic",
             "axis": joint.axis.tolist(),
             "role": "mimic" if name in mimics else role,

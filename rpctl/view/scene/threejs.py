@@ -37,7 +37,13 @@ def attribute(array: NDArray[Any], normalized: bool = False) -> Json:
 
 
 def geometry(uuid: str, attributes: Mapping[str, Json], index: NDArray[Any] | None = None) -> Json:
-    """Return a ``BufferGeometry``; ``index`` holds the corners of its triangles."""
+    """Return a ``BufferGeometry``; ``index`` holds the corners of its triangles.
+
+    Args:
+        uuid: Its name.
+        attributes: Vertex attributes by name.
+        index: Triangles (n, 3), as indices of vertices; None if vertices are listed in order.
+    """
     data: Json = {"attributes": dict(attributes)}
     if index is not None:
         small = index.size == 0 or index.max() < 2**16
@@ -52,7 +58,7 @@ def node(kind: str, name: str, **entries: Any) -> Json:
 
 
 def fixed_matrix(pose: NDArray[np.float64]) -> Json:
-    """Return the entries that place an object for good at a matrix (4, 4), mirrored or not."""
+    """Return the entries that fix an object at a matrix (4, 4), which may mirror."""
     return {"matrix": pose.T.reshape(-1).tolist(), "matrixAutoUpdate": False}
 
 
@@ -65,7 +71,14 @@ def colour(rgb: Sequence[float]) -> int:
 def set_object(
     path: str, root: Json, geometries: Sequence[Json] = (), materials: Sequence[Json] = ()
 ) -> bytes:
-    """Return the command that puts an object, with all below it, at a path."""
+    """Return the command that places an object, with its children, at a path.
+
+    Args:
+        path: The path.
+        root: The object.
+        geometries: All geometries that it and its children use.
+        materials: All materials that they use.
+    """
     scene = {
         "metadata": {"version": 4.5, "type": "Object"},
         "geometries": list(geometries),
@@ -76,12 +89,18 @@ def set_object(
 
 
 def set_property(path: str, key: str, value: Any) -> bytes:
-    """Return the command that sets a property of what is at a path."""
+    """Return the command that sets a property of what is at a path.
+
+    Args:
+        path: The path.
+        key: The property.
+        value: Its value, of types that MessagePack knows.
+    """
     return pack({"type": "set_property", "path": path, "property": key, "value": value})
 
 
 def delete(path: str) -> bytes:
-    """Return the command that takes away what is at a path."""
+    """Return the command that removes the object at a path."""
     return pack({"type": "delete", "path": path})
 
 
@@ -96,7 +115,14 @@ def set_animation(path: str, tracks: Sequence[Json]) -> bytes:
 
 
 def track(name: str, kind: str, times: NDArray[Any], values: NDArray[Any]) -> Json:
-    """Return the track of a property ``node.property`` from times (n,) and values (n, size)."""
+    """Return the track of a property ``node.property`` from times (n,) and values (n, size).
+
+    Args:
+        name: ``node.property``.
+        kind: Type of the track in three.js, ``"vector3"`` or ``"quaternion"``.
+        times: Times (n,), s.
+        values: Values (n, size).
+    """
     return {
         "name": name,
         "type": kind,

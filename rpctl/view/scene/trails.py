@@ -1,24 +1,71 @@
-"""What is drawn around the robot: trails, dashed or solid, and the ground's grid."""
+"""Trails of base and end effector in a scene: actual paths solid, desired ones dashed."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Faces = NDArray[np.int64]
-Mesh = tuple[Floats, Faces]
+from rpctl.arrays import Array
+from rpctl.view.scene import threejs
 
+Faces = NDArray[np.int64]
+Mesh = tuple[Array, Faces]
+
+BASE_COLOUR = 0x0072B2  # Okabe-Ito blue: the base's actual path, in the plots as in the scene
+TIP_COLOUR = 0xD55E00  # vermilion: the end effector's
+DESIRED_COLOUR = 0x6B7480  # neutral: whatever is desired
 TUBE_SIDES = 6
 DASH_WIDTHS, GAP_WIDTHS = 7.0, 5.0  # in widths of the trail
-GRID_PIECES = 16  # each line fades out in so many steps
 MIN_STEP_M = 1e-9  # m: a shorter step has no direction
 
 
-def ribbon(path: Floats, width: float) -> Mesh | None:
-    """Return a level band along a path (n, 3), m; None where the path goes nowhere.
+def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes:
+    """Return the command that draws the paths, the desired ones dashed.
 
-    Each step of the path is two triangles, in order, so that a part of them is a part of the way.
+    A viewer that plays the run shows the first part of ``trail-base`` and ``trail-tip``.
+
+    Args:
+        paths: Paths (n, 3) by name, m: ``base``, ``tip`` and their ``-desired``.
+        lower: Least coordinates of what the scene shows (3,), m.
+        upper: Largest coordinates (3,), m.
+    """
+    width = trail_width(lower, upper)
+    geometries, materials, nodes = [], [], []
+
+    def draw(name: str, mesh: Mesh | None, colour: int) -> None:
+        if mesh is None:
+            return
+        vertices, faces = mesh
+        position = {"position": threejs.attribute(vertices.astype(np.float32))}
+        geometries.append(threejs.geometry(name, position, faces))
+        paint = {"uuid": name, "type": "MeshBasicMaterial", "color": colour, "side": 2}
+        materials.append(paint)
+        entries = {"geometry": name, "material": name, "renderOrder": 3}
+        nodes.append(threejs.node("Mesh", f"trail-{name}", frustumCulled=False, **entries))
+
+    for kind, colour in (("base", BASE_COLOUR), ("tip", TIP_COLOUR)):
+        if kind not in paths:
+            continue
+        shape = ribbon if kind == "base" else tube
+        thick = width if kind == "base" else 0.55 * width
+        up = [0.0, 0.0, 0.3 * width if kind == "base" else 0.0]
+        desired, actual = paths[f"{kind}-desired"] + up, paths[kind] + 2 * np.array(up)
+        pieces = [shape(piece, 0.8 * thick) for piece in dashes(desired, thick)]
+        draw(f"{kind}-desired", join(pieces), DESIRED_COLOUR)
+        draw(kind, shape(actual, thick), colour)
+    root = threejs.node("Group", "trails", children=nodes)
+    return threejs.set_object("/rpctl/trails", root, geometries, materials)
+
+
+def trail_width(lower: Array, upper: Array) -> float:
+    """Return the width of trails for a scene between two corners (3,), m."""
+    return float(np.clip(0.006 * np.linalg.norm((upper - lower)[:2]), 0.006, 0.05))
+
+
+def ribbon(path: Array, width: float) -> Mesh | None:
+    """Return a level band along a path (n, 3), m; None for a path without length.
+
+    The triangles follow the path in order, so a viewer can draw its first part only.
     """
     ahead = _directions(path * [1.0, 1.0, 0.0])
     if ahead is None:
@@ -27,8 +74,8 @@ def ribbon(path: Floats, width: float) -> Mesh | None:
     return np.stack([path + aside, path - aside], 1).reshape(-1, 3), strip(len(path), 2)
 
 
-def tube(path: Floats, width: float) -> Mesh | None:
-    """Return a round tube along a path (n, 3), m; None where the path goes nowhere."""
+def tube(path: Array, width: float) -> Mesh | None:
+    """Return a round tube along a path (n, 3), m; None for a path without length."""
     ahead = _directions(path)
     if ahead is None:
         return None
@@ -46,7 +93,7 @@ def tube(path: Floats, width: float) -> Mesh | None:
     return rings.reshape(-1, 3), strip(len(path), TUBE_SIDES)
 
 
-def dashes(path: Floats, width: float) -> list[Floats]:
+def dashes(path: Array, width: float) -> list[Array]:
     """Return the pieces (n, 3) of a path that its dashes cover."""
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -74,23 +121,7 @@ def join(meshes: list[Mesh | None]) -> Mesh | None:
     return vertices, np.concatenate(faces)
 
 
-def grid(centre: Floats, radius: float, step: float, height: float) -> tuple[Floats, Floats]:
-    """Return line ends (n, 3), m, and their opacity (n,): lines that fade out at ``radius``."""
-    count = int(np.ceil(radius / step))
-    offsets = step * np.arange(-count, count + 1)
-    stops = np.linspace(-count * step, count * step, 2 * GRID_PIECES + 1)
-    ends = np.column_stack([stops[:-1], stops[1:]]).reshape(-1)
-    origin = np.round(np.asarray(centre[:2]) / step) * step  # lines stay on multiples of the step
-    across, along = np.repeat(offsets, len(ends)), np.tile(ends, len(offsets))
-    flat = np.concatenate([np.column_stack([across, along]), np.column_stack([along, across])])
-    distance = np.linalg.norm(flat, axis=1) / (count * step)
-    opacity = np.clip(1.0 - distance, 0.0, 1.0) ** 1.2
-    points = np.column_stack([flat + origin, np.full(len(flat), height)])
-    visible = opacity.reshape(-1, 2).max(axis=1).repeat(2) > 0.0
-    return points[visible], opacity[visible]
-
-
-def _directions(path: Floats) -> Floats | None:
+def _directions(path: Array) -> Array | None:
     """Return unit tangents (n, 3); where a path stands still it keeps the last one."""
     if len(path) < 2:
         return None

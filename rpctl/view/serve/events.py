@@ -1,4 +1,4 @@
-"""Events in order for any number of pages, none of which is waited for."""
+"""A stream of events to any number of pages; a slow page never delays the sender."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Stream:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End the stream: pages get what is left of it."""
+        """End the stream; pages still receive the events already sent."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -62,7 +62,7 @@ class Stream:
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Count a page as a reader while it is entered."""
+        """Count a page as a reader inside the ``with`` block."""
         with self._changed:
             self._readers += 1
             self._changed.notify_all()
@@ -75,15 +75,15 @@ class Stream:
 
     @property
     def readers(self) -> int:
-        """Number of pages that read now."""
+        """Number of pages reading now."""
         return self._readers
 
     @property
     def watched(self) -> bool:
-        """Whether a page reads, or did until a moment ago and may come back."""
+        """Whether a page reads now, or did within the last ``RECONNECT_S`` seconds."""
         return self._readers > 0 or time.monotonic() - self._left < RECONNECT_S
 
     def wait_reader(self, seconds: float) -> bool:
-        """Wait for a first page; return whether it came in time."""
+        """Wait until a page reads; return whether one came in time."""
         with self._changed:
             return self._changed.wait_for(lambda: self._readers > 0, seconds)

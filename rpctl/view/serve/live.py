@@ -1,4 +1,4 @@
-"""What a browser watches while a command runs: a robot, a run's report, or a simulation."""
+"""Pages served while a command runs: a robot, a run's report, or a simulation."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import steering
+from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
+from rpctl.view.obstacles import DrawnObstacle
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
-from rpctl.view.scene.obstacles import DrawnObstacle
 from rpctl.view.serve.events import Stream
 from rpctl.view.serve.server import EVENTS, PageServer, PageSource
 
@@ -44,10 +45,10 @@ def serve(page: PageSource, ready: Callable[[str], object] = print) -> None:
 
 
 class Broadcast:
-    """Shows a simulation to whoever opens its page; nobody has to.
+    """Shows a simulation on the pages that are open, if any.
 
-    At its first moment the simulation waits for a page to be opened, but not for long. While one is
-    open it is held back to real time: never by a page that is slow, and not at all where none is.
+    At the first sample the simulation waits up to ``PAGE_OPEN_TIMEOUT_S`` for a page. While a page
+    is open the simulation is slowed to real time; a slow page never delays it.
 
     Args:
         robot: The robot.
@@ -81,7 +82,7 @@ class Broadcast:
             self._stream.send("state", "Simulated; the report is being written…")
 
     def finish(self, report: Path) -> None:
-        """Let open pages go over to the report; pages that do not come for it are not waited for.
+        """Send open pages to the report; wait a limited time until they have fetched it.
 
         Args:
             report: What is served from now on.
@@ -110,7 +111,7 @@ def broadcast(
     say: Callable[[str], object],
     obstacles: tuple[DrawnObstacle, ...] = (),
 ) -> Iterator[Broadcast]:
-    """Serve the page of a simulation; yields what shows it.
+    """Serve the page of a simulation; yields its ``Broadcast``.
 
     Ctrl-C and SIGTERM raise KeyboardInterrupt meanwhile, in the main thread.
 
@@ -138,18 +139,16 @@ def broadcast(
 
 def _coordinates(robot: Robot, q: Array) -> list[float]:
     """Return the pose (x, y, heading) of the root link and all joints, in the model's order."""
-    names = list(robot.model.names)[2:]
-    heading = float(np.arctan2(q[3], q[2]))
-    return [q[0], q[1], heading, *(robot.joint_position(q, name) for name in names)]
+    return [*read_root(q), *(entry.read(q) for entry in robot.entries.values())]
 
 
 def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
-    """Return q with base and arm where the reference is; wheels are left as they are."""
+    """Return q (nq,) with base, steering and arm at the reference; wheel angles are kept."""
     there = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
     wanted = q.copy()
     wanted[:4] = there[:4]
     turned = [swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster"]
-    for name in (*turned, *(joint.name for joint in (*robot.joints, *robot.mimics))):
+    for name in (*turned, *robot.joint_names, *(joint.name for joint in robot.mimics)):
         robot.set_joint(wanted, name, robot.joint_position(there, name))
     return wanted
 
@@ -159,7 +158,7 @@ Handler = Callable[[int, "FrameType | None"], object]
 
 @contextmanager
 def _signals(handler: Handler) -> Iterator[None]:
-    """Let SIGINT and SIGTERM call a handler while it is entered."""
+    """Let SIGINT and SIGTERM call a handler inside the ``with`` block."""
     before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield

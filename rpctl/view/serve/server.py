@@ -1,4 +1,4 @@
-"""One page over HTTP on the loopback interface, with the events that it listens to."""
+"""HTTP server of one page and its event stream on the loopback interface."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PageSource = Callable[[], bytes]
 
 
 class PageServer:
-    """Serves one page on a free port of the loopback interface while it is entered.
+    """Serves one page on a free port of the loopback interface inside the ``with`` block.
 
     Args:
         page: Returns the page; called for every request. An OSError is answered with 404, the
@@ -58,11 +58,11 @@ class PageServer:
 
     @property
     def delivered(self) -> int:
-        """How often the page was handed over whole."""
+        """How often the page was delivered completely."""
         return self._server.delivered
 
     def wait_delivered(self, count: int, seconds: float) -> bool:
-        """Wait until the page was handed over ``count`` times; return whether it was in time."""
+        """Wait until the page was delivered ``count`` times; return whether it was in time."""
         with self._server.delivery:
             return self._server.delivery.wait_for(lambda: self._server.delivered >= count, seconds)
 
@@ -77,7 +77,7 @@ class _Server(ThreadingHTTPServer):
         super().__init__((LOOPBACK, 0), _Handler)
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of a client that left in the middle; anything else is a fault to be seen."""
+        """Ignore a client that disconnects; report every other error."""
         if not isinstance(sys.exc_info()[1], OSError):
             super().handle_error(request, client_address)  # type: ignore[arg-type]
 
@@ -126,7 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.server.delivery.notify_all()
 
     def _send_events(self, stream: Stream) -> None:
-        """Send all events that the page has not seen yet, and every new one as it comes."""
+        """Send the events that the page has not seen yet, then every new one."""
         last = self.headers.get("Last-Event-ID", "")
         self._send_head("text/event-stream")
         with stream.reading():
@@ -145,4 +145,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: object) -> None:
-        """Stay quiet: a terminal shows the URL, not every request."""
+        """Log nothing; the terminal shows only the URL."""

@@ -168,7 +168,7 @@ def test_forces_now_where_wheels_swivel(
         q = robot.random_configuration(rng)
         nu, nu_dot = 0.1 * rng.normal(size=(2, robot.dof))
         forces.update_contacts(q)
-        found = forces.with_derivatives(q, nu, nu_dot, now=True)
+        found = forces.with_derivatives(q, nu, nu_dot, dynamics)
         tau = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
         np.testing.assert_allclose(forces.efforts(found)[:, 0], tau, atol=1e-9)
         ground = ground_reaction(dynamics, contacts, q, nu, tau)
@@ -188,7 +188,9 @@ def test_casters_ahead_glide(tmp_path: Path) -> None:
     model = make_model(dynamics, STEPS, DT)
     forces = ForceModel(model, find_contacts(dynamics), tip_margin=0.02, grip=0.9)
     q, nu = model.configuration(robot.home), np.array([0.34, -1.06, 0.0])
-    ahead, there = (forces.with_derivatives(q, nu, np.zeros(3), now=now) for now in (False, True))
+    ahead, there = (
+        forces.with_derivatives(q, nu, np.zeros(3), which) for which in (None, dynamics)
+    )
     assert forces.ground(ahead).min(axis=0)[0] > 0.05  # a gentle bend neither tips nor slips
     assert forces.ground(there).min(axis=0)[0] < -0.1
     wheels = [np.abs(forces.efforts(found)[:2, 0]).max() for found in (ahead, there)]
@@ -229,7 +231,7 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
     for braking in (0.0, -1.5):
         motion = model.predict(q, nu, still + braking * np.eye(tiago.dof)[0])
         now = rows.linearise(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
-        at = forces.with_derivatives(q, nu, motion.nu_dot[0], now=True)
+        at = forces.with_derivatives(q, nu, motion.nu_dot[0], dynamics)
         load_splits.append(forces.load_split(at))
         found.append(
             (-now.value[0], [forces.grip_margins(at, [piece])[:, 0] for piece in load_splits])

@@ -13,10 +13,11 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.cost import wrap_angles
 from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.prediction import PredictedMotion
-from rpctl.control.horizon.qp import QP_TOLERANCE, QpSolution, QuadraticProgram, Solver
+from rpctl.control.horizon.qp import QuadraticProgram
+from rpctl.control.horizon.solver import QP_TOLERANCE, QpSolution, Solver
 from rpctl.control.horizon.target import EndEffectorKinematics, Target, TimeScaling, look_ahead
 from rpctl.control.obstacles import Disc
-from rpctl.reference.motion import reference_by_name
+from rpctl.reference.named import reference_by_name
 from rpctl.reference.quasi_velocities import steering
 from tests.control.tight_limits import limited
 from tests.robots import write

@@ -20,15 +20,17 @@ from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius
 from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
-from rpctl.reference.motion import RAMP_TIME, PathReference, Reference, reference_by_name, waves
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import RAMP_TIME, PathReference, reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.waves import waves
+from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle
 
 OFF = (0.1, -0.1, 0.1)
 PERIOD = 0.01  # s
 AXLES = ("car-like", "parallel", "tricycle", "bicycle")  # no turning on the spot
-QUICK = {("car-like", "eight"), ("bicycle", "line"), ("twin", "eight"), ("casters", "eight")}
 
 
 def load(folder: Path, kind: str) -> Robot:
@@ -62,23 +64,35 @@ def angles(robot: Robot, run: Run) -> Array:
 
 
 GRID = [
-    pytest.param(kind, name, marks=[] if (kind, name) in QUICK else pytest.mark.slow)
+    (kind, name)
     for kind in KINDS
     for name in ("line", "reverse", "circle", "eight", "spin")
     if name != "spin" or kind not in AXLES
 ]
+QUICK = {("bicycle", "line"), ("casters", "eight")}
+IN_CI = {
+    ("car-like", "eight"),
+    ("parallel", "line"),
+    ("tricycle", "circle"),
+    ("bicycle", "reverse"),
+    ("casters", "spin"),
+    ("steered", "line"),
+    ("twin", "eight"),
+    ("omni", "circle"),
+}
 
 
-@pytest.mark.parametrize(("kind", "name"), GRID)
+@pytest.mark.parametrize(("kind", "name"), cells(GRID, QUICK, IN_CI))
 def test_it_tracks(tmp_path: Path, kind: str, name: str) -> None:
     figures = summarize(run_of(load(tmp_path, kind), name, 12.0))
-    assert figures["final_base_error"] < (1e-3 if name != "spin" else 5e-3)
-    assert not figures["limits_violated"]
-    report = figures["kinematic_report"]
+    assert figures.final_base_error < (1e-3 if name != "spin" else 5e-3)
+    assert not figures.limits_violated
+    report = figures.kinematic_report
     assert report["fallbacks"] == report["softened"] == 0
     assert report["largest_lag"] == 0.0  # nothing made it wait
 
 
+@pytest.mark.slow
 def test_a_bend_near_the_steering_limit(tmp_path: Path) -> None:
     """The wheels stop at their limit, and what room there is brings the base back."""
     robot = halved(load(tmp_path, "car-like"))
@@ -90,15 +104,16 @@ def test_a_bend_near_the_steering_limit(tmp_path: Path) -> None:
     limit = robot.description.joint["steer_left"].upper
     reached = angles(robot, run).max()
     assert limit - 0.03 < reached <= limit
-    assert summarize(run)["final_base_error"] < 2e-3
-    assert not summarize(run)["limits_violated"]
+    assert summarize(run).final_base_error < 2e-3
+    assert not summarize(run).limits_violated
 
 
+@pytest.mark.slow
 def test_a_swerve_spins_within_halved_limits(tmp_path: Path) -> None:
     robot = halved(load(tmp_path, "steered"))
     run = run_of(robot, "spin", 6.0)
-    assert summarize(run)["final_base_error"] < 5e-3
-    assert not summarize(run)["limits_violated"]
+    assert summarize(run).final_base_error < 5e-3
+    assert not summarize(run).limits_violated
 
 
 def test_driven_wheels_keep_their_speed(tmp_path: Path) -> None:
@@ -111,9 +126,9 @@ def test_driven_wheels_keep_their_speed(tmp_path: Path) -> None:
     )
     slow = replace(robot, description=replace(robot.description, joints=joints))
     run = run_of(slow, "line", 6.0)
-    assert np.abs(run.rates).max() <= 2.0
+    assert np.abs(run.log.rates).max() <= 2.0
     assert np.abs(run.nu[-1, 0]) > 0.9 * 2.0 * 0.1  # m/s: radius 0.1 m
-    assert np.abs(run.base[-1, 1]) < 0.01
+    assert np.abs(run.log.base[-1, 1]) < 0.01
 
 
 @pytest.mark.parametrize("turns", [0, 1, -2])
@@ -146,14 +161,14 @@ def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
     robot = load(tmp_path, "twin")
     monkeypatch.setattr(Steering, "maps", singular)
     run = run_of(robot, "circle", 0.1)
-    assert summarize(run)["kinematic_report"]["fallbacks"] == 6
+    assert summarize(run).kinematic_report["fallbacks"] == 6
     unified = track(robot, "circle", 0.1, OFF, control_period=PERIOD, plant_step=PERIOD)
-    np.testing.assert_array_equal(run.nu_d, unified.nu_d)
+    np.testing.assert_array_equal(run.log.nu_d, unified.log.nu_d)
 
 
 def test_angles_that_fix_no_one_motion_are_told(tmp_path: Path) -> None:
     """Both leading wheels of the swerve drive sideways: their axles are one line."""
-    steered = Steering(ReducedDynamics(load(tmp_path, "steered")))
+    steered = Steering(load(tmp_path, "steered"))
     steered.maps(np.array([[0.5, 0.5]]))
     with pytest.raises(SingularBasisError, match="fix no one motion"):
         steered.maps(np.array([[0.5 * math.pi, 0.5 * math.pi]]))

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from rpctl import Robot, Run
 from rpctl.view.pages.compare import TRAILS_PATH, covered_trails, merge
 from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH
 from rpctl.view.scene.scene import ROBOTS_PATH, Scene, build_scene
+from tests.runs import vary
 from tests.view.samples import DISC, WALL, short_run, unpack, with_obstacles
 
 
@@ -71,7 +71,7 @@ def test_the_same_desired_trail_is_drawn_once(runs: list[Run], scenes: list[Scen
     desired = {"trail-base-desired", "trail-tip-desired"}
     assert covered_trails(*runs) == desired
     assert covered_trails(runs[1], runs[0]) == set()  # the first ends before the other
-    shifted = replace(runs[1], base_ref=runs[1].base_ref + np.array([0.1, 0.0, 0.0]))
+    shifted = vary(runs[1], base_ref=runs[1].base_ref + np.array([0.1, 0.0, 0.0]))
     assert covered_trails(runs[0], shifted) == {"trail-tip-desired"}
     drawn = names(merge(runs, scenes), TRAILS_PATH)
     assert {n for n in drawn if "run2" in n} == {"run2-trail-base", "run2-trail-tip"}

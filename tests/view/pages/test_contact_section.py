@@ -15,9 +15,8 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
 from rpctl.equivalence.row import CONTACT_ORACLE
 from rpctl.view.pages.certificate import write_certificate
-from rpctl.view.pages.contact_charts import charts
 from rpctl.view.pages.contact_plan_view import plan_view
-from rpctl.view.pages.contact_section import contact_section
+from rpctl.view.pages.contact_section import contact_section, trial_charts
 
 COUNT = 201
 T = np.linspace(0.0, 2.0, COUNT)
@@ -167,7 +166,7 @@ def test_the_robots_move_as_they_did_in_real_time(trial: ContactTrial) -> None:
 
 
 def chart(trial: ContactTrial, title: str) -> str:
-    (found,) = (html for name, _, html in charts(trial) if name == title)
+    (found,) = (html for name, _, html in trial_charts(trial) if name == title)
     return found
 
 
@@ -214,9 +213,9 @@ def test_charts_hold_both_sides(
 
 def test_forces_are_shown_where_no_joint_turns(trial: ContactTrial) -> None:
     sliding = dataclasses.replace(trial, slides=(True, True))
-    assert [title for title, _, _ in charts(sliding)][-1] == "Forces of the joints"
+    assert [title for title, _, _ in trial_charts(sliding)][-1] == "Forces of the joints"
     without = dataclasses.replace(trial, joints=(), slides=())
-    assert len(charts(without)) == 2
+    assert len(trial_charts(without)) == 2
 
 
 def test_the_five_joints_that_vary_most_are_shown(trial: ContactTrial) -> None:

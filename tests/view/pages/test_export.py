@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
-from tests.view.chromium import changed, chromium, opened, picture
+from tests.view.chromium import changed, opened, picture_at
 from tests.view.samples import mesh_visual, short_run, write_cart
 
 SECRET = b"the secret of this test, which stands in no page"
@@ -64,17 +63,6 @@ def audited() -> list[str]:
     return opened_files
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
-
-
-def at(page: Any, time: float) -> np.ndarray[Any, Any]:
-    page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", time)
-    return picture(page, "rpctl.viewer")
-
-
 def test_animation_is_applied_every_time_a_page_is_opened(
     browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
 ) -> None:
@@ -82,7 +70,7 @@ def test_animation_is_applied_every_time_a_page_is_opened(
     sample = len(paper_run.t) // 2
     for _ in range(4):
         with opened(browser, url) as page:
-            at(page, float(paper_run.t[sample]))
+            picture_at(page, float(paper_run.t[sample]))
             place = page.evaluate(
                 "rpctl.viewer.scene.getObjectByName('robot-1').position.toArray()"
             )
@@ -101,7 +89,7 @@ def test_mirrored_mesh_moves_as_if_it_were_built_so(browser: Any, tmp_path: Path
         robot = rpctl.load(write_cart(tmp_path / name, mesh_visual("wedge.stl", scale)))
         path = write_report(short_run(robot, 2.0), tmp_path / name / "report.html", robot=robot)
         with opened(browser, path.as_uri()) as page:
-            pictures.append([at(page, time) for time in (0.0, 1.2, 2.0)])
+            pictures.append([picture_at(page, time) for time in (0.0, 1.2, 2.0)])
     for mirrored, built in zip(*pictures, strict=True):
         assert changed(mirrored, built) < 20
     assert changed(pictures[0][0], pictures[0][2]) > 500  # and it did move

@@ -11,6 +11,7 @@ from rpctl import Robot, Run
 from rpctl.view.pages.forces import contact_forces, overlay
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part
+from tests.runs import vary
 from tests.view.readers import floats
 
 FLOAT32 = 1e-6  # relative: what a page holds is rounded so
@@ -37,7 +38,7 @@ def test_efforts_tint_what_their_actuators_move(tricycle: Robot, golden: Run) ->
 
 
 def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) -> None:
-    run = replace(golden, zmp=golden.q[:, :2] + np.array([0.05, -0.02]))
+    run = vary(golden, zmp=golden.q[:, :2] + np.array([0.05, -0.02]))
     stance = overlay(tricycle, run, TIMES[[1, 4]])["stance"]
     assert stance["height"] == pytest.approx(-0.05)
     assert np.array(stance["points"]) == pytest.approx(np.array(made.CONTACT_POINTS))
@@ -54,10 +55,10 @@ def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) ->
     assert stance["largest"] == 120.0
     force = floats(stance["force"]).reshape(2, 3, 3)
     assert force[0] == pytest.approx(np.array([[0, 0, 81], [0, 0, 60], [0, 0, 119]]))
-    pulled = np.array(run.contact_load)
+    pulled = np.array(run.log.contact_load)
     pulled[3, 1] = -500.0
-    assert overlay(tricycle, replace(run, contact_load=pulled), TIMES)["stance"]["largest"] == 500.0
-    blind = overlay(tricycle, replace(run, contact_load=np.empty((COUNT, 0))), TIMES[[1, 4]])
+    assert overlay(tricycle, vary(run, contact_load=pulled), TIMES)["stance"]["largest"] == 500.0
+    blind = overlay(tricycle, vary(run, contact_load=np.empty((COUNT, 0))), TIMES[[1, 4]])
     assert "force" not in blind["stance"]
     assert blind["stance"]["margin"] == stance["margin"]
 
@@ -66,30 +67,34 @@ def test_a_heading_beyond_half_a_turn_goes_on(tricycle: Robot, golden: Run) -> N
     """Between two frames the viewer interpolates: a jump by a turn would spin the arrows."""
     q = np.array(golden.q)
     q[:, 2], q[:, 3] = np.cos(2.0 * np.arange(COUNT)), np.sin(2.0 * np.arange(COUNT))
-    stance = overlay(tricycle, replace(golden, q=q), TIMES)["stance"]
+    stance = overlay(tricycle, vary(golden, q=q), TIMES)["stance"]
     yaw = floats(stance["pose"]).reshape(-1, 3)[:, 2]
     assert yaw == pytest.approx(2.0 * np.arange(COUNT))
 
 
 def test_forces_are_those_of_their_wheels(golden: Run) -> None:
     """Forward each wheel's own; to the left its share of its axle's, by its load."""
-    run = replace(golden, quasi_velocities=("v", "omega", "swing_joint", "slide_joint"))
+    run = vary(golden, quasi_velocities=("v", "omega", "swing_joint", "slide_joint"))
     first = contact_forces(run)[0]
     expected = np.array([[11.0, -4.0, 80.0], [-19.0, 2.0, 60.0], [31.0, 4.0, 120.0]])
     assert first == pytest.approx(expected)
     last = contact_forces(run)[-1]  # 11 N over 60 and 115 N; -14 N in front
     expected = np.array([[16, -14, 85], [-14, 11 * 60 / 175, 60], [36, 11 * 115 / 175, 115]])
     assert last == pytest.approx(expected)
-    turned = contact_forces(replace(run, drive={**run.drive, "heading": 0.5 * np.pi}))[0]
+    turned = contact_forces(vary(run, drive=replace(run.robot.drive, heading=0.5 * np.pi)))[0]
     expected = np.array([[4.0, 11.0, 80.0], [-2.0, -19.0, 60.0], [-4.0, 31.0, 120.0]])
     assert turned == pytest.approx(expected)
-    lifted = np.array(run.contact_load)
+    lifted = np.array(run.log.contact_load)
     lifted[:, 1] = -5.0  # a contact that would pull bears no lateral force
-    first = contact_forces(replace(run, contact_load=lifted))[0]
+    first = contact_forces(vary(run, contact_load=lifted))[0]
     assert first[:, 1] == pytest.approx([-4.0, 0.0, 6.0])
     assert first[:, 2] == pytest.approx([80.0, -5.0, 120.0])
-    supported = np.column_stack([run.contact_load, np.full(COUNT, 7.0)])  # a ball bears load only
-    fourth = contact_forces(replace(run, contact_load=supported, contacts=(*run.contacts, "ball")))
+    supported = np.column_stack(
+        [run.log.contact_load, np.full(COUNT, 7.0)]
+    )  # a ball bears load only
+    fourth = contact_forces(
+        vary(run, contact_load=supported, contacts=(*run.ground.contacts, "ball"))
+    )
     assert fourth[0, 3] == pytest.approx([0.0, 0.0, 7.0])
     steered = contact_forces(golden)  # the log does not hold where its wheels point
     assert not steered[:, :, :2].any()

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from rpctl import Run, summarize
-from rpctl.view.pages.compare_panel import compare_legend, compare_panel
+from rpctl.view.pages.compare import compare_legend, compare_panel
 from rpctl.view.pages.summary_panel import headline, legend, length, panel, residual, subtitle
 from tests.golden import COUNT
+from tests.runs import vary
 from tests.view.samples import DISC, PILLAR, with_obstacles
 
 CHECK = {"name": "M", "against": "G", "residual": 3e-14, "limit": 1e-12, "passed": True}
@@ -54,7 +55,7 @@ def test_panel_of_a_run(golden: Run) -> None:
         "control_period": 0.002,
         "initial_error": [0.1, -0.2, 0.3],
     }
-    run = replace(golden, certificate=CERTIFICATE, settings=settings, locked={"a": 1.0})
+    run = vary(golden, certificate=CERTIFICATE, settings=settings, locked={"a": 1.0})
     page = panel(run, summarize(run), ["a note"])
     setting_rows = rows(page)
     expected = {
@@ -97,8 +98,8 @@ def test_panel_of_a_run(golden: Run) -> None:
 def test_rms_lengths_come_from_paper(golden: Run) -> None:
     """2.06 m is √(25.5294/6), 314 mm √(0.5916/6): the sums of the squares of six distances."""
     setting_rows = summarize(golden)
-    assert setting_rows["rms_base_error"] == pytest.approx((25.5294 / 6) ** 0.5)
-    assert setting_rows["rms_end_effector_error"] == pytest.approx((0.5916 / 6) ** 0.5)
+    assert setting_rows.rms_base_error == pytest.approx((25.5294 / 6) ** 0.5)
+    assert setting_rows.rms_end_effector_error == pytest.approx((0.5916 / 6) ** 0.5)
 
 
 def test_headline_of_a_run(golden: Run) -> None:
@@ -110,17 +111,17 @@ def test_headline_of_a_run(golden: Run) -> None:
     assert badges(page) == [("good", "dynamics verified"), ("good", "within limits")]
     tau = np.array(golden.tau)
     tau[2, 0] = -50.0
-    broken = replace(golden, tau=tau, certificate={**CERTIFICATE, "passed": False})
+    broken = vary(golden, tau=tau, certificate={**CERTIFICATE, "passed": False})
     page = headline(broken, summarize(broken))
     assert rows(page)["Effort / limit"] == "125 %"
     assert badges(page) == [("bad", "not equivalent"), ("bad", "limits broken")]
     page = panel(broken, summarize(broken), ())
     assert "left_wheel_joint: effort 50, allowed 40, from 0.20 s" in page
     assert badges(page) == [("bad", "limits broken"), ("bad", "not equivalent")]
-    assert badges(headline(golden, {})) == []
-    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
+    assert badges(headline(golden, summarize(golden))) == [("good", "within limits")]
+    arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
     assert not any(label.startswith("Base") for label in rows(headline(arm, summarize(arm))))
-    late = replace(golden, t=golden.t + 3.0)
+    late = vary(golden, t=golden.t + 3.0)
     setting_rows = "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
     assert subtitle(late) == setting_rows
 
@@ -153,10 +154,10 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
         ("zmp", True, "Support, zero-moment point"),
     ]
     none = np.empty((COUNT, 0))
-    bare = replace(golden, tip_margin=none, ee=none, effort_limits=(np.inf,) * 5)
+    bare = vary(golden, tip_margin=none, ee=none, effort_limits=(np.inf,) * 5)
     assert [layer for layer, *_ in entries(legend(bare))] == ["base", "desired", "ghost", "effort"]
     assert entries(legend(bare))[-1][2] == "Effort: 0 to peak"
-    unloaded = entries(legend(replace(golden, contact_load=none)))
+    unloaded = entries(legend(vary(golden, contact_load=none)))
     assert [layer for layer, *_ in unloaded][-2:] == ["effort", "zmp"]
     assert entries(legend(with_obstacles(golden, DISC, tip=(PILLAR,))))[-2:] == [
         ("obstacles-base", True, "Base obstacles"),
@@ -166,8 +167,8 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
 
 def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     tau, none = 2.0 * np.array(golden.tau), np.empty((COUNT, 0))
-    half = replace(golden, e=0.1 * golden.e, tau=tau, certificate=CERTIFICATE)
-    bare = replace(half, end_effector=None, ee=none, ee_ref=none, effort_limits=(np.inf,) * 5)
+    half = vary(golden, e=0.1 * golden.log.e, tau=tau, certificate=CERTIFICATE)
+    bare = vary(half, end_effector=None, ee=none, ee_ref=none, effort_limits=(np.inf,) * 5)
     runs = [golden, half, bare]
     page = compare_panel(runs, ["one", "two", "three"], [summarize(run) for run in runs], ())
     table = {
@@ -186,7 +187,7 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     ]
     assert table["Dynamics"][0] == "–"
     assert badges(table["Dynamics"][1]) == [("good", "verified")]
-    arms = [replace(run, end_effector=None, ee=none, ee_ref=none) for run in runs]
+    arms = [vary(run, end_effector=None, ee=none, ee_ref=none) for run in runs]
     page = compare_panel(arms, ["a", "b", "c"], [summarize(run) for run in arms], ())
     assert "End effector" not in page
     assert entries(compare_legend(runs, ["one", "two", "three"])) == [
@@ -196,8 +197,8 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
         ("desired", True, "Desired"),
         ("ghost", False, "Reference robot"),
     ]
-    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"))
-    nothing = replace(arm, ee=none)
+    arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
+    nothing = vary(arm, ee=none)
     for shown, expected in (
         ([bare], True),
         ([arm], True),

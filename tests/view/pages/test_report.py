@@ -21,9 +21,11 @@ from rpctl import (
     UnifiedKinematic,
 )
 from rpctl.simulation.log import describe
+from rpctl.simulation.summary import Violation, summarize
 from rpctl.view.pages.page import embed
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.summary_panel import legend, length, panel, setting_text, setting_texts
+from tests.runs import vary
 from tests.view.samples import (
     BOX,
     DISC,
@@ -104,11 +106,11 @@ def test_no_path_of_the_machine_is_passed_on(tmp_path: Path) -> None:
 def test_names_from_files_cannot_become_markup(
     paper: Robot, paper_run: Run, tmp_path: Path
 ) -> None:
-    evil = replace(
+    evil = vary(
         paper_run,
         robot=EVIL,
         end_effector=EVIL,
-        quasi_velocities=(*paper_run.quasi_velocities[:-1], EVIL),
+        quasi_velocities=(*paper_run.robot.quasi_velocities[:-1], EVIL),
         settings={EVIL: EVIL, "kinematic": {"law": EVIL, EVIL: 1.0}},
         certificate={
             "passed": False,
@@ -213,13 +215,13 @@ def test_panel_tells_what_failed(paper_run: Run) -> None:
     ]
     skipped = [{"name": "bias", "against": "MuJoCo", "note": "not installed"}]
     certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks, "skipped": skipped}
-    broken = {"joint": "elbow", "limit": "effort", "value": 12.0, "allowed": 10.0}
-    summary = {
-        "rms_base_error": 0.0123,
-        "max_effort_ratio": 1.2,
-        "rms_end_effector_error": None,
-        "limits_violated": [{**broken, "first_time": 1.5, "duration": 0.1}],
-    }
+    summary = replace(
+        summarize(paper_run),
+        rms_base_error=0.0123,
+        max_effort_ratio=1.2,
+        rms_end_effector_error=None,
+        limits_violated=(Violation("elbow", "effort", 12.0, 10.0, 1.5, 0.1),),
+    )
     text = panel(replace(paper_run, certificate=certificate), summary, ["a note"])
     for expected in ("not equivalent", "2.0e-03 &gt; 1e-12", "12.3 mm", "120 %", "limits broken"):
         assert expected in text
@@ -228,7 +230,8 @@ def test_panel_tells_what_failed(paper_run: Run) -> None:
 
 
 def test_panel_without_certificate_or_notes(paper_run: Run) -> None:
-    text = panel(replace(paper_run, certificate=None), {"rms_base_error": np.nan}, ())
+    summary = replace(summarize(paper_run), rms_base_error=np.nan)
+    text = panel(replace(paper_run, certificate=None), summary, ())
     assert "Dynamics" not in text
     assert "Notes" not in text
     assert "nan" not in text

@@ -16,17 +16,11 @@ from rpctl import Robot
 from rpctl.dynamics.rolling import constraint, find_rolling
 from rpctl.view.pages.robot_page import robot_page
 from tests.robots import four_wheels
-from tests.view.chromium import CHROMIUM, FLAGS, changed, chromium, opened, picture, wait
+from tests.view.chromium import CHROMIUM, FLAGS, changed, opened, picture, wait
 from tests.view.samples import BOX, mesh_visual, write_cart, write_gripper
 
 VIEWER = "rpctl.scene.viewer"
 EVIL = "&lt;/script>&lt;script>alert(1)&lt;/script>&lt;img src=x onerror=alert(2)>"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
 
 
 def write(robot: Robot, folder: Path) -> str:
@@ -87,6 +81,7 @@ def test_every_slider_moves_the_robot(page: Any, name: str) -> None:
         assert changed(picture(page, VIEWER), before) > 200
 
 
+@pytest.mark.quick
 def test_all_joints_stand_where_pinocchio_places_them(page: Any, gripper: Robot) -> None:
     values = {"lift_joint": 0.3, "left_finger_joint": -0.7, "left_wheel_joint": 2.0}
     for name, value in {"x": 0.4, "y": -0.3, "heading": 1.2, **values}.items():
@@ -116,7 +111,7 @@ def rolled(robot: Robot, poses: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     for (x, y, theta), step in zip(poses[:-1], np.diff(poses, axis=0), strict=True):
         middle = theta + 0.5 * step[2]
         cos, sin = np.cos(middle), np.sin(middle)
-        A = constraint(robot, rolling, robot.configuration(x, y, middle))[rows]
+        A = constraint(rolling, robot.configuration(x, y, middle))[rows]
         base = [cos * step[0] + sin * step[1], -sin * step[0] + cos * step[1], step[2]]
         angles += np.linalg.solve(A[:, columns], -A[:, :3] @ base)
     return angles

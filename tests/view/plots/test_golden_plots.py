@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rpctl import Run
+from rpctl.view.charts import charts
+from rpctl.view.plots import style
 from rpctl.view.plots.figures import tracking_figure
 from rpctl.view.plots.panels import find_panels
-from rpctl.view.plots.style import LIGHT
 from tests import golden as made
 from tests.golden import COUNT, TIMES, speeds
+from tests.runs import vary
 from tests.view.readers import Array, curves, labelled, panel
 
 EFFORTS = np.array(made.EFFORTS)
@@ -33,18 +34,20 @@ def test_panels_and_where_they_stand(golden: Run) -> None:
     assert spans == [[0, 1], *([[0], [1]] * 5)][: len(spans)]
     assert rows == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5]
     none = np.empty((COUNT, 0))
-    arm = replace(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
-    names = [panel.name for panel in find_panels(replace(arm, slip_ratio=none))]
+    arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
+    arm = vary(arm, nu=golden.nu[:, 2:], nu_ref=golden.log.nu_ref[:, 2:])
+    names = [panel.name for panel, _ in find_panels(vary(arm, slip_ratio=none))]
     assert names == ["paths", "joints", "tip", "joint-speeds", "efforts", "efforts"]
-    base = replace(golden, ee=none, joint_names=(), quasi_velocities=("v", "omega"))
-    names = [panel.name for panel in find_panels(base)]
+    base = vary(golden, ee=none, joint_names=(), units=(), quasi_velocities=("v", "omega"))
+    base = vary(base, e=golden.log.e[:, :3], nu=golden.nu[:, :2], nu_ref=golden.log.nu_ref[:, :2])
+    names = [panel.name for panel, _ in find_panels(base)]
     assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
 
 def test_joints_are_named_wherever_they_are_drawn(golden: Run) -> None:
     named = {
         name: len(tracking_figure(golden, panels=[name]).legends)
-        for name in dict.fromkeys(panel.name for panel in find_panels(golden))
+        for name in dict.fromkeys(panel.name for panel, _ in find_panels(golden))
     }
     assert {name for name, count in named.items() if count} == {"joints", "joint-speeds", "efforts"}
 
@@ -74,18 +77,18 @@ def test_errors_are_told_with_their_units(golden: Run) -> None:
 
 
 def test_axis_of_errors_that_vanish_or_stay(golden: Run) -> None:
-    perfect = panel(replace(golden, e=np.zeros((COUNT, 5))), "base")
+    perfect = panel(vary(golden, e=np.zeros((COUNT, 5))), "base")
     assert perfect.get_ylim() == pytest.approx((2e-13, 2e-11))
     assert all((over_time(c) == 1e-12).all() for c in curves(perfect))
-    settled = panel(replace(golden, e=golden.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
+    settled = panel(vary(golden, e=golden.log.e * np.array([1.0] * 5 + [1e-9])[:, None]), "base")
     assert settled.get_ylim() == pytest.approx((8e-6, 8.0))
     tiled = np.tile(np.arange(COUNT), 4)
     arrays: dict[str, Any] = {
-        n: a[tiled] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+        n: a[tiled] for n, a in vars(golden.log).items() if isinstance(a, np.ndarray)
     }
-    longer = replace(golden, **{**arrays, "t": 0.1 * np.arange(4.0 * COUNT)})
+    longer = vary(golden, **{**arrays, "t": 0.1 * np.arange(4.0 * COUNT)})
     assert panel(longer, "base").get_ylim() == pytest.approx((0.2 * 0.055, 8.0))  # of a last fifth
-    coarse = panel(replace(golden, e=np.full((COUNT, 5), -0.5)), "base")
+    coarse = panel(vary(golden, e=np.full((COUNT, 5), -0.5)), "base")
     assert coarse.get_ylim() == pytest.approx((0.01, 1.0))
 
 
@@ -95,26 +98,26 @@ def test_speeds_and_their_references(golden: Run) -> None:
     drawn = labelled(axes)
     assert over_time(drawn["v, m/s"]) == pytest.approx(speeds(0.5, 0.1))
     assert over_time(drawn["steer, rad/s"]) == pytest.approx(speeds(0.5, -0.2))
-    references = curves(axes, LIGHT.desired)
+    references = curves(axes, style.DESIRED)
     assert [over_time(c) for c in references] == [
         pytest.approx(speeds(-7.0, 0.1)), pytest.approx(speeds(-7.0, -0.2)),
     ]  # fmt: skip
     handles, named = axes.get_legend_handles_labels()
     assert named == ["v, m/s", "steer, rad/s", "reference"]
-    assert handles[-1].get_color() == LIGHT.desired  # type: ignore[attr-defined]
+    assert handles[-1].get_color() == style.DESIRED  # type: ignore[attr-defined]
     assert axes.get_ylabel() == "m/s or rad/s"
     joints = panel(golden, "joint-speeds")
-    swing, swing_ref, slide, slide_ref = curves(joints)
+    swing, slide, swing_ref, slide_ref = curves(joints)
     assert over_time(swing) == pytest.approx(speeds(0.5, 0.37))
     assert over_time(slide) == pytest.approx(speeds(0.5, -0.55))
     assert over_time(swing_ref) == pytest.approx(speeds(-7.0, 0.37))
     assert over_time(slide_ref) == pytest.approx(speeds(-7.0, -0.55))
-    assert len(curves(joints, LIGHT.desired)) == 2
+    assert len(curves(joints, style.DESIRED)) == 2
     assert joints.get_ylabel() == "rad/s or m/s"
 
 
 def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
-    run = replace(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
+    run = vary(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
     axes = panel(run, "speeds")
     drawn = labelled(axes)
     assert [*drawn] == ["$v_x$, m/s", "$v_y$, m/s", "ω, rad/s"]
@@ -125,11 +128,11 @@ def test_speeds_of_a_base_that_moves_to_any_side(golden: Run) -> None:
 def test_references_of_many_joints_are_not_drawn(golden: Run) -> None:
     four = ("v", "a", "b", "c", "d")
     wide: dict[str, Any] = {name: np.ones((COUNT, 5)) for name in ("nu", "nu_ref")}
-    run = replace(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
-    run = replace(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
-    run = replace(run, effort_limits=(1.0,) * 4)
+    run = vary(golden, quasi_velocities=four, joint_names=four[1:], units=("rad",) * 4, **wide)
+    run = vary(run, actuators=four[1:], e=np.ones((COUNT, 7)), tau=np.ones((COUNT, 4)))
+    run = vary(run, effort_limits=(1.0,) * 4)
     assert len(curves(panel(run, "joint-speeds"))) == 4
-    three = replace(run, joint_names=four[2:], units=("rad",) * 3)
+    three = vary(run, joint_names=four[2:], units=("rad",) * 3, e=np.ones((COUNT, 6)))
     assert len(curves(panel(three, "joint-speeds"))) == 6
 
 
@@ -151,13 +154,13 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
         for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
     ]
     assert [name for name, _ in looks] == ["left_wheel", "right_wheel", "steer", "swing", "slide"]
-    assert [colour for _, colour in looks] == [*LIGHT.cycle[:5]]
-    assert [line.get_color() for line in shares.lines[2:]] == [LIGHT.cycle[i] for i in (0, 2, 3, 4)]
-    assert free.lines[0].get_color() == LIGHT.cycle[1]
-    loose = tracking_figure(replace(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
+    assert [colour for _, colour in looks] == [*style.CYCLE[:5]]
+    assert [line.get_color() for line in shares.lines[2:]] == [style.CYCLE[i] for i in (0, 2, 3, 4)]
+    assert free.lines[0].get_color() == style.CYCLE[1]
+    loose = tracking_figure(vary(golden, effort_limits=(np.inf,) * 5), panels=["efforts"])
     turning, sliding = loose.axes
     assert len(loose.legends) == 1
-    limited = tracking_figure(replace(golden, effort_limits=(80.0,) * 5), panels=["efforts"])
+    limited = tracking_figure(vary(golden, effort_limits=(80.0,) * 5), panels=["efforts"])
     assert (len(limited.axes), len(limited.legends)) == (1, 1)
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
@@ -165,7 +168,7 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
 
 
 def test_efforts_beyond_their_limits_stay_in_view(golden: Run) -> None:
-    axes = panel(replace(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
+    axes = panel(vary(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
     assert axes.get_ylim() == pytest.approx((1.12 * -8.0, 1.12 * 4.0))
 
 
@@ -180,10 +183,33 @@ def test_margins_with_their_limits(golden: Run) -> None:
     assert limit[:, 1].tolist() == [1.0, 1.0]
     assert over_time(ratio) == pytest.approx(made.SLIP_RATIOS)
     assert grip.get_ylim() == pytest.approx((0.0, 1.12))
-    beyond = replace(
-        golden, tip_margin=golden.tip_margin - 0.225, slip_ratio=5.0 * golden.slip_ratio
+    beyond = vary(
+        golden, tip_margin=golden.log.tip_margin - 0.225, slip_ratio=5.0 * golden.log.slip_ratio
     )
     assert panel(beyond, "tip-over").get_ylim() == pytest.approx((-0.1 - 0.014, 0.075 + 0.014))
     assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
-    far = replace(golden, slip_ratio=50.0 * golden.slip_ratio)
+    far = vary(golden, slip_ratio=50.0 * golden.log.slip_ratio)
     assert panel(far, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 3.0))
+
+
+def test_page_and_paper_draw_the_same_lines_in_the_same_colours(golden: Run) -> None:
+    """Of each chart, the figure has the lines that the page shows at first, scaled by its panel."""
+    page = {chart.title: chart for chart in charts(golden)}
+    for panel_, chart in find_panels(golden):
+        if chart is None:
+            assert panel_.name == "paths"
+            continue
+        axes = next(
+            axes
+            for axes in tracking_figure(golden, panels=[panel_.name]).axes
+            if axes.get_title(loc="left").endswith(panel_.title)
+        )
+        aside = (style.INK, style.DESIRED)  # limits and references
+        drawn = [line for line in axes.lines if line.get_color() not in aside]
+        shown = [line for line in page.pop(chart.title).lines if line.shown]
+        assert len(drawn) == len(shown) + len(panel_.more)
+        for on_paper, line in zip(drawn, shown, strict=False):
+            assert on_paper.get_color() == style.CYCLE[line.colour]
+            values = np.abs(line.values) if chart.errors else line.values
+            assert on_paper.get_ydata() == pytest.approx(panel_.factor * values)
+    assert [*page] == ["Other speeds", "Ground loads"]  # which only the page has

@@ -10,8 +10,8 @@ from matplotlib.colors import to_hex
 
 from rpctl.study.benchmark import Cell, Figures, Row
 from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
+from rpctl.view.plots import style
 from rpctl.view.plots.study import GREY, study_figure
-from rpctl.view.plots.style import LIGHT
 
 OTHERS = LawPair("kanayama", "paper")
 
@@ -51,7 +51,7 @@ def test_picture_of_a_benchmark() -> None:
             for each in axes.lines
         ]
 
-    tip, base, grey = LIGHT.tip.lower(), LIGHT.base.lower(), GREY
+    tip, base, grey = style.TIP.lower(), style.BASE.lower(), GREY
     drawn: list[Any] = marks(line)
     assert ("None", tip, pytest.approx([4.0, 20.0]), 0) in drawn
     assert ("o", tip, pytest.approx([4.0]), 0) in drawn
@@ -61,11 +61,11 @@ def test_picture_of_a_benchmark() -> None:
     rings: list[Any] = [
         (to_hex(each.get_markeredgecolor()), *np.concatenate(each.get_data()))
         for each in line.lines
-        if each.get_marker() == "o" and to_hex(each.get_markerfacecolor()) == LIGHT.paper
+        if each.get_marker() == "o" and to_hex(each.get_markerfacecolor()) == style.PAPER
     ]
     assert rings == [(tip, pytest.approx(20.0), 0), (base, pytest.approx(10.0), 1)]
     broken = [mark for mark in drawn if mark[0] == "^"]
-    assert broken == [("^", LIGHT.ink, pytest.approx([2.0 / 1.6 * 1.6**0.35]), 1)]
+    assert broken == [("^", style.INK, pytest.approx([2.0 / 1.6 * 1.6**0.35]), 1)]
     (failed,) = (mark for mark in marks(spin) if mark[0] == "x")
     assert failed[2:] == (pytest.approx([80.0 / 1.6**0.35]), 0)
     assert not empty.lines

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +10,21 @@ from PIL import Image
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.view.chart import PANELS
 from rpctl.view.plots.figures import (
     save_figure,
     save_tracking_figure,
     tracking_figure,
     tracking_image,
 )
-from rpctl.view.plots.obstacles import half_plane
-from rpctl.view.plots.panels import PANELS, find_panels
+from rpctl.view.plots.panels import find_panels
+from rpctl.view.plots.paths import half_plane
+from tests.runs import vary
 from tests.view.samples import PILLAR, short_run, with_obstacles
 
 
 def unlimited(run: Run) -> Run:
-    return replace(run, effort_limits=(np.inf,) * len(run.actuators))
+    return vary(run, effort_limits=(np.inf,) * len(run.robot.actuators))
 
 
 def titles(run: Run) -> list[str]:
@@ -55,12 +56,12 @@ def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
 
 def test_errors_are_drawn_as_they_are(tiago_run: Run) -> None:
     _, base, joints, tip, speeds, rates, *_ = tracking_figure(tiago_run).axes
-    distance = 1e3 * np.linalg.norm(tiago_run.ee_ref - tiago_run.ee, axis=1)
+    distance = 1e3 * np.linalg.norm(tiago_run.log.ee_ref - tiago_run.log.ee, axis=1)
     assert tip.lines[0].get_ydata() == pytest.approx(distance)
     for axes, first in ((base, 0), (joints, 3)):
         for i, line in enumerate(axes.lines):
             assert np.asarray(line.get_ydata()) == pytest.approx(
-                np.abs(tiago_run.e[:, first + i]), abs=2e-12
+                np.abs(tiago_run.log.e[:, first + i]), abs=2e-12
             )
     assert speeds.lines[0].get_ydata() == pytest.approx(tiago_run.nu[:, 0])
     for i, line in enumerate(rates.lines):
@@ -69,7 +70,7 @@ def test_errors_are_drawn_as_they_are(tiago_run: Run) -> None:
 
 def test_robot_without_an_arm(cart: Robot) -> None:
     run = short_run(cart, 0.5)
-    assert run.ee.shape[1] == 0
+    assert run.log.ee.shape[1] == 0
     assert titles(run) == ["Paths", "Base error", "Base speeds", "Efforts without limits, N·m"]
 
 
@@ -81,7 +82,7 @@ def test_efforts_without_limits_are_grouped_by_unit(paper_run: Run) -> None:
 
 
 def test_efforts_partly_limited(paper_run: Run) -> None:
-    run = replace(paper_run, effort_limits=(10.0, np.inf, 5.0, np.inf))
+    run = vary(paper_run, effort_limits=(10.0, np.inf, 5.0, np.inf))
     assert titles(run)[-5:-2] == [
         "Efforts, limits dashed",
         "Efforts without limits, N·m",
@@ -91,7 +92,7 @@ def test_efforts_partly_limited(paper_run: Run) -> None:
 
 def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
     peak = np.abs(paper_run.tau).max(axis=0)
-    axes = tracking_figure(replace(paper_run, effort_limits=tuple(0.5 * peak))).axes[-3]
+    axes = tracking_figure(vary(paper_run, effort_limits=tuple(0.5 * peak))).axes[-3]
     low, high = axes.get_ylim()
     share = paper_run.tau / (0.5 * peak)
     assert low < share.min()
@@ -99,8 +100,8 @@ def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
 
 
 def test_margins_are_drawn_with_their_limits(paper_run: Run) -> None:
-    margin, slip = paper_run.tip_margin - 0.3, 0.5 * paper_run.slip_ratio
-    run = replace(paper_run, tip_margin=margin, slip_ratio=slip)
+    margin, slip = paper_run.log.tip_margin - 0.3, 0.5 * paper_run.log.slip_ratio
+    run = vary(paper_run, tip_margin=margin, slip_ratio=slip)
     tip, grip = tracking_figure(run).axes[-2:]
     for axes, limit, values in ((tip, 0.0, margin), (grip, 1.0, slip)):
         dashed, line = axes.lines
@@ -112,13 +113,13 @@ def test_margins_are_drawn_with_their_limits(paper_run: Run) -> None:
 
 
 def test_a_grip_beyond_all_bounds_keeps_the_limit_in_sight(paper_run: Run) -> None:
-    axes = tracking_figure(replace(paper_run, slip_ratio=300.0 * paper_run.slip_ratio)).axes[-1]
+    axes = tracking_figure(vary(paper_run, slip_ratio=300.0 * paper_run.log.slip_ratio)).axes[-1]
     assert 1.0 < axes.get_ylim()[1] < 4.0
 
 
 def test_a_grip_that_is_an_interval_is_a_band(paper_run: Run) -> None:
-    slip = paper_run.slip_ratio
-    run = replace(paper_run, slip_range=np.column_stack([0.5 * slip, 2.0 * slip]))
+    slip = paper_run.log.slip_ratio
+    run = vary(paper_run, slip_range=np.column_stack([0.5 * slip, 2.0 * slip]))
     (grip,) = tracking_figure(run, panels=["grip"]).axes
     (band,) = grip.collections
     edges = np.asarray(band.get_paths()[0].vertices)
@@ -129,7 +130,7 @@ def test_a_grip_that_is_an_interval_is_a_band(paper_run: Run) -> None:
     assert legend is not None
     legend_texts = [text.get_text() for text in legend.get_texts()]
     assert legend_texts == ["all splits of the load", "equally stiff contacts"]
-    endless = replace(run, slip_range=np.column_stack([slip, np.full_like(slip, np.inf)]))
+    endless = vary(run, slip_range=np.column_stack([slip, np.full_like(slip, np.inf)]))
     (grip,) = tracking_figure(endless, panels=["grip"]).axes
     assert grip.get_ylim()[1] == pytest.approx(1.12 * max(1.0, slip.max()))
     edges = np.asarray(grip.collections[0].get_paths()[0].vertices)
@@ -154,9 +155,9 @@ def test_many_joints_and_fixed_bases(name: str) -> None:
 
 
 def test_perfect_and_shortest_runs(paper_run: Run) -> None:
-    arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
+    arrays = {k: v for k, v in vars(paper_run.log).items() if isinstance(v, np.ndarray)}
     first: dict[str, Any] = {name: array[:1] for name, array in arrays.items()}
-    perfect = replace(paper_run, **{**first, "e": np.zeros_like(first["e"])})
+    perfect = vary(paper_run, **{**first, "e": np.zeros_like(first["e"])})
     image = Image.open(io.BytesIO(tracking_image(perfect)))
     corner = image.convert("RGB").getpixel((2, 2))
     assert isinstance(corner, tuple)
@@ -165,16 +166,16 @@ def test_perfect_and_shortest_runs(paper_run: Run) -> None:
 
 def test_robot_is_drawn_where_it_was(paper_run: Run) -> None:
     axes = tracking_figure(paper_run).axes[0]
-    corners = np.array(paper_run.contact_points)
+    corners = np.array(paper_run.ground.points)
     x, y, cosine, sine = paper_run.q[0, :4]
     placed = [x, y] + corners @ np.array([[cosine, sine], [-sine, cosine]])
     drawn = axes.patches[0].get_xy()[:-1]  # type: ignore[attr-defined]
     assert np.array(sorted(drawn.tolist())) == pytest.approx(np.array(sorted(placed.tolist())))
     lines = [np.column_stack(line.get_data()) for line in axes.lines]
     tick = next(line for line in lines if len(line) == 2)
-    assert tick[0] == pytest.approx(paper_run.base[0, :2])
+    assert tick[0] == pytest.approx(paper_run.log.base[0, :2])
     turn = np.arctan2(*(tick[1] - tick[0])[::-1])
-    assert turn == pytest.approx(paper_run.base[0, 2])
+    assert turn == pytest.approx(paper_run.log.base[0, 2])
 
 
 def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) -> None:
@@ -190,7 +191,7 @@ def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) 
 
 
 def test_panels_are_chosen_by_name(tiago_run: Run, tmp_path: Path) -> None:
-    assert tuple(panel.name for panel in find_panels(tiago_run)) == PANELS
+    assert tuple(panel.name for panel, _ in find_panels(tiago_run)) == PANELS
     figure = tracking_figure(tiago_run, panels=["tip", "base"])
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "(a)  End-effector error",
@@ -204,10 +205,8 @@ def test_panels_are_chosen_by_name(tiago_run: Run, tmp_path: Path) -> None:
 
 
 def test_steering_joints_are_base_speeds(paper_run: Run) -> None:
-    steered = ("v", "front_steer_joint", *paper_run.quasi_velocities[2:])
-    speeds = tracking_figure(replace(paper_run, quasi_velocities=steered), panels=["speeds"]).axes[
-        0
-    ]
+    steered = ("v", "front_steer_joint", *paper_run.robot.quasi_velocities[2:])
+    speeds = tracking_figure(vary(paper_run, quasi_velocities=steered), panels=["speeds"]).axes[0]
     legend = speeds.get_legend()
     assert legend is not None
     legend_texts = [text.get_text() for text in legend.get_texts()]
@@ -215,13 +214,13 @@ def test_steering_joints_are_base_speeds(paper_run: Run) -> None:
 
 
 def test_names_cannot_become_formulas(paper_run: Run) -> None:
-    evil = (r"$\bad{$", *paper_run.actuators[1:])
-    assert len(tracking_image(replace(paper_run, actuators=evil))) > 20_000
+    evil = (r"$\bad{$", *paper_run.robot.actuators[1:])
+    assert len(tracking_image(vary(paper_run, actuators=evil))) > 20_000
 
 
 def test_without_loads_there_are_no_margins(paper_run: Run) -> None:
     nothing = np.empty((len(paper_run.t), 0))
-    run = replace(paper_run, tip_margin=nothing, slip_ratio=nothing, contact_points=())
+    run = vary(paper_run, tip_margin=nothing, slip_ratio=nothing, contact_points=())
     assert titles(run)[-1].startswith("Efforts")
 
 
@@ -240,7 +239,7 @@ def test_obstacles_near_the_paths_are_in_the_picture(paper_run: Run) -> None:
     assert left < 1.1 < 1.7 < right < 20.0
     assert bottom < -1.2 < 1.5 < top
     radii = [patch.radius for patch in axes.artists + axes.patches if hasattr(patch, "radius")]
-    reach = np.linalg.norm(np.array(paper_run.contact_points) - paper_run.drive["point"], axis=1)
+    reach = np.linalg.norm(np.array(paper_run.ground.points) - paper_run.robot.drive.point, axis=1)
     grown = 0.3 + reach.max(), 1.0 + reach.max(), PILLAR.radius + 0.05
     assert sorted(radii) == pytest.approx(sorted([0.3, 1.0, PILLAR.radius, *grown]))
     levels = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) == 2]

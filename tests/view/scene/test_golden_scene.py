@@ -17,8 +17,9 @@ from rpctl.view.pages.report import write_report
 from rpctl.view.pages.scene_page import player
 from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH
 from rpctl.view.scene.scene import Scene, build_scene
-from rpctl.view.scene.surroundings import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
+from rpctl.view.scene.trails import BASE_COLOUR, DESIRED_COLOUR, TIP_COLOUR
 from tests.golden import COUNT, TIMES
+from tests.runs import vary
 from tests.view.readers import Array, drawn_by, embedded, middles, path_distances, tracks, trails
 from tests.view.samples import DISC, numbers, with_obstacles
 
@@ -37,14 +38,14 @@ def other(golden: Run) -> Run:
     aside = np.array([0.0, 3.0, 0.0])
     moved = np.zeros(golden.q.shape[1])
     moved[1] = 3.0
-    return replace(
+    return vary(
         golden,
         q=golden.q_ref + moved,
         q_ref=golden.q + 2.0 * moved,
         base=golden.base_ref + aside,
-        base_ref=golden.base + 2.0 * aside,
-        ee=golden.ee_ref + aside,
-        ee_ref=golden.ee + 2.0 * aside,
+        base_ref=golden.log.base + 2.0 * aside,
+        ee=golden.log.ee_ref + aside,
+        ee_ref=golden.log.ee + 2.0 * aside,
     )
 
 
@@ -52,14 +53,14 @@ def check_trails(commands: Sequence[bytes], run: Run, prefix: str = "") -> None:
     """Check that the actual trails are the motion's, and the desired ones the reference's."""
     found = {n.removeprefix(prefix): v for n, v in trails(commands).items() if n.startswith(prefix)}
     base = middles(found["trail-base"], COUNT)
-    assert base[:, :2] == pytest.approx(run.base[:, :2], abs=NEAR)
-    assert middles(found["trail-tip"], COUNT) == pytest.approx(run.ee, abs=NEAR)
+    assert base[:, :2] == pytest.approx(run.log.base[:, :2], abs=NEAR)
+    assert middles(found["trail-tip"], COUNT) == pytest.approx(run.log.ee, abs=NEAR)
     width = float(np.linalg.norm(found["trail-base"][0] - found["trail-base"][1]))
     flat = np.column_stack([run.base_ref[:, :2], np.full(COUNT, -0.05)])  # on the ground
     assert path_distances(found["trail-base-desired"], flat).max() < width
     assert base[:, 2] == pytest.approx(-0.05, abs=width)
-    assert path_distances(found["trail-tip-desired"], run.ee_ref).max() < width
-    for name, path in (("base", flat), ("tip", run.ee_ref)):
+    assert path_distances(found["trail-tip-desired"], run.log.ee_ref).max() < width
+    for name, path in (("base", flat), ("tip", run.log.ee_ref)):
         dashes = found[f"trail-{name}-desired"]
         assert np.linalg.norm(dashes[:2].mean(axis=0) - path[0]) < width  # from its start
         assert np.linalg.norm(dashes - path[-1], axis=1).min() < 15.0 * width  # to its end
@@ -144,7 +145,12 @@ def test_ghost_is_veiled_and_the_robot_is_not(scene: Scene) -> None:
 def test_everything_is_in_view(tricycle: Robot, golden: Run, scene: Scene) -> None:
     """Robot, ghost and all four paths, and the ground below."""
     everything = np.concatenate(
-        [golden.base[:, :2], golden.base_ref[:, :2], golden.ee[:, :2], golden.ee_ref[:, :2]]
+        [
+            golden.log.base[:, :2],
+            golden.base_ref[:, :2],
+            golden.log.ee[:, :2],
+            golden.log.ee_ref[:, :2],
+        ]
     )
     assert (scene.lower[:2] <= everything.min(axis=0) + 1e-9).all()
     assert (scene.upper[:2] >= everything.max(axis=0) - 1e-9).all()
@@ -165,7 +171,7 @@ def test_a_motion_in_the_air_has_its_ground_in_view(tricycle: Robot, golden: Run
     """However the shapes lie: here the robot has none, and its paths are above the ground."""
     drive = replace(tricycle.drive, ground=-0.5)
     scene = build_scene(
-        replace(tricycle, drive=drive), replace(golden, drive={**golden.drive, "ground": -0.5})
+        replace(tricycle, drive=drive), vary(golden, drive=replace(golden.robot.drive, ground=-0.5))
     )
     assert scene.lower[2] == pytest.approx(-0.5)
     trail = middles(trails(scene.commands)["trail-base"], COUNT)
@@ -174,7 +180,7 @@ def test_a_motion_in_the_air_has_its_ground_in_view(tricycle: Robot, golden: Run
 
 
 def test_clips_start_at_zero_and_long_ones_are_thinned(tricycle: Robot, golden: Run) -> None:
-    late = replace(golden, t=golden.t + 7.0)
+    late = vary(golden, t=golden.t + 7.0)
     scene = build_scene(tricycle, late)
     assert scene.times == pytest.approx(TIMES)
     assert scene.duration == pytest.approx(0.5)
@@ -182,9 +188,9 @@ def test_clips_start_at_zero_and_long_ones_are_thinned(tricycle: Robot, golden: 
     for duration, count, frames_kept in ((2.01, 400, 62), (100.0, 2500, 1800), (0.1, 2, 2)):
         places = np.linspace(0, COUNT - 1, count).astype(int)
         arrays: dict[str, Any] = {
-            n: a[places] for n, a in vars(golden).items() if isinstance(a, np.ndarray)
+            n: a[places] for n, a in vars(golden.log).items() if isinstance(a, np.ndarray)
         }
-        run = replace(golden, **{**arrays, "t": np.linspace(7.0, 7.0 + duration, count)})
+        run = vary(golden, **{**arrays, "t": np.linspace(7.0, 7.0 + duration, count)})
         times = build_scene(tricycle, run).times
         assert len(times) == frames_kept  # 30 a second, 1800 at most, the ends among them
         assert (times[0], times[-1]) == pytest.approx((0.0, duration))
@@ -227,7 +233,7 @@ def test_of_several_runs_each_keeps_its_motion_and_trails(
     (tint,) = (each for each in drawn["materials"] if each["uuid"] == "tint-2")
     assert (tint["opacity"], tint["depthWrite"]) == (0.55, False)
     # Where both follow one reference, it is drawn once, and the first run's is.
-    same = replace(other, base_ref=golden.base_ref, ee_ref=golden.ee_ref)
+    same = vary(other, base_ref=golden.base_ref, ee_ref=golden.log.ee_ref)
     merged = merge([golden, same], [scene, build_scene(tricycle, same)])
     names = [name for name in trails(merged.commands) if name.startswith("run2-")]
     assert names == ["run2-trail-base", "run2-trail-tip"]
@@ -243,7 +249,7 @@ def heights(commands: Sequence[bytes], path: str, number: int) -> tuple[float, f
 def test_the_ground_of_several_runs_is_the_first_ones(
     tricycle: Robot, golden: Run, other: Run, scene: Scene
 ) -> None:
-    sunk = replace(other, drive={**other.drive, "ground": -0.3})
+    sunk = vary(other, drive=replace(other.robot.drive, ground=-0.3))
     merged = merge([golden, sunk], [scene, build_scene(tricycle, sunk)])
     assert heights(merged.commands, "/rpctl/ground", 0) == pytest.approx((-0.05, -0.05))
 

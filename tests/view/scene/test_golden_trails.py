@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl.view.scene import surroundings, trails
+from rpctl.view.scene import ground, trails
 from tests.view.samples import numbers, unpack
 
 Array = np.ndarray[Any, Any]
@@ -128,7 +128,7 @@ def test_meshes_joined_keep_their_triangles() -> None:
 
 
 def test_grid_lies_on_whole_steps_and_fades_out() -> None:
-    points, opacity = trails.grid(np.array([3.1, -2.1]), 2.2, 0.5, -0.25)
+    points, opacity = ground.grid_lines(np.array([3.1, -2.1]), 2.2, 0.5, -0.25)
     assert set(points[:, 2]) == {-0.25}
     starts, ends = points[0::2], points[1::2]
     level = np.isclose(starts[:, 0], ends[:, 0])
@@ -136,7 +136,7 @@ def test_grid_lies_on_whole_steps_and_fades_out() -> None:
     lines = np.where(level, starts[:, 0], starts[:, 1]) / 0.5
     assert lines == pytest.approx(np.round(lines))
     assert np.linalg.norm(ends - starts, axis=1) == pytest.approx(
-        2 * 2.5 / (2 * trails.GRID_PIECES)
+        2 * 2.5 / (2 * ground.GRID_PIECES)
     )
     away = np.linalg.norm(points[:, :2] - [3.0, -2.0], axis=1) / 2.5
     assert opacity == pytest.approx(np.clip(1.0 - away, 0.0, 1.0) ** 1.2)
@@ -154,11 +154,11 @@ def test_trails_and_ground_suit_the_size_of_the_motion(
 ) -> None:
     lower = np.array([1.0, 2.0, -5.0])
     upper = lower + np.array([0.6 * size, 0.8 * size, 100.0])
-    assert surroundings.trail_width(lower, upper) == pytest.approx(width)
-    centre, reach = surroundings.ground_disc(lower, upper)
+    assert trails.trail_width(lower, upper) == pytest.approx(width)
+    centre, reach = ground.ground_disc(lower, upper)
     assert centre == pytest.approx([1.0 + 0.3 * size, 2.0 + 0.4 * size])
     assert reach == pytest.approx(radius)
-    drawn = unpack(surroundings.ground_command(lower, upper, 0.5))["object"]
+    drawn = unpack(ground.ground_command(lower, upper, 0.5))["object"]
     grid, plane = drawn["geometries"]
     assert plane["width"] == plane["height"] == pytest.approx(2.0 * radius)
     points = numbers(grid["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
@@ -184,7 +184,7 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
         "tip-desired": path,
     }
     lower, upper = np.zeros(3), np.array([3.0, 4.0, 1.0])  # a trail of 30 mm
-    drawn = unpack(surroundings.trails_command(paths, lower, upper))["object"]
+    drawn = unpack(trails.trails_command(paths, lower, upper))["object"]
     heights, widths = {}, {}
     for item in drawn["geometries"]:
         points = numbers(item["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
@@ -197,13 +197,11 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     assert widths["base-desired"] == pytest.approx(0.8 * 0.03)
     for name, width in (("tip", 0.55 * 0.03), ("tip-desired", 0.8 * 0.55 * 0.03)):
         assert np.sqrt(0.75) * width * 0.999 < widths[name] <= width * 1.001
-    only = unpack(surroundings.trails_command({"tip": path, "tip-desired": path}, lower, upper))[
-        "object"
-    ]
+    only = unpack(trails.trails_command({"tip": path, "tip-desired": path}, lower, upper))["object"]
     assert [node["name"] for node in only["object"]["children"]] == [
         "trail-tip-desired",
         "trail-tip",
     ]
     still = {"base": path[:1], "base-desired": path}
-    only = unpack(surroundings.trails_command(still, lower, upper))["object"]
+    only = unpack(trails.trails_command(still, lower, upper))["object"]
     assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]

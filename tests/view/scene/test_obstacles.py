@@ -10,9 +10,7 @@ import pytest
 import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
 from rpctl.simulation.log import describe
-from rpctl.view.scene import obstacle_shapes
-from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH, clip, column, corners, wall
-from rpctl.view.scene.obstacles import (
+from rpctl.view.obstacles import (
     BASE,
     TIP,
     DrawnObstacle,
@@ -21,7 +19,9 @@ from rpctl.view.scene.obstacles import (
     run_obstacles,
     shape_text,
 )
-from rpctl.view.scene.obstacles import obstacle_texts as obstacle_texts
+from rpctl.view.obstacles import obstacle_texts as obstacle_texts
+from rpctl.view.scene import obstacle_shapes
+from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH, clip, column, corners, wall
 from rpctl.view.scene.scene import build_scene
 from tests.view.samples import DISC, PILLAR, WALL, numbers, unpack, with_obstacles
 
@@ -39,7 +39,7 @@ def test_obstacles_are_found_at_any_depth_and_once() -> None:
 
 def test_base_reaches_as_far_as_its_contacts(paper_run: Run) -> None:
     (obstacle,) = run_obstacles(with_obstacles(paper_run, DISC))
-    away = np.array(paper_run.contact_points) - paper_run.drive["point"]
+    away = np.array(paper_run.ground.points) - paper_run.robot.drive.point
     assert obstacle.radius == pytest.approx(np.linalg.norm(away, axis=1).max())
 
 

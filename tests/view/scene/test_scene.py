@@ -12,10 +12,12 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import rpctl
 from rpctl import Robot, Run
-from rpctl.view.scene import keyframes, surroundings
+from rpctl.view.scene import keyframes
 from rpctl.view.scene import scene as scenes
+from rpctl.view.scene.ground import lights_command
 from rpctl.view.scene.robot_meshes import build_bodies
 from rpctl.view.scene.scene import Scene, build_scene
+from tests.runs import vary
 from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
 
 FRAME = (
@@ -196,7 +198,7 @@ def test_one_note_tells_of_a_mesh_that_many_links_miss(tmp_path: Path) -> None:
 def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
     lower = np.array([away - 2.0, away - 1.0, 0.0])
     upper = lower + np.array([4.0, 2.0, 1.2])
-    root = unpack(surroundings.lights_command(lower, upper))["object"]["object"]
+    root = unpack(lights_command(lower, upper))["object"]["object"]
     sun = next(node for node in root["children"] if node["name"] == "sun")
     position, view = matrix(sun)[:3, 3], sun["shadow"]["camera"]
     assert position[2] > 0.0
@@ -206,9 +208,9 @@ def test_sun_shines_down_on_a_motion_anywhere(away: float) -> None:
 
 
 def test_run_of_one_sample_is_a_still(paper: Robot, paper_run: Run) -> None:
-    arrays = {k: v for k, v in vars(paper_run).items() if isinstance(v, np.ndarray)}
+    arrays = {k: v for k, v in vars(paper_run.log).items() if isinstance(v, np.ndarray)}
     first: dict[str, Any] = {name: array[:1] for name, array in arrays.items()}
-    scene = build_scene(paper, replace(paper_run, **first))
+    scene = build_scene(paper, vary(paper_run, **first))
     assert scene.duration == 0.0
     assert (scene.lower < scene.upper).all()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rpctl.view.scene import trails
+from rpctl.view.scene import ground, trails
 from rpctl.view.scene.shading import shade, simplify, weld
 
 
@@ -79,7 +79,7 @@ def test_standing_still_draws_nothing(count: int) -> None:
 
 
 def test_grid_lies_on_multiples_of_its_step() -> None:
-    points, opacity = trails.grid(np.array([3.3, -1.2, 0.0]), 4.0, 0.5, 0.1)
+    points, opacity = ground.grid_lines(np.array([3.3, -1.2, 0.0]), 4.0, 0.5, 0.1)
     ends = points.reshape(-1, 2, 3)
     constant = np.where(ends[:, 0] == ends[:, 1], ends[:, 0], np.nan)[:, :2]
     assert np.nanmax(np.abs(np.round(2 * constant) - 2 * constant)) < 1e-9

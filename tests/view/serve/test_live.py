@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +23,8 @@ import pytest
 import rpctl
 from rpctl import Robot, Run
 from rpctl.control.config import Config, write_config
-from rpctl.reference.motion import ReferenceState, reference_by_name
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
 from rpctl.simulation import loop
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene import obstacle_shapes
@@ -31,19 +33,16 @@ from rpctl.view.serve import live
 from rpctl.view.serve.events import Stream
 from rpctl.view.serve.live import Broadcast
 from rpctl.view.serve.server import EVENTS, PageServer
-from tests.view.chromium import changed, chromium, opened, picture, wait
+from tests.grids import cells
+from tests.view.chromium import changed, opened, picture, wait
 from tests.view.samples import unpack, write_cart, write_gripper
 from tests.view.serve.test_server import ask
 
 PATIENCE = 120  # s; the machine may have much else to do
 VIEWER = "rpctl.scene.viewer"
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as browser:
-        yield browser
+VIEWS = list(product(("robot", "run"), SIGNALS))
+QUICK_VIEWS = {("robot", signal.SIGTERM), ("run", signal.SIGINT)}
 
 
 @contextmanager
@@ -76,8 +75,7 @@ def children(process: subprocess.Popen[str]) -> str:
     return "".join(file.read_text() for file in tasks.glob("*/children"))
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-@pytest.mark.parametrize("what", ["robot", "run"])
+@pytest.mark.parametrize(("what", "number"), cells(VIEWS, QUICK_VIEWS, VIEWS))
 def test_signals_end_a_view(
     number: signal.Signals, what: str, paper_run: Run, tmp_path: Path
 ) -> None:
@@ -93,7 +91,7 @@ def test_signals_end_a_view(
         ask(url)
 
 
-@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("number", cells(SIGNALS, {signal.SIGINT}, {signal.SIGTERM}))
 def test_signals_end_a_simulation_that_is_watched(number: signal.Signals, tmp_path: Path) -> None:
     words = ("track", "paper", "--live", "--samples", "0", "--duration", "600", "--out", "out")
     with command(*words, folder=tmp_path) as (process, url):
@@ -204,6 +202,7 @@ def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
             )
 
 
+@pytest.mark.quick
 def test_page_draws_robot_ghost_and_trail_where_they_are(
     browser: Any, tricycle: Robot, golden: Run
 ) -> None:
@@ -230,7 +229,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         said = page.locator("#status").inner_text()
     assert drawn["count"] == 6 * (len(golden.t) - 1)
     trail = np.array(drawn["trail"]).reshape(-1, 2, 3).mean(axis=1)
-    assert trail[:, :2] == pytest.approx(golden.base[:, :2], abs=1e-5)
+    assert trail[:, :2] == pytest.approx(golden.log.base[:, :2], abs=1e-5)
     data, wanted = tricycle.model.createData(), golden.q_ref[-1].copy()
     tricycle.set_joint(wanted, "steer_joint", float(np.arctan(0.8 * -0.1 / 0.5)))
     upright = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -239,7 +238,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         for elements, joint in zip(shown, joints, strict=True):
             pose = upright @ np.array(elements).reshape(4, 4).T
             assert pose == pytest.approx(data.oMi[joint].homogeneous, abs=1e-4)
-    gap = 1e3 * np.linalg.norm(golden.base[-1, :2] - golden.base_ref[-1, :2])
+    gap = 1e3 * np.linalg.norm(golden.log.base[-1, :2] - golden.base_ref[-1, :2])
     assert said == f"0.5 of 0.5 s · base error {gap:.1f} mm"
 
 

@@ -1,4 +1,4 @@
-"""Charts as a page holds them: thinned, on one time axis, one run or several."""
+"""The charts of one run or several as JSON for the page: thinned, on one time axis."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
-from rpctl.view.charts import Chart, ChartLine, charts
+from rpctl.view.chart import Chart, Line, decades
+from rpctl.view.charts import charts
 
 MAX_POINTS = 2000  # of one line: a screen has no more columns
-ERROR_FLOOR = 1e-12  # below it an error is rounding, and a logarithm only noise
 SAME_TIME_S = 1e-9  # s: times that differ by less are the same
-MAX_DECADES = 6.0  # that an error's axis shows at most
 
 Thin = Callable[[Array], Array]
 
@@ -39,7 +38,7 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
     """
     times, thins = _axis([run.t - run.t[0] for run in runs])
     if len(runs) == 1:
-        found = [(c.title, c.note, [("", c, thins)]) for c in charts(runs[0])]
+        found = [(c.title, c.note, [("", c, thins)]) for c in _clipped_charts(runs[0])]
     else:
         found = _by_line(runs, names, thins)
     return {
@@ -57,16 +56,30 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def _clipped_charts(run: Run) -> list[Chart]:
+    """Return the charts of a run, each clipped at its top; a band beyond it has no upper bound."""
+    found = []
+    for chart in charts(run):
+        top, lines = chart.top, []
+        for line in chart.lines:
+            band = line.band
+            if band is not None:
+                band = np.minimum(band[0], top), np.where(band[1] > top, np.inf, band[1])
+            lines.append(replace(line, values=np.minimum(line.values, top), band=band))
+        found.append(replace(chart, lines=tuple(lines)))
+    return found
+
+
 Variants = list[tuple[str, Chart, list[Thin]]]
 
 
 def _by_line(
     runs: Sequence[Run], names: Sequence[str], thins: list[Thin]
 ) -> list[tuple[str, str, Variants]]:
-    """Return for each chart its lines to choose from, each with a line for every run."""
-    gathered: dict[str, dict[str, list[tuple[Chart, ChartLine, int]]]] = {}
+    """Regroup the charts of several runs: per chart and kind of line, one line for each run."""
+    gathered: dict[str, dict[str, list[tuple[Chart, Line, int]]]] = {}
     for k, run in enumerate(runs):
-        for chart in charts(run):
+        for chart in _clipped_charts(run):
             for line in chart.lines:
                 found = gathered.setdefault(chart.title, {}).setdefault(line.label, [])
                 found.append((chart, line, k))
@@ -83,7 +96,7 @@ def _by_line(
     return result
 
 
-def _axis_unit(chart: Chart, line: ChartLine) -> str:
+def _axis_unit(chart: Chart, line: Line) -> str:
     return chart.unit if chart.limits else line.unit
 
 
@@ -93,12 +106,12 @@ def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
         thins = thins * len(lines)
     entry: dict[str, Any] = {"unit": chart.unit, "limits": list(chart.limits)}
     if chart.errors:
-        entry["decades"] = _decades([line.values for line in lines if line.shown])
+        entry["decades"] = list(decades(lines))
     entry["lines"] = [_line(line, thin) for line, thin in zip(lines, thins, strict=True)]
     return entry
 
 
-def _line(line: ChartLine, thin: Thin) -> dict[str, Any]:
+def _line(line: Line, thin: Thin) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "label": line.label,
         "unit": line.unit,
@@ -114,16 +127,8 @@ def _line(line: ChartLine, thin: Thin) -> dict[str, Any]:
     return entry
 
 
-def _decades(lines: list[Array]) -> list[float]:
-    """Return the range of an error's axis: its largest value, and what it settles at."""
-    top = 2.0 * max(*(float(np.abs(v).max()) for v in lines), 10.0 * ERROR_FLOOR)
-    settled = min(float(np.median(np.abs(v[-max(1, len(v) // 5) :]))) for v in lines)
-    bottom = max(min(0.2 * max(settled, ERROR_FLOOR), 1e-2 * top), top / 10.0**MAX_DECADES)
-    return [bottom, top]
-
-
 def _axis(time_axes: list[Array]) -> tuple[Array, list[Thin]]:
-    """Return the times (n,) that all lines share, and how each run's lines come to them.
+    """Return a common time axis (n,) and, for each run, a function that resamples its lines to it.
 
     A short run keeps its samples. Of a longer one, and of runs sampled at other times, each
     stretch of time gives its least and its largest value, in order, so that no peak is lost;
@@ -142,7 +147,7 @@ def _axis(time_axes: list[Array]) -> tuple[Array, list[Thin]]:
 
 
 def _extremes(t: Array, edges: Array) -> Thin:
-    """Return what takes the extremes of the values between each edge and the next."""
+    """Return a function that takes the extremes of values (K,) between each edge and the next."""
     starts = np.searchsorted(t, edges[:-1] - SAME_TIME_S)
     starts = starts[starts < len(t)]
 

@@ -1,70 +1,36 @@
-"""What surrounds the robot in a scene: lights, ground and trails, as meshcat commands."""
+"""The ground of a scene, with its grid, and the lights above it, as meshcat commands."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.view.scene import threejs, trails
+from rpctl.view.scene import threejs
 
-BASE_COLOUR = 0x0072B2  # Okabe-Ito blue: the base's actual path, in the plots as in the scene
-TIP_COLOUR = 0xD55E00  # vermilion: the end effector's
-DESIRED_COLOUR = 0x6B7480  # neutral: whatever is desired
 GRID_COLOUR = 0x808890
+GRID_PIECES = 16  # each line fades out in so many steps
 SHADOW_MAP_PX = 2048  # pixels
 SUN_DIRECTION = np.array([-0.35, -0.55, 1.0])  # direction to the light that casts shadows
 
 
-def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes:
-    """Return the command that draws the paths, the desired ones dashed.
-
-    A viewer that plays the run shows the first part of ``trail-base`` and ``trail-tip``.
-    """
-    width = trail_width(lower, upper)
-    geometries, materials, nodes = [], [], []
-
-    def draw(name: str, mesh: trails.Mesh | None, colour: int) -> None:
-        if mesh is None:
-            return
-        vertices, faces = mesh
-        position = {"position": threejs.attribute(vertices.astype(np.float32))}
-        geometries.append(threejs.geometry(name, position, faces))
-        paint = {"uuid": name, "type": "MeshBasicMaterial", "color": colour, "side": 2}
-        materials.append(paint)
-        entries = {"geometry": name, "material": name, "renderOrder": 3}
-        nodes.append(threejs.node("Mesh", f"trail-{name}", frustumCulled=False, **entries))
-
-    for kind, colour in (("base", BASE_COLOUR), ("tip", TIP_COLOUR)):
-        if kind not in paths:
-            continue
-        shape = trails.ribbon if kind == "base" else trails.tube
-        thick = width if kind == "base" else 0.55 * width
-        up = [0.0, 0.0, 0.3 * width if kind == "base" else 0.0]
-        desired, actual = paths[f"{kind}-desired"] + up, paths[kind] + 2 * np.array(up)
-        pieces = [shape(piece, 0.8 * thick) for piece in trails.dashes(desired, thick)]
-        draw(f"{kind}-desired", trails.join(pieces), DESIRED_COLOUR)
-        draw(kind, shape(actual, thick), colour)
-    root = threejs.node("Group", "trails", children=nodes)
-    return threejs.set_object("/rpctl/trails", root, geometries, materials)
-
-
-def trail_width(lower: Array, upper: Array) -> float:
-    """Return how wide a trail is in a scene that shows so much, m."""
-    return float(np.clip(0.006 * np.linalg.norm((upper - lower)[:2]), 0.006, 0.05))
-
-
 def ground_disc(lower: Array, upper: Array) -> tuple[Array, float]:
-    """Return the centre (2,) and the radius of the ground of a scene that shows so much, m."""
+    """Return centre (2,) and radius of the ground for a scene between two corners (3,), m."""
     radius = 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 1.0
     return 0.5 * (lower + upper)[:2], radius
 
 
 def ground_command(lower: Array, upper: Array, height: float) -> bytes:
-    """Return the command that draws the grid, of half or whole metres, and catches shadows."""
+    """Return the command that draws the ground: a grid of round spacing, and shadows.
+
+    Args:
+        lower: Least coordinates of what the scene shows (3,), m.
+        upper: Largest coordinates (3,), m.
+        height: Height of the ground, m.
+    """
     centre, radius = ground_disc(lower, upper)
     step = float(next(s for s in (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 1e9) if radius / s <= 16))
     step = max(min(step, radius), 0.25)
-    points, opacity = trails.grid(centre, radius, step, height)
+    points, opacity = grid_lines(centre, radius, step, height)
     tone = [GRID_COLOUR >> 16, GRID_COLOUR >> 8 & 255, GRID_COLOUR & 255]
     colours = np.column_stack([np.tile(tone, (len(points), 1)), 150.0 * opacity]).astype(np.uint8)
     grid = threejs.geometry(
@@ -98,8 +64,31 @@ def ground_command(lower: Array, upper: Array, height: float) -> bytes:
     return threejs.set_object("/rpctl/ground", root, [grid, plane], materials)
 
 
+def grid_lines(centre: Array, radius: float, step: float, height: float) -> tuple[Array, Array]:
+    """Return the grid's line ends (n, 3), m, and their opacity (n,), 0 at ``radius``.
+
+    Args:
+        centre: Of the grid (2,), m.
+        radius: Where the lines end, m.
+        step: Distance between lines, which lie on its multiples, m.
+        height: z of all lines, m.
+    """
+    count = int(np.ceil(radius / step))
+    offsets = step * np.arange(-count, count + 1)
+    stops = np.linspace(-count * step, count * step, 2 * GRID_PIECES + 1)
+    ends = np.column_stack([stops[:-1], stops[1:]]).reshape(-1)
+    origin = np.round(np.asarray(centre[:2]) / step) * step  # lines stay on multiples of the step
+    across, along = np.repeat(offsets, len(ends)), np.tile(ends, len(offsets))
+    flat = np.concatenate([np.column_stack([across, along]), np.column_stack([along, across])])
+    distance = np.linalg.norm(flat, axis=1) / (count * step)
+    opacity = np.clip(1.0 - distance, 0.0, 1.0) ** 1.2
+    points = np.column_stack([flat + origin, np.full(len(flat), height)])
+    visible = opacity.reshape(-1, 2).max(axis=1).repeat(2) > 0.0
+    return points[visible], opacity[visible]
+
+
 def lights_command(lower: Array, upper: Array) -> bytes:
-    """Return the command that lights the scene: soft from the sky, and one sun with shadows."""
+    """Return the command that lights the scene: a sky, and a sun that casts shadows."""
     axes = _sun_axes()
     corners = np.array([[(lower, upper)[k >> i & 1][i] for i in range(3)] for k in range(8)])
     seen = corners @ axes.T

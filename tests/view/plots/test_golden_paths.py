@@ -11,8 +11,9 @@ from matplotlib.colors import to_hex
 
 import rpctl
 from rpctl import Run
-from rpctl.view.plots.style import LIGHT
+from rpctl.view.plots import style
 from tests.golden import COUNT
+from tests.runs import vary
 from tests.view.readers import curves, labelled, panel
 from tests.view.samples import with_obstacles
 
@@ -20,23 +21,23 @@ from tests.view.samples import with_obstacles
 def test_paths_are_drawn_from_where_the_robot_was(golden: Run) -> None:
     axes = panel(golden, "paths")
     drawn = labelled(axes)
-    assert drawn["base"] == pytest.approx(golden.base[:, :2])
-    assert drawn["end effector"] == pytest.approx(golden.ee[:, :2])
+    assert drawn["base"] == pytest.approx(golden.log.base[:, :2])
+    assert drawn["end effector"] == pytest.approx(golden.log.ee[:, :2])
     assert drawn["desired"] == pytest.approx(golden.base_ref[:, :2])
-    base, tip = curves(axes, LIGHT.desired)
+    base, tip = curves(axes, style.DESIRED)
     assert base == pytest.approx(golden.base_ref[:, :2])
-    assert tip == pytest.approx(golden.ee_ref[:, :2])
-    (base,) = curves(axes, LIGHT.base)
-    assert base == pytest.approx(golden.base[:, :2])
-    (tip,) = curves(axes, LIGHT.tip)
-    assert tip == pytest.approx(golden.ee[:, :2])
+    assert tip == pytest.approx(golden.log.ee_ref[:, :2])
+    (base,) = curves(axes, style.BASE)
+    assert base == pytest.approx(golden.log.base[:, :2])
+    (tip,) = curves(axes, style.TIP)
+    assert tip == pytest.approx(golden.log.ee[:, :2])
     starts = {
         line.get_markeredgecolor(): np.column_stack(line.get_data())
         for line in axes.lines
         if line.get_marker() == "o" and np.size(line.get_xdata())
     }
-    assert starts[LIGHT.base] == pytest.approx(golden.base[:1, :2])
-    assert starts[LIGHT.tip] == pytest.approx(golden.ee[:1, :2])
+    assert starts[style.BASE] == pytest.approx(golden.log.base[:1, :2])
+    assert starts[style.TIP] == pytest.approx(golden.log.ee[:1, :2])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
     assert axes.get_aspect() == 1.0
 
@@ -47,14 +48,14 @@ def straight(golden: Run, length: float) -> Run:
     root = np.column_stack([np.full(COUNT, 2.0), length * k, np.zeros(COUNT), np.ones(COUNT)])
     q = np.hstack([root, golden.q[:, 4:]])
     base = np.column_stack([root[:, 0], root[:, 1] - 0.1, np.full(COUNT, np.arctan2(0.8, 0.6))])
-    return replace(golden, q=q, base=base)
+    return vary(golden, q=q, base=base)
 
 
 def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
     """Its contacts are 0.8 m apart; it goes 2 m in 0.5 s, and may be drawn every 0.96 m."""
     askew = ((0.7, 0.1), (-0.1, 0.3), (-0.1, -0.3))  # no mirror image of itself
-    axes = panel(replace(straight(golden, 2.0), contact_points=askew), "paths")
-    ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+    axes = panel(vary(straight(golden, 2.0), contact_points=askew), "paths")
+    ticks = [c for c in curves(axes, style.INK) if len(c) == 2]
     starts = [2.0 * t / 0.5 - 0.1 for t in (0.0, 0.3, 0.5)]  # every 0.25 s, at the next sample
     assert [tick[0].tolist() for tick in ticks] == [pytest.approx([2.0, y]) for y in starts]
     for tick in ticks:
@@ -77,14 +78,14 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
 
 def test_time_of_a_run_may_start_anywhere(golden: Run) -> None:
     run = straight(golden, 2.0)
-    axes = panel(replace(run, t=run.t + 7.0), "paths")
+    axes = panel(vary(run, t=run.t + 7.0), "paths")
     assert "contacts and heading, every 0.25 s" in axes.get_legend_handles_labels()[1]
-    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 3
+    assert len([c for c in curves(axes, style.INK) if len(c) == 2]) == 3
 
 
 def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
     axes = panel(straight(golden, 0.95), "paths")  # less than 1.2 of its length
-    assert len([c for c in curves(axes, LIGHT.ink) if len(c) == 2]) == 1
+    assert len([c for c in curves(axes, style.INK) if len(c) == 2]) == 1
     assert "contacts and heading" not in str(axes.get_legend_handles_labels()[1])
 
 
@@ -97,13 +98,13 @@ def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
     """What is drawn of the robot is as long as the track, where that is more."""
     run = straight(golden, 2.0)
     for points in (((0.0, 0.1), (0.0, -0.1)), ((0.0, 0.1), (0.0, 0.0), (0.0, -0.1)), ()):
-        axes = panel(replace(run, contact_points=points), "paths")
+        axes = panel(vary(run, contact_points=points), "paths")
         assert not axes.patches
-        ticks = [c for c in curves(axes, LIGHT.ink) if len(c) == 2]
+        ticks = [c for c in curves(axes, style.INK) if len(c) == 2]
         assert np.linalg.norm(ticks[0][1] - ticks[0][0]) == pytest.approx(0.4 * 0.6)
-        nothing = {**run.drive, "track": 0.0}
-        axes = panel(replace(run, contact_points=(), drive=nothing), "paths")
-        tick = next(c for c in curves(axes, LIGHT.ink) if len(c) == 2)
+        nothing = replace(run.robot.drive, track=0.0)
+        axes = panel(vary(run, contact_points=(), drive=nothing), "paths")
+        tick = next(c for c in curves(axes, style.INK) if len(c) == 2)
         assert np.linalg.norm(tick[1] - tick[0]) == pytest.approx(0.4)
 
 
@@ -118,7 +119,7 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
         for patch in drawn
         if hasattr(patch, "radius")
     ]
-    base, tip = LIGHT.base_obstacle, LIGHT.tip_obstacle
+    base, tip = style.BASE_OBSTACLE, style.TIP_OBSTACLE
     assert circles == [
         (1.0, -0.75, 0.25, base, True),
         (1.0, -0.75, pytest.approx(0.25 + 0.8), base, False),
@@ -139,7 +140,7 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
 def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
     """Without contacts the base has no radius; the end effector's is 0.05 m all the same."""
     disc, post = rpctl.Disc(1.0, -0.75, 0.25), rpctl.Disc(0.5, 1.5, 0.125)
-    bare = replace(golden, contact_points=())
+    bare = vary(golden, contact_points=())
     for run, expected in (
         (with_obstacles(bare, disc), False),
         (with_obstacles(bare, disc, tip=(post,)), True),
@@ -157,7 +158,7 @@ def test_other_tables_of_a_law_are_no_obstacles(golden: Run) -> None:
 def test_feet_of_walls_come_into_view(golden: Run) -> None:
     """A wall is framed where its body comes nearest: P to the base's, the tip to its own."""
     tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
-    run = replace(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
+    run = vary(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
     plain = panel(run, "paths").dataLim
     assert plain.y0 > -0.75
     for x, y in ((2.0, -0.1), (0.5, 0.0)):  # 1 m away from each start: 0.6 x + 0.8 y ≥ offset
@@ -186,6 +187,6 @@ def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
     along = np.array([-0.8, 0.6])
     assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
     assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])
-    (kept,) = curves(axes, LIGHT.base_obstacle)
+    (kept,) = curves(axes, style.BASE_OBSTACLE)
     assert wall.distance(kept) == pytest.approx([0.8, 0.8])
     assert sorted((kept - middle) @ along) == pytest.approx([-far, far])

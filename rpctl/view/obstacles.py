@@ -1,4 +1,4 @@
-"""The obstacles that a run's settings tell of: their shapes, and the same in words."""
+"""The obstacles of a run: read from its settings, and described in words."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rpctl.arrays import Array
 from rpctl.control.obstacles import OBSTACLES, Disc, HalfPlane
 from rpctl.simulation.run import Run
 
-BASE, TIP = "base", "tip"  # whom an obstacle is for: the end effector's paths are called so, too
+BASE, TIP = "base", "tip"  # the body that avoids an obstacle, named as the scene's paths
 OBSTACLE_SETTINGS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
 RADIUS_SETTINGS = {BASE: "base_radius", TIP: "end_effector_radius"}
 OBSTACLE_TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
@@ -29,7 +29,7 @@ NEGLIGIBLE = 1e-9  # of a normal: a component that a reader need not see
 
 @dataclass(frozen=True)
 class DrawnObstacle:
-    """A part of the floor that a body keeps clear of; equal where the same shape is for the same.
+    """An obstacle as drawn; two are equal if their shapes and bodies are.
 
     Attributes:
         body: Whose it is, ``BASE`` or ``TIP``.
@@ -44,7 +44,7 @@ class DrawnObstacle:
 
 def run_obstacles(run: Run) -> tuple[DrawnObstacle, ...]:
     """Return the obstacles of a run, each once."""
-    points = np.array(run.contact_points).reshape(-1, 2) - run.drive["point"]
+    points = np.array(run.ground.points).reshape(-1, 2) - run.robot.drive.point
     farthest = float(np.hypot(*points.T).max(initial=0.0))  # the base's radius, if none is set
     return find_obstacles(run.settings, farthest)
 
@@ -71,7 +71,7 @@ def find_obstacles(
 
 
 def obstacle_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the obstacles that settings hold as texts, by whom they are for."""
+    """Return the obstacles in settings as texts, by the body that avoids them."""
     texts_of: dict[str, list[str]] = {}
     for body, table, _ in _tables(settings):
         shape = _shape(table)
@@ -109,7 +109,7 @@ def rims(obstacles: Iterable[DrawnObstacle]) -> Array:
 
 
 def near(points: Array, lower: Array, upper: Array) -> Array:
-    """Return those of points (n, 2) that a picture of a motion shows as well, m.
+    """Return the points (n, 2) near enough to a motion to be included in its picture, m.
 
     Args:
         points: Of obstacles, m.
@@ -125,7 +125,7 @@ ObstacleTables = Iterator[tuple[str, Mapping[str, Any], Mapping[str, Any]]]
 
 
 def _tables(settings: Mapping[str, Any]) -> ObstacleTables:
-    """Yield for each obstacle whom it is for, its table, and that of the law that has it."""
+    """Yield the body that avoids each obstacle, its table, and the table of the law that has it."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
             yield from _tables(value)
@@ -138,7 +138,7 @@ def _tables(settings: Mapping[str, Any]) -> ObstacleTables:
 
 
 def _shape(table: Mapping[str, Any]) -> Disc | HalfPlane | None:
-    """Return the shape that a table tells of, or None where it is somebody's own."""
+    """Return the shape of an obstacle's table, or None where its class is a user's own."""
     kind = SHAPE_CLASSES.get(str(table.get("law")))
     given = {key: value for key, value in table.items() if key != "law"}
     if kind is None or given.keys() != {item.name for item in dataclasses.fields(kind)}:

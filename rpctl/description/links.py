@@ -1,4 +1,4 @@
-"""<inertial>: mass, centre of mass and inertia, and whether a body can have them."""
+"""Links of a URDF as records: mass and inertia, with doubts about them, and shapes."""
 
 from __future__ import annotations
 
@@ -10,19 +10,37 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.findings import Findings
 from rpctl.description.origin import read_origin
+from rpctl.description.records import Link
+from rpctl.description.shapes import Colours, read_shapes
 
 SPD_MARGIN = 1e-12  # of the largest entry: below it an inertia's eigenvalue is rounding
 TRIANGLE_MARGIN = 1e-6  # of the larger side: CAD rounding
 MAX_MASS_KG = 1e4  # kg; above it a link's mass is probably in grams
 MAX_GYRATION_RADIUS_M = 10.0  # m; a radius of gyration above it is probably one in mm
-OSMIUM_DENSITY = 22600.0  # kg/m3, osmium
-MIN_OSMIUM_INERTIA = (
-    0.01  # of the inertia of a ball of osmium: below it the units are probably wrong
-)
+OSMIUM_DENSITY = 22600.0  # kg/m³, of the densest metal
+MIN_OSMIUM_INERTIA = 0.01  # of that of a ball of osmium: below it the units are probably wrong
 AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
-def read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, Array]:
+def read_link(findings: Findings, element: Any, colours: Colours) -> Link:
+    """Return the record of a <link>.
+
+    Args:
+        findings: Where to note faults.
+        element: The <link>.
+        colours: RGBA of the robot's named materials, by name.
+    """
+    mass, com, inertia = _read_inertial(findings, element)
+    visuals = read_shapes(findings, element, "visual", colours)
+    collisions = read_shapes(findings, element, "collision", colours)
+    for array in (com, inertia):
+        array.setflags(write=False)
+    return Link(
+        element.get("name", ""), element.sourceline, mass, com, inertia, visuals, collisions
+    )
+
+
+def _read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, Array]:
     """Return a <link>'s mass (kg), centre of mass (3,) (m) and inertia (3, 3) (kg·m²).
 
     The inertia is about the centre of mass, with the axes of the link's frame. The mass is None

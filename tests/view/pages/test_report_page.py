@@ -1,42 +1,20 @@
+"""The page of a run in a real browser."""
+
 from __future__ import annotations
 
-import base64
-import io
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
+from tests.runs import vary
+from tests.view.chromium import CHROMIUM, FLAGS, changed, opened, picture_at, wait
 from tests.view.samples import DISC, PILLAR, WALL, with_obstacles
-
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-CHROMIUM = next((path for path in map(shutil.which, BROWSERS) if path), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on PATH")
-FLAGS = [
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-]
-LOCAL = ("file:", "data:", "blob:")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -53,65 +31,38 @@ def comparison(paper: Robot, paper_run: Run, tmp_path_factory: pytest.TempPathFa
     return write_report([paper_run, other], path, names=["near", "far"])
 
 
-@contextmanager
-def opened(browser: Any, path: Path, **options: Any) -> Iterator[Any]:
-    """Open a page; in the end it has complained of nothing and fetched nothing."""
-    options = {"viewport": {"width": 1000, "height": 700}, **options}
-    context = browser.new_context(**options)
-    page = context.new_page()
-    problems: list[str] = []
-    page.on("console", lambda m: problems.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda r: None if r.url.startswith(LOCAL) else problems.append(r.url))
-    page.goto(path.as_uri())
-    wait(page, "window.rpctl && window.rpctl.ready")
-    yield page
-    context.close()
-    assert problems == []
-
-
-@pytest.fixture
-def page(browser: Any, report: Path) -> Iterator[Any]:
-    with opened(browser, report) as page:
+@pytest.fixture(scope="module")
+def shared(browser: Any, report: Path) -> Iterator[Any]:
+    with opened(browser, report.as_uri()) as page:
         yield page
 
 
-def wait(page: Any, condition: str) -> None:
-    """Wait until a condition holds; Playwright's own wait runs text, which the page forbids."""
-    for _ in range(600):
-        if page.evaluate(f"Boolean({condition})"):
-            return
-        page.wait_for_timeout(50)
-    pytest.fail(f"after 30 s still not: {condition}")
+@pytest.fixture
+def page(shared: Any) -> Any:
+    """One page for many tests, paused at its start: what a test switches, it switches back."""
+    shared.evaluate("rpctl.seek(0)")
+    return shared
 
 
-def draw(page: Any, time: float) -> np.ndarray[Any, Any]:
-    """Return the picture (h, w, 4) of the scene at a time, s."""
-    script = """(time) => { rpctl.pause(); rpctl.seek(time); rpctl.viewer.render();
-        return rpctl.viewer.renderer.domElement.toDataURL(); }"""
-    data = base64.b64decode(page.evaluate(script, time).partition(",")[2])
-    return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA")).astype(int)
-
-
-def hide(page: Any, name: str) -> None:
-    page.evaluate(f"rpctl.viewer.scene.getObjectByName('{name}').visible = false")
-
-
-def changed(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> int:
-    return int((np.abs(a - b).max(axis=2) > 24).sum())
+def show(page: Any, name: str, visible: bool) -> None:
+    script = f"rpctl.viewer.scene.getObjectByName('{name}').visible = {str(visible).lower()}"
+    page.evaluate(script)
 
 
 def test_robot_is_drawn_and_moves(page: Any, paper_run: Run) -> None:
     middle = 0.5 * float(paper_run.t[-1])
-    hide(page, "trails")
-    start, later = draw(page, 0.0), draw(page, middle)
-    hide(page, "robots")
-    empty = draw(page, 0.0)
+    show(page, "trails", False)
+    start, later = picture_at(page, 0.0), picture_at(page, middle)
+    show(page, "robots", False)
+    empty = picture_at(page, 0.0)
+    for name in ("trails", "robots"):
+        show(page, name, True)
     assert changed(start, empty) > 2000
     assert changed(later, empty) > 2000
     assert changed(start, later) > 1000
 
 
+@pytest.mark.quick
 def test_animation_puts_the_robot_where_the_run_says(page: Any, paper_run: Run) -> None:
     for sample in (0, len(paper_run.t) // 2, len(paper_run.t) - 1):
         position = page.evaluate(
@@ -131,7 +82,6 @@ def test_trail_of_the_base_grows(page: Any, paper_run: Run) -> None:
             )
         )
 
-    page.evaluate("rpctl.pause()")
     end = float(paper_run.t[-1])
     assert drawn(0.0) == 0
     assert 0.4 < drawn(0.5 * end) / drawn(end) < 0.6
@@ -139,7 +89,6 @@ def test_trail_of_the_base_grows(page: Any, paper_run: Run) -> None:
 
 def test_scrubber_keys_and_play(page: Any, paper_run: Run) -> None:
     end = float(paper_run.t[-1])
-    page.evaluate("rpctl.pause()")
     page.locator("#scrubber").evaluate(
         "(slider) => { slider.value = 1.25; slider.dispatchEvent(new Event('input')); }"
     )
@@ -157,31 +106,36 @@ def test_scrubber_keys_and_play(page: Any, paper_run: Run) -> None:
     assert not page.evaluate("rpctl.playing()")
 
 
-def test_it_plays_by_itself(page: Any) -> None:
-    wait(page, "rpctl.time() > 0.1")
-    assert page.get_by_role("button", name="Pause").is_visible()
+def test_it_plays_by_itself(browser: Any, report: Path) -> None:
+    with opened(browser, report.as_uri()) as page:
+        wait(page, "rpctl.time() > 0.1")
+        assert page.get_by_role("button", name="Pause").is_visible()
 
 
 def test_still_for_those_who_ask_for_it(browser: Any, report: Path) -> None:
-    with opened(browser, report, reduced_motion="reduce") as page:
+    with opened(browser, report.as_uri(), reduced_motion="reduce") as page:
         assert not page.evaluate("rpctl.playing()")
 
 
 def test_speed(page: Any) -> None:
-    page.evaluate("rpctl.pause()")
+    """Frames that are drawn by hand, 0.4 s apart: at a quarter of the speed, 0.1 s of the run."""
     speed = page.get_by_label("Speed", exact=True)
     speed.select_option("0.1")
     assert speed.evaluate("choice => choice.value") == "0.1"
     page.locator("h1").click()
     page.keyboard.press("+")
     assert speed.evaluate("choice => choice.value") == "0.25"
-    page.evaluate("rpctl.seek(0)")
-    page.evaluate("window.began = performance.now()")
+    page.evaluate(
+        "window.next = window.requestAnimationFrame;"
+        "window.requestAnimationFrame = (draw) => { window.draw = draw; }"
+    )
+    wait(page, "window.draw")
     page.keyboard.press("Space")
-    wait(page, "rpctl.time() > 0.05")
+    times = page.evaluate("[1000, 1400, 1800].map((now) => { draw(now); return rpctl.time(); })")
     page.keyboard.press("Space")
-    real = page.evaluate("(performance.now() - began) / 1000")
-    assert page.evaluate("rpctl.time()") < 0.26 * real + 0.05
+    page.evaluate("window.requestAnimationFrame = next; requestAnimationFrame(draw)")
+    speed.select_option("1")
+    assert np.diff(times) == pytest.approx(0.1)
 
 
 def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
@@ -199,13 +153,12 @@ def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
 
 
 def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
-    page.evaluate("rpctl.pause(); rpctl.seek(0)")
-    before = draw(page, 0.0)
+    before = picture_at(page, 0.0)
     x, y, time = over(page, "End-effector error", 0.6)
     page.mouse.click(x, y)
     assert page.evaluate("rpctl.time()") == pytest.approx(time, abs=0.02)
     assert 1.5 < time < 2.1
-    assert changed(before, draw(page, page.evaluate("rpctl.time()"))) > 500
+    assert changed(before, picture_at(page, page.evaluate("rpctl.time()"))) > 500
     marks = page.evaluate(
         "[...document.querySelectorAll('.now')].map((m) => m.getBoundingClientRect().x)"
     )
@@ -214,14 +167,13 @@ def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
 
 
 def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
-    page.evaluate("rpctl.pause(); rpctl.seek(0)")
     lateral = page.locator(".key", has_text="lateral").locator("b")
     x, y, time = over(page, "Base error", 0.5)
     page.mouse.move(x, y)
     sample = int(np.argmin(np.abs(paper_run.t - time)))
     value_text = lateral.inner_text().replace("−", "-").split()
     scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[value_text[1]]
-    assert float(value_text[0]) * scale == pytest.approx(paper_run.e[sample, 1], rel=0.05)
+    assert float(value_text[0]) * scale == pytest.approx(paper_run.log.e[sample, 1], rel=0.05)
     assert page.locator(".chart .at").nth(3).inner_text() == f"at {paper_run.t[sample]:.2f} s"
     page.mouse.move(5, 5)
     wait(page, "document.querySelector('.chart .at').textContent === ''")
@@ -229,7 +181,7 @@ def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
 
 
 def test_drag_zooms_all_plots_and_does_not_seek(page: Any, paper_run: Run) -> None:
-    page.evaluate("rpctl.pause(); rpctl.seek(0.25)")
+    page.evaluate("rpctl.seek(0.25)")
     shown = "rpctl.charts.map((c) => [c.plot.scales.x.min, c.plot.scales.x.max])"
     left, y, start = over(page, "Base error", 0.4)
     right, _, end = over(page, "Base error", 0.8)
@@ -246,7 +198,7 @@ def test_drag_zooms_all_plots_and_does_not_seek(page: Any, paper_run: Run) -> No
 
 
 def test_legend_entries_toggle_lines(page: Any) -> None:
-    page.evaluate("rpctl.pause(); rpctl.seek(1)")
+    page.evaluate("rpctl.seek(1)")
     ink = """() => { const { ctx } = rpctl.charts[0].plot;
         const { data } = ctx.getImageData(0, 0, ctx.canvas.width, ctx.canvas.height);
         let count = 0;
@@ -264,7 +216,7 @@ def test_legend_entries_toggle_lines(page: Any) -> None:
 
 
 def test_scene_legend_hides_what_it_names(page: Any) -> None:
-    page.evaluate("rpctl.pause(); rpctl.seek(1)")
+    page.evaluate("rpctl.seek(1)")
     for name, node in (
         ("Reference robot", "reference-1"),
         ("End effector", "trail-tip"),
@@ -277,21 +229,26 @@ def test_scene_legend_hides_what_it_names(page: Any) -> None:
         entry.click()
         assert not page.evaluate(visible)
         assert entry.get_attribute("aria-pressed") == "false"
+        entry.click()
+        assert page.evaluate(visible)
 
 
 def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> None:
-    shares = np.abs(paper_run.tau) / np.array(paper_run.effort_limits)
+    shares = np.abs(paper_run.tau) / np.array(paper_run.robot.effort_limits)
     shares[paper_run.t < 0.5] = 0.0  # the efforts of the first moments last less than a frame
     sample, actuator = np.unravel_index(shares.argmax(), shares.shape)
-    joint = paper.model.getJointId(paper_run.actuators[actuator])
+    joint = paper.model.getJointId(paper_run.robot.actuators[actuator])
     colour = f"""() => {{ let found;
         rpctl.viewer.scene.getObjectByName('robot-{joint}').traverse((node) => {{
           if (node.material) found = found || node.material.color.toArray(); }});
         return found; }}"""
     page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", float(paper_run.t[sample]))
     coloured = np.array(page.evaluate(colour))
-    page.get_by_role("button", name="Effort: 0 to limit").click()
+    switch = page.get_by_role("button", name="Effort: 0 to limit")
+    switch.click()
     own = np.array(page.evaluate(colour))
+    switch.click()
+    np.testing.assert_array_equal(page.evaluate(colour), coloured)
     part = 0.92 * min(2.0 * float(shares[sample, actuator]), 1.0)
     amber = np.array([0xF2, 0xB7, 0x05]) / 255
     assert part > 0.1
@@ -311,9 +268,9 @@ def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> No
         float(paper_run.t[sample]),
     )
     x, y, cos, sin = paper_run.q[sample, :4]
-    points = np.array(paper_run.contact_points) @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
+    points = np.array(paper_run.ground.points) @ np.array([[cos, sin], [-sin, cos]]) + [x, y]
     np.testing.assert_allclose(np.array(bases)[:, :2], points, atol=3e-3)
-    order = np.argsort(paper_run.contact_load[sample])
+    order = np.argsort(paper_run.log.contact_load[sample])
     np.testing.assert_array_equal(np.argsort(lengths), order)
 
 
@@ -321,9 +278,9 @@ def test_what_is_an_interval_is_shaded_and_told(
     browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
 ) -> None:
     """The first half of the grip ends at twice the line, the second nowhere."""
-    slip, loads = paper_run.slip_ratio, paper_run.contact_load
+    slip, loads = paper_run.log.slip_ratio, paper_run.log.contact_load
     endless = np.where(paper_run.t < 1.5, 2.0 * slip, np.inf)
-    run = replace(
+    run = vary(
         paper_run,
         slip_range=np.column_stack([0.5 * slip, endless]),
         load_range=np.stack([loads - 20.0, loads + 30.0], axis=2),
@@ -336,7 +293,8 @@ def test_what_is_an_interval_is_shaded_and_told(
         const plot = rpctl.charts.find((each) => each.title === 'Grip used').plot;
         const [x, y] = [plot.valToPos(time, 'x', true), plot.valToPos(value, 'y', true)];
         return [...plot.ctx.getImageData(Math.round(x), Math.round(y), 1, 1).data]; }"""
-    with opened(browser, write_report(run, tmp_path / "report.html", robot=paper)) as page:
+    path = write_report(run, tmp_path / "report.html", robot=paper)
+    with opened(browser, path.as_uri()) as page:
         k = int(np.searchsorted(run.t, 1.13))
         time, late = float(run.t[k]), 2.63
         (grip,) = page.evaluate(value_text, ["Grip used", time])
@@ -362,6 +320,8 @@ def test_logarithmic_axis_can_be_left(page: Any) -> None:
     button.click()
     assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 1
     assert page.evaluate("rpctl.charts[0].plot.scales.y.min < 0")
+    button.click()
+    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 3
 
 
 def test_light_and_dark(browser: Any, report: Path) -> None:
@@ -369,11 +329,11 @@ def test_light_and_dark(browser: Any, report: Path) -> None:
     trail = "rpctl.viewer.scene.getObjectByName('trail-base').material.color.getHexString()"
     stroke = "rpctl.charts[0].plot.series.at(-1).stroke()"
     looks = f"[{paper}, {trail}, {stroke}]"
-    with opened(browser, report, color_scheme="light") as page:
+    with opened(browser, report.as_uri(), color_scheme="light") as page:
         light = page.evaluate(looks)
         page.get_by_role("button", name="Dark page").click()
         switched = page.evaluate(looks)
-    with opened(browser, report, color_scheme="dark") as page:
+    with opened(browser, report.as_uri(), color_scheme="dark") as page:
         dark = page.evaluate(looks)
         page.keyboard.press("d")
         assert page.evaluate(looks) == light
@@ -387,6 +347,8 @@ def test_details_are_a_tab_away(page: Any) -> None:
     assert page.get_by_role("tab", name="Details").get_attribute("aria-selected") == "true"
     assert page.get_by_text("Base, final lateral").is_visible()
     assert not page.locator(".chart").first.is_visible()
+    page.keyboard.press("ArrowLeft")
+    assert page.locator(".chart").first.is_visible()
 
 
 def test_controls_have_names(page: Any) -> None:
@@ -399,13 +361,13 @@ def test_controls_have_names(page: Any) -> None:
 
 
 def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
-    with opened(browser, comparison) as page:
-        hide(page, "trails")
-        both = draw(page, 0.0)
+    with opened(browser, comparison.as_uri()) as page:
+        show(page, "trails", False)
+        both = picture_at(page, 0.0)
         page.locator(".legend").get_by_role("button", name="far").click()
-        one = draw(page, 0.0)
+        one = picture_at(page, 0.0)
         page.locator(".legend").get_by_role("button", name="near").click()
-        none = draw(page, 0.0)
+        none = picture_at(page, 0.0)
         assert changed(both, one) > 500
         assert changed(one, none) > 500
         names = page.locator(".chart").first.locator(".key .label").all_inner_texts()
@@ -423,11 +385,11 @@ def test_obstacles_are_in_the_scene(
     path = write_report(run, tmp_path / "report.html", robot=paper)
     material = "rpctl.viewer.scene.getObjectByName('obstacles-{}').material.color.getHexString()"
     colours = f"[{material.format('base')}, {material.format('tip')}]"
-    with opened(browser, path, color_scheme="light") as page:
-        whole, light = draw(page, 1.0), page.evaluate(colours)
+    with opened(browser, path.as_uri(), color_scheme="light") as page:
+        whole, light = picture_at(page, 1.0), page.evaluate(colours)
         for name in ("Base obstacles", "End-effector obstacles"):
             page.locator(".legend").get_by_role("button", name=name).click()
-            less = draw(page, 1.0)
+            less = picture_at(page, 1.0)
             assert changed(whole, less) > 300
             whole = less
         page.get_by_role("button", name="Dark page").click()
@@ -442,7 +404,7 @@ def test_no_obstacles_where_there_are_none(page: Any) -> None:
 
 @pytest.mark.parametrize("view", ["home", "top", "follow"])
 def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
-    page.evaluate("rpctl.pause(); rpctl.seek(1.0)")
+    page.evaluate("rpctl.seek(1.0)")
     page.evaluate(f"rpctl.camera('{view}')")
     outside = page.evaluate(
         """() => { const { viewer } = rpctl; viewer.render();
@@ -457,12 +419,13 @@ def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
             worst = Math.max(worst, Math.abs(point.x), Math.abs(point.y)); } });
         return worst; }"""
     )
+    page.evaluate("rpctl.camera('home')")
     assert 0.2 < outside < 1.0
 
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
-    with opened(browser, report, viewport={"width": width, "height": 844}) as page:
+    with opened(browser, report.as_uri(), viewport={"width": width, "height": 844}) as page:
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         scene = page.locator("#scene canvas").bounding_box()
         plot = page.locator(".chart .u-over").first.bounding_box()

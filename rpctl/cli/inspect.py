@@ -1,0 +1,171 @@
+"""The command that tells what a robot is: ``rpctl inspect``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
+from rpctl.cli.terminal import console, format_limit, new_table, print_json
+from rpctl.drive.drive import TYPES_WITH_AXLE
+from rpctl.dynamics.ground_reaction import find_contacts
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.robot.facts import facts
+from rpctl.robot.model import Robot
+
+SEVERITY_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
+MAX_LISTED_NAMES = 8  # names that a line lists
+
+
+def inspect_command(
+    robot: RobotArgument, options: LoadOptions, as_json: JsonOption = False
+) -> None:
+    """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
+    loaded = options.load(robot)
+    if as_json:
+        print_json(facts(loaded))
+    else:
+        show_robot(loaded)
+
+
+def show_robot(robot: Robot) -> None:
+    """Print what a robot is, the evidence for it, and what is doubtful."""
+    out, known = console(), facts(robot)
+    drive = known["drive"]
+    out.print(f"[bold]{escape(robot.name)}[/]  {escape(known['file'])}", soft_wrap=True)
+    grid = Table.grid(padding=(0, 2))
+    for label, text in (*_drive_rows(drive), *_robot_rows(known)):
+        grid.add_row(f"[dim]{label}", text)
+    out.print(grid)
+    if drive["wheels"]:
+        out.print()
+        out.print(_wheel_table(drive["wheels"]))
+        out.print(*_reasons(drive["wheels"]), sep="\n")
+    for rows, table in ((drive["swivels"], _swivel_table), (known["joints"], _joint_table)):
+        if rows:
+            out.print()
+            out.print(table(rows))
+    remarks = [*_remarks(robot, known["idealised"])]
+    if remarks:
+        out.print()
+        out.print(*remarks, sep="\n")
+
+
+def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield, as markup, what is doubtful, what is idealised, and the findings in the file."""
+    for doubt in robot.drive.doubts:
+        yield f"[yellow]doubt[/] {escape(doubt)}"
+    for each in idealised:
+        yield f"[dim]idealised[/] {escape(each['sentence'])}"
+    contacts = find_contacts(ReducedDynamics(robot))
+    for note in contacts.notes if contacts else ():
+        yield f"[dim]ground[/] {escape(note)}"
+    for finding in robot.findings:
+        place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
+        style = SEVERITY_STYLES[finding.severity]
+        yield f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
+
+
+def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield a label and markup for the drive, its evidence, and its measures."""
+    yield "drive", f"[bold]{drive['type']}[/]"
+    for sentence in drive["evidence"]:
+        yield "", escape(sentence)
+    if drive["wheels"]:
+        x, y = drive["point"]
+        what = "centre of rotation" if drive["type"] == "skid-steer" else "middle of the axle"
+        what = what if drive["type"] in TYPES_WITH_AXLE else "origin of the root link"
+        yield "track", f"{drive['track']:.4g} m; P, the {what}, at ({x:.4g}, {y:.4g}) m"
+        height = round(-drive["ground"], 6) + 0.0
+        yield (
+            "root link",
+            f"forward at {drive['heading_deg']:.4g}°, {height:.4g} m above the ground",
+        )
+
+
+def _reasons(wheels: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield, as markup, the reason why each joint is a wheel; equal reasons are grouped."""
+    reasons: dict[str, list[str]] = {}
+    for wheel in wheels:
+        reasons.setdefault(wheel["why"], []).append(wheel["joint"])
+    for why, names in reasons.items():
+        who = ", ".join(names) if len(reasons) > 1 else "each"
+        yield f"[dim]{escape(f'{who} {why}')}[/]"
+
+
+def _wheel_table(wheels: Sequence[Mapping[str, Any]]) -> Table:
+    table = new_table("wheel", ">radius", "known from", "held by", "driven", ">velocity", ">effort")
+    for wheel in wheels:
+        table.add_row(
+            escape(wheel["joint"]),
+            f"{wheel['radius']:.4g} m",
+            escape(wheel["source"]),
+            escape(wheel["swivel"] or "root"),
+            "yes" if wheel["driven"] else "no",
+            format_limit(wheel["velocity"], "rad/s"),
+            format_limit(wheel["effort"], "N·m"),
+        )
+    return table
+
+
+def _swivel_table(swivels: Sequence[Mapping[str, Any]]) -> Table:
+    table = new_table("swivel", "role", "driven", "at x, y", "trail", "because")
+    for swivel in swivels:
+        x, y = swivel["pivot"]
+        table.add_row(
+            escape(swivel["joint"]),
+            swivel["role"],
+            "yes" if swivel["driven"] else "no",
+            f"{x:.4g}, {y:.4g} m",
+            f"{-1e3 * swivel['trail']:.3g} mm" if swivel["trail"] else "-",
+            escape(swivel["why"]),
+        )
+    return table
+
+
+def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield a label and markup for what is known of the whole robot."""
+    yield "mass", f"{known['mass']:.4g} kg"
+    arm = {joint["name"] for joint in known["joints"]}
+    yield "dof", f"{known['dof']} quasi-velocities"
+    for name in known["quasi_velocities"]:
+        if name not in arm:
+            yield "", escape(f"{name}: {known['meanings'][name]}")
+    if arm:
+        joints = _name_list([joint["name"] for joint in known["joints"]])
+        lead = "and the" if len(arm) < known["dof"] else "the"
+        yield "", f"{lead} rate{'s' * (len(arm) > 1)} of {joints}"
+    yield "end effector", escape(known["end_effector"] or "none")
+    if known["estimated_links"]:
+        estimated = ", ".join(known["estimated_links"])
+        yield "estimated", escape(f"mass and inertia of {estimated}")
+    if known["locked"]:
+        yield "locked", _name_list(list(known["locked"]))
+    if known["mimics"]:
+        yield "mimic", escape(", ".join(known["mimics"]))
+
+
+def _name_list(names: Sequence[str]) -> str:
+    """Return names as markup, at most MAX_LISTED_NAMES of them."""
+    listed = ", ".join(names[:MAX_LISTED_NAMES])
+    more = len(names) - MAX_LISTED_NAMES
+    return escape(listed) + (f" and {more} more (--json lists them)" if more > 0 else "")
+
+
+def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
+    table = new_table("joint", "type", ">lower", ">upper", ">velocity", ">effort")
+    for joint in joints:
+        slides = joint["type"] == "prismatic"
+        unit, force = ("m", "N") if slides else ("rad", "N·m")
+        table.add_row(
+            escape(joint["name"]),
+            joint["type"],
+            format_limit(joint["lower"], unit),
+            format_limit(joint["upper"], unit),
+            format_limit(joint["velocity"], f"{unit}/s"),
+            format_limit(joint["effort"], force),
+        )
+    return table

@@ -1,0 +1,47 @@
+"""The commands about files of robots: ``rpctl expand`` and ``rpctl robots``. They load no robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from rpctl.cli.options import JsonOption, PackageDirOption
+from rpctl.cli.terminal import console, new_table, print_json
+from rpctl.description.expansion import expand
+from rpctl.description.packages import require_folders
+from rpctl.errors import format_finding
+from rpctl.robot.catalog import ENTRIES
+
+
+def expand_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .xacro file. It is evaluated.")],
+    package_dir: PackageDirOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
+    text, findings = expand(file, require_folders(package_dir or ()))
+    for finding in findings:
+        typer.echo(format_finding(str(file), finding), err=True)
+    if as_json:
+        print_json({"file": str(file), "text": text})
+    else:
+        typer.echo(text, nl=False)
+
+
+def robots_command(as_json: JsonOption = False) -> None:
+    """List the catalogue: the project's own robots and those of example-robot-data."""
+    if as_json:
+        print_json(
+            [
+                {"name": e.name, "base": e.base, "summary": e.summary, "file": str(e.path)}
+                for e in ENTRIES
+            ]
+        )
+        return
+    table = new_table("name", "base", "what it is")
+    for entry in ENTRIES:
+        table.add_row(entry.name, entry.base, escape(entry.summary))
+    console().print(table)

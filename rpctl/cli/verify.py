@@ -1,0 +1,137 @@
+"""The command that proves the dynamics: ``rpctl verify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
+from rpctl.cli.terminal import console, new_table, print_json, progress_bar
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.row import CONTACT_ORACLE
+from rpctl.equivalence.verify import verify
+from rpctl.robot.model import Robot
+
+MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
+
+
+def verify_command(
+    robot: RobotArgument,
+    options: LoadOptions,
+    samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
+    engines: Annotated[
+        str,
+        typer.Option(metavar="mujoco|none", help="Other physics engines that take part."),
+    ] = "mujoco",
+    contact: Annotated[
+        bool,
+        typer.Option("--contact", help="Let it roll on a plane, too, as a free body in MuJoCo."),
+    ] = False,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
+    wanted = [] if engines == "none" else engines.split(",")
+    certificate = certify(options.load(robot), samples, seed, wanted, options.strict, contact)
+    if html is not None:
+        from rpctl.view.pages.certificate import write_certificate
+
+        write_certificate(certificate, html)
+    if as_json:
+        print_json(certificate.to_dict())
+    else:
+        show_certificate(certificate)
+    if not certificate.passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def certify(
+    robot: Robot,
+    samples: int,
+    seed: int,
+    engines: list[str],
+    strict: bool = False,
+    contact: bool = False,
+) -> Certificate:
+    """Verify a robot, with a bar on a terminal; the arguments are those of ``rpctl.verify``."""
+    with progress_bar("verify") as advance:
+        return verify(
+            robot, samples, seed, engines, lambda done: advance(done, samples), strict, contact
+        )
+
+
+def show_certificate(certificate: Certificate) -> None:
+    """Print every check of a certificate."""
+    table = new_table("", "check", "against", ">worst", ">limit", "where")
+    for check in certificate.checks:
+        where = f"{check.entry} at sample {check.sample}" if check.residual > 0 else ""
+        table.add_row(
+            MARKS[check.passed],
+            check.name,
+            check.against,
+            f"{check.residual:.1e}",
+            f"{check.limit:.0e}",
+            escape(where),
+        )
+    for check in certificate.declared:
+        table.add_row("[yellow]![/]", check.name, check.against, f"{check.residual:.1e}", "-",
+                      escape(check.entry))  # fmt: skip
+    for skipped in certificate.skipped:
+        table.add_row("[dim]-[/]", skipped.name, skipped.against, "-", "-", escape(skipped.note))
+    out = console()
+    out.print(table)
+    if certificate.contact is not None:
+        out.print(_trial_table(certificate.contact))
+    for against, note in certificate.notes:
+        out.print(f"[dim]note[/] {against}: {escape(note)}")
+    if certificate.shared:
+        out.print(f"[yellow]shared by all derivations[/] {escape('; '.join(certificate.shared))}")
+    if certificate.estimated_links:
+        names = ", ".join(certificate.estimated_links)
+        out.print(f"[yellow]estimated[/] mass and inertia of {escape(names)}")
+    for sentence in certificate.idealised:
+        out.print(f"[dim]idealised[/] {escape(sentence)}")
+    out.print(certificate_line(certificate))
+
+
+def _trial_table(trial: ContactTrial) -> Table:
+    """Return the rows of a contact trial: the largest gap of each kind, and its band."""
+    against = f"against {CONTACT_ORACLE}"
+    table = new_table("", against, ">largest gap", ">band", ">of it", "where")
+    for check in trial.checks:
+        gap, band = check.format_value(check.gap), check.format_value(check.band)
+        share, where = f"{100.0 * check.residual:.0f} %", f"at {check.time:.2f} s"
+        entry = f"{check.entry} {where}" if check.entry else where
+        table.add_row(MARKS[check.passed], check.name, gap, band, share, escape(entry))
+    return table
+
+
+def certificate_line(certificate: Certificate) -> str:
+    """Return a certificate in one line of markup."""
+    checks = certificate.checks
+    trial = certificate.contact
+    rows = checks if trial is None else checks + trial.checks
+    failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
+    drawn = f"{certificate.samples} random states, seed {certificate.seed}"
+    count = f"{len(checks)} checks over {drawn}"
+    if trial is not None:
+        count += f"; {_trial_line(trial)}"
+    if failed:
+        return f"{MARKS[False]} [bold]not verified[/]: {', '.join(failed)}; {count}"
+    worst = certificate.worst
+    return f"{MARKS[True]} [bold]verified[/]: {count}; nearest to its limit: {worst.name}, " \
+        f"{worst.residual:.0e} of {worst.limit:.0e}"  # fmt: skip
+
+
+def _trial_line(trial: ContactTrial) -> str:
+    """Return, in words, how far the robot rolled in MuJoCo and how far apart its path was."""
+    apart = trial.path.format_value(trial.path.gap)
+    return f"rolled {trial.distance:.2f} m in MuJoCo, at most {apart} apart"

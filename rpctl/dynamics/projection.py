@@ -1,0 +1,207 @@
+"""The projection onto the quasi-velocities: S, Ṡν, A and B at one configuration.
+
+Basis and drift solve the same equations, [A; W] S = [0; I] and [A; W] Ṡν = −[Ȧv; 0]. Where wheels
+swivel, most unknowns have constant columns in them: rates of wheels, trailing casters and the arm.
+They are eliminated once, see :func:`eliminate`. The few equations that are left, for the base's
+twist and the rates of swivels that follow others, are solved at each q.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.linalg.lapack import dgecon, dgesv, dgetrs
+
+from rpctl.arrays import Array
+from rpctl.drive.rows import TurningMatrix
+from rpctl.dynamics.basis import RANK_MARGIN, UNDETERMINED, basis, selection, square_inverse
+from rpctl.dynamics.rolling import RollingConstraints
+from rpctl.errors import ActuationError, SingularBasisError
+from rpctl.robot.model import Robot
+
+ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
+
+
+class Elimination(NamedTuple):
+    """Equations [A; W] x = [a; ν], solved for the unknowns whose columns are constant.
+
+    With y the other unknowns, M y = N a + R ν and x = X y + P a + C ν.
+    """
+
+    core: TurningMatrix  # M (n, n), below it X (nv, n)
+    N: Array  # (n, rows)
+    P: Array  # (nv, rows)
+    R: Array  # (n, dof)
+    C: Array  # (nv, dof)
+
+
+def eliminate(A: TurningMatrix, W: Array) -> Elimination:
+    """Return the equations that are left once the unknowns with constant columns are eliminated.
+
+    As many rows E of L = [A; W] as there are such unknowns J give them, x_J = L_EJ⁻¹ (b_E − L_E y).
+    So the other rows K leave M = L_K − L_KJ L_EJ⁻¹ L_E of the columns that turn.
+
+    Args:
+        A: Constraint matrix (rows, nv).
+        W: Selection of the quasi-velocities (dof, nv), rows + dof = nv.
+
+    Raises:
+        SingularBasisError: No rows determine those unknowns.
+    """
+    rows, nv = A.constant.shape
+    kept, gone = np.flatnonzero(A.turning), np.flatnonzero(np.logical_not(A.turning))
+    constant = np.vstack([A.constant, W])[:, gone]
+    order = qr(constant.T, mode="r", pivoting=True)[1]
+    E, K = np.sort(order[: len(gone)]), np.sort(order[len(gone) :])
+    P = np.zeros((nv, nv))
+    P[np.ix_(gone, E)] = square_inverse(constant[E])
+    N = np.eye(nv)[K] - constant[K] @ P[gone]
+    both = np.vstack([N, -P])
+    core = A.map(lambda part: both[:, :rows] @ part[..., kept])
+    rest = both[:, rows:] @ W[:, kept] + np.eye(len(both))[:, len(N) + kept]
+    maps = (
+        np.ascontiguousarray(part) for part in (N[:, :rows], P[:, :rows], N[:, rows:], P[:, rows:])
+    )
+    return Elimination(replace(core, constant=core.constant + rest), *maps)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """What rolling makes of velocities and efforts at one configuration q.
+
+    Attributes:
+        S: Basis (nv, dof): v = S ν.
+        projector: The robot's, which made it.
+    """
+
+    S: Array
+    projector: Projector = field(repr=False)
+    _u: Array = field(repr=False)
+    _core: tuple[Array, Array, Array] | None = field(repr=False)  # M's LU factors, pivots, X
+
+    @cached_property
+    def A(self) -> Array:
+        """Constraint matrix (rows, nv): A v = 0."""
+        A = self.projector.rolling.matrix.at(self._u)
+        A.setflags(write=False)
+        return A
+
+    @cached_property
+    def B(self) -> Array:
+        """Actuation map (dof, n_act), from efforts to quasi-forces."""
+        return np.asarray(self.S.T.dot(self.projector.columns))
+
+    @cached_property
+    def allocation(self) -> Array:
+        """Right inverse of B (n_act, dof) of least efforts relative to their limits.
+
+        Raises:
+            ActuationError: B lacks full row rank; the undriven quasi-velocities are named.
+        """
+        return _allocation(self.projector.robot, self.B)
+
+    @cached_property
+    def multipliers(self) -> Array:
+        """Map (rows, nv) from Aᵀλ to the λ of least norm; no λ is of a wheel that glides."""
+        found = np.asarray(np.linalg.pinv(self.A.T, rcond=RANK_MARGIN), dtype=float)
+        found[list(self.projector.rolling.gliding)] = 0.0
+        return found
+
+    def drift(self, nu: Array) -> Array:
+        """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
+        if self._core is None:
+            return self.projector.still
+        lu, pivots, X = self._core
+        _, N, P, _, _ = self.projector.equations
+        turned = -self.projector.rolling.drift(self._u, self.S.dot(nu))  # −Ȧv
+        y, _ = dgetrs(lu, pivots, N.dot(turned))
+        drift: Array = X.dot(y) + P.dot(turned)
+        return drift
+
+
+class Projector:
+    """Makes the projections of one robot; keeps the last.
+
+    Args:
+        robot: The robot.
+        rolling: Its rolling constraints.
+    """
+
+    def __init__(self, robot: Robot, rolling: RollingConstraints) -> None:
+        self.robot, self.rolling = robot, rolling
+        self.columns = np.zeros((robot.nv, len(robot.actuators)))
+        for column, name in enumerate(robot.actuators):
+            self.columns[robot.velocity_index(name), column] = 1.0
+        self.still = np.zeros(robot.nv)
+        self.still.setflags(write=False)
+        self._W = selection(robot, rolling)
+        self._last: tuple[bytes, Projection] | None = None
+        # Where nothing turns, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
+        self.constant: Projection | None = None
+        if not rolling.matrix.harmonics.any():
+            S = basis(rolling.matrix.constant, self._W)
+            S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
+            S.setflags(write=False)
+            u = np.zeros(len(rolling.matrix.harmonics))
+            self.constant = Projection(S, self, u, None)
+
+    def at(self, q: Array) -> Projection:
+        """Return the projection at q (nq,).
+
+        Raises:
+            SingularBasisError: At q the steered wheels fix no one motion; their joints are named.
+        """
+        if self.constant is not None:
+            return self.constant
+        key = q.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._project(q)
+        return self._last[1]
+
+    def _project(self, q: Array) -> Projection:
+        try:
+            core, _, _, R, C = self.equations
+            u = self.rolling.turn(q)
+            found = core.at(u)
+            M, X = found[: len(R)], found[len(R) :]
+            lu, pivots, Y, _ = dgesv(M, R)
+            if not dgecon(lu, self._size)[0] > RANK_MARGIN:
+                raise SingularBasisError(UNDETERMINED)
+        except SingularBasisError as error:
+            raise SingularBasisError(f"{error}: {self._angles(q)}") from None
+        S = X.dot(Y)
+        S += C
+        S.setflags(write=False)
+        return Projection(S, self, u, (lu, pivots, X))
+
+    @cached_property
+    def equations(self) -> Elimination:
+        """Those of S and of the drift, for a robot whose wheels swivel."""
+        return eliminate(self.rolling.matrix, self._W)
+
+    @cached_property
+    def _size(self) -> float:
+        """A bound of |M|, the largest sum of a column, at any q."""
+        return float(self.equations.core.bound[: len(self.equations.R)].sum(axis=0).max())
+
+    def _angles(self, q: Array) -> str:
+        joints = [swivel.joint for swivel in self.robot.drive.swivels]
+        angles = (math.degrees(self.robot.joint_position(q, name)) for name in joints)
+        return ", ".join(f"{n} at {a:.3g}°" for n, a in zip(joints, angles, strict=True))
+
+
+def _allocation(robot: Robot, B: Array) -> Array:
+    limits = robot.effort_limits
+    scale = np.where(np.isfinite(limits), limits, 1.0)
+    U, singular, Vt = np.linalg.svd(B * scale, full_matrices=False)
+    driven = singular > ROW_MARGIN * singular[0]
+    if np.count_nonzero(driven) < len(B):
+        free = np.abs(np.eye(len(B)) - U[:, driven] @ U[:, driven].T).max(axis=1)
+        names = [n for n, f in zip(robot.quasi_velocities, free, strict=True) if f > 1e-6]
+        raise ActuationError(f"no actuator drives {', '.join(names)} of {robot.name}")
+    return np.asarray(scale[:, None] * (Vt.T / singular) @ U.T)

@@ -1,0 +1,219 @@
+"""The projection at q: what S, the drift, A and B must be, also near singular steering."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
+from rpctl.control.horizon.steered_twist import Steering
+from rpctl.dynamics.basis import selection
+from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.errors import SingularBasisError
+from tests import random_vehicles
+from tests.robots import write
+from tests.vehicles import vehicle
+
+KINDS = ["casters", "car-like", "tied", "tricycle", "bicycle", "steered"]
+SINGULAR = {  # steering angles at which the wheels leave no one motion, rad
+    "bicycle": {"steer": np.pi / 2},
+    "steered": {"fl_steer": np.pi / 2, "rl_steer": np.pi / 2},
+    "twin": {"fl_steer": np.pi / 2, "rl_steer": np.pi / 2},
+}
+NEAR = (1e-1, 1e-3, 1e-5, 1e-7)  # rad off them
+STEP = 1e-6
+ROUNDING = 1e-13
+
+
+def load(folder: Path, kind: str) -> Robot:
+    return rpctl.load(write(folder, vehicle(kind), f"{kind}.urdf"))
+
+
+def states(folder: Path, rng: np.random.Generator) -> list[tuple[str, Robot, Array, Array]]:
+    """Return random vehicles at random states, then some whose steering is nearly singular."""
+    found = []
+    for kind in KINDS:
+        for seed in range(3):
+            robot = rpctl.load(write(folder, random_vehicles.vehicle(kind, seed)[0]))
+            q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+            found.append((f"{kind} {seed}", robot, q, nu))
+    for kind, angles in SINGULAR.items():
+        robot = load(folder, kind)
+        for off in NEAR:
+            near = {name: angle + off * rng.uniform(0.5, 1.0) for name, angle in angles.items()}
+            q = robot.configuration(0.2, -0.3, 0.5, near)
+            found.append((f"{kind} {off:g}", robot, q, rng.normal(size=robot.dof)))
+    return found
+
+
+def test_it_solves_the_equations_of_the_whole_tree(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """[A; W] S = [0; I] and [A; W] Ṡν = −[Ȧv; 0], with all rows and all columns."""
+    for name, robot, q, nu in states(tmp_path, rng):
+        dynamics = ReducedDynamics(robot)
+        at, rolling = dynamics.at(q), dynamics.rolling
+        A, W = constraint(rolling, q), selection(robot, rolling)
+        size = np.abs(at.S).max()
+        np.testing.assert_allclose(A @ at.S, 0.0, atol=ROUNDING * size, err_msg=name)
+        np.testing.assert_allclose(W @ at.S, np.eye(robot.dof), atol=ROUNDING * size, err_msg=name)
+        drift, turned = at.drift(nu), constraint_drift(rolling, q, at.S @ nu)
+        size = max(1.0, np.abs(drift).max(), np.abs(turned).max())
+        np.testing.assert_allclose(A @ drift, -turned, atol=ROUNDING * size, err_msg=name)
+        np.testing.assert_allclose(W @ drift, 0.0, atol=ROUNDING * size, err_msg=name)
+
+
+def test_it_is_what_a_dense_solve_gives(tmp_path: Path, rng: np.random.Generator) -> None:
+    """The same equations by one plain solve, and the dynamics of it by another."""
+    for name, robot, q, nu in states(tmp_path, rng):
+        dynamics, tau = ReducedDynamics(robot), rng.normal(size=len(robot.actuators))
+        left = np.vstack([constraint(dynamics.rolling, q), selection(robot, dynamics.rolling)])
+        S = np.linalg.solve(left, np.eye(robot.nv)[:, -robot.dof :])
+        turned = constraint_drift(dynamics.rolling, q, S @ nu)
+        drift = np.linalg.solve(left, np.append(-turned, np.zeros(robot.dof)))
+        rounding = 1e-15 * float(np.linalg.cond(left))
+        for found, dense in ((dynamics.basis(q), S), (dynamics.basis_drift(q, nu), drift)):
+            size = max(1.0, float(np.abs(dense).max()))
+            np.testing.assert_allclose(found, dense, atol=rounding * size, err_msg=name)
+        columns = np.array([S[robot.velocity_index(a)] for a in robot.actuators]).T
+        M = S.T @ pin.crba(robot.model, robot.model.createData(), q) @ S
+        h = S.T @ pin.rnea(robot.model, robot.model.createData(), q, S @ nu, drift)
+        left_over = M @ dynamics.forward(q, nu, tau) + h - columns @ tau
+        size = float((np.abs(M) @ np.abs(dynamics.forward(q, nu, tau))).max() + np.abs(h).max())
+        np.testing.assert_allclose(left_over / size, 0.0, atol=max(1e-10, rounding), err_msg=name)
+
+
+def test_the_drift_is_the_rate_of_the_basis(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Along the motion, over a small part of the time in which it changes."""
+    for name, robot, q, nu in states(tmp_path, rng):
+        dynamics = ReducedDynamics(robot)
+        at = dynamics.at(q)
+        v, drift = at.S @ nu, at.drift(nu)
+        step = 5e-4 * min(1.0, float(np.abs(v).max() / np.abs(drift).max()))
+        ahead, behind = (
+            dynamics.basis(pin.integrate(robot.model, q, s * v)) @ nu for s in (step, -step)
+        )
+        rate = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(drift, rate, atol=1e-5 * np.abs(rate).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("kind", SINGULAR)
+def test_at_the_singularity_the_angles_are_named(tmp_path: Path, kind: str) -> None:
+    robot = load(tmp_path, kind)
+    dynamics = ReducedDynamics(robot)
+    q = robot.configuration(joints=SINGULAR[kind])
+    for _ in range(2):  # a projection that failed is not kept
+        with pytest.raises(SingularBasisError, match=r"determine no one motion: .*steer at 90°"):
+            dynamics.at(q)
+    with pytest.raises(SingularBasisError, match="steer at nan°"):
+        dynamics.at(np.full(robot.nq, np.nan))
+
+
+def test_a_caster_without_a_trail_is_refused(tmp_path: Path) -> None:
+    """Nothing turns it; that is said where the motion is asked for, with its joint."""
+    robot = load(tmp_path, "casters")
+    drive = robot.drive
+    straight = (replace(drive.swivels[0], trail=0.0), *drive.swivels[1:])
+    dynamics = ReducedDynamics(replace(robot, drive=replace(drive, swivels=straight)))
+    with pytest.raises(SingularBasisError, match="determine no one motion: caster_0 at 0°"):
+        dynamics.at(robot.configuration())
+
+
+@pytest.mark.parametrize("kind", ["casters", "twin"])
+def test_one_record_is_kept(tmp_path: Path, kind: str) -> None:
+    robot = load(tmp_path, kind)
+    dynamics = ReducedDynamics(robot)
+    q, turned = robot.configuration(), robot.configuration(joints={robot.drive.swivels[0].joint: 1})
+    at = dynamics.at(q)
+    assert dynamics.at(q.copy()) is at
+    np.testing.assert_array_equal(at.A, constraint(dynamics.rolling, q))
+    assert np.abs(dynamics.at(turned).S - at.S).max() > 0.1
+    q[:] = turned
+    np.testing.assert_array_equal(dynamics.at(q).S, dynamics.at(turned).S)
+
+
+def test_where_nothing_turns_it_is_the_same_everywhere(
+    paper: Robot, rng: np.random.Generator
+) -> None:
+    dynamics = ReducedDynamics(paper)
+    at = dynamics.at(paper.configuration())
+    assert dynamics.constant
+    assert dynamics.at(paper.random_configuration(rng)) is at
+    np.testing.assert_array_equal(at.drift(rng.normal(size=4)), np.zeros(paper.nv))
+    np.testing.assert_array_equal(at.A, dynamics.rolling.matrix.constant)
+
+
+def test_casters_that_glide(tmp_path: Path, rng: np.random.Generator) -> None:
+    """They and their wheels stand still, the ground holds nothing of them, all else is as it was.
+
+    So nothing turns any more on a differential drive.
+    """
+    robot = load(tmp_path, "casters")
+    rolling, gliding = ReducedDynamics(robot), ReducedDynamics(robot, gliding=("caster",))
+    assert gliding.constant
+    assert not rolling.constant
+    q = robot.random_configuration(rng)
+    still = [s.joint for s in robot.drive.swivels]
+    still += [wheel.joint for wheel in robot.drive.wheels if wheel.swivel is not None]
+    index = [robot.velocity_index(name) for name in still]
+    others = np.delete(np.arange(robot.nv), index)
+    S = gliding.at(q).S
+    np.testing.assert_array_equal(S[index], 0.0)
+    np.testing.assert_allclose(S[others], rolling.at(q).S[others], atol=ROUNDING)
+    force = rng.normal(size=robot.nv)
+    held = list(gliding.rolling.gliding)
+    assert len(held) == len(still)
+    lambdas = gliding.at(q).multipliers @ force
+    np.testing.assert_array_equal(lambdas[held], 0.0)
+    rest = np.delete(np.arange(len(lambdas)), held)
+    A = gliding.at(q).A[rest]
+    np.testing.assert_allclose(lambdas[rest], np.linalg.pinv(A.T) @ force, atol=1e-9)
+
+
+def rooted(robot: Robot) -> Robot:
+    """Return a robot whose first steered pivot is the root link's origin.
+
+    A bicycle's turning rate then has constant columns, as no row has it with the steering angle.
+    """
+    drive = robot.drive
+    x, y = drive.steered[0].pivot
+    moved = tuple(replace(s, pivot=(s.pivot[0] - x, s.pivot[1] - y)) for s in drive.swivels)
+    point = drive.point[0] - x, drive.point[1] - y
+    return replace(robot, drive=replace(drive, swivels=moved, point=point))
+
+
+@pytest.mark.parametrize("place", [lambda robot: robot, rooted], ids=["as built", "rooted"])
+@pytest.mark.parametrize("kind", ["car-like", "tied", "tricycle", "bicycle", "steered"])
+def test_the_horizons_maps_are_rows_of_the_basis(
+    tmp_path: Path, kind: str, place: Callable[[Robot], Robot], rng: np.random.Generator
+) -> None:
+    """At many angles at a time, with their derivatives."""
+    for seed in range(4):
+        text = random_vehicles.vehicle(kind, seed)[0]
+        robot = place(rpctl.load(write(tmp_path, text)))
+        dynamics, steering, count = (
+            ReducedDynamics(robot),
+            Steering(robot),
+            len(robot.drive.steered),
+        )
+        names = [swivel.joint for swivel in robot.drive.steered]
+        drawn = [robot.random_configuration(rng) for _ in range(4)]
+        angles = np.array([[robot.joint_position(q, name) for name in names] for q in drawn])
+        speeds = rng.normal(size=(4, 1 + count))
+        maps, jacobian = steering.maps(angles), steering.jacobian(angles, speeds)
+        for q, found in zip(drawn, maps, strict=True):
+            expected = dynamics.twist(q, np.eye(robot.dof)[:, : 1 + count])
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, atol=1e-12 * size, err_msg=f"{seed}")
+        for i, step in enumerate(STEP * np.eye(count)):
+            ahead, behind = (steering.maps(angles + s * step) @ speeds[:, :, None] for s in (1, -1))
+            rate = (ahead - behind)[:, :, 0] / (2 * STEP)
+            size = np.abs(rate).max()
+            np.testing.assert_allclose(jacobian[:, :, i], rate, atol=1e-6 * size, err_msg=f"{seed}")
