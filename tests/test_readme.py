@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.control.config import read_config
+from rpctl.simulation.config import read_config
 from tests.grids import cells
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")

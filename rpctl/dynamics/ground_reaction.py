@@ -13,10 +13,11 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import ROOT_JOINT, contact_point
+from rpctl.dynamics.rolling import contact_point
 from rpctl.dynamics.stance import MIN_STANCE_WIDTH_M, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
 from rpctl.errors import require_positive
+from rpctl.robot.coordinates import ROOT_JOINT
 
 FRICTION = 0.7  # of rubber on a dry indoor floor
 MIN_LOAD = 1e-3  # of the weight: below it a contact bears nothing to speak of

@@ -11,8 +11,9 @@ from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projection, Projector
-from rpctl.dynamics.rolling import ROOT_JOINT, find_rolling
+from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
 
 

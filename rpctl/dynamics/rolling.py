@@ -15,7 +15,6 @@ from rpctl.drive.drive import Wheel
 from rpctl.drive.rows import TurningMatrix, drive_rows
 from rpctl.robot.model import BASE_NV, Robot
 
-ROOT_JOINT = 1  # Pinocchio's index of the planar root
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -70,8 +69,8 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
     """
     drive, model = robot.drive, robot.model
     rows = drive_rows(drive, gliding)
-    joints = [model.joints[model.getJointId(swivel.joint)] for swivel in drive.swivels]
-    index = np.array([joint.idx_v for joint in joints], dtype=np.intp)
+    names = [swivel.joint for swivel in drive.swivels]
+    index = np.array([robot.velocity_index(name) for name in names], dtype=np.intp)
     above = [_mimic_rows(robot), np.eye(BASE_NV if drive.type == "fixed" else 0, robot.nv)]
     first = sum(map(len, above))
 
@@ -89,8 +88,8 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for row, wheel in enumerate(drive.wheels, start=first):
         constant[row] += _wheel_row(robot, data, wheel)
-    entry = np.array([joint.idx_q for joint in joints], dtype=np.intp)
-    pairs = np.array([i for i, joint in enumerate(joints) if joint.nq == 2], dtype=np.intp)
+    entry = np.array([robot.entries[name].index for name in names], dtype=np.intp)
+    pairs = np.flatnonzero([robot.entries[name].is_pair for name in names])
     return RollingConstraints(
         matrix=replace(matrix, constant=constant),
         along=tuple(range(first, first + len(drive.wheels))),
