@@ -25,7 +25,6 @@ from rpctl.cli.terminal import console, format_limit, new_table, print_json, pro
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
@@ -166,8 +165,7 @@ def track_command(
     Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
     """
     config = settings.read()
-    loaded = options.load(robot)
-    loaded = config.limits.apply(loaded)
+    loaded = config.limits.apply(options.load(robot))
     reference = load_reference(loaded, config.run.reference)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
@@ -182,7 +180,8 @@ def track_command(
         output.print(certificate_line(certificate))
     watched = _live_page(loaded, reference, config, output.print) if results.live else nullcontext()
     with watched as page:
-        run = _simulate(loaded, reference, config, certificate, page)
+        with progress_bar("simulate") as advance:
+            run = simulate(loaded, config, reference, certificate, progress=advance, watch=page)
         written = results.write(run, folder)
         if page is not None:
             page.finish(written.report)
@@ -205,18 +204,6 @@ def _live_page(
     duration = default_duration(reference) if duration is None else duration
     duration = whole_periods(duration, period) * period
     return broadcast(robot, reference, duration, say, find_obstacles(config))
-
-
-def _simulate(
-    robot: Robot,
-    reference: Reference,
-    config: Config,
-    certificate: Certificate | None,
-    page: Broadcast | None,
-) -> Run:
-    """Close the loop, with a bar on a terminal."""
-    with progress_bar("simulate") as advance:
-        return simulate(robot, config, reference, certificate, progress=advance, watch=page)
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:

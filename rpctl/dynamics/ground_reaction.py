@@ -174,7 +174,13 @@ def ground_reaction(
 
 
 def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance:
-    """Return the stance at q (nq,) of a robot that is balanced."""
+    """Return the stance at q (nq,) of a robot that is balanced.
+
+    Args:
+        dynamics: The reduced dynamics.
+        contacts: The contacts of a robot that is balanced.
+        q: Configuration (nq,).
+    """
     return contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
 
 

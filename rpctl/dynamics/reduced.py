@@ -85,6 +85,11 @@ class ReducedDynamics:
         """Return the quasi-force M ν̇ + h (dof,) that a motion takes.
 
         This is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            nu_dot: Their derivatives (dof,).
         """
         at = self.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
@@ -92,6 +97,11 @@ class ReducedDynamics:
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,).
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
 
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.

@@ -112,12 +112,24 @@ def constraint(rolling: RollingConstraints, q: Array) -> Array:
 
 
 def constraint_drift(rolling: RollingConstraints, q: Array, v: Array) -> Array:
-    """Return Ȧ v (rows,) at q (nq,) and v (nv,); same order as :func:`constraint`."""
+    """Return Ȧ v (rows,), rows in the order of :func:`constraint`.
+
+    Args:
+        rolling: The robot's rows.
+        q: Configuration (nq,).
+        v: Velocity (nv,).
+    """
     return rolling.drift(rolling.turn(q), v)
 
 
 def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:
-    """Return a wheel's lowest point (3,), world; ``data`` holds the joints' placements."""
+    """Return a wheel's lowest point (3,) in the world frame, m.
+
+    Args:
+        robot: The robot.
+        data: Pinocchio's workspace, which holds the joints' placements.
+        wheel: The wheel.
+    """
     placement = data.oMi[robot.model.getJointId(wheel.joint)]
     return placement.act(wheel.offset * np.array(wheel.axis)) - wheel.radius * UP
 

@@ -133,9 +133,18 @@ class Recorder:
         work: float,
         limits: tuple[Limit, ...],
     ) -> None:
-        """Add a sample: time (s), motion, efforts, error, reference, command, work so far (J).
+        """Add a sample.
 
-        Last come the limits that bound the efforts.
+        Args:
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,) from now on, N·m or N.
+            e: Tracking error (3 + n_joints,).
+            state: The reference.
+            command: What the kinematic law asks for.
+            work: Work of the actuators so far, J.
+            limits: The limits that bind the efforts.
         """
         self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot

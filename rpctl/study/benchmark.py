@@ -217,7 +217,13 @@ def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
 def grid(
     scenarios: Sequence[str], references: Sequence[str], controllers: Sequence[LawPair]
 ) -> list[Cell]:
-    """Return all cells, scenario by scenario."""
+    """Return all cells, scenario by scenario.
+
+    Args:
+        scenarios: Names of scenarios.
+        references: Names or files of references.
+        controllers: Pairs of a kinematic and a dynamic law.
+    """
     return [Cell(*each) for each in product(scenarios, references, controllers)]
 
 

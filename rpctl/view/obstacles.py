@@ -54,7 +54,7 @@ def find_obstacles(config: Config, base_radius: float = 0.0) -> tuple[DrawnObsta
         base_radius: Of the base where the laws do not set it, m.
 
     Returns:
-        Discs and half-planes; a shape of somebody's own cannot be drawn, and is left out.
+        Discs and half-planes; other shapes cannot be drawn and are left out.
     """
     found = []
     for body, shape, radius in (*_obstacles(config.kinematic), *_obstacles(config.dynamic)):
