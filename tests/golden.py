@@ -16,6 +16,7 @@ import pinocchio as pin
 import rpctl
 from rpctl import Robot, Run
 from rpctl.arrays import Array
+from rpctl.simulation.config import Config
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
 from tests import urdf
@@ -152,7 +153,9 @@ def golden_run(robot: Robot) -> Run:
         log=Log(**arrays, bound_limits=BOUND_LIMITS),
         robot=_robot_facts(robot),
         ground=GroundFacts(CONTACTS, CONTACT_POINTS, ((1, 2), (0,)), (), friction=0.7),
-        settings={"reference": "eight", "kinematic_report": {"softened": 3.0}},
+        config=Config(),
+        controller_model=None,
+        kinematic_report={"softened": 3.0},
         notes=(),
         certificate=None,
         wall_time=WALL_TIME,

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.control.config import read_config
+from rpctl.simulation.config import read_config
 from tests.grids import cells
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
@@ -73,3 +73,20 @@ def test_the_obstacles(tmp_path: Path) -> None:
     law = read_config(tmp_path / "run.toml").kinematic
     assert isinstance(law, rpctl.Horizon)
     assert law.base_obstacles == (rpctl.Disc(1.0, 1.1, 0.15), rpctl.HalfPlane(0, 1, -0.95))
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+def test_files_that_are_named_exist(page: str) -> None:
+    root = Path(__file__).parents[1]
+    text = (root / page).read_text(encoding="utf-8")
+    names = re.findall(r"`([\w/]+/|[\w/]*\w\.py)`", text)
+    assert len(names) > 3
+    folder, missing = root, []
+    for name in names:  # a name without a folder is beside the one before, or in it
+        places = [root / name, root / "rpctl" / name, folder / name]
+        path = next((place for place in places if place.exists()), None)
+        if path is None:
+            missing.append(name)
+        elif "/" in name:
+            folder = path if path.is_dir() else path.parent
+    assert not missing

@@ -20,7 +20,7 @@ INTERRUPTED = 130  # exit code
 
 
 @dataclass(frozen=True)
-class Command:
+class LazyCommand:
     """A command before it is imported.
 
     Attributes:
@@ -36,47 +36,47 @@ class Command:
 
 
 COMMANDS = {
-    "inspect": Command(
+    "inspect": LazyCommand(
         "rpctl.cli.inspect:inspect_command",
         "Show what a robot is: drive, wheels, joints, and what is doubtful in its file.",
         "rpctl inspect tiago --lock 'head_*'",
     ),
-    "verify": Command(
+    "verify": LazyCommand(
         "rpctl.cli.verify:verify_command",
         "Compare independent derivations of a robot's dynamics; exit 1 if they disagree.",
         "rpctl verify tiago --samples 200 --seed 7",
     ),
-    "derive": Command(
+    "derive": LazyCommand(
         "rpctl.cli.derive:derive_command",
         "Write the reduced equations in closed form: to read, to publish, or as code.",
         "rpctl derive paper --format latex > paper.tex",
     ),
-    "track": Command(
+    "track": LazyCommand(
         "rpctl.cli.track:track_command",
         "Close the loop with the predictive controllers; write run, figures, plots and report.",
         "rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1",
     ),
-    "view": Command(
+    "view": LazyCommand(
         "rpctl.cli.view:view_command",
         "Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.",
         "rpctl view tiago, or rpctl view runs/tiago-eight",
     ),
-    "plot": Command(
+    "plot": LazyCommand(
         "rpctl.cli.view:plot_command",
         "Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG.",
         "rpctl plot runs/tiago-eight --out tiago.pdf",
     ),
-    "compare": Command(
+    "compare": LazyCommand(
         "rpctl.cli.compare:compare_command",
         "Compare pairs of laws over references and scenarios; write a table and a figure.",
         "rpctl compare tiago --references line,eight",
     ),
-    "expand": Command(
+    "expand": LazyCommand(
         "rpctl.cli.sources:expand_command",
         "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",
         "rpctl expand robot.urdf.xacro > robot.urdf",
     ),
-    "robots": Command(
+    "robots": LazyCommand(
         "rpctl.cli.sources:robots_command",
         "List the catalogue: the project's own robots and those of example-robot-data.",
         "rpctl robots --json",

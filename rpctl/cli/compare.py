@@ -168,7 +168,13 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def show_comparison(rows: Sequence[Row], ours: LawPair, folder: Path) -> None:
-    """Print a table a scenario, who won, and where the files lie."""
+    """Print a table a scenario, who won, and where the files lie.
+
+    Args:
+        rows: The cells' figures.
+        ours: The pair of laws whose verdicts are given.
+        folder: Where the files lie.
+    """
     out = console()
     if not out.is_terminal:
         out.width = TABLE_WIDTH

@@ -23,16 +23,13 @@ from rpctl.cli.options import (
 )
 from rpctl.cli.terminal import console, format_limit, new_table, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
-from rpctl.control.config import Config, read_config, write_config
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import set_limits
-from rpctl.simulation.log import describe
-from rpctl.simulation.loop import default_duration, track
+from rpctl.simulation.config import Config, read_config, write_config
+from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import EffortPeak
@@ -107,29 +104,60 @@ class ConfigOptions:
         )
 
 
+@dataclass(frozen=True)
+class ResultOptions:
+    """The options that choose what is shown and written of a run, and where."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
+    ] = None
+    max_megabytes: Annotated[
+        float,
+        typer.Option(
+            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
+        ),
+    ] = 6.0
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
+    ] = False
+    png: Annotated[
+        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
+    ] = False
+
+    def require_browser(self) -> None:
+        """Refuse a picture that could not be drawn, before the simulation.
+
+        Raises:
+            RpctlError: A picture is asked for, and there is no browser.
+        """
+        if self.png:
+            from rpctl.view.film.browser import require_browser
+
+            require_browser()
+
+    def write(self, run: Run, folder: Path) -> RunFolder:
+        """Write the files of a run."""
+        from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
+
+        with progress_bar("draw"):
+            written = write_folder(run, folder, self.max_megabytes)
+            if self.png:
+                from rpctl.view.film.film import SCENE_FILE, write_still
+
+                write_still(run, folder / SCENE_FILE)
+        return written
+
+
 def track_command(
+    *,
     robot: RobotArgument,
     options: LoadOptions,
     settings: ConfigOptions,
     samples: Annotated[
         int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
     ] = 20,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
-    ] = None,
-    max_megabytes: Annotated[
-        float,
-        typer.Option(
-            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
-        ),
-    ] = 6.0,
-    live: Annotated[
-        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
-    ] = False,
-    png: Annotated[
-        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
-    ] = False,
+    results: ResultOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
@@ -137,16 +165,12 @@ def track_command(
     Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
     """
     config = settings.read()
-    loaded = options.load(robot)
-    loaded = set_limits(loaded, config.limits.effort, config.limits.velocity)
+    loaded = config.limits.apply(options.load(robot))
     reference = load_reference(loaded, config.run.reference)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
-    folder = out or default_folder(f"{loaded.name}-{Path(config.run.reference).stem}")
-    if png:
-        from rpctl.view.film.browser import require_browser
-
-        require_browser()  # before the simulation, not after it
+    folder = results.out or default_folder(f"{loaded.name}-{Path(config.run.reference).stem}")
+    results.require_browser()
     output = console(stderr=as_json)
     output.print(
         f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
@@ -154,9 +178,11 @@ def track_command(
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
-    with _live_page(loaded, reference, config, output.print) if live else nullcontext() as page:
-        run = _simulate(loaded, reference, config, certificate, page)
-        written = _write(run, folder, max_megabytes, png)
+    watched = _live_page(loaded, reference, config, output.print) if results.live else nullcontext()
+    with watched as page:
+        with progress_bar("simulate") as advance:
+            run = simulate(loaded, config, reference, certificate, progress=advance, watch=page)
+        written = results.write(run, folder)
         if page is not None:
             page.finish(written.report)
     if as_json:
@@ -177,41 +203,7 @@ def _live_page(
     duration, period = config.run.duration, config.run.control_period
     duration = default_duration(reference) if duration is None else duration
     duration = whole_periods(duration, period) * period
-    return broadcast(robot, reference, duration, say, find_obstacles(describe(config.kinematic)))
-
-
-def _simulate(
-    robot: Robot,
-    reference: Reference,
-    config: Config,
-    certificate: Certificate | None,
-    page: Broadcast | None,
-) -> Run:
-    """Close the loop, with a bar on a terminal."""
-    with progress_bar("simulate") as advance:
-        return track(
-            robot,
-            kinematic=config.kinematic,
-            dynamic=config.dynamic,
-            **{**vars(config.run), "reference": reference},
-            name=config.run.reference,
-            certificate=certificate,
-            progress=advance,
-            watch=page,
-        )
-
-
-def _write(run: Run, folder: Path, max_megabytes: float, png: bool) -> RunFolder:
-    """Write the files of a run."""
-    from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
-
-    with progress_bar("draw"):
-        written = write_folder(run, folder, max_megabytes)
-        if png:
-            from rpctl.view.film.film import SCENE_FILE, write_still
-
-            write_still(run, folder / SCENE_FILE)
-    return written
+    return broadcast(robot, reference, duration, say, find_obstacles(config))
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:

@@ -61,7 +61,16 @@ def certify(
     strict: bool = False,
     contact: bool = False,
 ) -> Certificate:
-    """Verify a robot, with a bar on a terminal; the arguments are those of ``rpctl.verify``."""
+    """Verify a robot, with a bar on a terminal.
+
+    Args:
+        robot: The robot.
+        samples: Number of random states.
+        seed: Their seed.
+        engines: Other physics engines that take part.
+        strict: Whether declared numbers that the shapes contradict fail.
+        contact: Whether the robot is to roll on a plane, too.
+    """
     with progress_bar("verify") as advance:
         return verify(
             robot, samples, seed, engines, lambda done: advance(done, samples), strict, contact

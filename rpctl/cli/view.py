@@ -70,6 +70,7 @@ class FilmOptions:
 
 
 def view_command(
+    *,
     what: Annotated[
         list[str],
         typer.Argument(
@@ -80,7 +81,7 @@ def view_command(
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the page; serve nothing.")
     ] = None,
-    film: FilmOptions = FilmOptions(),
+    film: FilmOptions,
 ) -> None:
     """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.
 

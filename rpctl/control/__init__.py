@@ -1,1 +1,1 @@
-"""Predictive laws: the tracking error, what to ask of the robot, and the efforts that give it."""
+"""Predictive laws: from the tracking error to a command, and from the command to efforts."""

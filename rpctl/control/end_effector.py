@@ -21,7 +21,7 @@ from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
-MAX_FULL_SPEED = 1.0  # rad/s or m/s; a joint that may move faster counts as this fast
+MAX_FULL_SPEED = 1.0  # rad/s or m/s; full speed of joints with a higher velocity limit
 SPEED_FRACTION = 0.9  # of a velocity limit: largest commanded rate, with room for overshoot
 
 
@@ -59,7 +59,7 @@ class EndEffector:
         horizon: Prediction time h of the end effector, s.
         orientation: Whether its orientation is an output too, or its position only.
         lever: Length (m) at the end of which an error of orientation counts as one of position.
-        damping: m/s; a direction in which the arm at full speed is slower counts as lost.
+        damping: m/s; directions in which the arm at full speed is slower count as singular.
     """
 
     base: KinematicLaw = field(default_factory=Horizon)

@@ -39,7 +39,7 @@ class FeedbackLinearization(BaseLaw):
     is exact while the pace is steady; what a soft start adds is left out.
 
     Attributes:
-        horizon: Prediction time of the arm and of a holonomic base, s.
+        horizon: Prediction time of the arm and of an omnidirectional base, s.
         kp: Gain of the position error, 1/s².
         kd: Gain of its rate, 1/s.
         slowest: v₀, m/s: from this speed on the law is exact.
@@ -57,7 +57,7 @@ class FeedbackLinearization(BaseLaw):
             require_positive(name, getattr(self, name))
 
     def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist to ask of a base that cannot move sideways.
+        """Return the twist of a base that cannot move sideways.
 
         Raises:
             RpctlError: The reference turns on the spot.

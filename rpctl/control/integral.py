@@ -1,4 +1,4 @@
-"""Integral action on top of the law within limits; it does not wind up."""
+"""The dynamic law within limits with integral action that does not wind up."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rpctl.errors import RpctlError, require_positive
 class IntegralDynamic:
     """The law within limits, plus integral action against what the model does not know.
 
-    Without limits the acceleration asked for is
+    Without limits the desired acceleration is
 
         ν̇* = ν̇_d − ε/h1 − k (ε + ∫ε/h1),    ε = ν − ν_d,
 

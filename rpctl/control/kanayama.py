@@ -28,7 +28,7 @@ class Kanayama(BaseLaw):
     damp critically, as the paper's.
 
     Attributes:
-        horizon: Prediction time of the arm and of a holonomic base, s.
+        horizon: Prediction time of the arm and of an omnidirectional base, s.
         kx: Kx, 1/s.
         ky: Ky, 1/m².
         ktheta: Kθ, 1/m.
@@ -46,7 +46,7 @@ class Kanayama(BaseLaw):
             require_positive(name, getattr(self, name))
 
     def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist to ask of a base that cannot move sideways."""
+        """Return the twist of a base that cannot move sideways."""
         state, x, x_dot = tracking
         v_r, _, omega_r = state.twist
         a_r, _, alpha_r = state.twist_dot

@@ -122,7 +122,13 @@ class StatelessLaw:
     def start(
         self: Stateless, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> Stateless:
-        """Return itself; see :meth:`Law.start`."""
+        """Return itself: no argument of :meth:`Law.start` matters to it.
+
+        Args:
+            dynamics: The controller's model.
+            period: Time between two calls, s.
+            rest: How the robot stands before the run.
+        """
         return self
 
     def report(self) -> dict[str, float]:

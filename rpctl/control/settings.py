@@ -10,13 +10,13 @@ from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_ty
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
+from rpctl.control.unregistered import Unregistered, to_json
 from rpctl.errors import RpctlError, UnknownNameError
-
-Table = dict[str, Any]
+from rpctl.files.toml import Table
 
 
 class Registry(NamedTuple):
-    """What a table stands for that says by name which it is."""
+    """The classes that a table can name: laws, or obstacles."""
 
     label: str
     key: str  # of the name
@@ -39,28 +39,31 @@ TYPE_LABELS: dict[object, str] = {
 }
 
 Made = TypeVar("Made")
+NO_FILE_CAN_SAY = {"no_file_can_say": True}  # metadata of a setting that stays in Python
 
 
 class _NoTomlValue(Exception):
-    """A value that TOML has no words for; it never leaves this file."""
+    """A value that TOML cannot hold; it never leaves this file."""
 
 
 def named_to_table(thing: object, kind: Registry) -> Table:
     """Return the name and settings of a law or an obstacle.
 
     Raises:
-        RpctlError: It is none that has a name, or a setting of it cannot be said in TOML.
+        RpctlError: Its class has no name, or TOML cannot hold one of its settings.
     """
     for name, known in kind.factories.items():
         if type(thing) is known:
             return {kind.key: name, **to_table(thing)}
+    if isinstance(thing, Unregistered):
+        return {kind.key: thing.name, "settings": to_json(thing.settings)}
     raise RpctlError(
         f"{type(thing).__name__} is none of {', '.join(kind.factories)}; it has no name"
     )
 
 
 def to_table(settings: Any) -> Table:
-    """Return a dataclass as a table; what is None, and would be by default, is left out.
+    """Return a dataclass as a table, without the settings that are None by default.
 
     Raises:
         RpctlError: A setting cannot be said in TOML.
@@ -70,7 +73,8 @@ def to_table(settings: Any) -> Table:
     for item in dataclasses.fields(settings):
         value = getattr(settings, item.name)
         try:
-            table[item.name] = _toml_value(value, hints[item.name])
+            hint = NoneType if item.metadata == NO_FILE_CAN_SAY else hints[item.name]
+            table[item.name] = _toml_value(value, hint)
         except _NoTomlValue:
             if value != item.default:
                 label = f"{type(settings).__name__}.{item.name} is {value!r}"
@@ -104,6 +108,8 @@ def named_from_table(table: Any, kind: Registry, path: str, faults: list[str]) -
         path: Where in the file the table is: ``kinematic``, ``kinematic.base_obstacles[1]``.
         faults: All that is wrong with the file so far.
     """
+    if isinstance(table, Unregistered):
+        return table
     key = kind.key
     if not isinstance(table, Mapping) or not isinstance(table.get(key), str):
         head = f"[[{path[: path.index('[')]}]]" if "[" in path else f"[{path}]"
@@ -131,7 +137,7 @@ def from_table(
     """
     hints, before, settings = get_type_hints(kind), len(faults), {}
     items = dataclasses.fields(kind)  # type: ignore[arg-type]
-    names = [item.name for item in items]
+    names = [item.name for item in items if item.metadata != NO_FILE_CAN_SAY]
     needed = [
         item.name
         for item in items

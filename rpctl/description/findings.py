@@ -126,7 +126,13 @@ class Findings:
         return values
 
     def number(self, element: Any, attribute: str, default: str | None = None) -> float:
-        """Return one sane number of an attribute; see :meth:`numbers` for the arguments."""
+        """Return one sane number of an attribute; see :meth:`numbers` for the arguments.
+
+        Args:
+            element: The XML element, or None.
+            attribute: Its attribute.
+            default: The text that stands for a missing attribute; None: it has to be there.
+        """
         return self.numbers(element, attribute, 1, default)[0]
 
     def only(self, element: Any, tag: str) -> Any:

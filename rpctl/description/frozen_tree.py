@@ -12,7 +12,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.records import Description, Joint, Shape
 
-MAX_TILT_SINE = 0.02  # sine of the largest angle off the upright or the level (CAD rounding)
+MAX_TILT_SINE = 0.02  # sine of the largest angle off an upright, level or parallel line (rounding)
 
 
 @dataclass(frozen=True)

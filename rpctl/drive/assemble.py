@@ -220,8 +220,8 @@ def _why(base: _Base, wheel: WheelCandidate) -> str:
 def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     """Return the driven joints, and the assumptions behind that choice, in sentences.
 
-    The drive file tells; then the transmissions; then effort limits, where some have them; else
-    the fixed wheels drive and the steered ones do not.
+    The first of these that says so decides: the drive file, the transmissions, effort limits that
+    only some joints have. Otherwise the fixed wheels drive, and the steered ones do not.
     """
     evidence, spec = base.evidence, base.evidence.spec
     said = {name: wheel.driven for name, wheel in spec.wheels.items()}

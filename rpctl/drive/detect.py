@@ -13,16 +13,16 @@ from rpctl.drive.no_drive_message import explain_no_drive
 from rpctl.drive.wheels import WheelCandidate, find_candidates, parallel
 from rpctl.errors import DriveError, UnknownNameError
 
-MECANUM = "mecanum"  # nothing but this word tells four such wheels from four ordinary ones
+MECANUM = "mecanum"  # only this word distinguishes four such wheels from four ordinary ones
 
 
 def detect(tree: FrozenTree, spec: DriveSpec | None = None) -> Drive:
     """Find the drive of a robot.
 
     A wheel turns without limits about a level axle, is held by the root link, rigidly or through
-    one upright joint, and reaches the ground. How many of its kind lie on how many lines, and
-    which upright joints steer, tells the drive. Nothing in a URDF tells skid-steer from mecanum
-    wheels but a name; without one the specification has to.
+    one upright joint, and reaches the ground. The type follows from the number of wheels, the
+    lines that their axles lie on, and the upright joints that steer. Only a name distinguishes
+    mecanum from skid-steer wheels in a URDF; without one the specification has to.
 
     Args:
         tree: The robot, with its locked joints.
@@ -57,7 +57,7 @@ def detect(tree: FrozenTree, spec: DriveSpec | None = None) -> Drive:
 
 
 def _kind(evidence: Evidence) -> str | None:
-    """Return the type of drive that the wheels tell, or None."""
+    """Return the type of drive that the wheels make, or None."""
     fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
     aligned = all(parallel(fixed[0], wheel) for wheel in fixed)
     if steered and not fixed:

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from rpctl.drive.drive import BASE_SPEEDS
-from rpctl.errors import DescriptionError, Finding, is_number
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # the standard library has it from 3.11 on
-    import tomli as tomllib
+from rpctl.errors import is_number
+from rpctl.files import toml
 
 DRIVE_TYPES = tuple(BASE_SPEEDS)
 SWIVEL_ROLES = ("steered", "caster")
@@ -69,24 +64,14 @@ def read_drive(path: str | Path) -> DriveSpec:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _refused(path, [f"{error.strerror or error}; give a drive file"]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise _refused(path, [f"not TOML: {error}; a drive file is TOML"]) from None
-    reader = _Reader()
-    spec = reader.drive(data)
-    if reader.faults:
-        raise _refused(path, reader.faults)
-    return spec
+    return toml.read(path, lambda data, faults: _Reader(faults).drive(data), "a drive file")
 
 
 class _Reader:
     """Reads a drive file's tables, and collects their faults."""
 
-    def __init__(self) -> None:
-        self.faults: list[str] = []
+    def __init__(self, faults: list[str]) -> None:
+        self.faults = faults
 
     def drive(self, data: dict[str, Any]) -> DriveSpec:
         self._known(data, DRIVE_KEYS, "", "a drive file")
@@ -218,7 +203,3 @@ def suggest(
 def _quoted(name: str) -> str:
     """Return a name as a TOML string: JSON's are such."""
     return json.dumps(name, ensure_ascii=False)
-
-
-def _refused(path: str | Path, faults: list[str]) -> DescriptionError:
-    return DescriptionError(path, [Finding("error", None, fault) for fault in faults])

@@ -15,8 +15,8 @@ from rpctl.drive.drive_file import suggest
 from rpctl.drive.wheels import WheelCandidate
 from rpctl.errors import DriveError
 
-GROUND_TOLERANCE_M = 5e-3  # m; wheels reach the ground together to within this,
-GROUND_TOLERANCE_RADII = 0.1  # or within this share of the radius, whichever is more
+GROUND_TOLERANCE_M = 5e-3  # m; what is so near to the ground touches it (URDFs are in mm),
+GROUND_TOLERANCE_RADII = 0.1  # and so is a wheel within this share of its radius
 MAX_RADIUS_RATIO = 2.0  # largest ratio of an unknown wheel's radius to the largest known radius
 
 

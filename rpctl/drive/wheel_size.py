@@ -10,12 +10,11 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description import mesh_files
-from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Joint, Shape
 
 SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
-SHAPE_TILT = 0.02  # sine of the largest angle between a wheel's cylinder and its axle
 MAX_ECCENTRICITY = 0.1  # of its radius; a tyre on a link of its own is no further off the axle
 RADIUS_ROUNDING_M = 1e-9  # m: cylinders of radii nearer than this are one wheel's two tyres
 MIN_EXTENT_RATIO = 0.8  # of a wheel's extents across its axle; a tread's lugs make it 0.95
@@ -96,18 +95,20 @@ def shape_sizes(tree: FrozenTree, joint: Joint) -> list[tuple[str, WheelSize]]:
 def is_round(part: WheelShape, axis: Array) -> bool:
     """Return whether a part is round about an axle (3,) through the frame's origin.
 
-    The sine between a cylinder and the axle may be SHAPE_TILT. A part of another link than the
+    The sine between a cylinder and the axle may be MAX_TILT_SINE. A part of another link than the
     joint's own may be MAX_ECCENTRICITY of its radius off the axle.
     """
     shape, centre = part.shape, part.shape.origin[:3, 3]
     if shape.kind not in ("sphere", "cylinder", "capsule") or not shape.size[0] > 0.0:
         return False
-    if shape.kind != "sphere" and np.linalg.norm(np.cross(shape.origin[:3, 2], axis)) > SHAPE_TILT:
-        return False
-    return (
-        part.own
-        or float(np.linalg.norm(np.cross(centre, axis))) <= MAX_ECCENTRICITY * shape.size[0]
-    )
+    tilt = 0.0 if shape.kind == "sphere" else _distance(shape.origin[:3, 2], axis)
+    near = part.own or _distance(centre, axis) <= MAX_ECCENTRICITY * shape.size[0]
+    return tilt <= MAX_TILT_SINE and near
+
+
+def _distance(point: Array, axis: Array) -> float:
+    """Return the distance of a point (3,) from the line through the origin along an axis (3,)."""
+    return float(np.linalg.norm(np.cross(point, axis)))
 
 
 def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | None:
@@ -115,7 +116,7 @@ def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | 
     found = []
     for shape in (part.shape for part in parts if part.role == role and is_round(part, axis)):
         middle = shape.origin[:3, 3]
-        aside = float(np.linalg.norm(np.cross(middle, axis)))
+        aside = _distance(middle, axis)
         width = 0.0 if shape.kind == "sphere" else shape.size[1]
         source = f"{role} {shape.kind}, line {shape.line}"
         found.append(

@@ -32,7 +32,7 @@ def selection(robot: Robot, rolling: RollingConstraints) -> Array:
             W[0, index] = -rolling.matrix.constant[rolling.along[wheel], index] / len(wheels)
     else:
         W[:own, :BASE_NV] = np.eye(own, BASE_NV)
-    joints = [swivel.joint for swivel in drive.steered] + [joint.name for joint in robot.joints]
+    joints = [*(swivel.joint for swivel in drive.steered), *robot.joint_names]
     for row, name in enumerate(joints, start=own):
         W[row, robot.velocity_index(name)] = 1.0
     return W

@@ -13,10 +13,11 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import ROOT_JOINT, contact_point
+from rpctl.dynamics.rolling import contact_point
 from rpctl.dynamics.stance import MIN_STANCE_WIDTH_M, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
 from rpctl.errors import require_positive
+from rpctl.robot.coordinates import ROOT_JOINT
 
 FRICTION = 0.7  # of rubber on a dry indoor floor
 MIN_LOAD = 1e-3  # of the weight: below it a contact bears nothing to speak of
@@ -173,7 +174,13 @@ def ground_reaction(
 
 
 def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance:
-    """Return the stance at q (nq,) of a robot that is balanced."""
+    """Return the stance at q (nq,) of a robot that is balanced.
+
+    Args:
+        dynamics: The reduced dynamics.
+        contacts: The contacts of a robot that is balanced.
+        q: Configuration (nq,).
+    """
     return contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
 
 

@@ -11,8 +11,9 @@ from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projection, Projector
-from rpctl.dynamics.rolling import ROOT_JOINT, find_rolling
+from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
 
 
@@ -84,6 +85,11 @@ class ReducedDynamics:
         """Return the quasi-force M ν̇ + h (dof,) that a motion takes.
 
         This is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            nu_dot: Their derivatives (dof,).
         """
         at = self.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
@@ -91,6 +97,11 @@ class ReducedDynamics:
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,).
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
 
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.

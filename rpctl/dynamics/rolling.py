@@ -15,7 +15,6 @@ from rpctl.drive.drive import Wheel
 from rpctl.drive.rows import TurningMatrix, drive_rows
 from rpctl.robot.model import BASE_NV, Robot
 
-ROOT_JOINT = 1  # Pinocchio's index of the planar root
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -70,8 +69,8 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
     """
     drive, model = robot.drive, robot.model
     rows = drive_rows(drive, gliding)
-    joints = [model.joints[model.getJointId(swivel.joint)] for swivel in drive.swivels]
-    index = np.array([joint.idx_v for joint in joints], dtype=np.intp)
+    names = [swivel.joint for swivel in drive.swivels]
+    index = np.array([robot.velocity_index(name) for name in names], dtype=np.intp)
     above = [_mimic_rows(robot), np.eye(BASE_NV if drive.type == "fixed" else 0, robot.nv)]
     first = sum(map(len, above))
 
@@ -89,8 +88,8 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for row, wheel in enumerate(drive.wheels, start=first):
         constant[row] += _wheel_row(robot, data, wheel)
-    entry = np.array([joint.idx_q for joint in joints], dtype=np.intp)
-    pairs = np.array([i for i, joint in enumerate(joints) if joint.nq == 2], dtype=np.intp)
+    entry = np.array([robot.entries[name].index for name in names], dtype=np.intp)
+    pairs = np.flatnonzero([robot.entries[name].is_pair for name in names])
     return RollingConstraints(
         matrix=replace(matrix, constant=constant),
         along=tuple(range(first, first + len(drive.wheels))),
@@ -113,12 +112,24 @@ def constraint(rolling: RollingConstraints, q: Array) -> Array:
 
 
 def constraint_drift(rolling: RollingConstraints, q: Array, v: Array) -> Array:
-    """Return Ȧ v (rows,) at q (nq,) and v (nv,); same order as :func:`constraint`."""
+    """Return Ȧ v (rows,), rows in the order of :func:`constraint`.
+
+    Args:
+        rolling: The robot's rows.
+        q: Configuration (nq,).
+        v: Velocity (nv,).
+    """
     return rolling.drift(rolling.turn(q), v)
 
 
 def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:
-    """Return a wheel's lowest point (3,), world; ``data`` holds the joints' placements."""
+    """Return a wheel's lowest point (3,) in the world frame, m.
+
+    Args:
+        robot: The robot.
+        data: Pinocchio's workspace, which holds the joints' placements.
+        wheel: The wheel.
+    """
     placement = data.oMi[robot.model.getJointId(wheel.joint)]
     return placement.act(wheel.offset * np.array(wheel.axis)) - wheel.radius * UP
 

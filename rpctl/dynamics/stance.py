@@ -82,6 +82,11 @@ def loads(stance: Stance, moments: Array, margin: float) -> Array:
     robot on equal springs. Where the plane dips below the ground although the robot does not tip,
     the springs there let go, and N = max(0, a + b x + c y): the least ones that only push, a least
     distance problem ([LH74, Ch. 23]).
+
+    Args:
+        stance: The contacts' polygon and how they share a load.
+        moments: Σ N_i (1, x_i, y_i) (3,) of the ground's force; N, N·m.
+        margin: Distance of the zero-moment point to the polygon's edge, m; negative outside.
     """
     load = stance.split @ moments
     if margin <= 0.0 or len(load) == 3 or load.min() >= 0.0:

@@ -11,12 +11,10 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint, Link, Shape
-from rpctl.dynamics.rolling import ROOT_JOINT
+from rpctl.drive.grounded import GROUND_TOLERANCE_M
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
-GROUND_TOLERANCE_M = (
-    5e-3  # m: a shape this close to the ground touches it (URDFs are drawn to millimetres)
-)
 MIN_SHAPE_SIZE_M = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
 
 

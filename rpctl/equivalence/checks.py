@@ -45,7 +45,13 @@ MUJOCO = "MuJoCo"
 
 
 def full_tree(robot: Robot, oracle: GibbsAppell, state: State) -> Iterator[Check]:
-    """Compare the free tree: Pinocchio against the Gibbs function."""
+    """Compare the free tree: Pinocchio against the Gibbs function.
+
+    Args:
+        robot: The robot.
+        oracle: The Gibbs-Appell derivation.
+        state: Where to compare: q (nq,) and v (nv,).
+    """
     data = robot.model.createData()
     terms, names = oracle.full(state.q, state.v), velocity_names(robot)
     inertia = pin.crba(robot.model, data, state.q)
@@ -63,7 +69,15 @@ def reduced(
     scales: RoundingScales,
     state: State,
 ) -> Iterator[Check]:
-    """Compare the reduced equations: projection against the oracle's ``terms`` in ν, and G."""
+    """Compare the reduced equations: projection against the oracle's ``terms`` in ν, and G.
+
+    Args:
+        dynamics: The reduced dynamics under proof.
+        oracle: The Gibbs-Appell derivation.
+        terms: Its equations in ν at the state.
+        scales: Sizes of the products that rounding is relative to.
+        state: Where to compare: q (nq,), ν and ν̇ (dof,).
+    """
     robot, names = dynamics.robot, dynamics.robot.quasi_velocities
     q, nu, nu_dot = state.q, state.nu, state.nu_dot
     M = dynamics.inertia(q)
@@ -99,6 +113,11 @@ def coriolis(dynamics: ReducedDynamics, scales: RoundingScales, state: State) ->
 
     The root link is put to the world's origin. C does not depend on where the robot stands, but
     Pinocchio takes C's inertias about that origin, and loses digits with the distance.
+
+    Args:
+        dynamics: The reduced dynamics under proof.
+        scales: Sizes of the products that rounding is relative to.
+        state: Where to compare: q (nq,) and ν (dof,).
     """
     robot, q, nu = dynamics.robot, state.q.copy(), state.nu
     q[:2] = 0.0
@@ -189,7 +208,14 @@ def motion(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 def engine(
     dynamics: ReducedDynamics, other: MujocoEngine, scales: RoundingScales, state: State
 ) -> Iterator[Check]:
-    """Compare the reduced equations with another physics engine's."""
+    """Compare the reduced equations with another physics engine's.
+
+    Args:
+        dynamics: The reduced dynamics under proof.
+        other: The same robot in the other engine.
+        scales: Sizes of the products that rounding is relative to.
+        state: Where to compare: q (nq,), ν and ν̇ (dof,).
+    """
     q, nu, names = state.q, state.nu, dynamics.robot.quasi_velocities
     theirs, M = other.reduced(q, nu), dynamics.inertia(q)
     fused = f"part of the body that carries it: {'; '.join(other.refused)}" if other.refused else ""

@@ -98,7 +98,7 @@ def _first_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array) -> f
 
 
 def _products(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
-    """Return the size of what the energy (J) is summed from: ½ |v|ᵀ|M||v| of the tree, and it."""
+    """Return the magnitude of the terms summed into the energy, J: ½ |v|ᵀ|M||v| plus |E|."""
     robot, v = dynamics.robot, np.abs(dynamics.basis(q) @ nu)
     M = np.abs(pin.crba(robot.model, robot.model.createData(), q))
     return 0.5 * float(v @ M @ v) + abs(dynamics.energy(q, nu))

@@ -1,4 +1,4 @@
-"""What the derivations are told of a robot: its file read anew, and names.
+"""The robot's file, read again for the independent derivations, and the names they share.
 
 The bytes are the user's (a .xacro's are its expansion). Links and joints come from yourdfpy, or,
 where it cannot read the file, from :mod:`rpctl.equivalence.raw_file`; the drive's geometry from
@@ -68,7 +68,7 @@ def read(robot: Robot) -> FileReading:
 
 
 def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
-    """Return what no derivation found for itself, each as a phrase."""
+    """Return the inputs that all derivations share and none checks, as phrases."""
     drive, phrases = robot.drive, []
     if robot.description.path.suffix == ".xacro":
         phrases.append("the expansion of the .xacro")

@@ -44,7 +44,14 @@ class PlacedWheel:
 def wheel_size(
     raw: RawFile, joint: RawJoint, locked: Mapping[str, float], paths: MeshPaths
 ) -> tuple[float, float] | None:
-    """Return a wheel's radius and the distance of its centre along the axle, m; None without."""
+    """Return a wheel's radius and the distance of its centre along the axle, m; None without.
+
+    Args:
+        raw: The file as it was read for the proof.
+        joint: The wheel's joint.
+        locked: Positions of the frozen joints, rad or m.
+        paths: Where meshes may lie.
+    """
     parts = list(_parts(raw, joint.child, locked))
     for measured in (_primitive, _mesh):
         for role in ("collision", "visual"):
@@ -114,7 +121,13 @@ def _mesh(
 
 
 def place(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> PlacedWheel:
-    """Return a wheel at its joint, given the links' poses (4, 4), its radius and offset (m)."""
+    """Return a wheel at its joint, given the links' poses (4, 4), its radius and offset (m).
+
+    Args:
+        joint: The wheel's joint.
+        poses: Pose (4, 4) of every link in the root link's frame, m.
+        size: Radius and distance of the wheel's centre along its axle, m.
+    """
     pose, (radius, offset) = poses[joint.parent] @ joint.origin, size
     axle = pose[:3, :3] @ joint.axis
     return PlacedWheel(pose[:3, 3] + offset * axle, axle, radius, offset)

@@ -25,7 +25,7 @@ class RoundingScales:
     Attributes:
         inertia: Of M, |S|ᵀ |M_full| |S| (dof, dof).
         bias: Of h (dof,).
-        force: What residuals of h are relative to, N·m or N: the largest product of the oracle's.
+        force: The scale of residuals of h, N·m or N: the largest product in the oracle's sum.
     """
 
     inertia: Array
@@ -80,7 +80,13 @@ def find_rounding_scales(
 
 
 def force_state(dynamics: ReducedDynamics, state: State, scales: RoundingScales) -> ForcedState:
-    """Return the trial of a state."""
+    """Return a state with the efforts that push it and the accelerations they give.
+
+    Args:
+        dynamics: The reduced dynamics.
+        state: q (nq,), ν (dof,) and the push (n_act,) of the actuators.
+        scales: Sizes of the products that rounding is relative to.
+    """
     q = state.q
     tau = efforts(dynamics, q, state.nu, state.push)
     nu_dot = dynamics.forward(q, state.nu, tau)
@@ -90,7 +96,7 @@ def force_state(dynamics: ReducedDynamics, state: State, scales: RoundingScales)
 
 
 def efforts(dynamics: ReducedDynamics, q: Array, nu: Array, push: Array) -> Array:
-    """Return efforts τ (n_act,) of moderate accelerations, whatever is driven.
+    """Return efforts τ (n_act,) that cause moderate accelerations, for any actuation map B.
 
     B is not inverted, so robots with fewer actuators than speeds have them too. G = Bᵀ M⁻¹ B is
     what τ makes of the actuators' own accelerations: they get ``push``_i/G_ii each, and besides the
@@ -139,6 +145,11 @@ def inertia_spread(dynamics: ReducedDynamics, q: Array, point: Array) -> Array:
 
     An engine that takes all inertias about one point has that of a wheel about its own axle as
     what is left of m d². The square of the spread is the size of M there.
+
+    Args:
+        dynamics: The reduced dynamics.
+        q: Configuration (nq,).
+        point: The point (3,) about which inertias are taken, world frame, m.
     """
     model, data = dynamics.robot.model, dynamics.robot.model.createData()
     pin.forwardKinematics(model, data, q)

@@ -119,7 +119,13 @@ class GibbsAppell:
         return self.terms(self._positions(q), v, root, rates)
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
-        """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1]."""
+        """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1].
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            nu_dot: Their derivatives (dof,).
+        """
         positions = self._positions(q)
         root, rates = self.rolling_root(self._heading(q), positions, nu)
         return float(self.function(positions, nu, nu_dot, root, rates))
@@ -152,7 +158,14 @@ class GibbsAppell:
     def terms(
         self, positions: Mapping[str, Any], u: Vector, root: LinkKinematics, rates: JointRates
     ) -> Terms:
-        """Return the equations from G's Hessian and gradient, summed over the links."""
+        """Return the equations from G's Hessian and gradient, summed over the links.
+
+        Args:
+            positions: Positions of the joints by name, rad or m.
+            u: Speeds (n,), of any scalar: ν, or v of the free tree.
+            root: The root link's motion in u.
+            rates: Rates of the joints in u; gains those that are not part of u.
+        """
         n = len(u)
         M, h, h_size = self.scalars.zeros((n, n)), self.scalars.zeros(n), np.zeros(n)
         for body, motion in self.links(positions, u, root, rates):
@@ -175,7 +188,15 @@ class GibbsAppell:
         root: LinkKinematics,
         rates: JointRates,
     ) -> Any:
-        """Return G itself, all terms of a link in one frame; [MS21, Eq. 1]."""
+        """Return G itself, all terms of a link in one frame; [MS21, Eq. 1].
+
+        Args:
+            positions: Positions of the joints by name, rad or m.
+            u: Speeds (n,), of any scalar.
+            u_dot: Their derivatives (n,).
+            root: The root link's motion in u.
+            rates: Rates of the joints in u; gains those that are not part of u.
+        """
         rate, half = np.asarray(u_dot), self.scalars.number(0.5, "number", "")
         G = 0 * rate[0]
         for body, motion in self.links(positions, u, root, rates):
@@ -201,6 +222,12 @@ class GibbsAppell:
         """Walk the tree from the root outwards: yield every link with inertia and its motion.
 
         On the way ``rates`` gains the joints that are not part of u: rolling wheels, mimics.
+
+        Args:
+            positions: Positions of the joints by name, rad or m.
+            u: Speeds (n,), of any scalar.
+            root: The root link's motion in u.
+            rates: Rates of the joints in u.
         """
         speeds = np.asarray(u)
         stack = [(self.tree.root, root)]

@@ -67,6 +67,12 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
     """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
 
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
+
+    Args:
+        robot: The robot.
+        q: Configuration (nq,).
+        v: Velocity (nv,), A v = 0.
+        tau: Actuator efforts (n_act,), N·m or N.
     """
     data = robot.model.createData()
     A, drift = _rows(robot, q, v)

@@ -168,6 +168,14 @@ def follower_rate(
     """Return the rate of a swivel that heads along the velocity V which N = l₁ × l₂ gives it.
 
     φ = atan2(V_y, V_x), so φ̇ = V × V̇/|V|²; V̇ and the drift of V̈ come from those of N.
+
+    Args:
+        tree: The tree of the independent derivation.
+        drive: The drive.
+        swivel: The swivel that follows the others.
+        positions: Positions of the joints by name, rad.
+        nu: Quasi-velocities (dof,), of any scalar.
+        rates: Rates of the swivels that are steered, by joint.
     """
     rows, derivatives = [], []  # l, and k with the row of φ̇
     if drive.has_axle:

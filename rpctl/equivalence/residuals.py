@@ -45,7 +45,17 @@ def relative(
     limit: float = EXACT_TOLERANCE,
     products: float = 0.0,
 ) -> Check:
-    """Compare two arrays relative to the largest entry; ``products`` as in :func:`allowed`."""
+    """Compare two arrays relative to the largest entry.
+
+    Args:
+        name: What is compared.
+        against: With what.
+        value: The array under proof.
+        truth: The same array by the other derivation.
+        names: Names of the entries along each axis.
+        limit: Largest deviation allowed, relative to the largest entry of ``truth``.
+        products: As in :func:`allowed`.
+    """
     scale = float(np.abs(truth).max()) if truth.size else 0.0
     bound = allowed(limit, products, scale)
     return worst(name, against, (value - truth) / (scale or 1.0), bound, names)
@@ -58,7 +68,15 @@ def worst(
     limit: float,
     names: Sequence[str],
 ) -> Check:
-    """Return the largest deviation of an array and its entry; NaN counts as infinite."""
+    """Return the largest deviation of an array and its entry; NaN counts as infinite.
+
+    Args:
+        name: What is compared.
+        against: With what.
+        gap: Deviations, relative.
+        limit: Largest deviation allowed.
+        names: Names of the entries along each axis.
+    """
     if not gap.size:
         return Check(name, against, 0.0, limit)
     size = np.where(np.isfinite(gap), np.abs(gap), np.inf)

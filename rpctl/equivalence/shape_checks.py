@@ -98,7 +98,7 @@ def _design_note(found: Slip) -> str:
 
 
 def _sliding_text(key: str, size: float) -> str:
-    """Return how fast what slides; where it is too little to be told, what slides fastest."""
+    """Return a wheel's slip as text; only its name where the slip is negligible."""
     wheel, _, direction = key.rpartition(", ")
     if size < MIN_NOTED_SLIDING:
         return key

@@ -26,7 +26,13 @@ class State:
 
 
 def draw_state(robot: Robot, seed: int, sample: int) -> State:
-    """Return the random state that :func:`rpctl.verify` compares at a sample of a seed."""
+    """Return the random state that :func:`rpctl.verify` compares at a sample of a seed.
+
+    Args:
+        robot: The robot.
+        seed: Seed of all samples.
+        sample: Index of the sample.
+    """
     rng = np.random.default_rng([seed, sample])
     q = robot.random_configuration(rng)
     v, nu, nu_dot = (rng.normal(size=n) for n in (robot.nv, robot.dof, robot.dof))

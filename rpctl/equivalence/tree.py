@@ -35,7 +35,14 @@ class Scalars:
     dtype: type = object
 
     def numbers(self, values: Any, kind: str, label: str) -> Array:
-        """Return an array of numbers as scalars."""
+        """Return an array of numbers as scalars.
+
+        Args:
+            values: Numbers of any shape.
+            kind: What they are: "mass", "length", "angle", ...; symbolic scalars are named after
+                it.
+            label: Which one, for the name.
+        """
         array = np.asarray(values, dtype=float)
         if self.dtype is float:
             return array

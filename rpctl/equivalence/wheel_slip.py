@@ -1,4 +1,4 @@
-"""What really slips: the velocity of each wheel's lowest point, followed through the user's file.
+"""Slip of each wheel: the velocity of its lowest point, computed through the user's file.
 
 The motion v = S ν is of the dynamics under test; everything else is of the file: wheels as drawn
 (:mod:`rpctl.equivalence.file_drive`), frames, axes, and a walk from the root link to each wheel,
@@ -87,7 +87,7 @@ class Slip:
     Attributes:
         speed: The robot's speed, m/s.
         constrained: Slip where the ground holds, by wheel and direction, relative to the speed.
-        by_design: Slip that the drive's model lets be, likewise.
+        by_design: Slip that the drive model allows, by wheel and direction, relative to the speed.
         base: The base's own quasi-velocities as the file's places make them, by name.
     """
 

@@ -19,7 +19,7 @@ RAMP_TIME = 3.0  # s
 LAP_TIME = 20.0  # s; a closed path is run through once in this time, soft start included
 LAP_RATE = 2.0 * math.pi / (LAP_TIME - 0.5 * RAMP_TIME)
 LINE_RATE = 0.3  # m/s
-CURVATURE_SAMPLES = 101  # places at which a path's curvature is looked at
+CURVATURE_SAMPLES = 101  # points at which a path's curvature is evaluated
 
 # Name: path, and its pace at full speed.
 BASE_PATHS: dict[str, tuple[Callable[[], paths.Path], float]] = {
@@ -91,7 +91,7 @@ def reference_by_name(robot: Robot, name: str) -> PathReference:
 
 
 def _growth(robot: Robot, path: paths.Path) -> float:
-    """Return how many times larger a closed path has to be for a robot to steer along it."""
+    """Return the factor by which a closed path must grow for a robot to steer along it."""
     along = (path(s).direction[0] for s in np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES))
     bend = max(abs(turn) / abs(speed) if speed else 0.0 for speed, _, turn in along)
     return max(1.0, bend * steerable_radius(robot))

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rpctl.errors import RpctlError, is_number
+from rpctl.files import toml
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.reference.csv_file import read_text, refusal
 from rpctl.reference.curve import Waypoint, check_waypoints
 from rpctl.reference.limits import Limits, limits_from
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # the standard library has it from 3.11 on
-    import tomli as tomllib
 
 MAX_COORDINATE = 1e4  # m: no waypoint is farther
 DEFAULT_CORNER = 0.15  # m
@@ -46,12 +40,13 @@ def read_path_file(path: str | Path) -> PathFile:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-    try:
-        data = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise refusal(path, [(None, f"not TOML: {error}; a path file is TOML")]) from None
+    return toml.read(path, _path_file, "a path file")
+
+
+def _path_file(data: toml.Table, faults: list[str]) -> PathFile:
+    """Return what a file's table asks for; what is wrong is added to the faults."""
     extra = sorted(data.keys() - {"waypoints", "end_effector", "corner", "limits"})
-    faults = [
+    faults += [
         f'"{key}" is not known; a path has waypoints or end_effector, corner and limits'
         for key in extra
     ]
@@ -73,9 +68,7 @@ def read_path_file(path: str | Path) -> PathFile:
     passed = tuple(Waypoint(*row) for row in waypoints)
     if not faults and passed:
         faults += check_waypoints(passed)
-    if faults:
-        raise refusal(path, [(None, fault) for fault in faults])
-    return PathFile(passed, tuple(points), float(corner), limits)
+    return PathFile(passed, tuple(points), float(corner) if is_number(corner) else 0.0, limits)
 
 
 def _rows(

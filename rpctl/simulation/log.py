@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -135,9 +133,18 @@ class Recorder:
         work: float,
         limits: tuple[Limit, ...],
     ) -> None:
-        """Add a sample: time (s), motion, efforts, error, reference, command, work so far (J).
+        """Add a sample.
 
-        Last come the limits that bound the efforts.
+        Args:
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,) from now on, N·m or N.
+            e: Tracking error (3 + n_joints,).
+            state: The reference.
+            command: What the kinematic law asks for.
+            work: Work of the actuators so far, J.
+            limits: The limits that bind the efforts.
         """
         self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
@@ -193,25 +200,6 @@ class Recorder:
         return Log(**log, bound_limits=tuple((limit.joint, limit.kind) for limit in bound))
 
 
-def describe(law: object) -> dict[str, Any]:
-    """Return a law's name and settings, those of laws and obstacles within it as well."""
-    if dataclasses.is_dataclass(law) and not isinstance(law, type):
-        settings = ((item.name, getattr(law, item.name)) for item in dataclasses.fields(law))
-        return {"law": type(law).__name__, **{name: _json_value(value) for name, value in settings}}
-    return {"law": getattr(law, "__name__", type(law).__name__)}
-
-
-def _json_value(value: object) -> Any:
-    """Return what JSON can say of a setting."""
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    if isinstance(value, Mapping):
-        return {str(key): _json_value(each) for key, each in value.items()}
-    if isinstance(value, tuple | list | np.ndarray):
-        return [_json_value(each) for each in value]
-    return value.item() if isinstance(value, np.generic) else describe(value)
-
-
 def _constraint_residual(dynamics: ReducedDynamics, q: Array, v: Array) -> float:
     """Return the largest entry of |A v|: m/s, rad/s."""
     return float(np.abs(dynamics.constraint(q) @ v).max(initial=0.0))
@@ -247,7 +235,7 @@ def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState)
 
 
 def _reference_configurations(dynamics: ReducedDynamics, log: dict[str, Array]) -> Array:
-    """Return q (K, nq) of the reference, its wheels and casters turned as they would have been."""
+    """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref."""
     robot, drive = dynamics.robot, dynamics.robot.drive
     turning = [wheel.joint for wheel in drive.wheels]
     turning += [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from rpctl.control.law import (
     as_law,
 )
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.dynamics.ground_reaction import FRICTION, find_contacts
+from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
@@ -29,15 +30,16 @@ from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.model import Robot
+from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
-from rpctl.simulation.log import Recorder, describe
+from rpctl.simulation.log import Recorder
 from rpctl.simulation.periods import (
-    CONTROL_PERIOD,
     delay_note,
     duration_note,
     whole_periods,
 )
 from rpctl.simulation.plant import Plant, advance
+from rpctl.simulation.recorded import recorded
 from rpctl.simulation.run import Run
 
 DEFAULT_DURATION_S = 20.0  # s, of a reference without an end
@@ -47,16 +49,16 @@ DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
 def track(
     robot: Robot,
-    reference: str | Reference = "eight",
-    duration: float | None = None,
-    initial_error: Sequence[float] = (0.0, 0.0, 0.0),
+    reference: str | Reference = RunSettings.reference,
+    duration: float | None = RunSettings.duration,
+    initial_error: Sequence[float] = RunSettings.initial_error,
     kinematic: KinematicLaw | KinematicFunction | None = None,
     dynamic: DynamicLaw | DynamicFunction | None = None,
-    control_period: float = CONTROL_PERIOD,
-    plant_step: float = 0.002,
+    control_period: float = RunSettings.control_period,
+    plant_step: float = RunSettings.plant_step,
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
-    friction: float = FRICTION,
+    friction: float = RunSettings.friction,
     plant: Plant | None = None,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
     name: str | None = None,
@@ -81,7 +83,7 @@ def track(
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
-        plant: What the simulated robot has that its controller does not know of; None: nothing.
+        plant: Differences between the simulated robot and the controller's model; None: none.
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
             is not counted as the simulation's.
         name: What the log calls the reference; None: its name or file, or else its type.
@@ -93,42 +95,100 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
-    reference_name = name or (reference if isinstance(reference, str) else type(reference).__name__)
-    if isinstance(reference, str):
-        reference = load_reference(robot, reference)
-    run_duration = default_duration(reference) if duration is None else duration
-    steps = whole_periods(run_duration, control_period)
-    require_positive("plant_step", plant_step)
-    kinematic, dynamic = kinematic or UnifiedKinematic(), dynamic or PaperDynamic()
-    plant = plant or Plant()
-    settings = {
-        "reference": reference_name,
-        "duration": steps * control_period,
-        "initial_error": [float(x) for x in initial_error],
-        "kinematic": describe(kinematic),
-        "dynamic": describe(dynamic),
-        "control_period": control_period,
-        "plant_step": plant_step,
-        "plant": plant.describe(control_period),
-    }
-    notes = () if duration is None else duration_note(duration, control_period)
-    notes += delay_note(plant.delay, control_period)
+    config = Config(
+        kinematic=kinematic or UnifiedKinematic(),
+        dynamic=dynamic or PaperDynamic(),
+        run=RunSettings(
+            name or (reference if isinstance(reference, str) else type(reference).__name__),
+            duration,
+            cast("tuple[float, float, float]", tuple(initial_error)),
+            control_period,
+            plant_step,
+            friction,
+        ),
+        plant=plant or Plant(),
+    )
+    loaded = load_reference(robot, reference) if isinstance(reference, str) else reference
+    return simulate(robot, config, loaded, certificate, progress, watch)
+
+
+def simulate(
+    robot: Robot,
+    config: Config,
+    reference: Reference | None = None,
+    certificate: Certificate | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    watch: Callable[[float, Array, ReferenceState], object] | None = None,
+) -> Run:
+    """Simulate a robot as a configuration says, from rest.
+
+    Args:
+        robot: The robot, before the configuration's limits.
+        config: Laws, limits, circumstances and plant.
+        reference: What the configuration's reference is; None loads it by its name.
+        certificate: A certificate to keep with the run.
+        progress: Called with the samples done and their total.
+        watch: As of :func:`track`.
+
+    Raises:
+        DivergedError: The motion left the finite numbers.
+        RpctlError: A setting is out of range, or the reference does not fit the robot.
+    """
+    settings, plant, period = config.run, config.plant, config.run.control_period
+    robot = config.limits.apply(robot)
+    reference = load_reference(robot, settings.reference) if reference is None else reference
+    duration = default_duration(reference) if settings.duration is None else settings.duration
+    steps = whole_periods(duration, period)
+    require_positive("plant_step", settings.plant_step)
+    notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
-    contacts = find_contacts(dynamics, friction)
+    contacts = find_contacts(dynamics, settings.friction)
+    recorder = Recorder(dynamics, contacts, plant.bias(robot))
+    loop = _close_loop(dynamics, config, reference, steps, recorder, progress, watch)
+    return Run(
+        log=recorder.log(),
+        robot=robot_facts(robot),
+        ground=ground_facts(contacts, settings.friction),
+        config=recorded(config, steps),
+        controller_model=plant.controller_model.name if plant.controller_model else None,
+        kinematic_report=loop.report,
+        notes=notes + delay_note(plant.delay, period),
+        certificate=None if certificate is None else certificate.to_dict(),
+        wall_time=loop.wall_time,
+    )
+
+
+class _Loop(NamedTuple):
+    """What a closed loop leaves beside its log."""
+
+    report: dict[str, float]  # of the kinematic law
+    wall_time: float  # s, without what watched it
+
+
+def _close_loop(
+    dynamics: ReducedDynamics,
+    config: Config,
+    reference: Reference,
+    steps: int,
+    recorder: Recorder,
+    progress: Callable[[int, int], object] | None,
+    watch: Callable[[float, Array, ReferenceState], object] | None,
+) -> _Loop:
+    """Close the loop for a number of control periods; every sample goes to the recorder."""
+    robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     controller_dynamics, bias = plant.controller_dynamics(dynamics), plant.bias(robot)
-    recorder = Recorder(dynamics, contacts, bias)
-    q, nu, work = _start(robot, reference(0.0), initial_error), np.zeros(robot.dof), 0.0
+    q, nu, work = _start(robot, reference(0.0), config.run.initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    kinematic_law = as_law(kinematic).start(controller_dynamics, control_period, rest)
-    dynamic_law = as_law(dynamic).start(controller_dynamics, control_period, rest)
+    kinematic = as_law(config.kinematic).start(controller_dynamics, period, rest)
+    dynamic = as_law(config.dynamic).start(controller_dynamics, period, rest)
     started_at = time.perf_counter()
-    sent = plant.pipeline(rest.tau, control_period)
+    sent = plant.pipeline(rest.tau, period)
     for k in range(steps + 1):
-        t = k * control_period
+        t = k * period
         state = reference(t)
         e = tracking_error(robot, state, q)
-        command = kinematic_law(controller_dynamics, reference, t, q, nu)
-        efforts = as_efforts(dynamic_law(controller_dynamics, q, nu, command))
+        command = kinematic(controller_dynamics, reference, t, q, nu)
+        efforts = as_efforts(dynamic(controller_dynamics, q, nu, command))
         sent.append(efforts.tau)
         tau = sent.popleft()
         recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
@@ -142,22 +202,11 @@ def track(
             watch(t, q, state)
             started_at += time.perf_counter() - shown
         if k < steps:
-            q, nu, done = advance(dynamics, q, nu, tau + bias, control_period, plant_step)
+            q, nu, done = advance(dynamics, q, nu, tau + bias, period, config.run.plant_step)
             work += done
         if progress is not None:
             progress(k, steps)
-    wall_time = time.perf_counter() - started_at
-    if report := kinematic_law.report():
-        settings["kinematic_report"] = report
-    return Run(
-        log=recorder.log(),
-        robot=robot_facts(robot),
-        ground=ground_facts(contacts, friction),
-        settings=settings,
-        notes=notes,
-        certificate=None if certificate is None else certificate.to_dict(),
-        wall_time=wall_time,
-    )
+    return _Loop(kinematic.report(), time.perf_counter() - started_at)
 
 
 def default_duration(reference: Reference) -> float:

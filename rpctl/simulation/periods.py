@@ -1,4 +1,4 @@
-"""Whole control periods: how long a run lasts and how late efforts arrive, and what is told of it.
+"""Durations and delays rounded to whole control periods, and notes on the rounding.
 
 The loop samples at whole control periods only, so a duration ends with the last one that is within
 it, and a delay is the nearest number of them; halves count up.
@@ -11,9 +11,7 @@ import math
 from rpctl.errors import require_positive
 
 CONTROL_PERIOD = 0.002  # s, where none is asked for
-WHOLE_PERIOD_TOLERANCE = (
-    1e-6  # of a period: as near to a whole number, a quotient of two decimals is one
-)
+WHOLE_PERIOD_TOLERANCE = 1e-6  # of a period: a quotient this near to a whole number counts as one
 
 
 def whole_periods(duration: float, control_period: float) -> int:

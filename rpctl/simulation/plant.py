@@ -6,11 +6,11 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError
@@ -20,7 +20,7 @@ from rpctl.simulation.periods import delay_periods
 
 @dataclass(frozen=True)
 class Plant:
-    """What the simulated robot has that its controller does not know of.
+    """Differences between the simulated robot and the controller's model.
 
     Attributes:
         tau_bias: Efforts (N·m or N) by actuator that push besides the controller's.
@@ -31,7 +31,7 @@ class Plant:
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
     delay: float = 0.0
-    controller_model: Robot | None = None
+    controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -56,14 +56,14 @@ class Plant:
         """Return the dynamics that the controller computes with.
 
         Raises:
-            RpctlError: The robot believed has other coordinates than the simulated one.
+            RpctlError: The controller's model has other coordinates than the simulated robot.
         """
         if self.controller_model is None:
             return dynamics
         for names in ("quasi_velocities", "actuators"):
             if getattr(self.controller_model, names) != getattr(dynamics.robot, names):
                 raise RpctlError(
-                    f"the robot believed, {self.controller_model.name}, has other {names} than "
+                    f"the controller's model, {self.controller_model.name}, has other {names} than "
                     f"{dynamics.robot.name}; vary its masses or limits only"
                 )
         return ReducedDynamics(self.controller_model)
@@ -71,13 +71,6 @@ class Plant:
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
         return deque([hold] * delay_periods(self.delay, control_period))
-
-    def describe(self, control_period: float) -> dict[str, Any]:
-        """Return the settings, to be kept with a run: the delay as it is simulated."""
-        delay = delay_periods(self.delay, control_period) * control_period
-        biases = {f"bias of {name}": float(bias) for name, bias in self.tau_bias.items()}
-        controller_model = None if self.controller_model is None else self.controller_model.name
-        return {**biases, "delay": delay, "believed": controller_model}
 
 
 def advance(

@@ -15,22 +15,23 @@ from numpy.lib.npyio import NpzFile
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive
-from rpctl.errors import RunFileError
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.errors import RpctlError, RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
+from rpctl.simulation.recorded import config_of, tables_of_settings
 
-SCHEMA = 3
-OLDER_SCHEMA = (
-    2  # it lacks what others than the arm's joints do, and the notes; they are empty then
-)
+SCHEMA = 4
+OLDER_SCHEMAS = (2, 3)  # see _completed
 META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 OPTIONAL_ENTRIES = (
     "load_range",
     "slip_range",
-)  # entries that older files lack, and that may be NaN or inf
+)  # missing in older files; they may hold NaN or inf
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,8 +42,11 @@ class Run:
         log: The samples.
         robot: The robot.
         ground: How it stands on the ground.
-        settings: Reference, laws, horizons, sample times, all as they were simulated.
-        notes: Where that is not what was asked for, in sentences.
+        config: Reference, laws, sample times and plant, all as they were simulated; a law of
+            somebody's own is :class:`~rpctl.control.unregistered.Unregistered`.
+        controller_model: Name of the robot that the controller computed with; None: this one.
+        kinematic_report: What the kinematic law counted, by name.
+        notes: Where the configuration is not what was asked for, in sentences.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
     """
@@ -50,14 +54,17 @@ class Run:
     log: Log
     robot: RobotFacts
     ground: GroundFacts
-    settings: Mapping[str, Any]
+    config: Config
+    controller_model: str | None
+    kinematic_report: Mapping[str, float]
     notes: tuple[str, ...]
     certificate: Mapping[str, Any] | None
     wall_time: float
 
     def __repr__(self) -> str:
-        reference = self.settings.get("reference", "motion")
-        return f"Run({self.robot.name}, {reference}, {self.t[-1] - self.t[0]:.4g} s)"
+        return (
+            f"Run({self.robot.name}, {self.config.run.reference}, {self.t[-1] - self.t[0]:.4g} s)"
+        )
 
     @property
     def t(self) -> Array:
@@ -107,10 +114,10 @@ class Run:
             entry: getattr(self if record is None else getattr(self, record), name)
             for entry, (record, name) in ENTRIES.items()
         }
-        entries["drive"] = asdict(self.robot.drive)
+        entries |= {"drive": asdict(self.robot.drive), "config": config_tables(self.config)}
         arrays = {name: value for name, value in entries.items() if isinstance(value, np.ndarray)}
         meta = {name: value for name, value in entries.items() if name not in arrays}
-        text = json.dumps({"schema": SCHEMA, **meta})
+        text = json.dumps({"schema": SCHEMA, **meta}, default=lambda number: number.tolist())
         buffer = io.BytesIO()
         np.savez_compressed(buffer, allow_pickle=False, **{META_ENTRY: text}, **arrays)
         return write_atomically(path, buffer.getvalue())
@@ -134,15 +141,13 @@ class Run:
         except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
             raise RunFileError(f"{path}: damaged or not a run of rpctl ({error})") from None
         schema = meta.pop("schema", None) if isinstance(meta, dict) else None
-        if schema not in (OLDER_SCHEMA, SCHEMA):
+        if schema not in (*OLDER_SCHEMAS, SCHEMA):
             raise RunFileError(
-                f"{path}: schema {schema}, this rpctl reads {OLDER_SCHEMA} and {SCHEMA}; track the "
-                "robot again"
+                f"{path}: schema {schema}, this rpctl reads "
+                f"{', '.join(map(str, OLDER_SCHEMAS))} and {SCHEMA}; track the robot again"
             )
         entries = {**meta, **arrays}
-        if schema == OLDER_SCHEMA:
-            entries = _completed(entries)
-        return _from_entries(path, entries)
+        return _from_entries(path, entries if schema == SCHEMA else _completed(schema, entries))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
@@ -196,8 +201,18 @@ ENTRIES = _entry_places()  # the file is flat
 ARRAY_ENTRIES = {item.name for item in fields(Log)} - {"bound_limits"}
 
 
-def _completed(entries: dict[str, Any]) -> dict[str, Any]:
-    """Return what an older file holds with what it lacks, empty."""
+def _completed(schema: int, entries: dict[str, Any]) -> dict[str, Any]:
+    """Return what an older file holds as files of today do.
+
+    Schema 3 has settings by class names instead of a configuration. Schema 2 lacks besides what
+    others than the arm's joints do, and the notes; they are empty then.
+    """
+    if isinstance(settings := entries.pop("settings", None), dict):
+        entries["config"] = tables_of_settings(settings, entries.get("friction", FRICTION))
+        entries["kinematic_report"] = settings.get("kinematic_report", {})
+        entries["controller_model"] = settings.get("plant", {}).get("believed")
+    if schema == SCHEMA - 1:
+        return entries
     nothing = np.empty((np.size(entries.get("t", ())), 0))
     lists: dict[str, list[Any]] = {"other_names": [], "other_limits": [], "notes": []}
     return {"others": nothing, "other_rates": nothing.copy(), **lists, **entries}
@@ -220,8 +235,9 @@ def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
         values[record][name] = value
     try:
         values["robot"]["drive"] = Drive.from_dict(entries["drive"])
-    except (TypeError, KeyError, AttributeError) as error:
-        raise RunFileError(f'{path}: entry "drive" is not known: {error}') from None
+        values[None]["config"] = config_of(entries["config"])
+    except (TypeError, KeyError, AttributeError, RpctlError) as error:
+        raise RunFileError(f"{path}: drive or configuration not known: {error}") from None
     records: dict[str, Any] = {name: kind(**values[name]) for name, kind in RECORDS.items()}
     return Run(**records, **values[None])
 

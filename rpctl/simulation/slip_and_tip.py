@@ -1,4 +1,4 @@
-"""Whether a robot would have slipped or tipped: figures of a run, and one sentence."""
+"""Whether a logged motion would slip or tip over: figures, and one sentence."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 
 SLIP_RATIO_SHOWN_MAX = (
-    10.0  # times the grip: beyond, a wheel is all but in the air, and the figure says no more
+    10.0  # above it only "over 10 times" is reported: the wheel then carries almost no load
 )
 EQUALITY_TOLERANCE = 1e-9  # relative width up to which an interval is one number
 DETERMINATE_CONTACTS = 3  # contacts whose loads statics tell apart
@@ -137,7 +137,7 @@ def _grip(run: Run, slips: Array | None, equal: float) -> str:
 
 
 def _grip_needed(run: Run, slips: Array, friction: str) -> str:
-    """Return from when on a robot slips, for sure or maybe, and the share of the grip it needs."""
+    """Return the slip ratio in words and, above 1, when the robot would or could slip first."""
     least, most = np.nanmax(slips, axis=0).tolist()
     if _is_single(least, most):
         amount, of = _grip_in_words(most)
@@ -151,7 +151,7 @@ def _grip_needed(run: Run, slips: Array, friction: str) -> str:
         if low != amount:  # in the figures that are shown
             amount = f"{low.removesuffix(' %') if of else low} to {amount}"
         friction += ", as the load splits"
-    worst = least if math.isinf(most) else most  # an endless range tells of no instant
+    worst = least if math.isinf(most) else most  # an infinite end has no first instant
     if worst <= 1.0:
         return f"uses {amount} {of}{friction}"
     slipping, how = (0, "would") if least > 1.0 else (1, "could")

@@ -180,7 +180,7 @@ def summarize(run: Run) -> Summary:
         limits_violated=violations(run),
         limits_bound=binding_limits(run),
         ground=ground(run),
-        kinematic_report=run.settings.get("kinematic_report", {}),
+        kinematic_report=run.kinematic_report,
         energy_residual=_energy_residual(run),
         constraint_residual=float(log.constraint_residual.max()),
         wall_time=run.wall_time,

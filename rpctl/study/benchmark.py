@@ -25,7 +25,8 @@ from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
-from rpctl.simulation.loop import track
+from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.loop import simulate
 from rpctl.simulation.periods import CONTROL_PERIOD, whole_periods
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
@@ -48,7 +49,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Figures:
-    """What a run came to.
+    """The error, effort and time figures of one run.
 
     Attributes:
         rms_base: Root mean square of P's distance from its reference, m.
@@ -97,7 +98,7 @@ class Row(NamedTuple):
 
 
 class Stopwatch:
-    """Times laws in the loop, in seconds of the processor: other programs do not count."""
+    """Measures the processor time (thread time) of each call of a law, s."""
 
     def __init__(self) -> None:
         self.seconds: list[float] = []  # of each call, the laws in turn
@@ -151,7 +152,8 @@ class Benchmark:
     ) -> None:
         if duration is not None:
             duration = whole_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
-        self.robot, self.duration, self.initial_error = robot, duration, tuple(initial_error)
+        self.robot, self.duration = robot, duration
+        self.initial_error = cast("tuple[float, float, float]", tuple(initial_error))
         self._references: dict[str, Reference] = {}
 
     def __call__(self, cell: Cell) -> Row:
@@ -169,15 +171,14 @@ class Benchmark:
         reference = self._reference(cell.reference)
         case = SCENARIOS[cell.scenario].make(self.robot, reference)
         watch = Stopwatch()
-        run = track(
-            case.robot,
-            reference,
-            self.duration,
-            self.initial_error if self.robot.drive.base_speeds else (0.0, 0.0, 0.0),
-            watch.time_law(kinematic_by_name(cell.controller.kinematic)),
-            watch.time_law(dynamic_by_name(cell.controller.dynamic)),
+        error = self.initial_error if self.robot.drive.base_speeds else (0.0, 0.0, 0.0)
+        config = Config(
+            kinematic=watch.time_law(kinematic_by_name(cell.controller.kinematic)),
+            dynamic=watch.time_law(dynamic_by_name(cell.controller.dynamic)),
+            run=RunSettings(cell.reference, self.duration, error),
             plant=case.plant,
         )
+        run = simulate(case.robot, config, reference)
         return figures(run, watch.seconds)
 
     def _reference(self, name: str) -> Reference:
@@ -216,7 +217,13 @@ def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
 def grid(
     scenarios: Sequence[str], references: Sequence[str], controllers: Sequence[LawPair]
 ) -> list[Cell]:
-    """Return all cells, scenario by scenario."""
+    """Return all cells, scenario by scenario.
+
+    Args:
+        scenarios: Names of scenarios.
+        references: Names or files of references.
+        controllers: Pairs of a kinematic and a dynamic law.
+    """
     return [Cell(*each) for each in product(scenarios, references, controllers)]
 
 
@@ -258,7 +265,7 @@ def run_grid(
 def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Row]]]:
     """Yield what sends a cell to another process; none of them outlives this.
 
-    A Ctrl-C reaches every process of a terminal: the workers leave it to this one, which ends them.
+    Workers ignore SIGINT; on Ctrl-C this process, their parent, terminates them.
     """
     before = set(mp.active_children())
     resource_tracker.ensure_running()  # it would unblock the signal when it starts
@@ -281,7 +288,7 @@ def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Ro
         executor.shutdown(cancel_futures=True)
 
 
-_benches: list[Benchmark] = []  # of a worker: its one
+_benches: list[Benchmark] = []  # of this worker process; one at most
 
 
 def _set_bench(bench: Benchmark) -> None:

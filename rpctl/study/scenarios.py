@@ -1,4 +1,4 @@
-"""What a benchmark does to a robot behind its controller's back, and the controllers it takes."""
+"""Benchmark scenarios (model errors, delay, reduced limits) and the pairs of laws to compare."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Scenario:
-    """A kind of trouble.
+    """A disturbance or model error that a run is made with.
 
     Attributes:
         summary: What it is, in a line.
@@ -67,7 +67,7 @@ def _wheel_bias(robot: Robot) -> Case:
 
 
 def _half_limits(robot: Robot, reference: Reference) -> Case:
-    """Halve what is left of the effort limits beyond the most that the reference takes at rest."""
+    """Halve what each effort limit exceeds the largest static effort of the reference by."""
     limits, holding_efforts = robot.effort_limits, _holding_efforts(robot, reference)
     left = limits - EFFORT_LIMIT_RATIO * np.maximum(limits - holding_efforts, 0.0)
     efforts = {
@@ -125,7 +125,7 @@ class LawPair:
 PAPER = LawPair("paper", "paper")
 PROPOSED = LawPair("end-effector", "integral")  # what rpctl proposes for a robot with an arm
 PROPOSED_ARMLESS = LawPair("horizon", "integral")  # the same without an end effector to keep
-# The dynamic laws tell apart where limits bind or the model is wrong: one kinematic law shows that.
+# Dynamic laws differ only if limits bind or the model is wrong: one kinematic law shows that.
 LAW_PAIRS = (
     PAPER,
     LawPair("unified", "paper"),

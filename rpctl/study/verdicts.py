@@ -14,7 +14,7 @@ TIE_RATIO = 1.01  # times the least error: as good, for all that a table shows
 
 
 class Verdict(NamedTuple):
-    """How the controller that rpctl proposes stands against the others, by one rms error (m).
+    """The proposed pair of laws against the others in one cell, by one rms error (m).
 
     A controller that broke a limit, or did not run, has no error here.
     """

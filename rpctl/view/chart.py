@@ -10,8 +10,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 
-# Panels of the paper figure, in its order. Only "paths" is no chart over time: it is a plan view
-# (plots/paths.py), for which the page has its scene.
+# Panels of the paper figure, in its order
 PANELS = ("paths", "base", "joints", "tip", "speeds", "joint-speeds", "efforts", "tip-over", "grip")
 ERROR_FLOOR = 1e-12  # an error below it is rounding, which a logarithm would only magnify
 MAX_DECADES = 6.0  # of an error's axis
@@ -61,6 +60,7 @@ class Panel:
         references: Whether references are drawn.
         span: Ends of the value axis in the chart's unit; None leaves them to matplotlib.
         more: Lines that only the panel has.
+        wide: Whether it takes a row of its own.
     """
 
     name: str
@@ -71,6 +71,11 @@ class Panel:
     references: bool = True
     span: tuple[float, float] | None = None
     more: tuple[Line, ...] = ()
+    wide: bool = False
+
+
+# Paths from above (plots/paths.py): the only panel without a chart, as the page has its scene.
+PATHS = Panel("paths", "Paths", "y, m", legend="own", wide=True)
 
 
 @dataclass(frozen=True, eq=False)

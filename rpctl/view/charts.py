@@ -163,8 +163,8 @@ def _efforts(run: Run) -> list[Chart]:
         legend="joints",
         span=(AXIS_ZOOM * float(ends[0]), AXIS_ZOOM * float(ends[1])),
     )
-    shares = Chart("Efforts", "% of limit", tuple(limited), (-100.0, 100.0), panel=panel)
-    found = [replace(shares, note="dashed: limits")]
+    limits, note = (-100.0, 100.0), "dashed: limits"
+    found = [Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel)]
     for unit, lines in free.items():
         title = f"Efforts without limits, {unit}"
         panel = Panel("efforts", title, f"effort, {unit}", legend="joints")

@@ -66,7 +66,7 @@ def _summary_line(run: Run) -> str:
         errors.append(
             f"end effector {1e3 * np.linalg.norm(run.log.ee_ref[-1] - run.log.ee[-1]):.3g} mm"
         )
-    reference = PurePath(run.settings.get("reference", "motion")).name  # no folder of this machine
+    reference = PurePath(run.config.run.reference).name  # no folder of this machine
     duration = run.t[-1] - run.t[0]
     return f"{run.robot.name}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
 

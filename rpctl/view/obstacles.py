@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.obstacles import OBSTACLES, Disc, HalfPlane
+from rpctl.control.obstacles import Disc, HalfPlane
+from rpctl.control.unregistered import name_of, settings_of
+from rpctl.simulation.config import Config
 from rpctl.simulation.run import Run
 
 BASE, TIP = "base", "tip"  # the body that avoids an obstacle, named as the scene's paths
 OBSTACLE_SETTINGS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
 RADIUS_SETTINGS = {BASE: "base_radius", TIP: "end_effector_radius"}
 OBSTACLE_TITLES = {BASE: "Base obstacles", TIP: "End-effector obstacles"}
-SHAPE_CLASSES = {
-    kind.__name__: kind for kind in OBSTACLES.values()
-}  # as a run's settings name them
 RIM_POINTS = 96  # points of a disc's edge
 NEAR_RATIO = 0.5  # of the diagonal of a motion: obstacles farther from it are not framed
 NEAR_MIN_M = 0.5  # m: how far they are framed however small the motion is
@@ -46,38 +43,33 @@ def run_obstacles(run: Run) -> tuple[DrawnObstacle, ...]:
     """Return the obstacles of a run, each once."""
     points = np.array(run.ground.points).reshape(-1, 2) - run.robot.drive.point
     farthest = float(np.hypot(*points.T).max(initial=0.0))  # the base's radius, if none is set
-    return find_obstacles(run.settings, farthest)
+    return find_obstacles(run.config, farthest)
 
 
-def find_obstacles(
-    settings: Mapping[str, Any], base_radius: float = 0.0
-) -> tuple[DrawnObstacle, ...]:
-    """Return the obstacles that settings hold at any depth, each once.
+def find_obstacles(config: Config, base_radius: float = 0.0) -> tuple[DrawnObstacle, ...]:
+    """Return the obstacles of a configuration's laws and of the laws within them, each once.
 
     Args:
-        settings: Of a run, or the description of a law.
-        base_radius: Of the base where they do not set it, m.
+        config: Of a run.
+        base_radius: Of the base where the laws do not set it, m.
 
     Returns:
-        Discs and half-planes; a shape of somebody's own cannot be drawn, and is left out.
+        Discs and half-planes; other shapes cannot be drawn and are left out.
     """
     found = []
-    for body, table, law in _tables(settings):
-        shape = _shape(table)
-        if shape is not None:
-            radius = law.get(RADIUS_SETTINGS[body])
-            found.append(DrawnObstacle(body, shape, base_radius if radius is None else radius))
+    for body, shape, radius in (*_obstacles(config.kinematic), *_obstacles(config.dynamic)):
+        if isinstance(shape, Disc | HalfPlane):
+            radius = radius if isinstance(radius, float | int) else base_radius
+            found.append(DrawnObstacle(body, shape, radius))
     return tuple(dict.fromkeys(found))
 
 
-def obstacle_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the obstacles in settings as texts, by the body that avoids them."""
+def obstacle_texts(law: object) -> dict[str, str]:
+    """Return the obstacles of a law and of laws within it as texts, by the body they are for."""
     texts_of: dict[str, list[str]] = {}
-    for body, table, _ in _tables(settings):
-        shape = _shape(table)
-        texts_of.setdefault(OBSTACLE_TITLES[body], []).append(
-            str(table.get("law")) if shape is None else shape_text(shape)
-        )
+    for body, shape, _ in _obstacles(law):
+        text = shape_text(shape) if isinstance(shape, Disc | HalfPlane) else name_of(shape)
+        texts_of.setdefault(OBSTACLE_TITLES[body], []).append(text)
     return {label: "; ".join(dict.fromkeys(texts)) for label, texts in texts_of.items()}
 
 
@@ -121,29 +113,15 @@ def near(points: Array, lower: Array, upper: Array) -> Array:
     return points[((points > low - reach) & (points < high + reach)).all(axis=1)]
 
 
-ObstacleTables = Iterator[tuple[str, Mapping[str, Any], Mapping[str, Any]]]
-
-
-def _tables(settings: Mapping[str, Any]) -> ObstacleTables:
-    """Yield the body that avoids each obstacle, its table, and the table of the law that has it."""
+def _obstacles(law: object) -> Iterator[tuple[str, object, object]]:
+    """Yield each obstacle of a law: the body that avoids it, its shape, and that body's radius."""
+    settings = law if isinstance(law, Mapping) else settings_of(law)
     for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _tables(value)
-        elif key in OBSTACLE_SETTINGS and isinstance(value, list):
-            yield from (
-                (OBSTACLE_SETTINGS[key], each, settings)
-                for each in value
-                if isinstance(each, Mapping)
-            )
-
-
-def _shape(table: Mapping[str, Any]) -> Disc | HalfPlane | None:
-    """Return the shape of an obstacle's table, or None where its class is a user's own."""
-    kind = SHAPE_CLASSES.get(str(table.get("law")))
-    given = {key: value for key, value in table.items() if key != "law"}
-    if kind is None or given.keys() != {item.name for item in dataclasses.fields(kind)}:
-        return None
-    return kind(**given)
+        if key in OBSTACLE_SETTINGS and isinstance(value, tuple):
+            body = OBSTACLE_SETTINGS[key]
+            yield from ((body, shape, settings.get(RADIUS_SETTINGS[body])) for shape in value)
+        else:
+            yield from _obstacles(value)
 
 
 def _number(value: float) -> str:

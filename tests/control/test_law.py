@@ -12,6 +12,7 @@ from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, 
 from rpctl.arrays import Array
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
+from rpctl.control.unregistered import Unregistered
 from rpctl.reference.motion import Reference
 
 PERIOD = 0.01  # s
@@ -33,8 +34,8 @@ def test_a_function_gives_the_run_of_the_law_that_it_calls(paper: Robot) -> None
     for law in (plain, as_law(plain)):
         found = run(paper, law)
         np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
-        assert "kinematic_report" not in found.settings
-    assert found.settings["kinematic"] == {"law": "plain"}
+        assert found.kinematic_report == {}
+    assert found.config.kinematic == Unregistered("plain")
 
 
 def test_a_law_of_laws_takes_a_function(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,8 +51,8 @@ def test_a_controller_started_by_hand_keeps_its_report(paper: Robot) -> None:
     expected = run(paper, Horizon())
     found = run(paper, Horizon().start(ReducedDynamics(paper), PERIOD))
     np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
-    assert found.settings["kinematic_report"] == expected.settings["kinematic_report"]
-    assert found.settings["kinematic_report"]["solves"] == 6
+    assert found.kinematic_report == expected.kinematic_report
+    assert found.kinematic_report["solves"] == 6
 
 
 @pytest.mark.parametrize("make", [*KINEMATIC_LAWS.values(), *DYNAMIC_LAWS.values()])

@@ -13,7 +13,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.steered_twist import Steering
+from rpctl.control.horizon.prediction import Steering
 from rpctl.dynamics.basis import selection
 from rpctl.dynamics.rolling import constraint, constraint_drift
 from rpctl.errors import SingularBasisError

@@ -173,7 +173,7 @@ def test_a_reference_with_an_end_is_tracked_to_it(paper: Robot, tmp_path: Path) 
     run = track(paper, str(path))
     assert 5.0 < run.t[-1] < 9.0
     np.testing.assert_allclose(run.log.base[-1, :2], [2.0, 0.0], atol=1e-3)
-    assert run.settings["reference"] == str(path)
+    assert run.config.run.reference == str(path)
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_a_reference_with_an_end_is_tracked_to_it(paper: Robot, tmp_path: Path) 
 )
 def test_a_run_ends_with_the_last_whole_period(paper: Robot, asked: float, ends: float) -> None:
     run = track(paper, "eight", asked)
-    assert run.t[-1] == run.settings["duration"] == pytest.approx(ends)
+    assert run.t[-1] == run.config.run.duration == pytest.approx(ends)
     assert summarize(run).duration == run.t[-1]
     message = (
         f"a duration of {asked:g} s is no whole number of control periods of 0.002 s: the run ends "
@@ -197,7 +197,7 @@ def test_a_duration_that_nobody_asked_for_says_nothing(paper: Robot, tmp_path: P
     lasts = default_duration(load_reference(paper, str(path)))
     assert run.notes == ()
     assert lasts - 0.05 < run.t[-1] <= lasts
-    assert run.t[-1] == run.settings["duration"]
+    assert run.t[-1] == run.config.run.duration
 
 
 def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:
@@ -264,9 +264,9 @@ def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
 
 def test_a_reference_is_called_what_it_is(paper: Robot) -> None:
     circle = reference_by_name(paper, "circle")
-    assert track(paper, "circle", 0.01).settings["reference"] == "circle"
-    assert track(paper, circle, 0.01).settings["reference"] == type(circle).__name__
-    assert track(paper, circle, 0.01, name="a turn").settings["reference"] == "a turn"
+    assert track(paper, "circle", 0.01).config.run.reference == "circle"
+    assert track(paper, circle, 0.01).config.run.reference == type(circle).__name__
+    assert track(paper, circle, 0.01, name="a turn").config.run.reference == "a turn"
 
 
 def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:

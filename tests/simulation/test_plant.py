@@ -24,7 +24,7 @@ def test_a_bias_pushes_but_is_not_the_actuators(paper: Robot) -> None:
     expected = np.linalg.solve(dynamics.inertia(plain.q[0]), push) * 0.002
     np.testing.assert_allclose(biased.nu[1] - plain.nu[1], expected, rtol=1e-2, atol=1e-6)
     assert summarize(biased).energy_residual < 1e-6
-    assert biased.settings["plant"]["bias of wheel_left_joint"] == 2.0
+    assert biased.config.plant.tau_bias == {"wheel_left_joint": 2.0}
 
 
 def test_efforts_arrive_after_the_delay(paper: Robot) -> None:
@@ -52,7 +52,7 @@ def test_the_delay_logged_is_the_one_simulated(paper: Robot, delay: float, sampl
 
     run = track(paper, "eight", 0.03, OFF, dynamic=law, plant=Plant(delay=delay))
     np.testing.assert_array_equal(run.tau[samples:], sent[:-samples])
-    assert run.settings["plant"]["delay"] == pytest.approx(samples * 0.002)
+    assert run.config.plant.delay == pytest.approx(samples * 0.002)
     notes = (
         f"a delay of {delay:g} s is no whole number of control periods of 0.002 s: "
         f"{samples * 0.002:g} s are simulated",
@@ -65,7 +65,7 @@ def test_the_controller_computes_with_the_robot_it_believes(tiago: Robot) -> Non
     run = track(tiago, "eight", 0.01, plant=Plant(controller_model=light))
     hold = ReducedDynamics(light).bias(run.q[0], run.nu[0])
     np.testing.assert_allclose(run.tau[0, 2:], hold[2:], atol=1e-9)
-    assert run.settings["plant"]["believed"] == tiago.name
+    assert run.controller_model == tiago.name
 
 
 def test_what_does_not_fit_is_told(paper: Robot, tiago: Robot) -> None:

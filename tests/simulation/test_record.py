@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +12,10 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, Run, UnifiedKinematic, track
+from rpctl import Plant, ReducedDynamics, Robot, RpctlError, Run, track
 from rpctl.control.law import Efforts, Limit
-from rpctl.simulation.log import _constraint_residual, _json_value, describe
+from rpctl.control.unregistered import Unregistered, from_json, to_json, unregistered
+from rpctl.simulation.log import _constraint_residual
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
@@ -76,18 +78,26 @@ def test_slip_is_the_largest_either_way(sign: float) -> None:
     assert slip == pytest.approx(0.6)
 
 
-def test_settings_are_what_json_can_say() -> None:
-    plain = _json_value({1: (True, None, "a", 2, 0.5), "b": np.array([1.0, 2.0]), "c": np.int64(3)})
-    assert plain == {"1": [True, None, "a", 2, 0.5], "b": [1.0, 2.0], "c": 3}
-    assert type(plain["c"]) is int
+def test_settings_of_a_law_of_ones_own_are_what_json_can_say() -> None:
+    @dataclasses.dataclass
+    class Own:
+        table: object
+        count: object
+        inner: object
+
+    found = unregistered(Own({1: (True, None, "a", 2, np.array([0.5]))}, np.int64(3), describe))
+    table = {"1": (True, None, "a", 2, (0.5,))}
+    assert found == Unregistered(
+        "Own", {"table": table, "count": 3, "inner": Unregistered("describe")}
+    )
+    assert type(found.settings["count"]) is int
+    assert from_json(json.loads(json.dumps(to_json(found)))) == found
+    with pytest.raises(RpctlError, match="only the name of Own is known"):
+        found.start()
 
 
-def test_laws_are_told_by_name_and_settings() -> None:
-    law = UnifiedKinematic()
-    settings = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
-    assert describe(law) == {"law": "UnifiedKinematic", **settings}
-    assert describe(UnifiedKinematic) == {"law": "UnifiedKinematic"}
-    assert describe(describe) == {"law": "describe"}
+def describe() -> None:
+    """A function."""
 
 
 def test_a_run_tells_units_and_which_joints_steer(paper: Robot, tmp_path: Path) -> None:

@@ -13,7 +13,13 @@ import pytest
 
 import rpctl
 from rpctl import (
+    BoundedDynamic,
     Disc,
+    EndEffector,
+    HalfPlane,
+    Horizon,
+    IntegralDynamic,
+    Plant,
     ReducedDynamics,
     Robot,
     RpctlError,
@@ -24,8 +30,11 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.law import Command, KinematicFunction
+from rpctl.control.unregistered import Unregistered
 from rpctl.errors import RunFileError
 from rpctl.reference.motion import Reference
+from rpctl.simulation.config import Config, RunSettings, config_tables, write_config
+from rpctl.simulation.recorded import config_of, recorded, tables_of_settings
 from rpctl.simulation.run import ENTRIES, META_ENTRY
 from tests.robots import SET_A, platform, write
 from tests.runs import vary
@@ -61,7 +70,7 @@ def test_limits_that_bound_come_back(paper: Robot, tmp_path: Path) -> None:
     assert ("wheel_right_joint", "effort") in back.log.bound_limits
     assert back.log.active_limits.any()
     np.testing.assert_array_equal(back.log.active_limits, run.log.active_limits)
-    assert back.settings["dynamic"]["inner"]["law"] == "BoundedDynamic"
+    assert back.config.dynamic == rpctl.IntegralDynamic()
 
 
 @dataclass(frozen=True)
@@ -82,10 +91,93 @@ def test_settings_within_settings_come_back(paper: Robot, tmp_path: Path) -> Non
     """Obstacles, and what a law of one's own may have: NumPy's numbers, a function."""
     law = _Own(UnifiedKinematic(), np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
     run = track(paper, "line", 0.1, kinematic=law)
-    again = Run.load(run.save(tmp_path / "run.npz")).settings["kinematic"]
-    assert again["inner"]["law"] == "UnifiedKinematic"
-    assert (again["gains"], again["least"], again["odd"]) == ([1, 2], 0.5, {"law": "len"})
-    assert again["around"] == [{"law": "Disc", "x": 1.0, "y": 2.0, "radius": 0.3}]
+    assert run.config.kinematic == Unregistered(
+        "_Own",
+        {
+            "inner": Unregistered("UnifiedKinematic", vars(UnifiedKinematic())),
+            "gains": (1, 2),
+            "least": 0.5,
+            "around": (Disc(1.0, 2.0, 0.3),),
+            "odd": Unregistered("len"),
+        },
+    )
+    assert Run.load(run.save(tmp_path / "run.npz")).config == run.config
+
+
+def test_what_has_no_name_within_a_law_comes_back(paper: Robot, tmp_path: Path) -> None:
+    """The rest of the law keeps its types; a plain function is a law."""
+    disc, odd = Disc(1.0, 2.0, 0.3), _Blob(2.0)
+    base = Horizon(base_obstacles=(disc, odd), fallback=_function)  # type: ignore[arg-type]
+    law = EndEffector(base, horizon=0.3)
+    plant = Plant({"wheel_left_joint": 1.0}, 0.01, paper)
+    config = Config(law, _function, plant=plant)  # type: ignore[arg-type]
+    kept = recorded(config, 100)
+    blob, function = Unregistered("_Blob", {"size": 2.0}), Unregistered("_function")
+    inner = Horizon(base_obstacles=(disc, blob), fallback=function)  # type: ignore[arg-type]
+    assert kept.kinematic == EndEffector(inner, horizon=0.3)
+    assert kept.dynamic == function
+    assert kept.run.duration == pytest.approx(0.2)
+    assert kept.plant == Plant({"wheel_left_joint": 1.0}, 0.01)
+    assert config_of(json.loads(json.dumps(config_tables(kept)))) == kept
+    with pytest.raises(RpctlError, match=r"dynamic.law: dynamic law '_function' is not known"):
+        write_config(kept, tmp_path / "config.toml")
+
+
+@dataclass(frozen=True)
+class _Blob:
+    size: float
+
+
+def _function(*_: object) -> Command:
+    raise NotImplementedError
+
+
+def test_a_law_with_a_setting_that_no_file_can_say_is_kept_by_its_class() -> None:
+    odd = Config(Horizon(steps=np.int64(10)))  # type: ignore[arg-type]
+    kept = recorded(odd, 10)
+    assert isinstance(kept.kinematic, Unregistered)
+    assert (kept.kinematic.name, kept.kinematic.settings["steps"]) == ("Horizon", 10)
+    assert config_of(json.loads(json.dumps(config_tables(kept)))) == kept
+
+
+def test_a_run_of_the_version_before_comes_back() -> None:
+    """Its settings are mappings by class names; the file was written by that version."""
+    back = Run.load(Path(__file__).with_name("run_schema_3.npz"))
+    horizon = Horizon(
+        steps=10,
+        base_obstacles=(Disc(2.0, 2.0, 0.3), HalfPlane(0.0, 1.0, -5.0)),
+        end_effector_obstacles=(Disc(3.0, 3.0, 0.1),),
+        base_radius=0.4,
+        fallback=UnifiedKinematic(bend=0.4),
+    )
+    assert back.config == Config(
+        horizon,
+        IntegralDynamic(gain=8.0, inner=BoundedDynamic(weights={"v": 2.0})),
+        RunSettings("line", 0.02, (0.1, 0.0, 0.0), 0.005, 0.005, 0.6),
+        plant=Plant({"wheel_left_joint": 0.5}, 0.01),
+    )
+    assert back.controller_model == "paper"
+    assert back.kinematic_report == {"solves": 2, "fallbacks": 0, "softened": 0, "largest_lag": 0.0}
+    assert back.robot.drive.type == "differential"
+    assert back.ground.friction == 0.6
+    assert rpctl.summarize(back).limits_violated == ()
+
+
+def test_older_settings_of_somebodys_own_are_kept_by_name() -> None:
+    blob, disc = {"law": "Blob", "mass": 1.0}, {"law": "Disc", "x": 1.0, "y": 2.0, "radius": 0.3}
+    base = {"law": "Horizon", "base_obstacles": [disc, blob], "base_radius": None}
+    settings = {
+        "reference": "eight",
+        "kinematic": {"law": "Mine", "base": {"law": "len"}, "around": [disc]},
+        "dynamic": {"law": "PaperDynamic", "of_a_version_to_come": 1.0},
+    }
+    config = config_of(tables_of_settings(settings, 0.5))
+    mine = {"base": Unregistered("len"), "around": (Disc(1.0, 2.0, 0.3),)}
+    assert config.kinematic == Unregistered("Mine", mine)
+    assert config.dynamic == Unregistered("PaperDynamic", {"of_a_version_to_come": 1.0})
+    law = config_of(tables_of_settings({"kinematic": base}, 0.5)).kinematic
+    obstacles = (Disc(1.0, 2.0, 0.3), Unregistered("Blob", {"mass": 1.0}))
+    assert law == Horizon(base_obstacles=obstacles)  # type: ignore[arg-type]
 
 
 def test_no_arm_comes_back_too(tmp_path: Path) -> None:
@@ -100,10 +192,9 @@ def test_no_arm_comes_back_too(tmp_path: Path) -> None:
     assert fixed.log.zmp.shape == fixed.log.wheel_force.shape == (len(fixed.t), 0)
 
 
-def altered(run: Run, path: Path, meta: Mapping[str, object], **arrays: Any) -> Path:
+def altered(run: Run | Path, path: Path, meta: Mapping[str, object], **arrays: Any) -> Path:
     """Write a run with some entries changed; None leaves an entry out."""
-    run.save(path)
-    with np.load(path, allow_pickle=False) as stored:
+    with np.load(run if isinstance(run, Path) else run.save(path), allow_pickle=False) as stored:
         entries = {name: stored[name] for name in stored}
     message = json.loads(str(entries[META_ENTRY])) | meta
     left_out = {name for name, value in meta.items() if value is None}
@@ -120,8 +211,8 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
     cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
-        ({"schema": 99}, {}, "schema 99, this rpctl reads 2 and 3"),
-        ({"schema": 1}, {}, "schema 1, this rpctl reads 2 and 3"),
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 2, 3 and 4"),
+        ({"schema": 1}, {}, "schema 1, this rpctl reads 2, 3 and 4"),
         ({"notes": None}, {}, "missing or not known: notes"),
         ({}, {"others": run.log.others[:, :1]}, '"others" does not fit its names'),
         ({}, {"other_rates": run.log.others[:, :1]}, '"other_rates" does not fit its names'),
@@ -143,15 +234,22 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
             Run.load(altered(run, path, meta, **arrays))
 
 
-def test_older_runs_come_back_without_what_they_lack(run: Run, tmp_path: Path) -> None:
+def test_older_runs_come_back_without_what_they_lack(tmp_path: Path) -> None:
+    old = Path(__file__).with_name("run_schema_3.npz")
     gone: dict[str, object] = dict.fromkeys(("other_names", "other_limits", "notes"))
     arrays = {"others": None, "other_rates": None}
-    back = Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, **gone}, **arrays))
-    assert back.log.others.shape == back.log.other_rates.shape == (len(run.t), 0)
+    path = tmp_path / "run.npz"
+    back = Run.load(altered(old, path, {"schema": 2, **gone}, **arrays))
+    assert back.log.others.shape == back.log.other_rates.shape == (len(back.t), 0)
     assert (back.robot.other_names, back.robot.other_limits, back.notes) == ((), (), ())
     assert rpctl.summarize(back).limits_violated == ()
-    with pytest.raises(RunFileError, match="missing or not known: robot"):
-        Run.load(altered(run, tmp_path / "run.npz", {"schema": 2, "robot": None}))
+    for schema in (2, 3):
+        with pytest.raises(RunFileError, match="missing or not known: robot"):
+            Run.load(altered(old, path, {"schema": schema, "robot": None}))
+        with pytest.raises(RunFileError, match="missing or not known: config"):
+            Run.load(altered(old, path, {"schema": schema, "settings": None}))
+        with pytest.raises(RunFileError, match="initial_error: is 'far'"):
+            Run.load(altered(old, path, {"schema": schema, "settings": {"initial_error": "far"}}))
 
 
 def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:

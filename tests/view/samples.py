@@ -11,7 +11,6 @@ import numpy as np
 import rpctl
 from rpctl import Robot, Run
 from rpctl.control.obstacles import Obstacle
-from rpctl.simulation.log import describe
 from tests import urdf
 from tests.robots import write
 
@@ -82,7 +81,7 @@ PILLAR = rpctl.Disc(0.5, -0.5, 0.1)
 def with_obstacles(run: Run, *base: Obstacle, tip: tuple[Obstacle, ...] = ()) -> Run:
     """Return a run as if its law had kept base and end effector clear of obstacles."""
     law = rpctl.Horizon(base_obstacles=base, end_effector_obstacles=tip)
-    return replace(run, settings={**run.settings, "kinematic": describe(law)})
+    return replace(run, config=replace(run.config, kinematic=law))
 
 
 def unpack(command: bytes) -> dict[str, Any]:

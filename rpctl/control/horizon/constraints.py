@@ -3,80 +3,28 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
+from rpctl.control.horizon.prediction import Model, PredictedMotion
 from rpctl.control.horizon.qp import (
     LinearisedConstraint,
     RowBlock,
     StageIndices,
     StageValues,
 )
+from rpctl.control.horizon.settings import Bounds, is_turning
 from rpctl.control.horizon.target import Sample
 from rpctl.control.obstacles import Obstacle
-from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import require_positive
+from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.robot.model import Robot
 
-KEPT_LOAD_SPLITS = 3  # of the wheels' loads that bound the first step
+GROUND_STRIDE = 3  # steps between the stages with constraints on the ground's reactions
+KEPT_LOAD_SPLITS = 3  # last load splits that bound the first step
 BRAKING_ROOM = 1e-9  # rad or m: room left to a joint that can only just brake
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Limits that no URDF holds, and how near to all limits a predicted motion may come.
-
-    Attributes:
-        base_acceleration: Largest acceleration of the base forward and to the left, m/s².
-        base_turning: Largest angular acceleration of the base, rad/s².
-        catch_up: How much faster than its reference the base may drive, m/s.
-        rise: Time in which a joint may reach its velocity limit, s.
-        joint_acceleration: Largest acceleration of joints without one, rad/s² or m/s².
-        share: Fraction of the URDF's speed and effort limits that a motion may use.
-        tip_margin: Least distance of the zero-moment point to the support polygon's edge, m.
-        grip: Fraction of each wheel's grip that a motion may use.
-        friction: Coefficient between wheels and ground.
-    """
-
-    base_acceleration: float = 2.0
-    base_turning: float = 4.0
-    catch_up: float = 0.5
-    rise: float = 0.25
-    joint_acceleration: float = 10.0
-    share: float = 0.97
-    tip_margin: float = 0.01
-    grip: float = 0.95
-    friction: float = FRICTION
-
-    def __post_init__(self) -> None:
-        """Refuse bounds that leave nothing."""
-        for name, value in vars(self).items():
-            require_positive(name, value)
-
-    def accelerations(self, model: Model) -> Array:
-        """Return the largest |ν̇| (dof,)."""
-        base = np.where(_is_turning(model), self.base_turning, self.base_acceleration)
-        limits = np.array([joint.velocity for joint in model.joints])
-        joints = np.where(np.isfinite(limits), limits / self.rise, self.joint_acceleration)
-        return np.concatenate([base, joints])
-
-    def efforts(self, robot: Robot) -> tuple[Indices, Array]:
-        """Return the indices (k,) of the actuators with an effort limit, and the bounds (k,)."""
-        return self._limited(robot.effort_limits)
-
-    def rates(self, robot: Robot) -> tuple[Indices, Array]:
-        """Return the indices (k,) of the actuators with a velocity limit, and the bounds (k,)."""
-        joint = robot.description.joint
-        return self._limited(np.array([joint[name].velocity for name in robot.actuators]))
-
-    def _limited(self, limits: Array) -> tuple[Indices, Array]:
-        found = np.flatnonzero(np.isfinite(limits))
-        return found, self.share * limits[found]
 
 
 class HardBounds:
@@ -88,7 +36,7 @@ class HardBounds:
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
         joints, self._base = model.joints, model.base
-        self._linear_speeds = np.flatnonzero(np.logical_not(_is_turning(model)))
+        self._linear_speeds = np.flatnonzero(np.logical_not(is_turning(model)))
         self._catch_up, self._dt = bounds.catch_up, model.dt
         self._max_acceleration = bounds.accelerations(model)
         # Between two steps a parabola rises above its chord by at most a dt²/8.
@@ -98,9 +46,7 @@ class HardBounds:
         self._max_speed = np.full((model.steps, model.robot.dof), np.inf)
         self._max_speed[:, model.base :] = bounds.share * np.array([j.velocity for j in joints])
         later = np.arange(1, model.steps + 1)[:, None]
-        self._braked_speed = (
-            later * model.dt * self._max_acceleration
-        )  # speed that braking takes away by each step
+        self._braked_speed = later * model.dt * self._max_acceleration  # lost by each step
 
     def linearise(self, sample: Sample) -> tuple[StageValues, StageValues]:
         """Return lower and upper bounds of the deviations from the predicted motion."""
@@ -125,11 +71,6 @@ class HardBounds:
             StageValues(-self._max_acceleration - motion.nu_dot, -free, lower, -fastest - nu),
             StageValues(self._max_acceleration - motion.nu_dot, free, upper, fastest - nu),
         )
-
-
-def _is_turning(model: Model) -> list[bool]:
-    """Return which of the base's own quasi-velocities turn it (base,)."""
-    return [name == "omega" for name in model.robot.drive.base_speeds[: model.base]]
 
 
 class SoftBound(Protocol):
@@ -189,19 +130,24 @@ class ForceBounds:
     """Efforts within their limits, zero-moment point inside the polygon, wheels within their grip.
 
     The rows of the first step, the one that is carried out, depend on all accelerations. Later
-    steps have rows for the ground only, at the ``ground`` stages, and depend on the base's motion
+    steps have rows for the ground only, every few stages, and depend on the base's motion
     only: rows that tie all joints together at many stages would cost the QP its sparsity.
 
     Contacts lift off and touch down, so the wheels' loads are only piecewise linear in the moments.
     A first step bounded by one piece may end in another piece and slip there; it is therefore
     bounded by the last three load splits met.
+
+    Args:
+        model: The prediction's model.
+        bounds: Bounds of the motion.
+        forces: Efforts and ground reactions of the prediction.
     """
 
-    def __init__(self, model: Model, bounds: Bounds, forces: ForceModel, ground: list[int]) -> None:
+    def __init__(self, model: Model, bounds: Bounds, forces: ForceModel) -> None:
         self._limited, self._limits = bounds.efforts(model.robot)
         self._model, self._forces = model, forces
         self._load_splits: deque[Array] = deque(maxlen=KEPT_LOAD_SPLITS)
-        self._ground_stages = [k for k in ground if k and forces.rows]
+        self._ground_stages = every_nth_stage(model.steps, GROUND_STRIDE) if forces.rows else []
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
         """Return the blocks of the efforts, of the ground at once, and of the ground later."""
@@ -277,7 +223,13 @@ class BaseClearance:
 
 
 class ArmClearance:
-    """Clearance of the end effector, a ball of ``radius`` (m), at some stages; slack in m."""
+    """Clearance of the end effector at some stages; slack in m.
+
+    Args:
+        obstacles: Obstacles of the end effector.
+        radius: Radius of the end effector, m.
+        stages: Stages with this constraint; the first two are one step apart.
+    """
 
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float, stages: list[int]) -> None:
         self._obstacles, self._radius, self._stages = obstacles, radius, stages
@@ -313,3 +265,15 @@ def _clear(
     values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
     by = [-np.einsum("ki,kij->kj", line.normal, jacobian) for line in lines]
     return LinearisedConstraint(np.column_stack(values), np.stack(by, axis=1))
+
+
+def contact_radius(robot: Robot, contacts: Contacts | None) -> float:
+    """Return the distance of P to the farthest contact, m; 0 for a fixed base."""
+    if contacts is None:
+        return 0.0
+    return float(np.linalg.norm(contacts.points - robot.drive.point, axis=1).max())
+
+
+def every_nth_stage(steps: int, every: int) -> list[int]:
+    """Return every ``every``-th stage, counted back from the last."""
+    return list(range(steps - 1, 0, -every))[::-1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -11,36 +10,8 @@ from scipy.linalg import solve_discrete_are
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Model
 from rpctl.control.horizon.qp import Quadratic, StageValues
+from rpctl.control.horizon.settings import Weights
 from rpctl.control.horizon.target import EndEffectorPoints, Sample
-from rpctl.errors import require_positive
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of squared errors at each step, SI units.
-
-    Attributes:
-        position: Of the base's position.
-        heading: Of the base's heading.
-        joints: Of the arm's positions.
-        steering: Of the steered joints' positions; little, as they serve the base's.
-        end_effector: Of the end effector's position.
-        rates: Of ν.
-        accelerations: Of ν̇.
-    """
-
-    position: float = 300.0
-    heading: float = 20.0
-    joints: float = 50.0
-    steering: float = 1.0
-    end_effector: float = 200.0
-    rates: float = 2.0
-    accelerations: float = 0.05
-
-    def __post_init__(self) -> None:
-        """Refuse weights that leave the cost without a minimum."""
-        for name, value in vars(self).items():
-            require_positive(name, value)
 
 
 class Cost:

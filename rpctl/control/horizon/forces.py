@@ -14,8 +14,8 @@ from rpctl.control.horizon.prediction import Model
 from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.projection import Projection
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import ROOT_JOINT
 from rpctl.dynamics.stance import Stance, loads
+from rpctl.robot.coordinates import ROOT_JOINT
 
 ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
 GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
@@ -24,7 +24,8 @@ GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
 class Forces(NamedTuple):
     """The whole tree's force and the ground's wrench at a state, with their derivatives.
 
-    Columns: the value, then by ν̇ (dof), then by the ν that moves the base; or the value alone.
+    Columns: the value, its derivatives by ν̇ (dof), then by the ν that move the base; or the value
+    alone.
     """
 
     at: Projection  # its rolling wheels
@@ -33,17 +34,17 @@ class Forces(NamedTuple):
 
 
 class ForceModel:
-    """Forces of one robot at states, measured or foreseen; owns a workspace.
+    """Forces of one robot at measured or predicted states; holds Pinocchio's workspace.
 
-    Where casters will stand is not foreseen. At foreseen states they glide, and the contacts are
-    those of the posture that :meth:`update_contacts` was given. Angles that no motion led to would
-    make up rates and forces many times too large.
+    The prediction does not know the casters' angles: at predicted states they glide, and the
+    contacts are those of the posture last given to :meth:`update_contacts`. Guessed angles would
+    produce rates and forces many times too large.
 
     Args:
         model: The prediction's model.
-        contacts: How the robot stands, or None where nothing is to be said of the ground.
+        contacts: Contacts with the ground; None leaves the ground's reactions out.
         tip_margin: Least distance of the zero-moment point to the polygon's edge, m.
-        grip: Largest share of the grip that a wheel may use.
+        grip: Largest fraction of its grip that a wheel may use.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class ForceModel:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
             self._stance = stance_at(model.dynamics, contacts, q)
             if self.ground(self.value(q, still, still)).min() < 0.0:
-                self._stance = None  # it tips where it stands: there is no balance to keep
+                self._stance = None  # it tips at rest: there is no balance to keep
 
     @property
     def rows(self) -> int:
@@ -81,18 +82,24 @@ class ForceModel:
 
     @property
     def _edges(self) -> int:
-        """Number of rows about tipping: one a contact where the polygon changes with them."""
+        """Number of rows about tipping: one a contact if the polygon changes with the posture."""
         if self._contacts is None or self._contacts.stance is None:
             return 0 if self._contacts is None else len(self._contacts.points)
         return len(self._contacts.stance.inward)
 
     def update_contacts(self, q: Array) -> None:
-        """Take the contacts from q (nq,), where they move."""
+        """Update the contacts to those at q (nq,)."""
         if self._stance is not None and self._contacts is not None:
             self._stance = stance_at(self._model.dynamics, self._contacts, q)
 
     def value(self, q: Array, nu: Array, nu_dot: Array) -> Forces:
-        """Return the forces at a foreseen q (nq,), ν (dof,) and ν̇ (dof,), one column."""
+        """Return the forces at a predicted state, one column.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            nu_dot: Their derivatives (dof,).
+        """
         at = self._foreseen.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
         force = pin.rnea(self._model.robot.model, self._data, q, at.S @ nu, acceleration)
@@ -102,12 +109,17 @@ class ForceModel:
     def with_derivatives(
         self, q: Array, nu: Array, nu_dot: Array, dynamics: ReducedDynamics | None = None
     ) -> Forces:
-        """Return the forces at q (nq,), ν (dof,) and ν̇ (dof,), all columns.
+        """Return the forces at a state and their derivatives, all columns.
 
-        Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as slopes, and
-        quadratic in ν, so that central differences of any step are exact where S is constant;
-        where wheels are steered the slopes by ν are those at the motion's Ṡν. The state is a
-        foreseen one, or with the robot's own ``dynamics`` a measured one.
+        Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as derivatives,
+        and quadratic in ν, so that central differences of any step are exact where S is constant;
+        where wheels are steered, the derivatives by ν are those at the motion's Ṡν.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            nu_dot: Their derivatives (dof,).
+            dynamics: The robot's own dynamics for a measured state; None for a predicted one.
         """
         model, data = self._model.robot.model, self._data
         # At the origin the world's axes are the root link's.
@@ -138,18 +150,19 @@ class ForceModel:
         return np.asarray(allocation @ forces.force)
 
     def ground(self, forces: Forces) -> Array:
-        """Return rows (rows, columns) that are ≥ 0 where the robot neither tips nor slips.
+        """Return the margins (rows, columns), ≥ 0 where the robot neither tips nor slips.
 
-        One row an edge of the support polygon (some twice where their number changes): the moment
-        about it beyond the margin, over the weight (m). Then, for each wheel, one row a face of a
-        polygon inside the circle of its grip: grip left, over the grip at its whole weight.
+        First one row for each edge of the support polygon (some twice if their number changes): the
+        moment about it beyond the margin, divided by the weight (m). Then, for each wheel, one row
+        for each face of a polygon inside the circle of its grip: remaining grip, divided by the
+        grip under the robot's whole weight.
         """
         return np.vstack(
             [self.tip_margins(forces), self.grip_margins(forces, [self.load_split(forces)])]
         )
 
     def load_split(self, forces: Forces) -> Array:
-        """Return the map (n_contacts, 3) from moments to loads that holds at these forces."""
+        """Return the map (n_contacts, 3) from moments to the contacts' loads at these forces."""
         return _load_split(self._required_stance, self._moments(forces)[:, 0])
 
     @property
@@ -163,7 +176,7 @@ class ForceModel:
         return np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
 
     def tip_margins(self, forces: Forces) -> Array:
-        """Return the rows about tipping."""
+        """Return the rows of :meth:`ground` about tipping."""
         stance, moments = self._required_stance, self._moments(forces)
         edges = np.arange(self._edges) % len(stance.inward)
         reduced_offset = stance.offset[edges, None] - self._tip_margin
@@ -172,7 +185,7 @@ class ForceModel:
         )
 
     def grip_margins(self, forces: Forces, load_splits: Iterable[Array]) -> Array:
-        """Return the rows about slipping for each way in which the contacts may share the load."""
+        """Return the rows of :meth:`ground` about slipping, for each of these load splits."""
         contacts = self._contacts
         if contacts is None:
             raise ValueError("no ground reactions are defined")
@@ -194,7 +207,7 @@ class ForceModel:
         return np.vstack(rows)
 
     def _maps(self, at: Projection) -> tuple[Array, Array]:
-        """Return the maps from the tree's force to the efforts, and to the wheels' forces."""
+        """Return the maps from the tree's force to the efforts and to the wheels' forces."""
         if self._cached_maps is None or self._cached_maps[0] is not at:
             allocation = at.allocation @ at.S.T
             columns = at.projector.columns
@@ -207,9 +220,13 @@ class ForceModel:
 
 
 def _load_split(stance: Stance, moments: Array) -> Array:
-    """Return the map (n, 3) from moments to loads, of the contacts that bear some at ``moments``.
+    """Return the map (n, 3) from moments to the loads of the contacts that bear load.
 
-    Where all do, or the robot tips, it is the stance's split; a contact that lets go has no share.
+    If all do, or the robot tips, it is the stance's split; contacts that lift off have no load.
+
+    Args:
+        stance: The contacts.
+        moments: Vertical force (N) and the two tilting moments (N·m) on the ground (3,).
     """
     least = stance.split @ moments
     if least.min() >= 0.0 or len(least) == 3:

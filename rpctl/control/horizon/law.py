@@ -11,42 +11,42 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import (
     ArmClearance,
     BaseClearance,
-    Bounds,
     ForceBounds,
     HardBounds,
     SoftBound,
     WheelSpeeds,
+    contact_radius,
+    every_nth_stage,
 )
-from rpctl.control.horizon.cost import Cost, Weights
+from rpctl.control.horizon.cost import Cost
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
 from rpctl.control.horizon.qp import QpBuilder, QuadraticProgram, stage_indices
+from rpctl.control.horizon.settings import Bounds, Weights
 from rpctl.control.horizon.solver import Solver
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
     Sample,
     Target,
+    TimeScaler,
     arm_detour,
     base_detour,
     look_ahead,
 )
-from rpctl.control.horizon.time_scaling import TimeScaler
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.obstacles import Obstacle
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.dynamics.ground_reaction import Contacts, find_contacts
+from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, SingularBasisError, require_positive
 from rpctl.reference.motion import Reference
-from rpctl.robot.model import Robot
 
-END_EFFECTOR_STRIDE = 5  # steps: how far apart the stages lie that look at the end effector
-NEAR_STAGES = 3  # steps from now on at which an end effector among obstacles is looked at, too
-GROUND_STRIDE = 3  # steps: how far apart those lie that watch the ground's reactions
-FIRST_SQP_STEPS = 3  # QPs of the first sample, each about the motion that the last one found
-PLAN_BLEND_TIME = 0.08  # s in which a plan takes on how the robot moves instead of as planned
+END_EFFECTOR_STRIDE = 5  # steps between the stages with a cost of the end effector
+NEAR_STAGES = 3  # first stages that also have it among obstacles
+FIRST_SQP_STEPS = 3  # QPs of the first sample, each linearised about the last one's motion
+PLAN_BLEND_TIME = 0.08  # s: time constant with which plans follow the measured ν
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
-SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as given way
+SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as softened
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Horizon:
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts,
     zero-moment point, grip and clearances are soft, at a price above that of tracking errors. Where
     the bounds do not let the robot follow, the reference's time is scaled
-    (:class:`~rpctl.control.horizon.time_scaling.TimeScaler`). A failed solve is counted and its
+    (:class:`~rpctl.control.horizon.target.TimeScaler`). A failed solve is counted and its
     period is left to ``fallback``.
 
     Attributes:
@@ -144,7 +144,7 @@ class HorizonLaw:
         self.solves = self.fallbacks = self.softened = 0
         self.model = make_model(dynamics, law.steps, law.dt)
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
-        end_effector_stages = _every_nth_stage(law.steps, END_EFFECTOR_STRIDE)
+        end_effector_stages = every_nth_stage(law.steps, END_EFFECTOR_STRIDE)
         if law.end_effector_obstacles:  # its next steps, too
             end_effector_stages = sorted(
                 {*range(min(NEAR_STAGES, law.steps)), *end_effector_stages}
@@ -153,7 +153,7 @@ class HorizonLaw:
             EndEffectorKinematics(self.model, end_effector_stages) if robot.end_effector else None
         )
         self._hard_bounds = HardBounds(self.model, law.bounds)
-        self._radius = law.base_radius or _base_radius(robot, contacts)
+        self._radius = law.base_radius or contact_radius(robot, contacts)
         self._forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
         self._time_scaler = TimeScaler(self.model, self._forces, law.bounds, law.leash)
         self._soft = _soft_bounds(law, self.model, self._forces, end_effector_stages, self._radius)
@@ -174,7 +174,15 @@ class HorizonLaw:
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command; see :class:`~rpctl.control.law.KinematicFunction`."""
+        """Return the command, from a new plan if it is time for one.
+
+        Args:
+            dynamics: The robot's dynamics, for the fallback.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
         if t - self.solved_at >= self._law.period - TIME_ROUNDING:
             self.solved_at = t
             try:
@@ -188,7 +196,7 @@ class HorizonLaw:
         return Command(self._plan.nu + (t - self._plan.t) * nu_dot, nu_dot)
 
     def report(self) -> dict[str, float]:
-        """Return how many solves there were, how many failed, and how many softened a bound.
+        """Return the numbers of solves, of failed ones, and of those that softened a bound.
 
         ``largest_lag`` (s) is how far the scaled reference time fell behind.
         """
@@ -282,28 +290,12 @@ def _soft_bounds(
     law: Horizon, model: Model, forces: ForceModel, end_effector_stages: list[int], radius: float
 ) -> list[SoftBound]:
     """Return the soft constraints that apply to a robot."""
-    bounds, robot = law.bounds, model.robot
-    ground = [0, *_every_nth_stage(law.steps, GROUND_STRIDE)]
-    found: list[SoftBound] = [
-        WheelSpeeds(model, bounds),
-        ForceBounds(model, bounds, forces, ground),
-    ]
+    bounds = law.bounds
+    found: list[SoftBound] = [WheelSpeeds(model, bounds), ForceBounds(model, bounds, forces)]
     if law.base_obstacles and model.base:
         found.append(BaseClearance(law.base_obstacles, radius))
-    if law.end_effector_obstacles and robot.end_effector:
+    if law.end_effector_obstacles and model.robot.end_effector:
         found.append(
             ArmClearance(law.end_effector_obstacles, law.end_effector_radius, end_effector_stages)
         )
     return found
-
-
-def _base_radius(robot: Robot, contacts: Contacts | None) -> float:
-    """Return the distance of P to the farthest contact, m; 0 for a fixed base."""
-    if contacts is None:
-        return 0.0
-    return float(np.linalg.norm(contacts.points - robot.drive.point, axis=1).max())
-
-
-def _every_nth_stage(steps: int, every: int) -> list[int]:
-    """Return every ``every``-th stage, counted back from the last."""
-    return list(range(steps - 1, 0, -every))[::-1]

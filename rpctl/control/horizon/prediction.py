@@ -10,9 +10,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.steered_twist import Steering
 from rpctl.description.records import Joint
+from rpctl.dynamics.basis import RANK_MARGIN, selection
+from rpctl.dynamics.projection import eliminate
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import find_rolling
+from rpctl.errors import SingularBasisError
 from rpctl.robot.coordinates import JointEntry, write_root
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -20,9 +23,9 @@ Indices = NDArray[np.intp]
 
 
 class PredictedMotion(NamedTuple):
-    """A predicted motion over N steps under accelerations held in each."""
+    """A predicted motion over N steps of constant accelerations."""
 
-    start: Array  # (nq,) configuration it starts from
+    start: Array  # (nq,) initial configuration
     pose: Array  # (N + 1, 3) of P: m, m, rad
     joints: Array  # (N + 1, n_joints)
     nu: Array  # (N + 1, dof)
@@ -32,28 +35,98 @@ class PredictedMotion(NamedTuple):
 
 
 class PoseJacobian(NamedTuple):
-    """How the base's pose after a step depends on what it was before, and on the acceleration.
+    """Derivatives of the base's pose after each step by the state and acceleration before it.
 
-    The pose itself counts fully, its heading as ``heading`` besides.
+    The derivative by the pose itself is the identity plus ``heading``.
     """
 
     heading: Array  # (N, 2) of x, y
-    nu: Array  # (N, 3, moving)
-    nu_dot: Array  # (N, 3, moving)
+    nu: Array  # (N, 3, base_columns)
+    nu_dot: Array  # (N, 3, base_columns)
     steering: Array  # (N, 3, n_steered)
+
+
+class Steering:
+    """The twist of P as a linear function of the base's speed and the steering rates.
+
+    Its maps are the base's rows of S at many steering angles δ at a time. Casters and followers do
+    not determine them, so they glide here. With M(δ) y = R ν and T = X(δ) y + C ν from
+    :func:`rpctl.dynamics.projection.eliminate`,
+
+        ∂T/∂δ_i = (∂X/∂δ_i) y − X M⁻¹ (∂M/∂δ_i) y   at given ν.
+
+    Args:
+        robot: A robot with steered wheels.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        drive = robot.drive
+        rolling = find_rolling(robot, gliding=("caster", "follower"))
+        core, _, _, R, C = eliminate(rolling.matrix, selection(robot, rolling))
+        speeds = len(drive.base_speeds)
+        self._R, self._C = R[:, :speeds], C[:BASE_NV, :speeds]
+        self._point_velocity = robot.point_velocity
+        leaders = [swivel.joint for swivel in drive.steered]
+        spread, offset = np.zeros((len(drive.swivels), len(leaders))), np.zeros(len(drive.swivels))
+        for i, swivel in enumerate(drive.swivels):
+            if swivel.role == "steered":
+                spread[i, leaders.index(swivel.joint)] = 1.0
+            elif swivel.role == "mimic":
+                spread[i, leaders.index(str(swivel.shares))] = swivel.ratio
+                offset[i] = swivel.offset
+        base = core.map(lambda part: part[..., : len(R) + BASE_NV, :])
+        self._matrix = base.following(spread, offset)
+
+    def maps(self, angles: Array) -> Array:
+        """Return the maps (K, 3, 1 + n_steered) at steering angles (K, n_steered), rad.
+
+        Raises:
+            SingularBasisError: Some steering angles are singular.
+        """
+        inverse, X = self._solve(self._matrix.turn(angles))
+        return np.asarray(self._point_velocity @ (X @ (inverse @ self._R) + self._C))
+
+    def jacobian(self, angles: Array, speeds: Array) -> Array:
+        """Return the derivatives (K, 3, n_steered) of the twists by the angles.
+
+        Args:
+            angles: Steering angles (K, n_steered), rad.
+            speeds: The base's speed and the steering rates (K, 1 + n_steered).
+        """
+        u = self._matrix.turn(angles)
+        inverse, X = self._solve(u)
+        y = inverse @ (speeds @ self._R.T)[:, :, None]  # (K, n, 1)
+        change = self._matrix.rate(u[:, None], np.eye(angles.shape[1])) @ y[:, None]
+        change = np.swapaxes(change[..., 0], 1, 2)  # (K, n + 3, n_steered)
+        count = len(self._R)
+        jacobian = change[:, count:] - X @ (inverse @ change[:, :count])
+        return np.asarray(self._point_velocity @ jacobian)
+
+    def _solve(self, u: Array) -> tuple[Array, Array]:
+        """Return M⁻¹ (K, n, n) and X (K, 3, n) at each set of angles."""
+        found, count = self._matrix.at(u), len(self._R)
+        M = found[:, :count]
+        try:
+            inverse = np.asarray(np.linalg.inv(M), dtype=float)
+        except np.linalg.LinAlgError:
+            inverse = np.full(M.shape, np.inf)
+        size = np.abs(M).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
+        if not (size * RANK_MARGIN < 1.0).all():
+            raise SingularBasisError("the steered wheels fix no one motion ahead")
+        return inverse, found[:, count:]
 
 
 @dataclass(frozen=True)
 class Model:
-    """What the prediction needs to know of a robot, found once.
+    """Precomputed data of the prediction for one robot.
 
-    Its joints are those that ν has the rates of, after the base's own speeds: the steered ones,
-    then the arm's. All of them are states that integrate their rates.
+    Its joints are those whose rates are in ν after the base's own speeds: the steered ones, then
+    the arm's. All of them are states that integrate their rates.
 
     Attributes:
-        dynamics: Its dynamics.
-        steps: Steps N of the prediction.
-        dt: Their length, s.
+        dynamics: The robot's dynamics.
+        steps: Number of steps N.
+        dt: Length of a step, s.
         base: Number of quasi-velocities of the base that are no joints' rates; 0 if it is fixed.
         joints: The steered joints, then the arm's.
         steered: Number of steered joints: the base's twist at given ν depends on them.
@@ -89,9 +162,13 @@ class Model:
         return np.array([self.robot.joint_position(q, joint.name) for joint in self.joints])
 
     def configuration(self, joints: Array, pose: Array | None = None) -> Array:
-        """Return q (nq,) at positions (n_joints,) and a pose of P; None: root at the origin.
+        """Return q (nq,); casters are at 0.
 
-        Joints that mimic others and swivels that follow have their places; casters are at 0.
+        Mimic joints and swivels that follow are set from the joints that they follow.
+
+        Args:
+            joints: Positions of the model's joints (n_joints,), rad or m.
+            pose: Pose of P (3,); None puts the root link at the origin.
         """
         if self.robot.mimics or self.robot.drive.followers:
             return self._configuration_by_name(joints, pose)
@@ -109,10 +186,15 @@ class Model:
         return self.robot.configuration(joints=dict(zip(names, joints.tolist(), strict=True)))
 
     def predict(self, q: Array, nu: Array, nu_dot: Array) -> PredictedMotion:
-        """Return the motion from q (nq,) and ν under accelerations (N, dof) held in each step.
+        """Return the motion under accelerations that are constant in each step.
 
-        ν and the joints follow exactly; the base moves with the twist of the middle of each step in
-        the heading there, which is exact to second order.
+        ν and the joints are exact; the base moves with the twist at the middle of each step in the
+        heading there, which is exact to second order.
+
+        Args:
+            q: Initial configuration (nq,).
+            nu: Initial quasi-velocities (dof,).
+            nu_dot: Accelerations (N, dof).
         """
         dt, pose, joints = self.dt, self.robot.base_pose(q), self.joint_positions(q)
         speeds = np.vstack([nu, nu + dt * np.cumsum(nu_dot, axis=0)])
@@ -145,16 +227,12 @@ class Model:
         return joints + 0.5 * self.dt * rates + 0.125 * self.dt**2 * accelerations
 
     def jacobian(self, motion: PredictedMotion) -> PoseJacobian:
-        """Return how each pose of a motion depends on the state and acceleration before it."""
+        """Return the derivatives of the poses by the state and acceleration before each."""
         dt, n = self.dt, self.steps
         cos, sin = _cos_sin(motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2])
         rotation = np.zeros((n, 3, 3))
-        rotation[:, 0, 0], rotation[:, 0, 1], rotation[:, 1, 0], rotation[:, 1, 1] = (
-            cos,
-            -sin,
-            sin,
-            cos,
-        )
+        rotation[:, 0, 0], rotation[:, 0, 1] = cos, -sin
+        rotation[:, 1, 0], rotation[:, 1, 1] = sin, cos
         rotation[:, 2, 2] = 1.0
         twist_by_heading = np.empty((n, 2))  # d/dθ of R(θ) (vx, vy)
         twist_by_heading[:, 0] = -sin * motion.twist[:, 0] - cos * motion.twist[:, 1]
@@ -173,7 +251,13 @@ class Model:
 
 
 def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
-    """Return what the prediction over ``steps`` of ``dt`` (s) needs to know of a robot."""
+    """Return the model of the prediction for one robot.
+
+    Args:
+        dynamics: The robot's dynamics.
+        steps: Number of steps N.
+        dt: Length of a step, s.
+    """
     robot, steered = dynamics.robot, dynamics.robot.drive.steered
     base = len(robot.drive.base_speeds) - len(steered)
     joints = tuple(robot.description.joint[swivel.joint] for swivel in steered) + robot.joints

@@ -82,7 +82,13 @@ def caster_names(robot: Robot) -> list[str]:
 
 
 def rolling_casters(robot: Robot, contacts: Contacts, engine: ContactMotion) -> dict[str, int]:
-    """Return the casters that bear a load all the while, with their columns."""
+    """Return the casters that bear a load all the while, with their columns.
+
+    Args:
+        robot: The robot.
+        contacts: Its contacts with the ground, wheels first.
+        engine: What the engine's robot did, loads (K, n_contacts) in N included.
+    """
     least, kept = MIN_CASTER_LOAD * _weight(robot), {}
     swivels = {swivel.joint: swivel for swivel in robot.drive.swivels}
     for column, name in enumerate(caster_names(robot)):

@@ -1,4 +1,4 @@
-"""What both sides of the contact trial are told: a gentle motion, its efforts, and a servo.
+"""The plan of the contact trial, shared by both sides: a gentle motion, its efforts, and a servo.
 
 The wheels get efforts as functions of time alone, the same numbers on both sides. Steered and
 arm joints would fall or drift under efforts alone, so each side adds the same servo on its own
@@ -195,7 +195,7 @@ def _felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -
 
 
 def _why_not_gentle(dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan) -> str:
-    """Return what keeps a motion from being gentle, or nothing."""
+    """Return why a motion exceeds effort, speed or grip limits; empty if it does not."""
     robot = dynamics.robot
     for k, name in enumerate(robot.actuators):
         if k in plan.servoed:

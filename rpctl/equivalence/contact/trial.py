@@ -153,7 +153,7 @@ def _reduced_row(
 
 
 def _tilt_note(tilt: float) -> Iterator[str]:
-    """Yield what a tilt (rad) shows of the file, where it is more than contacts give in."""
+    """Yield a note if the robot settles at a larger tilt (rad) than soft contacts explain."""
     if tilt > MAX_TILT:
         yield (
             f"it stands {math.degrees(tilt):.2g}° out of the level: its wheels and supports do not "

@@ -218,7 +218,7 @@ def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
 
 def _settings(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
     """Return the settings by label; those in which the runs differ stand first, in bold."""
-    columns = [{"Robot": run.robot.name, **setting_texts(run.settings)} for run in runs]
+    columns = [{"Robot": run.robot.name, **setting_texts(run)} for run in runs]
     labels = dict.fromkeys(label for column in columns for label in column)
     rows = [(label, [column.get(label, "–") for column in columns]) for label in labels]
     rows.sort(key=lambda row: len(set(row[1])) == 1)

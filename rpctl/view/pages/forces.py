@@ -45,7 +45,7 @@ def contact_forces(run: Run) -> Array:
     """Return the force of the ground on each contact (K, n_contacts, 3), root link's axes, N.
 
     The lateral force of an axle is shared in proportion to its wheels' loads. Wheels that steer
-    push in directions that the log does not hold: of them only the load is told.
+    push in directions that the log does not hold: for them only the load is given.
     """
     force = np.zeros((*run.log.contact_load.shape, 3))
     force[:, :, 2] = run.log.contact_load

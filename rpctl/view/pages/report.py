@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.control.unregistered import name_of
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
@@ -132,10 +133,9 @@ def _names(runs: Sequence[Run]) -> list[str]:
     facts = [
         (
             run.robot.name,
-            *(
-                _setting_label(run.settings.get(key))
-                for key in ("reference", "kinematic", "dynamic")
-            ),
+            setting_text(run.config.run.reference),
+            setting_text(name_of(run.config.kinematic)),
+            setting_text(name_of(run.config.dynamic)),
         )
         for run in runs
     ]
@@ -144,10 +144,6 @@ def _names(runs: Sequence[Run]) -> list[str]:
     if len(set(plain)) == len(plain):
         return plain
     return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
-
-
-def _setting_label(setting: Any) -> str:
-    return setting_text(setting["law"] if isinstance(setting, Mapping) else setting)
 
 
 def _render(page: Page) -> str:

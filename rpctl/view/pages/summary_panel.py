@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
 from html import escape
 from pathlib import PurePath
 from typing import Any, TypeGuard
 
+from rpctl.control.unregistered import name_of, settings_of
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
@@ -74,7 +76,7 @@ def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
     sections = (
         _merits(run, summary),
         _certificate(run.certificate),
-        _settings(run.settings),
+        _settings(run),
         _robot(run),
         notes_section(notes),
         keyboard_section(),
@@ -157,8 +159,7 @@ def subtitle(run: Run) -> str:
     """Return one line about the run, escaped."""
     count = len(run.robot.quasi_velocities)
     words = [f"{count} quasi-velocities", f"{len(run.robot.actuators)} actuators"]
-    if "reference" in run.settings:
-        words.insert(0, f"reference: {setting_text(run.settings['reference'])}")
+    words.insert(0, f"reference: {setting_text(run.config.run.reference)}")
     words.append(f"{float(run.t[-1] - run.t[0]):.4g} s")
     return escape(" · ".join(words))
 
@@ -223,26 +224,39 @@ def residual(check: Mapping[str, Any]) -> str:
     return f"{worst} {sign} {check['limit']:.0e}{mark}"
 
 
-def _settings(settings: Mapping[str, Any]) -> str:
-    rows = setting_texts(settings)
-    return section("Settings", definitions(rows.items())) if rows else ""
+def _settings(run: Run) -> str:
+    return section("Settings", definitions(setting_texts(run).items()))
 
 
-def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return settings as texts by their labels."""
-    rows = {}
-    for key, value in settings.items():
-        inner = value if isinstance(value, Mapping) else {"law": value}
-        for name, given in inner.items():
-            label = key if name == "law" else name
-            if isinstance(given, Mapping) and label in NESTED_LAWS:
-                given = given["law"]
-            if given in (None, []) or isinstance(given, Mapping) or name in OBSTACLE_SETTINGS:
+def setting_texts(run: Run) -> dict[str, str]:
+    """Return the settings of a run as texts by their labels."""
+    rows: dict[str, str] = {}
+    for key, settings in _setting_groups(run):
+        for name, value in settings:
+            if name in NESTED_LAWS and is_dataclass(value):
+                value = name_of(value)
+            if value in (None, ()) or isinstance(value, Mapping) or is_dataclass(value):
                 continue
-            text = SETTING_LABELS.get(label, label.replace("_", " ").capitalize())
-            rows[f"{text} ({key})" if text in rows else text] = setting_text(given)
-        rows |= obstacle_texts(inner)
+            if name not in OBSTACLE_SETTINGS:
+                text = SETTING_LABELS.get(name, name.replace("_", " ").capitalize())
+                rows[f"{text} ({key})" if text in rows else text] = setting_text(value)
+        rows |= obstacle_texts(getattr(run.config, key)) if key in ("kinematic", "dynamic") else {}
     return rows
+
+
+def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]]]]:
+    """Yield the settings of a run, name and value, in groups, in the order that is shown."""
+    settings, plant = run.config.run, run.config.plant
+    for key in ("reference", "duration", "initial_error"):
+        yield key, [(key, getattr(settings, key))]
+    for key in ("kinematic", "dynamic"):
+        law = getattr(run.config, key)
+        yield key, [(key, name_of(law)), *settings_of(law).items()]
+    for key in ("control_period", "plant_step"):
+        yield key, [(key, getattr(settings, key))]
+    biases = [(f"bias of {name}", bias) for name, bias in plant.tau_bias.items()]
+    yield "plant", [*biases, ("delay", plant.delay), ("believed", run.controller_model)]
+    yield "kinematic_report", [*run.kinematic_report.items()]
 
 
 def _robot(run: Run) -> str:

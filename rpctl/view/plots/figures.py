@@ -12,8 +12,9 @@ import numpy as np
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.run import Run
+from rpctl.view.chart import Panel
 from rpctl.view.charts import coloured_joints
-from rpctl.view.plots.panels import FigurePanel, find_panels
+from rpctl.view.plots.panels import PanelChart, draw_panel, find_panels
 from rpctl.view.plots.style import PAPER, add_legend, joint_legend, style_axes
 
 if TYPE_CHECKING:
@@ -91,28 +92,28 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
 
     shown = _choose(find_panels(run), panels)
     width, columns = (COLUMN_WIDTH_IN, 1) if column or len(shown) == 1 else (PAGE_WIDTH_IN, 2)
-    places = _places(shown, columns)
+    places = _places([panel for panel, _ in shown], columns)
     heights = [ROW_HEIGHT_IN] * (places[-1][0] + 1)
-    for panel, (row, _) in zip(shown, places, strict=True):
+    for (panel, _), (row, _) in zip(shown, places, strict=True):
         if panel.wide:
             heights[row] = WIDE_ROW_HEIGHT_IN
-    legend = coloured_joints(run) if any(panel.joints for panel in shown) else []
+    legend = coloured_joints(run) if any(panel.legend == "joints" for panel, _ in shown) else []
     strip = LEGEND_ROW_IN * -(-len(legend) // (3 * columns))
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.02)
     figure = Figure((width, sum(heights) + strip), dpi=DPI, layout=layout)
     figure.set_facecolor(PAPER)
     grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
-    for panel, letter, (row, cells) in zip(shown, PANEL_LETTERS, places, strict=False):
+    for (panel, chart), letter, (row, cells) in zip(shown, PANEL_LETTERS, places, strict=False):
         axes = figure.add_subplot(grid[row, cells])
         number = f"({letter})  " if len(shown) > 1 else ""
         style_axes(axes, number + panel.title)
-        panel.draw(axes)
+        draw_panel(axes, run, panel, chart)
         add_legend(axes, below=panel.wide and columns == 1)
     joint_legend(figure, legend, 3 * columns)
     return figure
 
 
-def _places(panels: Sequence[FigurePanel], columns: int) -> list[tuple[int, slice]]:
+def _places(panels: Sequence[Panel], columns: int) -> list[tuple[int, slice]]:
     """Return the row and the columns of each panel: left to right, a wide one in its own row."""
     places, row, column = [], 0, 0
     for panel in panels:
@@ -124,14 +125,14 @@ def _places(panels: Sequence[FigurePanel], columns: int) -> list[tuple[int, slic
     return places
 
 
-def _choose(found: Sequence[FigurePanel], wanted: Sequence[str]) -> list[FigurePanel]:
+def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
     if not wanted:
-        return list(found)
-    known = list(dict.fromkeys(panel.name for panel in found))
+        return found
+    known = list(dict.fromkeys(panel.name for panel, _ in found))
     for name in wanted:
         if name not in known:
             raise UnknownNameError("panel", name, known)
-    return [panel for name in wanted for panel in found if panel.name == name]
+    return [each for name in wanted for each in found if each[0].name == name]
 
 
 def to_png(figure: Figure, dpi: int) -> bytes:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
-from rpctl.view.chart import ERROR_FLOOR, PANELS, Chart, Panel, decades
+from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
 from rpctl.view.charts import ALL_SPLITS, charts, coloured_joints, has_base
 from rpctl.view.plots import style
 from rpctl.view.plots.paths import draw_paths
@@ -20,48 +17,34 @@ from rpctl.view.plots.style import thin
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-@dataclass(frozen=True)
-class FigurePanel:
-    """A panel of the figure.
-
-    Attributes:
-        name: Its name on the command line, one of ``PANELS``.
-        title: What stands above it.
-        draw: Draws it.
-        joints: Whether its lines are those of the joints' common legend.
-        wide: Whether it takes a row of its own.
-    """
-
-    name: str
-    title: str
-    draw: Callable[[Axes], None]
-    joints: bool = False
-    wide: bool = False
+PanelChart = tuple[Panel, Chart | None]  # a panel and its chart; None where it shows the paths
 
 
-def find_panels(run: Run) -> list[FigurePanel]:
-    """Return the panels that a run has data for, in the order of ``PANELS``."""
-    found = []
+def find_panels(run: Run) -> list[PanelChart]:
+    """Return the panels that a run has data for, in the order of ``PANELS``, and their charts."""
+    found: list[PanelChart] = []
     if has_base(run) or run.log.ee.shape[1]:
-        found.append(FigurePanel("paths", "Paths", partial(draw_paths, run=run), wide=True))
-    for chart in charts(run):
-        panel = chart.panel
-        if panel is not None:
-            draw = partial(draw_chart, run=run, chart=chart, panel=panel)
-            found.append(FigurePanel(panel.name, panel.title, draw, panel.legend == "joints"))
-    return sorted(found, key=lambda panel: PANELS.index(panel.name))
+        found.append((PATHS, None))
+    found += [(chart.panel, chart) for chart in charts(run) if chart.panel is not None]
+    return sorted(found, key=lambda each: PANELS.index(each[0].name))
 
 
-def draw_chart(axes: Axes, run: Run, chart: Chart, panel: Panel) -> None:
-    """Draw a chart as its panel shows it.
+def draw_panel(axes: Axes, run: Run, panel: Panel, chart: Chart | None) -> None:
+    """Draw what a panel shows.
 
     Args:
-        axes: Where.
-        run: The run of the chart.
-        chart: The chart.
-        panel: Its panel.
+        axes: The panel's axes.
+        run: The run.
+        panel: The panel.
+        chart: Its chart; None where it shows the paths.
     """
+    if chart is None:
+        draw_paths(axes, run)
+    else:
+        _draw_chart(axes, run, panel, chart)
+
+
+def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart) -> None:
     for limit in chart.limits:
         axes.axhline(panel.factor * limit, color=style.INK, **style.LIMIT_STYLE)
     lines = [line for line in (*chart.lines, *panel.more) if line.shown]

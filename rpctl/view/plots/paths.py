@@ -13,6 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.simulation.run import Run
+from rpctl.view.chart import PATHS
 from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rims, run_obstacles
 from rpctl.view.plots import style
 from rpctl.view.plots.style import thin
@@ -54,7 +55,7 @@ def draw_paths(axes: Axes, run: Run) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(nbins=MAX_TICKS, steps=[1, 2, 5, 10]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, m")
-    axes.set_ylabel("y, m")
+    axes.set_ylabel(PATHS.axis)
 
 
 def _draw_poses(axes: Axes, run: Run) -> None:

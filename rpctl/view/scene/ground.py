@@ -6,6 +6,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.view.scene import threejs
+from rpctl.view.scene.camera import view_axes
 
 GRID_COLOUR = 0x808890
 GRID_PIECES = 16  # each line fades out in so many steps
@@ -28,18 +29,7 @@ def ground_command(lower: Array, upper: Array, height: float) -> bytes:
         height: Height of the ground, m.
     """
     centre, radius = ground_disc(lower, upper)
-    step = float(next(s for s in (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 1e9) if radius / s <= 16))
-    step = max(min(step, radius), 0.25)
-    points, opacity = grid_lines(centre, radius, step, height)
-    tone = [GRID_COLOUR >> 16, GRID_COLOUR >> 8 & 255, GRID_COLOUR & 255]
-    colours = np.column_stack([np.tile(tone, (len(points), 1)), 150.0 * opacity]).astype(np.uint8)
-    grid = threejs.geometry(
-        "grid",
-        {
-            "position": threejs.attribute(points.astype(np.float32)),
-            "color": threejs.attribute(colours, normalized=True),
-        },
-    )
+    grid = _grid(centre, radius, height)
     plane = {"uuid": "plane", "type": "PlaneGeometry", "width": 2 * radius, "height": 2 * radius}
     clear = {"transparent": True, "depthWrite": False}
     materials = [
@@ -62,6 +52,22 @@ def ground_command(lower: Array, upper: Array, height: float) -> bytes:
     ]
     root = threejs.node("Group", "ground", children=nodes)
     return threejs.set_object("/rpctl/ground", root, [grid, plane], materials)
+
+
+def _grid(centre: Array, radius: float, height: float) -> threejs.Json:
+    """Return the grid's geometry, of half or whole metres where that suits the radius (m)."""
+    step = float(next(s for s in (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 1e9) if radius / s <= 16))
+    step = max(min(step, radius), 0.25)
+    points, opacity = grid_lines(centre, radius, step, height)
+    tone = [GRID_COLOUR >> 16, GRID_COLOUR >> 8 & 255, GRID_COLOUR & 255]
+    colours = np.column_stack([np.tile(tone, (len(points), 1)), 150.0 * opacity]).astype(np.uint8)
+    return threejs.geometry(
+        "grid",
+        {
+            "position": threejs.attribute(points.astype(np.float32)),
+            "color": threejs.attribute(colours, normalized=True),
+        },
+    )
 
 
 def grid_lines(centre: Array, radius: float, step: float, height: float) -> tuple[Array, Array]:
@@ -89,7 +95,29 @@ def grid_lines(centre: Array, radius: float, step: float, height: float) -> tupl
 
 def lights_command(lower: Array, upper: Array) -> bytes:
     """Return the command that lights the scene: a sky, and a sun that casts shadows."""
-    axes = _sun_axes()
+    sky, fill = np.eye(4), np.eye(4)
+    sky[2, 3] = 1.0
+    fill[:3, 3] = 3.0, -1.0, 1.0
+    nodes = [
+        threejs.node(
+            "HemisphereLight",
+            "sky",
+            color=0xFFFFFF,
+            groundColor=0x9AA0A8,
+            intensity=0.58,
+            **threejs.fixed_matrix(sky),
+        ),
+        _sun(lower, upper),
+        threejs.node(
+            "DirectionalLight", "fill", color=0xFFFFFF, intensity=0.1, **threejs.fixed_matrix(fill)
+        ),
+    ]
+    return threejs.set_object("/rpctl/lights", threejs.node("Group", "lights", children=nodes))
+
+
+def _sun(lower: Array, upper: Array) -> threejs.Json:
+    """Return the sun, whose shadows cover the box between two corners (3,), m."""
+    axes = view_axes(SUN_DIRECTION)
     corners = np.array([[(lower, upper)[k >> i & 1][i] for i in range(3)] for k in range(8)])
     seen = corners @ axes.T
     (left, bottom, near), (right, top, far) = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
@@ -106,37 +134,12 @@ def lights_command(lower: Array, upper: Array) -> bytes:
         "radius": 3,
         "camera": camera,
     }
-    sky, fill = np.eye(4), np.eye(4)
-    sky[2, 3] = 1.0
-    fill[:3, 3] = 3.0, -1.0, 1.0
-    nodes = [
-        threejs.node(
-            "HemisphereLight",
-            "sky",
-            color=0xFFFFFF,
-            groundColor=0x9AA0A8,
-            intensity=0.58,
-            **threejs.fixed_matrix(sky),
-        ),
-        threejs.node(
-            "DirectionalLight",
-            "sun",
-            color=0xFFFFFF,
-            intensity=0.36,
-            castShadow=True,
-            shadow=shadow,
-            **threejs.fixed_matrix(sun),
-        ),
-        threejs.node(
-            "DirectionalLight", "fill", color=0xFFFFFF, intensity=0.1, **threejs.fixed_matrix(fill)
-        ),
-    ]
-    return threejs.set_object("/rpctl/lights", threejs.node("Group", "lights", children=nodes))
-
-
-def _sun_axes() -> Array:
-    """Return right, up and backward (3, 3) of the view from the sun."""
-    back = SUN_DIRECTION / np.linalg.norm(SUN_DIRECTION)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    return np.array([right, np.cross(back, right), back])
+    return threejs.node(
+        "DirectionalLight",
+        "sun",
+        color=0xFFFFFF,
+        intensity=0.36,
+        castShadow=True,
+        shadow=shadow,
+        **threejs.fixed_matrix(sun),
+    )

@@ -111,7 +111,7 @@ def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> N
         _mesh("arrow", "contact", _scaled(1.5 * wheel.radius)),
     ]
     along = np.array([1.0, 0.0])
-    if carrier == ROOT_JOINT:  # the direction is told in the root link's frame
+    if carrier == ROOT_JOINT:  # the drive gives the direction in the root link's frame
         along = contact[:2, :2].T @ wheel.direction
         turn = math.atan2(along[1], along[0])
         if abs(math.sin(turn)) > math.sin(ROLLING_TOLERANCE_RAD):

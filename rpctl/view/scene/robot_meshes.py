@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.mesh_files import Surface, read
-from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.mesh_paths import MeshError
 from rpctl.description.records import Link, Shape
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
@@ -125,9 +125,7 @@ def _place(
         yield _PlacedSurface(frame.parentJoint, pose, key, _primitive(shape), shape.rgba)
         return
     if shape.mesh not in cache:
-        description = robot.description
-        paths = MeshPaths(description.path, description.package_dirs)
-        cache[shape.mesh] = read(paths.resolve(shape.mesh))
+        cache[shape.mesh] = read(robot.description.mesh_paths.resolve(shape.mesh))
     pose = pose @ np.diag([*shape.size, 1.0])
     for number, surface in enumerate(cache[shape.mesh]):
         rgba = shape.rgba or surface.rgba

@@ -11,9 +11,10 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.constraints import Bounds, ForceBounds, WheelSpeeds
+from rpctl.control.horizon.constraints import ForceBounds, WheelSpeeds
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Model, make_model
+from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from tests.robots import write
@@ -207,7 +208,7 @@ def test_soft_rows_are_over_what_there_is(rng: np.random.Generator) -> None:
     nothing = Target(motion.pose, motion.joints, motion.nu)
     sample = Sample(motion, nothing, None)
     forces = ForceModel(model, None, tip_margin=0.02, grip=0.9)
-    efforts = ForceBounds(model, bounds, forces, []).linearise(sample)[0]
+    efforts = ForceBounds(model, bounds, forces).linearise(sample)[0]
     wheels = WheelSpeeds(model, bounds).linearise(sample)[0]
     q = robot.configuration_at(motion.pose[0], motion.joints[0])
     tau = dynamics.efforts(q, dynamics.inverse(q, motion.nu[0], motion.nu_dot[0]))
@@ -225,7 +226,7 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
     dynamics = ReducedDynamics(tiago)
     model, bounds = make_model(dynamics, STEPS, DT), Bounds()
     forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
-    rows, still = ForceBounds(model, bounds, forces, []), np.zeros((STEPS, tiago.dof))
+    rows, still = ForceBounds(model, bounds, forces), np.zeros((STEPS, tiago.dof))
     q, nu = tiago.configuration(), np.eye(tiago.dof)[0] * 0.4
     load_splits, found = [], []
     for braking in (0.0, -1.5):

@@ -13,8 +13,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.prediction import make_model
-from rpctl.control.horizon.steered_twist import Steering
+from rpctl.control.horizon.prediction import Steering, make_model
 from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius

@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl import Run, summarize
+from rpctl.control.unregistered import Unregistered
+from rpctl.simulation.config import Config, RunSettings
 from rpctl.view.pages.compare import compare_legend, compare_panel
 from rpctl.view.pages.summary_panel import headline, legend, length, panel, residual, subtitle
 from tests.golden import COUNT
@@ -41,21 +44,14 @@ def entries(page: str) -> list[tuple[str, bool, str]]:
 
 
 def test_panel_of_a_run(golden: Run) -> None:
-    settings = {
-        "reference": "/home/somebody/eight.csv",
-        "kinematic": {
-            "law": "Horizon",
-            "horizon": 0.3,
-            "steps": 20,
-            "strict": True,
-            "gain": None,
-            "weights": {"law": 2.0},
-        },
-        "dynamic": {"law": "IntegralDynamic", "inner": {"law": "BoundedDynamic"}, "horizon": 0.5},
-        "control_period": 0.002,
-        "initial_error": [0.1, -0.2, 0.3],
-    }
-    run = vary(golden, certificate=CERTIFICATE, settings=settings, locked={"a": 1.0})
+    kinematic = {"horizon": 0.3, "steps": 20, "strict": True, "gain": None, "weights": {"law": 2.0}}
+    inner = {"inner": Unregistered("BoundedDynamic"), "horizon": 0.5}
+    config = Config(
+        Unregistered("Horizon", kinematic),
+        Unregistered("IntegralDynamic", inner),
+        RunSettings("/home/somebody/eight.csv", initial_error=(0.1, -0.2, 0.3)),
+    )
+    run = vary(golden, certificate=CERTIFICATE, config=config, locked={"a": 1.0})
     page = panel(run, summarize(run), ["a note"])
     setting_rows = rows(page)
     expected = {
@@ -212,7 +208,8 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
 
 
 def test_settings_that_differ_come_first(golden: Run) -> None:
-    other = replace(golden, settings={**golden.settings, "period": 0.5})
+    others = {**vars(rpctl.UnifiedKinematic()), "period": 0.5}
+    other = replace(golden, config=Config(Unregistered("UnifiedKinematic", others)))
     page = compare_panel([golden, other], ["a", "b"], [summarize(golden), summarize(other)], ())
     settings = page.partition("<h2>Settings</h2>")[2]
     labels = re.findall(r'<th scope="row">(.*?)</th>', settings)

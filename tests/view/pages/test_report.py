@@ -20,7 +20,8 @@ from rpctl import (
     Run,
     UnifiedKinematic,
 )
-from rpctl.simulation.log import describe
+from rpctl.control.unregistered import Unregistered
+from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.summary import Violation, summarize
 from rpctl.view.pages.page import embed
 from rpctl.view.pages.report import write_report
@@ -95,7 +96,7 @@ def test_no_path_of_the_machine_is_passed_on(tmp_path: Path) -> None:
     visual = mesh_visual(str(tmp_path / "gone.stl")) + BOX
     robot = rpctl.load(write_cart(tmp_path, visual))
     run = short_run(robot, 0.3)
-    run = replace(run, settings={**run.settings, "reference": str(tmp_path / "path.csv")})
+    run = replace(run, config=run.config.with_run(reference=str(tmp_path / "path.csv")))
     text = write_report(run, tmp_path / "report.html", robot=robot).read_text(encoding="utf-8")
     assert "gone.stl" in text
     assert "path.csv" in text
@@ -111,7 +112,9 @@ def test_names_from_files_cannot_become_markup(
         robot=EVIL,
         end_effector=EVIL,
         quasi_velocities=(*paper_run.robot.quasi_velocities[:-1], EVIL),
-        settings={EVIL: EVIL, "kinematic": {"law": EVIL, EVIL: 1.0}},
+        config=Config(Unregistered(EVIL, {EVIL: 1.0}), run=RunSettings(EVIL)),
+        controller_model=EVIL,
+        kinematic_report={EVIL: 1.0},
         certificate={
             "passed": False,
             "samples": EVIL,
@@ -250,16 +253,15 @@ def test_settings_as_text() -> None:
     assert setting_text("/home/someone/path.csv") == "path.csv"
 
 
-def test_laws_within_laws_are_named() -> None:
-    rows = setting_texts(
-        {"kinematic": describe(EndEffector()), "dynamic": describe(IntegralDynamic())}
-    )
+def test_laws_within_laws_are_named(paper_run: Run) -> None:
+    config = Config(EndEffector(), IntegralDynamic())
+    rows = setting_texts(replace(paper_run, config=config))
     assert (rows["Kinematic law"], rows["Law of the base"]) == ("EndEffector", "Horizon")
     assert (rows["Dynamic law"], rows["Law within"]) == ("IntegralDynamic", "BoundedDynamic")
 
 
 def test_obstacles_are_told_in_words(paper_run: Run) -> None:
-    rows = setting_texts(with_obstacles(paper_run, DISC, WALL).settings)
+    rows = setting_texts(with_obstacles(paper_run, DISC, WALL))
     obstacle_text = "disc at (1, 0.5) m, radius 0.25 m; half-plane, free where y ≥ −1 m"
     assert rows["Base obstacles"] == obstacle_text
     assert not any("obstacles" in label.lower() for label in rows.keys() - {"Base obstacles"})

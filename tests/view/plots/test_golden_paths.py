@@ -11,6 +11,8 @@ from matplotlib.colors import to_hex
 
 import rpctl
 from rpctl import Run
+from rpctl.control.unregistered import Unregistered
+from rpctl.simulation.config import Config
 from rpctl.view.plots import style
 from tests.golden import COUNT
 from tests.runs import vary
@@ -150,8 +152,8 @@ def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
 
 
 def test_other_tables_of_a_law_are_no_obstacles(golden: Run) -> None:
-    law = {"law": "Mine", "targets": [{"law": "Disc", "x": 1.0, "y": 0.0, "radius": 0.2}]}
-    named = panel(replace(golden, settings={"kinematic": law}), "paths")
+    law = Unregistered("Mine", {"targets": (rpctl.Disc(1.0, 0.0, 0.2),)})
+    named = panel(replace(golden, config=Config(law)), "paths")
     assert "obstacle of the base" not in named.get_legend_handles_labels()[1]
 
 

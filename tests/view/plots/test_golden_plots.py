@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import Run
+from rpctl.view.charts import charts
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import tracking_figure
 from rpctl.view.plots.panels import find_panels
@@ -35,18 +36,18 @@ def test_panels_and_where_they_stand(golden: Run) -> None:
     none = np.empty((COUNT, 0))
     arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"), tip_margin=none)
     arm = vary(arm, nu=golden.nu[:, 2:], nu_ref=golden.log.nu_ref[:, 2:])
-    names = [panel.name for panel in find_panels(vary(arm, slip_ratio=none))]
+    names = [panel.name for panel, _ in find_panels(vary(arm, slip_ratio=none))]
     assert names == ["paths", "joints", "tip", "joint-speeds", "efforts", "efforts"]
     base = vary(golden, ee=none, joint_names=(), units=(), quasi_velocities=("v", "omega"))
     base = vary(base, e=golden.log.e[:, :3], nu=golden.nu[:, :2], nu_ref=golden.log.nu_ref[:, :2])
-    names = [panel.name for panel in find_panels(base)]
+    names = [panel.name for panel, _ in find_panels(base)]
     assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
 
 def test_joints_are_named_wherever_they_are_drawn(golden: Run) -> None:
     named = {
         name: len(tracking_figure(golden, panels=[name]).legends)
-        for name in dict.fromkeys(panel.name for panel in find_panels(golden))
+        for name in dict.fromkeys(panel.name for panel, _ in find_panels(golden))
     }
     assert {name for name, count in named.items() if count} == {"joints", "joint-speeds", "efforts"}
 
@@ -189,3 +190,26 @@ def test_margins_with_their_limits(golden: Run) -> None:
     assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
     far = vary(golden, slip_ratio=50.0 * golden.log.slip_ratio)
     assert panel(far, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 3.0))
+
+
+def test_page_and_paper_draw_the_same_lines_in_the_same_colours(golden: Run) -> None:
+    """Of each chart, the figure has the lines that the page shows at first, scaled by its panel."""
+    page = {chart.title: chart for chart in charts(golden)}
+    for panel_, chart in find_panels(golden):
+        if chart is None:
+            assert panel_.name == "paths"
+            continue
+        axes = next(
+            axes
+            for axes in tracking_figure(golden, panels=[panel_.name]).axes
+            if axes.get_title(loc="left").endswith(panel_.title)
+        )
+        aside = (style.INK, style.DESIRED)  # limits and references
+        drawn = [line for line in axes.lines if line.get_color() not in aside]
+        shown = [line for line in page.pop(chart.title).lines if line.shown]
+        assert len(drawn) == len(shown) + len(panel_.more)
+        for on_paper, line in zip(drawn, shown, strict=False):
+            assert on_paper.get_color() == style.CYCLE[line.colour]
+            values = np.abs(line.values) if chart.errors else line.values
+            assert on_paper.get_ydata() == pytest.approx(panel_.factor * values)
+    assert [*page] == ["Other speeds", "Ground loads"]  # which only the page has

@@ -9,7 +9,8 @@ import pytest
 
 import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
-from rpctl.simulation.log import describe
+from rpctl.control.unregistered import Unregistered
+from rpctl.simulation.config import Config
 from rpctl.view.obstacles import (
     BASE,
     TIP,
@@ -28,13 +29,12 @@ from tests.view.samples import DISC, PILLAR, WALL, numbers, unpack, with_obstacl
 
 def test_obstacles_are_found_at_any_depth_and_once() -> None:
     inner = rpctl.Horizon(base_obstacles=(DISC, WALL, DISC), base_radius=0.4)
-    settings = {"reference": "eight", "kinematic": describe(rpctl.EndEffector(base=inner))}
-    found = find_obstacles(settings, 0.7)
+    found = find_obstacles(Config(rpctl.EndEffector(base=inner)), 0.7)
     assert [(o.body, o.shape, o.radius) for o in found] == [(BASE, DISC, 0.4), (BASE, WALL, 0.4)]
     law = rpctl.Horizon(base_obstacles=(DISC,), end_effector_obstacles=(DISC, PILLAR))
-    drawn = [(o.body, o.shape, o.radius) for o in find_obstacles({"kinematic": describe(law)}, 0.7)]
+    drawn = [(o.body, o.shape, o.radius) for o in find_obstacles(Config(law), 0.7)]
     assert drawn == [(BASE, DISC, 0.7), (TIP, DISC, 0.05), (TIP, PILLAR, 0.05)]
-    assert find_obstacles({"kinematic": describe(rpctl.UnifiedKinematic())}) == ()
+    assert find_obstacles(Config()) == ()
 
 
 def test_base_reaches_as_far_as_its_contacts(paper_run: Run) -> None:
@@ -44,10 +44,10 @@ def test_base_reaches_as_far_as_its_contacts(paper_run: Run) -> None:
 
 
 def test_shape_of_somebodys_own_is_told_and_not_drawn() -> None:
-    own: list[Any] = [{"law": "Blob", "mass": 1.0}, {"law": "Disc", "wobble": 2.0}]
-    settings = {"kinematic": {"law": "Mine", "base_obstacles": own}}
-    assert find_obstacles(settings) == ()
-    assert obstacle_texts(settings) == {"Base obstacles": "Blob; Disc"}
+    own = (Unregistered("Blob", {"mass": 1.0}), Unregistered("Disc", {"wobble": 2.0}))
+    law = Unregistered("Mine", {"base_obstacles": own})
+    assert find_obstacles(Config(law)) == ()
+    assert obstacle_texts(law) == {"Base obstacles": "Blob; Disc"}
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,10 @@ import pytest
 
 import rpctl
 from rpctl import Robot, Run
-from rpctl.control.config import Config, write_config
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation import loop
+from rpctl.simulation.config import Config, write_config
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene import obstacle_shapes
 from rpctl.view.serve import events as streams

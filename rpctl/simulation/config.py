@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import tomli_w
 
 from rpctl.control.dynamic import PaperDynamic
-from rpctl.control.law import DynamicLaw, KinematicLaw
+from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_LAWS,
     KINEMATIC_LAWS,
@@ -22,7 +21,6 @@ from rpctl.control.registry import (
 from rpctl.control.settings import (
     DYNAMIC_REGISTRY,
     KINEMATIC_REGISTRY,
-    Table,
     from_table,
     named_from_table,
     named_to_table,
@@ -30,13 +28,14 @@ from rpctl.control.settings import (
 )
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import RpctlError
+from rpctl.files import toml
+from rpctl.files.toml import Table
 from rpctl.files.writing import write_atomically
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # the standard library has it from 3.11 on
-    import tomli as tomllib
+from rpctl.robot.model import Robot
+from rpctl.robot.vary import set_limits
+from rpctl.simulation.periods import CONTROL_PERIOD
+from rpctl.simulation.plant import Plant
 
 HEADER = (
     "# A run of rpctl: rpctl track ROBOT --config FILE. What is left out keeps its default.\n\n"
@@ -45,7 +44,7 @@ HEADER = (
 
 @dataclass(frozen=True)
 class LimitOverrides:
-    """Limits that take the place of the URDF's, by pattern of joint names.
+    """Limits that replace the URDF's, by pattern of joint names.
 
     Attributes:
         effort: N·m or N.
@@ -55,10 +54,18 @@ class LimitOverrides:
     effort: Mapping[str, float] = field(default_factory=dict)
     velocity: Mapping[str, float] = field(default_factory=dict)
 
+    def apply(self, robot: Robot) -> Robot:
+        """Return a robot with these limits.
+
+        Raises:
+            RpctlError: A pattern matches no joint, or a limit is not positive.
+        """
+        return set_limits(robot, self.effort, self.velocity)
+
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What a run is besides its laws.
+    """The circumstances of a run: reference, duration, start, sample times and friction.
 
     Attributes:
         reference: Its name or file.
@@ -72,26 +79,28 @@ class RunSettings:
     reference: str = "eight"
     duration: float | None = None
     initial_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    control_period: float = 0.002
+    control_period: float = CONTROL_PERIOD
     plant_step: float = 0.002
     friction: float = FRICTION
 
 
 @dataclass(frozen=True)
 class Config:
-    """All that a run is but its robot.
+    """The configuration of a run: everything but the robot.
 
     Attributes:
-        kinematic: The kinematic law.
-        dynamic: The dynamic law.
-        run: The rest.
-        limits: Limits that take the place of the URDF's.
+        kinematic: The kinematic law, or a plain function.
+        dynamic: The dynamic law, or a plain function.
+        run: The circumstances.
+        limits: Limits that replace the URDF's.
+        plant: Differences between the simulated robot and the controller's model.
     """
 
-    kinematic: KinematicLaw = field(default_factory=UnifiedKinematic)
-    dynamic: DynamicLaw = field(default_factory=PaperDynamic)
+    kinematic: KinematicLaw | KinematicFunction = field(default_factory=UnifiedKinematic)
+    dynamic: DynamicLaw | DynamicFunction = field(default_factory=PaperDynamic)
     run: RunSettings = field(default_factory=RunSettings)
     limits: LimitOverrides = field(default_factory=LimitOverrides)
+    plant: Plant = field(default_factory=Plant)
 
     def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
         """Return a configuration with these laws, by name; those that it has keep their settings.
@@ -107,9 +116,17 @@ class Config:
         return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:
-        """Return a configuration in which the settings of ``run`` that are not None are others."""
+        """Return a configuration with these settings of ``run``; those that are None stay."""
         given = {key: value for key, value in settings.items() if value is not None}
         return dataclasses.replace(self, run=dataclasses.replace(self.run, **given))
+
+
+LAW_REGISTRIES = {"kinematic": KINEMATIC_REGISTRY, "dynamic": DYNAMIC_REGISTRY}
+TABLES: dict[str, type[RunSettings | LimitOverrides | Plant]] = {
+    "run": RunSettings,
+    "limits": LimitOverrides,
+    "plant": Plant,
+}
 
 
 def read_config(path: str | Path) -> Config:
@@ -118,30 +135,33 @@ def read_config(path: str | Path) -> Config:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _refused(path, [f"{error.strerror or error}; give a configuration file"]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise _refused(path, [f"not TOML: {error}; a configuration is TOML"]) from None
-    faults: list[str] = []
-    tables: Table = {}
+    return toml.read(path, config_from_tables, "a configuration file")
+
+
+def config_from_tables(data: Table, faults: list[str]) -> Config:
+    """Return the configuration of a file's tables; what is wrong is added to the faults."""
+    given: Table = {}
     for key, table in data.items():
-        if key == "kinematic":
-            tables[key] = named_from_table(table, KINEMATIC_REGISTRY, key, faults)
-        elif key == "dynamic":
-            tables[key] = named_from_table(table, DYNAMIC_REGISTRY, key, faults)
-        elif key not in ("run", "limits"):
-            faults.append(f"{key}: is no table of a configuration; it has kinematic, dynamic, run "
-                          "and limits")  # fmt: skip
+        if key in LAW_REGISTRIES:
+            given[key] = named_from_table(table, LAW_REGISTRIES[key], key, faults)
+        elif key not in TABLES:
+            faults.append(f"{key}: is no table of a configuration; it has kinematic, dynamic, run, "
+                          "limits and plant")  # fmt: skip
         elif not isinstance(table, dict):
             faults.append(f"{key}: is {table!r}; write [{key}]")
         else:
-            kind = RunSettings if key == "run" else LimitOverrides
-            tables[key] = from_table(kind, table, key, faults)
-    if faults:
-        raise _refused(path, faults)
-    return Config(**tables)
+            given[key] = from_table(TABLES[key], table, key, faults)
+    return Config(**{key: made for key, made in given.items() if made is not None})
+
+
+def config_tables(config: Config) -> Table:
+    """Return a configuration as the tables of a file.
+
+    Raises:
+        RpctlError: It has a setting that no file can say.
+    """
+    laws = {key: named_to_table(getattr(config, key), kind) for key, kind in LAW_REGISTRIES.items()}
+    return {**laws, **{key: to_table(getattr(config, key)) for key in TABLES}}
 
 
 def write_config(config: Config, path: str | Path) -> Path:
@@ -150,14 +170,8 @@ def write_config(config: Config, path: str | Path) -> Path:
     Raises:
         RpctlError: A law has no name or a setting that no file can say; the file cannot be written.
     """
-    tables = {
-        "kinematic": named_to_table(config.kinematic, KINEMATIC_REGISTRY),
-        "dynamic": named_to_table(config.dynamic, DYNAMIC_REGISTRY),
-        "run": to_table(config.run),
-        "limits": to_table(config.limits),
-    }
+    tables, faults = config_tables(config), list[str]()
+    config_from_tables(tables, faults)
+    if faults:
+        raise RpctlError(f"no file can say the configuration: {'; '.join(faults)}")
     return write_atomically(path, (HEADER + tomli_w.dumps(tables)).encode())
-
-
-def _refused(path: str | Path, faults: list[str]) -> DescriptionError:
-    return DescriptionError(path, [Finding("error", None, fault) for fault in faults])

@@ -19,21 +19,23 @@ from rpctl import (
     IntegralDynamic,
     Kanayama,
     PaperKinematic,
+    Plant,
     RpctlError,
     Run,
 )
 from rpctl.cli.app import app
-from rpctl.control.config import Config, LimitOverrides, RunSettings, read_config, write_config
 from rpctl.control.law import KinematicLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.control.settings import from_table, to_table
 from rpctl.errors import DescriptionError, UnknownNameError
+from rpctl.simulation.config import Config, LimitOverrides, RunSettings, read_config, write_config
 
 FULL = Config(
     Kanayama(kx=2.0, ky=9.0),
     IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
     RunSettings("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
     LimitOverrides(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
+    Plant({"wheel_left_joint": 0.5}, delay=0.008),
 )
 
 
@@ -86,7 +88,8 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
     assert str(caught.value).splitlines() == [
         f"{path}: error: {told}"
         for told in (
-            "other: is no table of a configuration; it has kinematic, dynamic, run and limits",
+            "other: is no table of a configuration; it has kinematic, dynamic, run, limits and "
+            "plant",
             "limits: is 3; write [limits]",
             "kinematic.horizn: setting 'horizn' is not known; did you mean horizon?",
             "kinematic.beta: is 'x'; give a number",
@@ -106,8 +109,9 @@ def refusal(folder: Path, text: str) -> str:
     with pytest.raises(DescriptionError) as caught:
         read_config(path)
     told = str(caught.value)
-    assert told.startswith(f"{path}: error: ")
-    return told.removeprefix(f"{path}: error: ")
+    place, _, fault = told.partition(": error: ")
+    assert place in (str(path), f"{path}:1")
+    return fault
 
 
 @pytest.mark.parametrize(
@@ -226,11 +230,12 @@ def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
     first, second = Run.load(one / "run.npz"), Run.load(two / "run.npz")
     np.testing.assert_array_equal(first.nu, second.nu)
     np.testing.assert_array_equal(first.tau, second.tau)
-    assert first.settings == second.settings
+    assert first.config == second.config
     assert first.t[-1] == pytest.approx(0.2)
     np.testing.assert_allclose(first.log.e[0, :3], [0.3, 0.0, 0.0], atol=1e-12)
-    assert first.settings["kinematic"]["kx"] == 2.0
-    assert first.settings["control_period"] == 0.004
+    assert first.config.kinematic == FULL.kinematic
+    assert first.config.run.control_period == 0.004
+    assert (first.config.limits, first.config.plant) == (FULL.limits, FULL.plant)
     assert first.robot.effort_limits == (5.0, 5.0, 7.0, 120.0)
     assert first.robot.velocity_limits[2:] == (0.5, 0.5)
     assert first.ground.friction == 0.5

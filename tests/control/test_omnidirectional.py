@@ -1,4 +1,4 @@
-"""The predictive law of a holonomic base: three inputs, three outputs, each decays at 1/h."""
+"""The predictive law of an omnidirectional base: three inputs and outputs, each decays at 1/h."""
 
 from __future__ import annotations
 

@@ -1,0 +1,72 @@
+"""TOML files in: read once, all faults of one named at once."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rpctl.errors import DescriptionError, Finding
+from rpctl.files.caps import cap, how_to_raise
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # the standard library has it from 3.11 on
+    import tomli as tomllib
+
+Table = dict[str, Any]
+Content = TypeVar("Content")
+Schema = Callable[
+    [Table, list[str]], Content
+]  # from a file's table; adds what is wrong to the list
+AT_LINE = re.compile(r" \(at line (\d+), column \d+\)")  # where tomllib saw what is no TOML
+
+
+def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
+    """Return what a TOML file holds.
+
+    Args:
+        path: The file.
+        schema: Turns the file's table into what it stands for, and adds to the list each fault.
+        kind: What the file is, in words: ``"a drive file"``.
+
+    Raises:
+        DescriptionError: The file is missing, too long, no TOML, or has faults; all are named.
+    """
+    data = _parse(path, _read_bytes(path, kind), kind)
+    faults: list[str] = []
+    content = schema(data, faults)
+    if faults:
+        raise DescriptionError(path, [Finding("error", None, fault) for fault in faults])
+    return content
+
+
+def _read_bytes(path: str | Path, kind: str) -> bytes:
+    try:
+        with Path(path).open("rb") as file:
+            data = file.read(cap("MAX_BYTES") + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise _refused(path, None, f"{reason}; give {kind}") from None
+    if len(data) > cap("MAX_BYTES"):
+        raise _refused(path, None, f"over {cap('MAX_BYTES')} bytes; {how_to_raise('MAX_BYTES')}")
+    return data
+
+
+def _parse(path: str | Path, data: bytes, kind: str) -> Table:
+    try:
+        return tomllib.loads(data.decode("utf-8-sig").replace("\r\n", "\n"))
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise _refused(path, line, f"not TOML: no UTF-8 ({error.reason}); {kind} is TOML") from None
+    except tomllib.TOMLDecodeError as error:
+        at = AT_LINE.search(str(error))  # in the text only: the exception has no line before 3.14
+        reason = AT_LINE.sub("", str(error))
+        fault = f"not TOML: {reason}; {kind} is TOML"
+        raise _refused(path, int(at[1]) if at else None, fault) from None
+
+
+def _refused(path: str | Path, line: int | None, fault: str) -> DescriptionError:
+    return DescriptionError(path, [Finding("error", line, fault)])
