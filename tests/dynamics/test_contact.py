@@ -83,7 +83,7 @@ def contact_points(robot: Robot, contacts: Contacts, q: Array) -> Array:
     return np.column_stack([points, np.full(len(points), robot.drive.ground)])
 
 
-def test_the_forces_move_the_whole_tree(robot: Robot, rng: np.random.Generator) -> None:
+def check_joint_forces(robot: Robot, rng: np.random.Generator) -> None:
     """M v̇ + h = B τ + Σ Jᵀ F with forces at the wheels' contacts, Jacobians from Pinocchio."""
     dynamics, model, data = ReducedDynamics(robot), robot.model, robot.model.createData()
     contacts = contacts_of(dynamics)
@@ -111,7 +111,7 @@ def test_the_forces_move_the_whole_tree(robot: Robot, rng: np.random.Generator) 
         np.testing.assert_allclose(given, needed, atol=ROUNDING * np.abs(needed).max())
 
 
-def test_newton_and_euler_of_the_whole_robot(robot: Robot, rng: np.random.Generator) -> None:
+def check_momentum(robot: Robot, rng: np.random.Generator) -> None:
     """The contacts' wrench is the rate of momentum less gravity's; level moments about p vanish."""
     dynamics, model, data = ReducedDynamics(robot), robot.model, robot.model.createData()
     contacts = contacts_of(dynamics)
@@ -248,6 +248,14 @@ def test_signs_of_the_wheels_axes_do_not_matter(tmp_path: Path) -> None:
         )
 
 
+def test_the_forces_move_the_whole_tree(robot: Robot, rng: np.random.Generator) -> None:
+    check_joint_forces(robot, rng)
+
+
+def test_newton_and_euler_of_the_whole_robot(robot: Robot, rng: np.random.Generator) -> None:
+    check_momentum(robot, rng)
+
+
 def test_an_axle_has_one_lateral_force(robot: Robot) -> None:
     contacts = contacts_of(ReducedDynamics(robot))
     assert contacts.axles == ((0, 1),)
@@ -269,8 +277,8 @@ def test_wheels_that_share_a_lateral_force(
 def test_rollers_carry_the_robot(tmp_path: Path, rng: np.random.Generator) -> None:
     """Each force lies along its roller, so its part to the left is the wheel's own."""
     robot = four_wheels(tmp_path, "mecanum")
-    test_newton_and_euler_of_the_whole_robot(robot, rng)
-    test_the_forces_move_the_whole_tree(robot, rng)
+    check_momentum(robot, rng)
+    check_joint_forces(robot, rng)
 
 
 def test_an_inconstant_basis_gives_the_same_forces(
