@@ -39,6 +39,8 @@ from rpctl.study.scenarios import (
 from rpctl.study.verdicts import Verdict, verdicts
 from tests.robots import SET_A, platform, write
 
+NOTHING = 1e-3  # m: what is left of the lateral error on a line
+
 KANAYAMA = LawPair("kanayama", "paper")
 LINEARIZATION = LawPair("feedback-linearization", "paper")
 
@@ -277,3 +279,18 @@ def members(group: int) -> int:
 def test_its_runs_end_with_whole_control_periods(paper: Robot) -> None:
     assert Benchmark(paper, 0.0215).duration == pytest.approx(0.02)
     assert Benchmark(paper).duration is None
+
+
+@pytest.mark.slow
+def test_what_the_table_of_the_readme_claims(paper: Robot) -> None:
+    """On the cells of the paper's robot that tell most."""
+    cells = grid(["nominal", "wheel-bias"], ["line", "spin", "circle"], [PAPER, PROPOSED])
+    rows = run_grid(Benchmark(paper, 12.0), cells)
+    for row in rows:
+        if row.cell.controller == PROPOSED:
+            assert row.figures is not None
+            assert not row.figures.violations
+            assert row.cell.reference != "line" or row.figures.final_lateral < NOTHING
+    found = verdicts(rows, PROPOSED)
+    assert len(found) == 12
+    assert [verdict for verdict in found if verdict.worse_than_paper] == []
