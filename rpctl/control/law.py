@@ -165,6 +165,11 @@ def as_law(law: Any) -> Any:
     return law if isinstance(law, Law) else FunctionLaw(law)
 
 
+def as_controller(controller: Any) -> Any:
+    """Return a controller, or a plain function that a law started as one."""
+    return controller if isinstance(controller, Reporting) else FunctionLaw(controller)
+
+
 def as_efforts(efforts: Efforts | Array) -> Efforts:
     """Return the efforts of a dynamic controller, with no binding limits if it names none."""
     return efforts if isinstance(efforts, Efforts) else Efforts(efforts)

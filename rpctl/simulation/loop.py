@@ -18,6 +18,7 @@ from rpctl.control.law import (
     KinematicFunction,
     KinematicLaw,
     Rest,
+    as_controller,
     as_efforts,
     as_law,
 )
@@ -179,8 +180,8 @@ def _close_loop(
     controller_dynamics, bias = plant.controller_dynamics(dynamics), plant.bias(robot)
     q, nu, work = _start(robot, reference(0.0), config.run.initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    kinematic = as_law(config.kinematic).start(controller_dynamics, period, rest)
-    dynamic = as_law(config.dynamic).start(controller_dynamics, period, rest)
+    kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
+    dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
     started_at = time.perf_counter()
     sent = plant.pipeline(rest.tau, period)
     for k in range(steps + 1):

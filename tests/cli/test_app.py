@@ -131,6 +131,7 @@ def test_track_writes_everything(tmp_path: Path) -> None:
         assert isinstance(output[key], float), key
 
 
+@pytest.mark.slow
 def test_track_takes_a_table_and_names_the_folder_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +154,7 @@ def test_track_tells_people(tmp_path: Path) -> None:
         assert word in out
 
 
+@pytest.mark.slow
 def test_track_says_where_a_run_ends_that_was_asked_for_longer(tmp_path: Path) -> None:
     words = ("track", "paper", "--duration", "0.0215", "--samples", "0", "--out", str(tmp_path))
     output = run_json(*words)
@@ -206,7 +208,7 @@ def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     assert {broken["limit"] for broken in output["limits_violated"]} >= {"effort"}
 
 
-@pytest.mark.parametrize("dynamic", cells(("bounded", "integral"), {"bounded"}, {"integral"}))
+@pytest.mark.parametrize("dynamic", cells(("bounded", "integral"), slow={"bounded", "integral"}))
 def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
     words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
     words += ["--dynamic", dynamic, "--out", str(tmp_path)]
@@ -288,6 +290,7 @@ def test_an_unwritable_folder_is_told(tmp_path: Path) -> None:
     assert "cannot be made" in err
 
 
+@pytest.mark.slow
 def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
     for name, duration in (("one", "0.1"), ("two", "0.2")):
         words = ("track", "paper", "--duration", duration, "--samples", "0")

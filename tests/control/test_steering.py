@@ -135,6 +135,7 @@ def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
     assert figures.constraint_residual < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["steered", "twin"])
 def test_swerves_turn_on_the_spot(tmp_path: Path, kind: str) -> None:
     robot = load(tmp_path, kind)

@@ -172,6 +172,7 @@ def test_large_robots_are_refused_at_once(name: str, format: str) -> None:
     assert time.monotonic() - start < 2.0
 
 
+@pytest.mark.slow
 def test_budgets_stop_what_the_joint_count_lets_through(
     mixed_chain: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,6 +207,7 @@ def test_usage_is_explained(paper: Robot) -> None:
         derive(paper, "c", parameters=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", [False, True])
 @pytest.mark.parametrize("name", SMALL)
 def test_latex_compiles(name: str, parameters: bool, tmp_path: Path) -> None:

@@ -122,6 +122,7 @@ def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> N
     check(robot, *executed(robot), rng)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_wheel(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     robot = rpctl.load(write(tmp_path, vehicle(kind)))
@@ -151,6 +152,7 @@ def test_mimics_are_no_inputs() -> None:
     assert program(panda).positions == panda.quasi_velocities
 
 
+@pytest.mark.slow
 def test_a_large_robot_stays_small(tiago: Robot) -> None:
     start = time.monotonic()
     source = derive(tiago, "c")

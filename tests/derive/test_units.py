@@ -54,6 +54,7 @@ def test_units_of_a_base_that_moves_to_any_side(tmp_path: Path) -> None:
         assert units == {"vx": "m/s", "vy": "m/s", "omega": "rad/s", "arm_joint": "rad/s"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["v", "vx", "vy", "omega"])
 def test_a_joint_called_as_a_speed_is_a_joint(tmp_path: Path, name: str) -> None:
     text = TRICYCLE.replace("swing_joint", name)

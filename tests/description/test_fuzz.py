@@ -108,6 +108,7 @@ for line in sys.stdin:
 MEMORY = 2**30  # bytes of data; that of Pinocchio and its libraries is a third
 
 
+@pytest.mark.slow
 def test_damage_is_told_on_the_command_line_in_bounded_memory(tmp_path: Path) -> None:
     original, requests, names = catalog.find("paper").path.read_bytes(), [], []
     for case in range(100):

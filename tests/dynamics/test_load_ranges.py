@@ -264,6 +264,7 @@ def corner_loads(points: Array, at: Array, rng: np.random.Generator) -> Array:
     return W * np.unique(np.round(found, 9), axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axles", [(), ((0, 1),), ((1,),)])
 def test_grip_of_carts_over_sampled_splits(
     rng: np.random.Generator, axles: tuple[tuple[int, ...], ...]

@@ -68,6 +68,7 @@ def check_engine(robot: Robot, seed: int) -> None:
     np.testing.assert_allclose(terms.h, dynamics.bias(q, nu), rtol=0, atol=EXACT * size)
 
 
+@pytest.mark.slow
 @settings(REPEATABLE, max_examples=60)
 @given(robots())
 def test_random_robots_are_verified(folder: Path, built: WheeledRobot) -> None:

@@ -16,6 +16,7 @@ def test_a_shared_fault_is_caught(name: str) -> None:
     assert {check.against for check in found} >= {"Gibbs-Appell", "MuJoCo"}
 
 
+@pytest.mark.slow
 def test_all_that_is_wrong_with_a_drive_is_seen_in_its_shapes() -> None:
     """Each number of a drive's record, off by 1e-6: the file's shapes tell which."""
     for name, fault in FAULTS.items():

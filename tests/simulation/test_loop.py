@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,10 +25,8 @@ from rpctl import (
 from rpctl.arrays import Array
 from rpctl.control.law import (
     Command,
-    DynamicController,
     DynamicFunction,
     Efforts,
-    FunctionLaw,
     Rest,
 )
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
@@ -246,20 +245,27 @@ def test_a_law_of_ones_own_may_remember(paper: Robot) -> None:
     class Counting:
         def start(
             self, dynamics: ReducedDynamics, control_period: float, rest: Rest | None = None
-        ) -> DynamicController:
+        ) -> Any:
             periods.append(control_period)
             calls = iter(range(1000))
 
             def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
                 return np.full(len(dynamics.robot.actuators), float(next(calls)))
 
-            return FunctionLaw(law)
+            return law
+
+    class Following:
+        def start(self, *arguments: Any) -> Any:
+            periods.append(arguments[1])
+            return lambda *sample: PaperKinematic()(*sample)
 
     law = Counting()
     for _ in range(2):
         run = track(paper, "eight", 0.02, dynamic=law, control_period=0.004)
         assert run.tau[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert periods == [0.004, 0.004]
+    assert track(paper, "eight", 0.02, kinematic=Following()).kinematic_report == {}
+    assert periods[2:] == [0.002]
 
 
 def test_a_reference_is_called_what_it_is(paper: Robot) -> None:

@@ -237,6 +237,7 @@ def test_wrong_input_exits_2(words: tuple[str, ...], output: str, tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
 def test_no_process_is_left(ending: signal.Signals, tmp_path: Path) -> None:
     """A Ctrl-C reaches all processes, and exits 130; a kill reaches the first one only."""

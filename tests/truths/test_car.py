@@ -177,6 +177,7 @@ def drive(robot: Robot, textbook: Textbook, substeps: int) -> tuple[float, Array
     return farthest, x[:4]
 
 
+@pytest.mark.slow
 def test_the_closed_loops_go_the_same_way(robot: Robot, textbook: Textbook) -> None:
     """They part by RK4's truncation and nothing else: half the step, a sixteenth of it."""
     (coarse, _), (fine, end) = (drive(robot, textbook, substeps) for substeps in (4, 8))

@@ -26,6 +26,7 @@ def fine_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return short_run(rpctl.load(path), 0.3)
 
 
+@pytest.mark.slow
 def test_meshes_are_simplified_until_the_report_keeps_its_size(
     fine_run: Run, tmp_path: Path
 ) -> None:

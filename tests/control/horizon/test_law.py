@@ -56,6 +56,7 @@ def faster(robot: Robot, name: str, rate: float) -> Reference:
     return replace(reference_by_name(robot, name), rate=rate, ramp=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "mixed_chain"])
 def test_no_limit_is_broken(name: str) -> None:
     """With limits halved, from a start that asks the paper's law for more than there is."""
@@ -88,6 +89,7 @@ def test_joints_stop_at_their_limits(paper: Robot) -> None:
     assert run.log.joints[:, 1].max() > upper - 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "rate"), [("eight", 1.0), ("line", 2.5)])
 def test_an_aggressive_reference_slows_down_instead_of_tipping(
     tmp_path: Path, path: str, rate: float
@@ -108,6 +110,7 @@ def test_an_aggressive_reference_slows_down_instead_of_tipping(
         assert gaps.max() < 0.15
 
 
+@pytest.mark.slow
 def test_what_was_late_is_made_up_for(tmp_path: Path) -> None:
     """A start that no wheel can follow: the reference waits, then the robot catches up."""
     robot = tall(tmp_path)
@@ -117,7 +120,7 @@ def test_what_was_late_is_made_up_for(tmp_path: Path) -> None:
     assert np.abs(run.log.e[-1]).max() < 1e-3
 
 
-@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4), {0.2}, {0.0}))
+@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4), slow={0.2, 0.0}))
 def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     disc = Disc(1.2, y, 0.3)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)
@@ -128,6 +131,7 @@ def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     assert summarize(run).final_base_error < 0.3
 
 
+@pytest.mark.slow
 def test_the_base_stops_before_a_wall(paper: Robot) -> None:
     wall = HalfPlane(-1.0, 0.0, -1.0)  # x ≤ 1
     run = track(paper, "line", 7.0, Horizon(base_obstacles=(wall,), base_radius=0.2))
@@ -146,6 +150,7 @@ def test_the_end_effector_keeps_clear(paper: Robot, obstacle: Disc | HalfPlane) 
     assert obstacle.distance(kept.log.ee[:, :2]).min() > 0.05 - CLOSE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["fixed", "mecanum", "skid_steer", "no arm", "unbalanced"])
 def test_every_kind_of_robot(tmp_path: Path, kind: str) -> None:
     if kind == "fixed":

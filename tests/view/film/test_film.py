@@ -69,6 +69,7 @@ def test_film_is_in_real_time_at_a_constant_rate(paper_run: Run, tmp_path: Path)
     assert data.index(b"moov") < data.index(b"mdat")  # it plays before all of it has come
 
 
+@pytest.mark.slow
 @needs_browser
 def test_gif_is_in_real_time_and_repeats(paper: Robot, tmp_path: Path) -> None:
     path = write_film(short_run(paper, 0.5), tmp_path / "a.gif", size=SMALL, rate=4)

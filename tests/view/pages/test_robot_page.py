@@ -81,6 +81,7 @@ def test_every_slider_moves_the_robot(page: Any, name: str) -> None:
         assert changed(picture(page, VIEWER), before) > 200
 
 
+@pytest.mark.slow
 @pytest.mark.quick
 def test_all_joints_stand_where_pinocchio_places_them(page: Any, gripper: Robot) -> None:
     values = {"lift_joint": 0.3, "left_finger_joint": -0.7, "left_wheel_joint": 2.0}

@@ -178,6 +178,7 @@ def test_robot_is_drawn_where_it_was(paper_run: Run) -> None:
     assert turn == pytest.approx(paper_run.log.base[0, 2])
 
 
+@pytest.mark.slow
 def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) -> None:
     first, again = (
         save_figure(tiago_run, tmp_path / name, column=True).read_bytes()

@@ -202,6 +202,7 @@ def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.quick
 def test_page_draws_robot_ghost_and_trail_where_they_are(
     browser: Any, tricycle: Robot, golden: Run
