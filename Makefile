@@ -12,6 +12,9 @@ READY := $(VENV)/.ready
 demo: $(READY)
 	$(BIN)/rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1 --out runs/demo
 
+# A worker a processor: threads of linear algebra below it would only wait for each other.
+test slow thorough: export OMP_NUM_THREADS = 1
+
 test: $(READY)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 

@@ -28,3 +28,9 @@ def cells(
         return pytest.param(*values, marks=[] if cell in quick else later)
 
     return [param(cell) for cell in whole]
+
+
+def every(step: int, grid: Iterable[Any]) -> list[Any]:
+    """Return a grid of which each ``step``-th cell is quick, the others slow."""
+    whole = list(grid)
+    return cells(whole, whole[::step], [cell for k, cell in enumerate(whole) if k % step])

@@ -15,13 +15,13 @@ from rpctl.arrays import Array
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from rpctl.robot.catalog import names
-from tests.grids import cells
+from tests.grids import cells, every
 from tests.robots import SET_A, platform, write
 
 ROBOTS = names()
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", every(3, ROBOTS))
 def test_robots_of_the_catalogue_pass(name: str) -> None:
     proof = verify(rpctl.load(name), samples=5, seed=1)
     assert proof.passed, [check for check in proof.checks if not check.passed]

@@ -19,6 +19,7 @@ from rpctl.reference.limits import Limits, wheel_rates
 from rpctl.reference.load import along_goal, load_reference
 from rpctl.reference.splines import clamped_knots
 from rpctl.reference.timed_path import TimedPath, along
+from tests.grids import every
 from tests.reference.differences import check_derivatives, check_rest
 
 ROBOTS = ["tiago", "paper", "mixed_chain", "mecanum", "skid_steer", "panda"]
@@ -30,7 +31,7 @@ def off(goal: Goal, points: np.ndarray) -> float:
     return max(float(np.linalg.norm(path - point, axis=1).min()) for point in points)
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=every(3, ROBOTS))
 def square(request: pytest.FixtureRequest) -> tuple[Robot, TimedPath]:
     robot = rpctl.load(request.param)
     reference = load_reference(robot, "ee-square")
