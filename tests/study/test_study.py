@@ -282,7 +282,7 @@ def test_its_runs_end_with_whole_control_periods(paper: Robot) -> None:
     assert Benchmark(paper).duration is None
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_the_table_of_the_readme_claims(paper: Robot) -> None:
     """On the cells of the paper's robot that tell most."""
     cells = grid(["nominal", "wheel-bias"], ["line", "spin", "circle"], [PAPER, PROPOSED])

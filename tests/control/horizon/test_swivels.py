@@ -70,12 +70,10 @@ GRID = [
 ]
 QUICK = {("bicycle", "line")}
 IN_CI = {
-    ("casters", "eight"),
     ("car-like", "eight"),
     ("parallel", "line"),
     ("tricycle", "circle"),
     ("bicycle", "reverse"),
-    ("casters", "spin"),
     ("steered", "line"),
     ("twin", "eight"),
     ("omni", "circle"),
