@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import TypeVar
 
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
@@ -15,6 +16,8 @@ from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import UnknownNameError
+
+Made = TypeVar("Made")
 
 KINEMATIC_LAWS: dict[str, Callable[[], KinematicLaw]] = {
     "unified": UnifiedKinematic,
@@ -37,9 +40,7 @@ def kinematic_by_name(name: str) -> KinematicLaw:
     Raises:
         UnknownNameError: There is no such law.
     """
-    if name not in KINEMATIC_LAWS:
-        raise UnknownNameError("kinematic law", name, KINEMATIC_LAWS)
-    return KINEMATIC_LAWS[name]()
+    return _by_name("kinematic law", name, KINEMATIC_LAWS)
 
 
 def dynamic_by_name(name: str) -> DynamicLaw:
@@ -48,6 +49,10 @@ def dynamic_by_name(name: str) -> DynamicLaw:
     Raises:
         UnknownNameError: There is no such law.
     """
-    if name not in DYNAMIC_LAWS:
-        raise UnknownNameError("dynamic law", name, DYNAMIC_LAWS)
-    return DYNAMIC_LAWS[name]()
+    return _by_name("dynamic law", name, DYNAMIC_LAWS)
+
+
+def _by_name(kind: str, name: str, laws: Mapping[str, Callable[[], Made]]) -> Made:
+    if name not in laws:
+        raise UnknownNameError(kind, name, laws)
+    return laws[name]()

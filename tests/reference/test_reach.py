@@ -126,7 +126,7 @@ def test_an_arm_is_needed(tiago: Robot) -> None:
         load_reference(bare, "ee-square")
 
 
-def test_base_motions_know_their_slopes() -> None:
+def test_base_motions_know_their_jacobian() -> None:
     s = np.linspace(0.0, 3.0, 31)
     knots = clamped_knots(np.linspace(0.0, 3.0, 6))
     for columns in ([0, 2], [0, 1, 2]):

@@ -65,9 +65,9 @@ def test_it_leads_where_the_motion_leads(model: Model, rng: np.random.Generator)
     assert gaps[1] < 0.3 * gaps[0] + 1e-7
 
 
-def test_the_slopes_are_those_of_the_prediction(model: Model, rng: np.random.Generator) -> None:
+def test_the_jacobian_is_that_of_the_prediction(model: Model, rng: np.random.Generator) -> None:
     if not model.base:
-        pytest.skip("a fixed base has no slopes")
+        pytest.skip("a fixed base has no jacobian")
     pose, joints, nu, nu_dot = state(model, rng)
     motion = model.predict(model.configuration(joints, pose), nu, nu_dot)
     jacobian = model.jacobian(motion)
@@ -95,7 +95,7 @@ def test_the_slopes_are_those_of_the_prediction(model: Model, rng: np.random.Gen
             np.testing.assert_allclose(jacobian.steering[k, :, index], change(1, index), atol=NEAR)
 
 
-def test_the_end_effectors_slopes(model: Model, rng: np.random.Generator) -> None:
+def test_the_end_effectors_jacobian(model: Model, rng: np.random.Generator) -> None:
     pose, joints, *_ = state(model, rng)
     arm = EndEffectorKinematics(model, [0])
     position, jacobian = arm.jacobian(pose, joints)
@@ -114,7 +114,7 @@ def test_the_end_effectors_slopes(model: Model, rng: np.random.Generator) -> Non
 
 
 @pytest.mark.parametrize("name", ["paper", "tiago", "mecanum"])
-def test_forces_and_their_slopes(name: str, rng: np.random.Generator) -> None:
+def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
     robot: Robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
