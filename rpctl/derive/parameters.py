@@ -64,7 +64,7 @@ class Numbers:
         self._wheels = wheels | {robot.description.joint[name].child for name in wheels}
 
     def __call__(self, value: float, kind: str, label: str) -> sp.Expr:
-        """Return a number of a kind (as ``Scalars.number`` is told) as an expression."""
+        """Return a number of a kind (that of ``Scalars.number``) as an expression."""
         if kind == "direction":
             entry = direction(value)
             self.exact &= (

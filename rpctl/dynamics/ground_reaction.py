@@ -28,7 +28,7 @@ MIN_LATERAL_SINE = (
 
 @dataclass(frozen=True)
 class Contacts:
-    """How a robot stands: its contacts, wheels first, and what can be told of their forces.
+    """Contacts of a robot with the ground, wheels first, and which forces are determinate.
 
     Attributes:
         names: Names of the contacts: the wheels' joints, then the supports' links.

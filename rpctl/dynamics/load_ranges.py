@@ -33,7 +33,7 @@ BLOCK_LOADS = 60_000  # loads of corners that are held at once: they stay in the
 
 @dataclass(frozen=True)
 class Ranges:
-    """What statics tell of loads and grip at K instants.
+    """Ranges of contact loads and slip ratios at K instants.
 
     Attributes:
         load: Least and largest load of each contact (K, n, 2) of all admissible splits, N; NaN

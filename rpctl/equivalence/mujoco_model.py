@@ -71,7 +71,7 @@ class MujocoModel:
     Args:
         robot: The robot; names, locked positions and estimated inertias are used.
         reading: Its file; read anew if None.
-        release: Gives the root link its freedom, told the ``MjSpec`` and the link's ``MjsBody``;
+        release: Gives the root link its freedom, given the ``MjSpec`` and the link's ``MjsBody``;
             None for a planar base.
 
     Attributes:

@@ -21,7 +21,7 @@ class Scalars:
     """A kind of scalar.
 
     Attributes:
-        number: Turns a number of the URDF into a scalar; told its kind (``"mass"``,
+        number: Turns a number of the URDF into a scalar, given its kind (``"mass"``,
             ``"length"``, ``"inertia"``, ``"direction"``, ``"gravity"`` or ``"number"``) and what
             it is of.
         cos: Cosine of a scalar.
