@@ -32,6 +32,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Wheel": "rpctl.drive.drive",
     "draw_state": "rpctl.equivalence.state",
     "load": "rpctl.robot.load",
+    "load_reference": "rpctl.reference.load",
     "scale_limits": "rpctl.robot.vary",
     "scale_masses": "rpctl.robot.vary",
     "set_limits": "rpctl.robot.vary",
@@ -64,6 +65,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.equivalence.state import draw_state as draw_state
     from rpctl.equivalence.verify import verify as verify
     from rpctl.errors import RpctlError as RpctlError
+    from rpctl.reference.load import load_reference as load_reference
     from rpctl.robot.load import load as load
     from rpctl.robot.model import Robot as Robot
     from rpctl.robot.vary import scale_limits as scale_limits

@@ -10,14 +10,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import (
     CHECK_FAILED,
     JsonOption,
+    LapsOption,
     LoadOptions,
     RobotArgument,
+    SizeOption,
+    SpeedOption,
     default_folder,
     read_triple,
 )
@@ -25,8 +29,8 @@ from rpctl.cli.terminal import console, format_limit, new_table, print_json, pro
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
+from rpctl.reference.sizing import Sizing
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.loop import default_duration, simulate
@@ -53,8 +57,13 @@ class ConfigOptions:
     ] = None
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
+        typer.Option(
+            metavar="S", help="How long, s; as long as the laps take or the reference moves, or 20."
+        ),
     ] = None
+    size: SizeOption = None
+    speed: SpeedOption = None
+    laps: LapsOption = None
     initial_error: Annotated[
         str | None,
         typer.Option(
@@ -101,6 +110,9 @@ class ConfigOptions:
             duration=self.duration,
             initial_error=error,
             friction=self.friction,
+            size=self.size,
+            speed=self.speed,
+            laps=self.laps,
         )
 
 
@@ -166,7 +178,7 @@ def track_command(
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
-    reference = load_reference(loaded, config.run.reference)
+    reference = config.run.load_reference(loaded)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
     folder = results.out or default_folder(f"{loaded.name}-{Path(config.run.reference).stem}")
@@ -175,6 +187,7 @@ def track_command(
     output.print(
         f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
+    show_sizing(output, getattr(reference, "sizing", None))
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
@@ -204,6 +217,15 @@ def _live_page(
     duration = default_duration(reference) if duration is None else duration
     duration = whole_periods(duration, period) * period
     return broadcast(robot, reference, duration, say, find_obstacles(config))
+
+
+def show_sizing(out: Console, sizing: Sizing | None) -> None:
+    """Print how large and fast a named reference is, why, and what was assumed."""
+    if sizing is None:
+        return
+    out.print(escape(sizing.sentence))
+    if sizing.assumed:
+        out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:

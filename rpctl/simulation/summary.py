@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.reference.sizing import Sizing
 from rpctl.simulation.run import Run
 from rpctl.simulation.slip_and_tip import GroundFigures, ground
 
@@ -113,6 +114,7 @@ class Summary:
         constraint_residual: Largest entry of |A v|; m/s, rad/s.
         wall_time: What the simulation took, s.
         realtime_factor: Time simulated per time taken.
+        sizing: How large and fast the named reference is, and why; None of others.
     """
 
     duration: float
@@ -135,6 +137,7 @@ class Summary:
     constraint_residual: float
     wall_time: float
     realtime_factor: float
+    sizing: Sizing | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON says them: flat, those of the ground among the others."""
@@ -144,6 +147,7 @@ class Summary:
                 found |= {"ground" if key == "sentence" else key: v for key, v in value.items()}
             else:
                 found[name] = value
+        found["sizing"] = None if self.sizing is None else self.sizing.to_dict()
         found["kinematic_report"] = self.kinematic_report or None
         found["limits_bound"] = [{**asdict(b), "told": b.sentence} for b in self.limits_bound]
         return found
@@ -185,6 +189,7 @@ def summarize(run: Run) -> Summary:
         constraint_residual=float(log.constraint_residual.max()),
         wall_time=run.wall_time,
         realtime_factor=duration / run.wall_time,
+        sizing=run.sizing,
     )
 
 
