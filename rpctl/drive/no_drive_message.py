@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from rpctl.description.frozen_tree import MAX_TILT_SINE
+from rpctl.drive.drive import POWERED_CASTERS
 from rpctl.drive.drive_file import suggest
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.near_misses import format_vector, wheels_on_fixed_joints
@@ -22,6 +23,7 @@ NEEDS = {
     "tricycle": "a pair of wheels that the root link holds, and a steered wheel",
     "car-like": "wheels that the root link holds, and two or more steered ones",
     "steered": "two or more steered wheels, and none that the root link holds",
+    POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
 }
 
 
