@@ -265,9 +265,9 @@ def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
         return {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
     if not evidence.lines and not evidence.steered:
         doubt = (
-            "no transmission tells which joints of the casters are driven: as nothing else drives "
-            "the base, all of them are taken to be, wheels and swivels; say driven = true or false "
-            "of each [[wheel]] and [[swivel]] in a drive file"
+            "no transmission tells which joints of the casters are driven: all of them are taken "
+            "to be, wheels and swivels; say driven = true or false of each [[wheel]] and "
+            "[[swivel]] in a drive file"
         )
         return names, (doubt,)
     return names, ()

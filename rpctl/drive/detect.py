@@ -59,7 +59,7 @@ def detect(tree: FrozenTree, spec: DriveSpec | None = None) -> Drive:
 def _kind(evidence: Evidence) -> str | None:
     """Return the type of drive that the wheels make, or None."""
     fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
-    if evidence.trailing and len(evidence.swivels) > 1:
+    if evidence.trailing and evidence.powered:
         return POWERED_CASTERS
     aligned = all(parallel(fixed[0], wheel) for wheel in fixed)
     if steered and not fixed:

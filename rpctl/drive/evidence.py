@@ -74,6 +74,12 @@ class Evidence:
         )
         return not self.lines and bool(self.swivels) and all(trails)
 
+    @property
+    def powered(self) -> bool:
+        """Whether a transmission drives a wheel, or a swivel that carries one."""
+        joints = {wheel.joint.name for wheel in self.grounded.wheels}
+        return bool(self.actuated & (joints | {swivel.joint.name for swivel in self.swivels}))
+
     def on_caster(self, wheel: WheelCandidate) -> bool:
         """Return whether a caster carries a wheel."""
         return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role == "caster")

@@ -57,6 +57,11 @@ def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
             f'by the root link "{evidence.description.root}"; make the wheels\' joints '
             'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
         )
+    if kind is None and evidence.trailing:
+        message += (
+            "; all of them trail, and nothing tells that motors drive them: say --drive "
+            f"{POWERED_CASTERS} if motors do"
+        )
     if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
         message += "; nothing in a URDF tells skid-steer from mecanum wheels"
     return (
@@ -116,6 +121,7 @@ def _drive_file_draft(evidence: Evidence, kind: str | None) -> str:
     """Return a drive file of what was found."""
     roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
     guess = "skid-steer" if len(evidence.pairs) > 1 else "differential"
-    guess = guess if evidence.pairs else "steered"
+    swivelling = POWERED_CASTERS if evidence.trailing else "steered"
+    guess = guess if evidence.pairs else swivelling
     wheels = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
     return suggest(kind or guess, wheels, roles)
