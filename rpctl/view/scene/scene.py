@@ -112,7 +112,8 @@ def _estimates(robot: Robot) -> tuple[str, ...]:
     names = robot.description.estimated_links
     if not names:
         return ()
-    return (f"mass and inertia of {', '.join(names)} are estimates at {robot.density:g} kg/m³",)
+    density = f"{robot.loaded_with.density:g} kg/m³"
+    return (f"mass and inertia of {', '.join(names)} are estimates at {density}",)
 
 
 def _frames(t: Array) -> NDArray[np.int64]:
