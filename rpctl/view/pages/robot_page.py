@@ -17,7 +17,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
-from rpctl.view.obstacles import DrawnObstacle
+from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
 from rpctl.view.scene import materials, obstacle_shapes, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
@@ -47,7 +47,7 @@ class LiveMotion:
     start: Array
     desired: Array
     duration: float
-    obstacles: tuple[DrawnObstacle, ...] = ()
+    obstacles: tuple[AvoidedObstacle, ...] = ()
 
 
 def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
