@@ -15,7 +15,7 @@ from rpctl.reference.path_reference import PathReference
 from rpctl.reference.sizing import LIMIT_SHARE
 from rpctl.reference.timed_path import TimedPath, slowed
 from rpctl.reference.usage import (
-    Sample,
+    MotionSample,
     Usage,
     base_joints,
     effort_usage,
@@ -48,19 +48,20 @@ def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
     robot = dynamics.robot
     if not arm.amplitude.any() or not np.isfinite(robot.effort_limits).any():
         return arm, ""
+    full = arm.amplitude
     times = np.linspace(0.0, ARM_PERIODS * 2.0 * math.pi / arm.rate.min(), LAP_SAMPLES)
-    factor, note = 1.0, too_weak(dynamics, PathReference(None, 0.0, arm, 0.0))
-    for _ in range(MAX_STEPS):
-        swung = replace(arm, amplitude=factor * arm.amplitude)
-        worst = _arm_usage(dynamics, sample(robot, PathReference(None, 0.0, swung, 0.0), times))
+    note = too_weak(dynamics, PathReference(None, 0.0, arm, 0.0))
+    for step in range(MAX_STEPS + 1):
+        factor = STEP**step if step < MAX_STEPS else 0.0
+        arm = replace(arm, amplitude=factor * full)
+        worst = _arm_usage(dynamics, sample(robot, PathReference(None, 0.0, arm, 0.0), times))
         if worst is None or worst.ratio <= LIMIT_SHARE:
-            return swung, note
-        factor *= STEP
-        note = f"{100.0 * factor:.0f} % of its swing for {worst.text(robot)}"
-    return replace(arm, amplitude=0.0 * arm.amplitude), f"still, for {worst.text(robot)}"
+            break
+        note = f"{STEP * 100.0 * factor:.0f} % of its swing for {worst.text(robot)}"
+    return arm, note
 
 
-def _arm_usage(dynamics: ReducedDynamics, samples: list[Sample]) -> Usage | None:
+def _arm_usage(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
     """Return the most that an arm's motion takes, relative to what it may.
 
     All of it counts against what holding leaves at the first sample, accelerations on their own
@@ -74,7 +75,7 @@ def _arm_usage(dynamics: ReducedDynamics, samples: list[Sample]) -> Usage | None
     return largest([*effort_usage(dynamics, samples, holding[0]), *gentle])
 
 
-def _holding(dynamics: ReducedDynamics, samples: list[Sample]) -> Array:
+def _holding(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Array:
     """Return what holds the robot still (N, n_act); inf for what is too weak for it at first."""
     holding = holding_efforts(dynamics, samples)
     holding[:, holding[0] >= dynamics.robot.effort_limits] = np.inf
@@ -158,20 +159,22 @@ def usage_of_timed(dynamics: ReducedDynamics, reference: TimedPath) -> Usage | N
 
 
 def _most(
-    dynamics: ReducedDynamics, samples: list[Sample], joints: Sequence[str]
+    dynamics: ReducedDynamics, samples: list[MotionSample], joints: Sequence[str]
 ) -> Usage | None:
     effort = _effort(dynamics, samples)
     return largest([*rate_usage(dynamics, samples, joints), *([effort] if effort else [])])
 
 
-def _effort(dynamics: ReducedDynamics, samples: list[Sample]) -> Usage | None:
+def _effort(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
     """Return the most that a motion takes of what holding leaves of the effort limits."""
     if not np.isfinite(dynamics.robot.effort_limits).any():
         return None
     return largest(effort_usage(dynamics, samples, _holding(dynamics, samples)))
 
 
-def _lap_samples(dynamics: ReducedDynamics, reference: PathReference, lap: float) -> list[Sample]:
+def _lap_samples(
+    dynamics: ReducedDynamics, reference: PathReference, lap: float
+) -> list[MotionSample]:
     """Return the motion along the soft start and a lap."""
     ramp = reference.ramp
     times = np.linspace(0.0, ramp, RAMP_SAMPLES, endpoint=False)
@@ -179,6 +182,6 @@ def _lap_samples(dynamics: ReducedDynamics, reference: PathReference, lap: float
     return sample(dynamics.robot, reference, times.tolist())
 
 
-def _timed_samples(dynamics: ReducedDynamics, reference: TimedPath) -> list[Sample]:
+def _timed_samples(dynamics: ReducedDynamics, reference: TimedPath) -> list[MotionSample]:
     times = np.linspace(0.0, reference.duration, TIMED_SAMPLES)
     return sample(dynamics.robot, reference, times.tolist())

@@ -162,11 +162,13 @@ def _paced(
     stretch = size if shape.size is None else size / shape.size
     comfort, path = shape.comfortable_speed(stretch), shape.make(size)
     speed = wish.speed or comfort
+    rate, lap = speed / _top_speed(path), _lap(shape, size)
     ramp = RAMP_TIME * math.sqrt(stretch) * max(1.0, speed / comfort)
-    reference = PathReference(path, speed / _top_speed(path), arm, ramp)
+    ramp = min(ramp, lap * min(wish.laps or 1.0, 1.0) / rate)  # half of the way at most
+    reference = PathReference(path, rate, arm, ramp)
     if wish.speed is not None:
-        return reference, usage_of(dynamics, reference, _lap(shape, size))
-    return slow_down(dynamics, reference, _lap(shape, size))
+        return reference, usage_of(dynamics, reference, lap)
+    return slow_down(dynamics, reference, lap)
 
 
 def _lap(shape: NamedPath, size: float) -> float:

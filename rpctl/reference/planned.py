@@ -38,7 +38,7 @@ SQUARE_SIZE = 0.75  # of the robot's length: half the side of its end effector's
 FIXED_ARM_SIZE = 0.075  # of how far a fixed arm holds its end effector: half the side of its square
 
 
-def slalom(robot: Robot, wish: Wish = Wish()) -> TimedPath:
+def slalom(robot: Robot, wish: Wish) -> TimedPath:
     """Return the reference ``waypoints``: a slalom and back, by the robot's size and limits.
 
     Args:
@@ -67,7 +67,7 @@ def slalom(robot: Robot, wish: Wish = Wish()) -> TimedPath:
     return _sized(robot, "waypoints", found, size, wish, speed)
 
 
-def ee_square(robot: Robot, wish: Wish = Wish()) -> TimedPath:
+def ee_square(robot: Robot, wish: Wish) -> TimedPath:
     """Return the reference ``ee-square``: a square of the end effector, by the robot's size.
 
     Args:

@@ -16,7 +16,7 @@ from rpctl.reference.quasi_velocities import reference_rates, steering
 from rpctl.robot.model import Robot
 
 
-class Sample(NamedTuple):
+class MotionSample(NamedTuple):
     """The motion that a reference asks of a robot at one time."""
 
     q: Array  # (nq,)
@@ -43,19 +43,25 @@ class Usage(NamedTuple):
         return f"{self.joint}'s {self.limit:.3g} {units[self.quantity][straight]}"
 
 
-def sample(robot: Robot, reference: Reference, times: Iterable[float]) -> list[Sample]:
-    """Return the motion that a reference asks for at some times (s)."""
+def sample(robot: Robot, reference: Reference, times: Iterable[float]) -> list[MotionSample]:
+    """Return the motion that a reference asks for.
+
+    Args:
+        robot: The robot.
+        reference: The reference.
+        times: When, s.
+    """
     found = []
     for t in times:
         state = reference(float(t))
         q = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
         twist = robot.root_velocity @ state.twist
-        found.append(Sample(q, *reference_rates(robot, state), twist))
+        found.append(MotionSample(q, *reference_rates(robot, state), twist))
     return found
 
 
 def rate_usage(
-    dynamics: ReducedDynamics, samples: Sequence[Sample], joints: Collection[str]
+    dynamics: ReducedDynamics, samples: Sequence[MotionSample], joints: Collection[str]
 ) -> list[Usage]:
     """Return how much of their velocity limits joints take; those without a limit are left out.
 
@@ -106,7 +112,7 @@ def _pivot_speeds(swivel: Swivel, twists: Array) -> Array:
 
 
 def effort_usage(
-    dynamics: ReducedDynamics, samples: Sequence[Sample], holding: Array
+    dynamics: ReducedDynamics, samples: Sequence[MotionSample], holding: Array
 ) -> list[Usage]:
     """Return how much of what holding leaves of the effort limits a motion takes.
 
@@ -135,7 +141,7 @@ def effort_usage(
     ]
 
 
-def holding_efforts(dynamics: ReducedDynamics, samples: Sequence[Sample]) -> Array:
+def holding_efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
     """Return the sizes of the efforts (N, n_act) that hold the robot still at each sample."""
     still = np.zeros(dynamics.robot.dof)
     return np.abs([dynamics.efforts(at.q, dynamics.inverse(at.q, still, still)) for at in samples])
@@ -148,5 +154,5 @@ def largest(usages: Iterable[Usage]) -> Usage | None:
 
 def base_joints(robot: Robot) -> list[str]:
     """Return the names of the joints that roll or turn with the base: wheels and swivels."""
-    drive = robot.drive
-    return [part.joint for part in (*drive.wheels, *drive.swivels)]
+    wheels = [wheel.joint for wheel in robot.drive.wheels]
+    return wheels + [swivel.joint for swivel in robot.drive.swivels]

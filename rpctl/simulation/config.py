@@ -76,8 +76,8 @@ class RunSettings:
         control_period: s.
         plant_step: s.
         friction: Coefficient between wheels and ground.
-        size: Of a named reference, m; None: by the robot, see :class:`rpctl.reference.sizing.Sizing`.
-        speed: Of a named reference, m/s, of a spin rad/s; None: by the robot.
+        size: Of a named reference, m; None: as fits the robot.
+        speed: Of a named reference, m/s, of a spin rad/s; None: as fits the robot.
         laps: How many times a named reference is gone through; None: once.
     """
 
