@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from rpctl import __version__
+from rpctl.cli.words import WordsCommand
 from rpctl.errors import RpctlError
 
 INTERRUPTED = 130  # exit code
@@ -113,7 +114,7 @@ def load_command(name: str) -> Any:
     command = COMMANDS[name]
     module, _, function = command.function.partition(":")
     single = typer.Typer(add_completion=False)
-    single.command(name, epilog=f"Example: {command.example}")(
+    single.command(name, cls=WordsCommand, epilog=f"Example: {command.example}")(
         _guarded(_flatten(getattr(import_module(module), function)))
     )
     return typer.main.get_command(single)

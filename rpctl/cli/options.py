@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,7 @@ from typing import Annotated
 import typer
 
 import rpctl
+from rpctl.cli.words import XACRO_OPTION, read_words
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
 
@@ -28,6 +30,14 @@ PackageDirOption = Annotated[
         metavar="DIR",
         help="Where package:// and $(find ...) look: a package, or a folder that holds some. "
         "Repeatable.",
+    ),
+]
+XacroArgsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        XACRO_OPTION,
+        metavar="NAME:=VALUE",
+        help="An argument of a .xacro; a plain word NAME:=VALUE says the same. Repeatable.",
     ),
 ]
 JsonOption = Annotated[
@@ -67,6 +77,31 @@ class LoadOptions:
         ),
     ] = False
     package_dir: PackageDirOption = None
+    ignore_missing_packages: Annotated[
+        bool,
+        typer.Option(
+            "--ignore-missing-packages",
+            help="Leave out what a .xacro includes from packages that are not found.",
+        ),
+    ] = False
+    xacro_args: XacroArgsOption = None
+    end_effector: Annotated[
+        str | None, typer.Option(metavar="LINK", help="The link to track; else the arm's last.")
+    ] = None
+    home: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=POSITION",
+            help="Where a joint of the arm is at home, rad or m. Repeatable.",
+        ),
+    ] = None
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Let joints move, by name or pattern, that are frozen by default. Repeatable.",
+        ),
+    ] = None
 
     def load(self, source: str) -> rpctl.Robot:
         """Load the robot that is called ``source``.
@@ -74,19 +109,39 @@ class LoadOptions:
         Raises:
             RpctlError: An option is wrong, or the robot cannot be loaded.
         """
-        positions = {}
-        for item in self.lock or ():
-            name, given, position = item.partition("=")
-            try:
-                positions[name] = float(position) if given else 0.0
-            except ValueError:
-                raise RpctlError(
-                    f"--lock {item}: {position!r} is not a number; write NAME=0.1"
-                ) from None
         return rpctl.load(
-            source, self.drive, positions, self.density,
-            strict=self.strict, package_dirs=self.package_dir or (),
-        )  # fmt: skip
+            source,
+            self.drive,
+            _positions("--lock", self.lock, 0.0),
+            self.density,
+            self.end_effector,
+            self.strict,
+            self.package_dir or (),
+            read_words(self.xacro_args),
+            self.ignore_missing_packages,
+            _positions("--home", self.home),
+            self.free or (),
+        )
+
+
+def _positions(
+    option: str, items: Iterable[str] | None, default: float | None = None
+) -> dict[str, float]:
+    """Return the positions of ``NAME=POSITION`` by name; ``default`` for a bare name.
+
+    Raises:
+        RpctlError: A position is no number.
+    """
+    positions: dict[str, float] = {}
+    for item in items or ():
+        name, given, position = item.partition("=")
+        try:
+            positions[name] = default if default is not None and not given else float(position)
+        except ValueError:
+            raise RpctlError(
+                f"{option} {item}: {position!r} is not a number; write NAME=0.1"
+            ) from None
+    return positions
 
 
 def read_triple(text: str) -> tuple[float, float, float]:

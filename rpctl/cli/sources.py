@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from rpctl.cli.options import JsonOption, PackageDirOption
+from rpctl.cli.options import JsonOption, PackageDirOption, XacroArgsOption
 from rpctl.cli.terminal import console, new_table, print_json
+from rpctl.cli.words import read_words
 from rpctl.description.expansion import expand
-from rpctl.description.packages import require_folders
+from rpctl.description.read_settings import read_settings
 from rpctl.errors import format_finding
 from rpctl.robot.catalog import ENTRIES
 
@@ -19,10 +20,11 @@ from rpctl.robot.catalog import ENTRIES
 def expand_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A .xacro file. It is evaluated.")],
     package_dir: PackageDirOption = None,
+    words: XacroArgsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
-    text, findings = expand(file, require_folders(package_dir or ()))
+    text, findings = expand(file, read_settings(package_dir or (), read_words(words)))
     for finding in findings:
         typer.echo(format_finding(str(file), finding), err=True)
     if as_json:

@@ -214,7 +214,7 @@ def _live_page(
     robot: Robot, reference: Reference, config: Config, say: Callable[[str], object]
 ) -> AbstractContextManager[Broadcast]:
     """Serve the page that shows the simulation while it runs."""
-    from rpctl.view.obstacles import find_obstacles
+    from rpctl.simulation.obstacles import find_obstacles
     from rpctl.view.serve.live import broadcast
 
     duration, period = config.run.duration, config.run.control_period

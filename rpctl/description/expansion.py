@@ -6,7 +6,7 @@ import importlib.util
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import astuple
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 
 from rpctl.description.findings import excerpt
 from rpctl.description.packages import find_packages
+from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
 from rpctl.errors import MAX_SHOWN, DescriptionError, Finding, RpctlError, format_finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
@@ -38,7 +39,7 @@ def is_xacro(path: Path) -> bool:
     return path.suffix.lower() == ".xacro"
 
 
-def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Finding, ...]]:
+def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> tuple[str, tuple[Finding, ...]]:
     """Return the text that a .xacro expands to, and the warnings of xacro.
 
     What it includes lies in the folders that it may use
@@ -47,7 +48,7 @@ def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Fi
 
     Args:
         path: The file.
-        package_dirs: Folders that the user declares: packages, or folders that hold packages.
+        settings: Where packages lie, and the values of the file's arguments.
 
     Raises:
         DescriptionError: There is no such file.
@@ -57,7 +58,7 @@ def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Fi
     read_source(path)
     if importlib.util.find_spec("xacro") is None:
         raise _refusal(path, f"this is xacro, and the xacro package is not installed; {INSTALL}")
-    answer = _ask(path, package_dirs)
+    answer = _ask(path, settings)
     if "error" in answer:
         if answer["error"] is None:
             most = cap("MAX_XACRO_MEMORY")
@@ -75,12 +76,13 @@ def expand(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[Fi
     return answer["text"], tuple(Finding("warning", None, f"xacro: {line}") for line in warnings)
 
 
-def _ask(path: Path, package_dirs: Sequence[Path]) -> dict[str, Any]:
+def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
     """Return the worker's answer."""
     seconds = cap("MAX_XACRO_SECONDS")
     request = {
         "file": str(path.absolute()),
-        "packages": astuple(find_packages(path, package_dirs)),
+        "packages": astuple(find_packages(path, settings.package_dirs)),
+        "arguments": dict(settings.xacro_args),
         "path": [entry for entry in sys.path if entry],
         "memory": cap("MAX_XACRO_MEMORY"),
         "seconds": seconds + WORKER_GRACE_S,

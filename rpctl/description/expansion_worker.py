@@ -47,7 +47,8 @@ def main() -> None:
     _limit(request["memory"], request["seconds"])
     try:
         with redirect_stderr(captured):
-            answer = _expand(request["file"], Packages(*map(tuple, request["packages"])))
+            packages = Packages(*map(tuple, request["packages"]))
+            answer = _expand(request["file"], packages, request["arguments"])
     except MemoryError:
         answer = {"error": None}
     answer["told"] = captured.getvalue()[:MAX_WARNING_CHARS]
@@ -63,7 +64,7 @@ def _limit(memory: int, seconds: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
-def _expand(file: str, packages: Packages) -> dict[str, Any]:
+def _expand(file: str, packages: Packages, arguments: dict[str, str]) -> dict[str, Any]:
     import xacro
     from xacro import substitution_args
 
@@ -84,7 +85,7 @@ def _expand(file: str, packages: Packages) -> dict[str, Any]:
     try:
         xacro.init_stacks(file)
         document = xacro.parse(None, file)
-        xacro.process_doc(document)
+        xacro.process_doc(document, mappings=arguments)
         return {"text": document.toprettyxml(indent="  ")}
     except ExpatError as error:
         reason = str(error).partition(": line")[0]

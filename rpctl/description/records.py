@@ -11,6 +11,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description.mesh_paths import MeshPaths
+from rpctl.description.read_settings import ReadSettings
 from rpctl.errors import Finding
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
@@ -122,7 +123,7 @@ class Description:
         sha256: Digest of the file's bytes.
         root: Name of the root link.
         findings: Warnings and remarks (errors raise instead).
-        package_dirs: Folders that the user declares: packages, or folders that hold packages.
+        read_with: How its file was read.
         raw: The file's bytes as the user wrote them, or the text that a .xacro became; the proof
             reads these, not ``xml``.
     """
@@ -135,7 +136,7 @@ class Description:
     links: tuple[Link, ...] = field(repr=False)
     joints: tuple[Joint, ...] = field(repr=False)
     findings: tuple[Finding, ...]
-    package_dirs: tuple[Path, ...] = ()
+    read_with: ReadSettings = field(default_factory=ReadSettings)
     raw: bytes = field(default=b"", repr=False)
 
     @cached_property
@@ -164,7 +165,7 @@ class Description:
     @cached_property
     def mesh_paths(self) -> MeshPaths:
         """Finds the mesh files that the URDF names."""
-        return MeshPaths(self.path, self.package_dirs)
+        return MeshPaths(self.path, self.read_with.package_dirs)
 
     @property
     def estimated_links(self) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from rpctl.description.expansion import expand, explanation, is_xacro
 from rpctl.description.findings import Findings
 from rpctl.description.joints import read_joint
 from rpctl.description.links import read_link
+from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
 from rpctl.description.records import Description, Joint, Link
 from rpctl.description.shapes import read_colour
 from rpctl.description.structure import check_names, check_spelling, check_tree, resolve_mimics
@@ -32,12 +32,12 @@ ENGINES_READ = {  # what dynamics need; engines refuse robots for faults in the 
 ENGINES_READ_OF_MOVING = ENGINES_READ["joint"] | {"axis", "limit", "mimic"}
 
 
-def read(path: str | Path, package_dirs: Sequence[Path] = ()) -> Description:
+def read(path: str | Path, settings: ReadSettings = READ_DEFAULTS) -> Description:
     """Read a URDF strictly, or a .xacro that becomes one.
 
     Args:
         path: The file.
-        package_dirs: Folders that the user declares: packages, or folders that hold packages.
+        settings: Where packages lie, and the values of xacro's arguments.
 
     Returns:
         The description, with warnings among its findings.
@@ -49,11 +49,11 @@ def read(path: str | Path, package_dirs: Sequence[Path] = ()) -> Description:
     """
     path = Path(path)
     if not is_xacro(path):
-        return replace(parse(path, read_source(path)), package_dirs=tuple(package_dirs))
-    text, warnings = expand(path, package_dirs)
+        return replace(parse(path, read_source(path)), read_with=settings)
+    text, warnings = expand(path, settings)
     description = parse(path, text.encode("utf-8"))
     findings = (*warnings, *description.findings, explanation(path))
-    return replace(description, package_dirs=tuple(package_dirs), findings=findings)
+    return replace(description, read_with=settings, findings=findings)
 
 
 def parse(path: Path, data: bytes) -> Description:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
 from rpctl.drive.assemble import assemble
-from rpctl.drive.drive import FIXED_BASE, Drive
+from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.near_misses import misaligned_axes, wheels_on_fixed_joints
@@ -59,6 +59,8 @@ def detect(tree: FrozenTree, spec: DriveSpec | None = None) -> Drive:
 def _kind(evidence: Evidence) -> str | None:
     """Return the type of drive that the wheels make, or None."""
     fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
+    if evidence.trailing and evidence.powered:
+        return POWERED_CASTERS
     aligned = all(parallel(fixed[0], wheel) for wheel in fixed)
     if steered and not fixed:
         return "steered" if len(steered) > 1 else None
@@ -90,6 +92,7 @@ def _fits(kind: str, evidence: Evidence) -> bool:
         "tricycle": len(pairs) > 0 and len(steered) == 1,
         "car-like": len(fixed) > 0 and len(steered) > 1,
         "steered": not fixed and len(steered) > 1,
+        POWERED_CASTERS: evidence.trailing,
     }
     return needs[kind]
 

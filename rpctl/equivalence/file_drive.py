@@ -54,7 +54,7 @@ def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
         raw: Its file.
     """
     drive, poses = robot.drive, raw.poses(robot.locked)
-    paths = MeshPaths(robot.description.path, robot.description.package_dirs)
+    paths = MeshPaths(robot.description.path, robot.description.read_with.package_dirs)
     placed, shapeless = {}, []
     for wheel in drive.wheels:
         size = wheel_size(raw, raw.joint[wheel.joint], robot.locked, paths)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -11,15 +11,16 @@ from rpctl.description.density import fill
 from rpctl.description.expansion import lines_explained
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_checks import check_meshes
-from rpctl.description.packages import require_folders
+from rpctl.description.read_settings import read_settings
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import Drive
 from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
-from rpctl.errors import DescriptionError, Finding, UnknownNameError
+from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError, is_number
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
+from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
 
 
@@ -31,6 +32,10 @@ def load(
     end_effector: str | None = None,
     strict: bool = False,
     package_dirs: Iterable[str | Path] = (),
+    xacro_args: Mapping[str, object] | None = None,
+    ignore_missing_packages: bool = False,
+    home: Mapping[str, float] | None = None,
+    free: Iterable[str] = (),
 ) -> Robot:
     """Load a robot.
 
@@ -48,6 +53,12 @@ def load(
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
             ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
             the file come after them.
+        xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name.
+        ignore_missing_packages: Whether what a .xacro includes from packages that are not found
+            is left out.
+        home: Positions of the arm's joints at home (rad or m), by name; 0 for those left out, or
+            the nearest to it well inside the limits.
+        free: Name patterns of joints that the catalogue freezes and that are to move.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -56,12 +67,14 @@ def load(
         UnknownNameError: A name is not known; the nearest are suggested.
     """
     path, entry = _resolve(source)
-    folders = require_folders(package_dirs)
+    settings = read_settings(package_dirs, xacro_args, ignore_missing_packages)
+    free = (free,) if isinstance(free, str) else tuple(free)
     with lines_explained(path):
-        description = read(path, folders)
+        description = read(path, settings)
         if density is not None:
             description = fill(description, density)
-        tree = FrozenTree(description, _locked(description, entry.lock if entry else (), lock))
+        defaults = entry.lock if entry else ()
+        tree = FrozenTree(description, _locked(description, defaults, lock, free))
         findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
         if strict:
             _refuse_doubts(path, findings)
@@ -80,7 +93,7 @@ def load(
             joints=joints,
             end_effector=end_effector or _tip(description, joints),
             findings=findings,
-            density=density,
+            loaded_with=LoadSettings(density, _home(joints, home), free),
         )
 
 
@@ -138,20 +151,50 @@ def _locked(
     description: Description,
     defaults: Iterable[str],
     lock: Iterable[str] | Mapping[str, float],
+    free: Iterable[str],
 ) -> dict[str, float]:
-    """Return the positions (rad or m) of the joints that the patterns match, by name."""
-    wanted = dict.fromkeys(defaults, 0.0)
+    """Return the positions (rad or m) of the joints that the patterns match, by name.
+
+    Patterns of ``free`` take joints out of the defaults, not out of what the user locks.
+    """
+    moving = [joint.name for joint in description.joints if joint.moving]
+    released = {name for pattern in free for name in _matching(moving, pattern, "joint to free")}
+    frozen = {name for pattern in defaults for name in moving if fnmatchcase(name, pattern)}
+    locked = dict.fromkeys((name for name in moving if name in frozen - released), 0.0)
     if isinstance(lock, str):
         lock = (lock,)
-    wanted.update(lock if isinstance(lock, Mapping) else dict.fromkeys(lock, 0.0))
-    moving = [joint.name for joint in description.joints if joint.moving]
-    locked: dict[str, float] = {}
+    wanted = lock if isinstance(lock, Mapping) else dict.fromkeys(lock, 0.0)
     for pattern, position in wanted.items():
-        names = [name for name in moving if fnmatchcase(name, pattern)]
-        if not names and pattern not in defaults:
-            raise UnknownNameError("joint to lock", pattern, moving)
+        names = _matching(moving, pattern, "joint to lock")
         locked.update(dict.fromkeys(names, float(position)))
     return locked
+
+
+def _matching(names: Sequence[str], pattern: str, kind: str) -> list[str]:
+    """Return the names that a pattern matches.
+
+    Raises:
+        UnknownNameError: There are none.
+    """
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        raise UnknownNameError(kind, pattern, names)
+    return found
+
+
+def _home(joints: Iterable[Joint], given: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the positions at home that are given.
+
+    Raises:
+        RpctlError: A joint is none of the arm's, or a position is no number.
+    """
+    names = [joint.name for joint in joints]
+    for name, position in (given or {}).items():
+        if name not in names:
+            raise UnknownNameError("joint at home", name, names)
+        if not is_number(position):
+            raise RpctlError(f"home of {name} is {position!r}; give a number, rad or m")
+    return dict(given or {})
 
 
 def _massless_movers(tree: FrozenTree) -> list[Finding]:

@@ -17,6 +17,7 @@ from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
 from rpctl.errors import Finding, RpctlError, UnknownNameError
 from rpctl.robot.coordinates import JointEntry, joint_entries, write_root
+from rpctl.robot.load_settings import LoadSettings
 
 BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
@@ -36,7 +37,7 @@ class Robot:
         joints: The arm: moving joints that are no wheels, swivels or mimics, in file order.
         end_effector: Link whose pose is tracked, or None for a robot without an arm.
         findings: What was noticed in the description and the model.
-        density: Density from which missing inertias were estimated, kg/m³, or None.
+        loaded_with: What else it was loaded with.
     """
 
     name: str
@@ -48,7 +49,7 @@ class Robot:
     joints: tuple[Joint, ...] = field(repr=False)
     end_effector: str | None
     findings: tuple[Finding, ...] = field(repr=False)
-    density: float | None = None
+    loaded_with: LoadSettings = field(default_factory=LoadSettings, repr=False)
 
     @cached_property
     def tree(self) -> FrozenTree:
@@ -261,8 +262,9 @@ class Robot:
 
     @cached_property
     def home(self) -> Array:
-        """A posture (n_joints,) of the arm well inside its limits: 0, or the nearest to it."""
-        return np.array([_home(joint) for joint in self.joints])
+        """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
+        given = self.loaded_with.home
+        return np.array([given.get(joint.name, _home(joint)) for joint in self.joints])
 
 
 def _home(joint: Joint) -> float:

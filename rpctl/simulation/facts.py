@@ -22,6 +22,10 @@ class RobotFacts:
         drive: Its drive.
         density: Density from which its missing inertias were estimated, kg/m³, or None.
         package_dirs: Folders where its packages lay.
+        xacro_args: Values of the arguments of its .xacro, by name.
+        ignore_missing_packages: Whether includes from packages that were not found were left out.
+        home: Positions of its arm's joints at home, rad or m.
+        free: Patterns of joints that were not frozen by default.
         quasi_velocities: Names of ν.
         actuators: Names of τ.
         joint_names: Names of the arm's joints.
@@ -45,6 +49,10 @@ class RobotFacts:
     drive: Drive
     density: float | None
     package_dirs: tuple[str, ...]
+    xacro_args: Mapping[str, str]
+    ignore_missing_packages: bool
+    home: Mapping[str, float]
+    free: tuple[str, ...]
     quasi_velocities: tuple[str, ...]
     actuators: tuple[str, ...]
     joint_names: tuple[str, ...]
@@ -83,14 +91,19 @@ def robot_facts(robot: Robot) -> RobotFacts:
     """Return what a run keeps of its robot."""
     described = robot.description.joint
     steered, others = steered_joints(robot), other_joints(robot)
+    reading = robot.description.read_with
     return RobotFacts(
         name=robot.name,
         source=robot.source,
         urdf_sha256=robot.description.sha256,
         locked=dict(robot.locked),
         drive=robot.drive,
-        density=robot.density,
-        package_dirs=tuple(map(str, robot.description.package_dirs)),
+        density=robot.loaded_with.density,
+        package_dirs=tuple(map(str, reading.package_dirs)),
+        xacro_args=dict(reading.xacro_args),
+        ignore_missing_packages=reading.ignore_missing_packages,
+        home=dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
+        free=robot.loaded_with.free,
         quasi_velocities=robot.quasi_velocities,
         actuators=robot.actuators,
         joint_names=robot.joint_names,

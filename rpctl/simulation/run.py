@@ -32,6 +32,12 @@ OPTIONAL_ENTRIES = (
     "load_range",
     "slip_range",
 )  # missing in older files; they may hold NaN or inf
+LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand for there
+    "xacro_args": {},
+    "ignore_missing_packages": False,
+    "home": {},
+    "free": [],
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -167,6 +173,10 @@ class Run:
             known.end_effector,
             package_dirs=package_dirs
             or [folder for folder in known.package_dirs if Path(folder).is_dir()],
+            xacro_args=known.xacro_args,
+            ignore_missing_packages=known.ignore_missing_packages,
+            home=known.home,
+            free=known.free,
         )
         if robot.description.sha256 != known.urdf_sha256:
             raise RunFileError(
@@ -222,6 +232,7 @@ def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
     """Return a run from what a file holds, shapes and names checked."""
     for name in OPTIONAL_ENTRIES:
         entries.setdefault(name, np.empty((np.size(entries.get("t", ())), 0)))
+    entries = {**LATER_ENTRIES, **entries}
     missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
     if missing or extra:
         listed = ", ".join(sorted(missing | extra))

@@ -15,18 +15,22 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation import log
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import WatchedSample, simulate
+from rpctl.simulation.loop import WatchedSample, Watcher, simulate
 from rpctl.simulation.run import ARRAY_ENTRIES
 
 SETTINGS = Config(run=RunSettings("eight", 0.03, (0.1, -0.2, 0.3)))
 
 
-def ended_run(robot: Robot, error: type[BaseException], **options: object) -> Run:
+def ended_run(
+    robot: Robot,
+    error: type[BaseException],
+    config: Config = SETTINGS,
+    watch: Watcher | None = None,
+) -> Run:
     """Return what is kept of a simulation that an exception ends."""
     kept: list[Run] = []
-    config = options.pop("config", SETTINGS)
     with pytest.raises(error):
-        simulate(robot, config, ended=kept.append, **options)  # type: ignore[arg-type]
+        simulate(robot, config, ended=kept.append, watch=watch)
     (run,) = kept
     return run
 
@@ -84,9 +88,11 @@ def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:
             raise ValueError("no effort for this")
         return Efforts(np.ones(4))
 
-    config = Config(run=SETTINGS.run, dynamic=law)  # type: ignore[arg-type]
+    config = Config(run=SETTINGS.run, dynamic=law)
+    kept: list[Run] = []
     with pytest.raises(ValueError, match="no effort"):
-        simulate(paper, config, ended=pytest.fail)  # one sample is no motion
+        simulate(paper, config, ended=kept.append)
+    assert kept == []  # one sample is no motion
     note = "ended at 0.01 of 0.03 s (no effort for this); what was simulated is kept"
 
     def later(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
@@ -94,7 +100,7 @@ def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:
             raise ValueError("no effort for this")
         return Efforts(np.array([1.0, 1.0, 0.0, 0.0]))
 
-    run = ended_run(paper, ValueError, config=Config(run=SETTINGS.run, dynamic=later))  # type: ignore[arg-type]
+    run = ended_run(paper, ValueError, config=Config(run=SETTINGS.run, dynamic=later))
     assert run.notes == (note.replace("0.01", f"{run.t[-1]:.4g}", 1),)
 
 
@@ -107,7 +113,7 @@ def test_motion_that_leaves_the_numbers_ends_before_its_first_infinite_sample(
         calls.append(0.0)
         return Efforts(np.full(4, np.inf if len(calls) > 5 else 0.0))
 
-    config = Config(run=SETTINGS.run, dynamic=law)  # type: ignore[arg-type]
+    config = Config(run=SETTINGS.run, dynamic=law)
     with np.errstate(all="ignore"):
         run = ended_run(paper, RpctlError, config=config)
     assert len(run.t) == 5

@@ -77,7 +77,7 @@ def support_shapes(robot: Robot, supports: Supports) -> Iterator[tuple[str, str,
 
 def _treads(robot: Robot, joint: Joint) -> list[Tyre]:
     """Return the round shapes of a wheel, of the first of its links that draws any."""
-    paths = MeshPaths(robot.description.path, robot.description.package_dirs)
+    paths = MeshPaths(robot.description.path, robot.description.read_with.package_dirs)
     stack = [(joint.child, joint.axis)]
     while stack:
         name, axis = stack.pop(0)

@@ -18,7 +18,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
-from rpctl.view.obstacles import DrawnObstacle
+from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
 from rpctl.view.scene import materials, obstacle_shapes, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
@@ -52,7 +52,7 @@ class LiveMotion:
     desired: Array
     duration: float
     stop: str = "/stop"
-    obstacles: tuple[DrawnObstacle, ...] = ()
+    obstacles: tuple[AvoidedObstacle, ...] = ()
     charts: Sequence[Mapping[str, Any]] = ()
 
 

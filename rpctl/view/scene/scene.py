@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
+from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.run import Run
-from rpctl.view.obstacles import run_obstacles
 from rpctl.view.scene import keyframes, materials, obstacle_shapes, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
@@ -112,7 +112,8 @@ def _estimates(robot: Robot) -> tuple[str, ...]:
     names = robot.description.estimated_links
     if not names:
         return ()
-    return (f"mass and inertia of {', '.join(names)} are estimates at {robot.density:g} kg/m³",)
+    density = f"{robot.loaded_with.density:g} kg/m³"
+    return (f"mass and inertia of {', '.join(names)} are estimates at {density}",)
 
 
 def _frames(t: Array) -> NDArray[np.int64]:

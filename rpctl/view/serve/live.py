@@ -16,7 +16,7 @@ from rpctl.reference.quasi_velocities import steering
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop import WatchedSample
-from rpctl.view.obstacles import DrawnObstacle
+from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve.events import Stream
 from rpctl.view.serve.live_figures import LiveFigures
@@ -153,7 +153,7 @@ def broadcast(
     reference: Reference,
     duration: float,
     say: Callable[[str], object],
-    obstacles: tuple[DrawnObstacle, ...] = (),
+    obstacles: tuple[AvoidedObstacle, ...] = (),
 ) -> Iterator[Broadcast]:
     """Serve the page of a simulation; yields its ``Broadcast``.
 

@@ -1,0 +1,24 @@
+"""``LoadSettings``: what a robot was loaded with and does not tell itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class LoadSettings:
+    """Arguments of :func:`rpctl.load` that the robot itself does not tell.
+
+    The others are resolved in the robot's ``source``, ``drive``, ``locked`` and ``end_effector``,
+    and in its description's ``read_with``.
+
+    Attributes:
+        density: Density from which missing inertias were estimated, kg/m³, or None.
+        home: Positions of the arm's joints at home (rad or m), by name, where they were given.
+        free: Patterns of joints that are not frozen by default.
+    """
+
+    density: float | None = None
+    home: Mapping[str, float] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
