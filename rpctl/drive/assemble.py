@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import TYPES_WITH_AXLE, Drive, Wheel
+from rpctl.drive.drive import POWERED_CASTERS, TYPES_WITH_AXLE, Drive, Wheel
 from rpctl.drive.drive_file import DriveSpec, WheelSpec
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.roles import assign_roles
@@ -31,7 +31,10 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         DriveError: A swivel cannot have the role that the drive has for it.
     """
     base = _Base(kind, evidence)
-    swivels = tuple(swivel.towards(base.forward) for swivel in evidence.swivels)
+    if kind == POWERED_CASTERS:
+        swivels = tuple(swivel.trailing() for swivel in evidence.swivels)
+    else:
+        swivels = tuple(swivel.towards(base.forward) for swivel in evidence.swivels)
     base = replace(base, evidence=replace(evidence, swivels=swivels))
     driven, doubts = _driven(base)
     return Drive(
@@ -73,10 +76,10 @@ class _Base:
 
         It lies across the mean of the leftward unit axles (3,) of the fixed wheels that do not
         slide, each turned the way of the first of the longest line: atan2(−Σ a_x, Σ a_y). Where
-        all wheels are steered it lies across the first one's axle. That of omni wheels is the
-        root link's x axis.
+        all wheels are steered it lies across the first one's axle. That of omni wheels and of
+        powered casters is the root link's x axis.
         """
-        if self.kind == "omni":
+        if self.kind in ("omni", POWERED_CASTERS):
             return 0.0
         evidence = self.evidence
         held = [wheel.axle for wheel in evidence.fixed if wheel.joint.name not in self.sliding]
@@ -225,7 +228,8 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     """Return the driven joints, and the assumptions behind that choice, in sentences.
 
     The first of these that says so decides: the drive file, the transmissions, effort limits that
-    only some joints have. Otherwise the fixed wheels drive, and the steered ones do not.
+    only some joints have. Otherwise the fixed wheels drive, and the steered ones do not; of powered
+    casters all wheels and swivels do.
     """
     evidence, spec = base.evidence, base.evidence.spec
     said = {name: wheel.driven for name, wheel in spec.wheels.items()}
@@ -236,7 +240,10 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
         for wheel in evidence.grounded.wheels
         if not evidence.on_caster(wheel) and wheel.joint.name not in base.sliding
     }
-    rolling, doubts = _driven_wheels(evidence, names)
+    if base.kind == POWERED_CASTERS:
+        names = {wheel.joint.name for wheel in evidence.grounded.wheels}
+        names |= {swivel.joint.name for swivel in evidence.swivels}
+    rolling, doubts = _driven_joints(evidence, names)
     if specified.keys() >= names:
         doubts = ()
     driven = rolling | {s.joint.name for s in evidence.steered if s.joint.mimic is None}
@@ -244,12 +251,12 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     return frozenset(driven | {name for name, yes in specified.items() if yes}), doubts
 
 
-def _driven_wheels(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
-    """Return which of the wheels ``names`` are driven, as the URDF has it, and the assumptions."""
+def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
+    """Return which of the joints ``names`` are driven, as the URDF has it, and the assumptions."""
     if names & evidence.actuated:
         return names & evidence.actuated, ()
-    wheels = evidence.grounded.wheels
-    limited = names & {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
+    joints = evidence.description.joint
+    limited = {name for name in names if math.isfinite(joints[name].effort)}
     pairs = ({wheel.joint.name for wheel in pair} for pair in evidence.pairs)
     whole = all(pair <= limited or not pair & limited for pair in pairs)
     if limited and limited != names and whole:
@@ -260,6 +267,13 @@ def _driven_wheels(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
             "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
         )
         return {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
+    if not evidence.lines and not evidence.steered:
+        doubt = (
+            "no transmission tells which joints of the casters are driven: all of them are taken "
+            "to be, wheels and swivels; say driven = true or false of each [[wheel]] and "
+            "[[swivel]] in a drive file"
+        )
+        return names, (doubt,)
     return names, ()
 
 

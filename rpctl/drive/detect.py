@@ -8,7 +8,7 @@ from dataclasses import replace
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
 from rpctl.drive.assemble import assemble
-from rpctl.drive.drive import FIXED_BASE, Drive
+from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.leftovers import explain_leftovers, lock_option
@@ -116,6 +116,8 @@ def _refuse_swivels_of_mecanum_wheels(evidence: Evidence) -> None:
 def _kind(evidence: Evidence) -> str | None:
     """Return the type of drive that the wheels make, or None."""
     fixed, pairs, steered = evidence.fixed, evidence.pairs, evidence.steered
+    if evidence.trailing and evidence.powered:
+        return POWERED_CASTERS
     aligned = all(parallel(fixed[0], wheel) for wheel in fixed)
     if steered and not fixed:
         return "steered" if len(steered) > 1 else None
@@ -156,6 +158,7 @@ def _fits(kind: str, evidence: Evidence) -> bool:
         "tricycle": len(pairs) > 0 and len(steered) == 1,
         "car-like": len(fixed) > 0 and len(steered) > 1,
         "steered": not fixed and len(steered) > 1,
+        POWERED_CASTERS: evidence.trailing,
     }
     return needs[kind]
 

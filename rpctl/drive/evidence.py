@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
-from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.drive_file import DriveSpec, SwivelSpec
 from rpctl.drive.grounded import GroundedWheels, find_grounded
 from rpctl.drive.leftovers import Leftover, find_leftovers
 from rpctl.drive.plugins import BaseControl, SimulatorTags
@@ -71,6 +71,23 @@ class Evidence:
     def steered(self) -> tuple[SwivelCandidate, ...]:
         """The swivels that steer."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "steered")
+
+    @property
+    def trailing(self) -> bool:
+        """Whether every wheel trails an upright joint, powered or not, and none is held firmly."""
+        told = self.spec.swivels
+        trails = (
+            swivel.role == "caster"
+            or (swivel.trails and told.get(swivel.joint.name, SwivelSpec()).role is None)
+            for swivel in self.swivels
+        )
+        return not self.lines and bool(self.swivels) and all(trails)
+
+    @property
+    def powered(self) -> bool:
+        """Whether a transmission drives a wheel, or a swivel that carries one."""
+        joints = {wheel.joint.name for wheel in self.grounded.wheels}
+        return bool(self.actuated & (joints | {swivel.joint.name for swivel in self.swivels}))
 
     def on_caster(self, wheel: WheelCandidate) -> bool:
         """Return whether a caster carries a wheel."""

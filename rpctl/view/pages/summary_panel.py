@@ -10,15 +10,11 @@ from pathlib import PurePath
 from typing import Any, TypeGuard
 
 from rpctl.control.unregistered import name_of, settings_of
+from rpctl.simulation.obstacles import OBSTACLE_SETTINGS, run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
-from rpctl.view.obstacles import (
-    OBSTACLE_SETTINGS,
-    OBSTACLE_TITLES,
-    obstacle_texts,
-    run_obstacles,
-)
+from rpctl.view.obstacles import OBSTACLE_TITLES, obstacle_texts
 from rpctl.view.pages.page import badge, definitions, section
 
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
@@ -89,13 +85,30 @@ def legend(run: Run) -> str:
     entries = [("base", "Base")] if has_base(run) else []
     entries += [("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    limited = any(math.isfinite(limit) for limit in run.robot.effort_limits)
-    entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
+    first = [legend_entry(key, text) for key, text in entries]
+    efforts = [legend_entry("effort", "Effort as colour", shown=False), effort_key(run)]
+    entries = []
     if run.log.tip_margin.size:
         one = ": equally stiff contacts" if run.log.load_range.size else ""
         entries += [("loads", f"Ground reactions{one}")] if run.log.contact_load.size else []
         entries += [("zmp", "Support, zero-moment point")]
-    return "".join([*(legend_entry(key, text) for key, text in entries), *obstacle_entries([run])])
+    rest = [legend_entry(key, text) for key, text in entries]
+    return "".join([*first, *efforts, *rest, *obstacle_entries([run])])
+
+
+def effort_key(run: Run) -> str:
+    """Return the scale of the colours of efforts, which is hidden while efforts are not shown."""
+    limits = [math.isfinite(limit) and limit > 0.0 for limit in run.robot.effort_limits]
+    full = "limit" if all(limits) else "limit or peak" if any(limits) else "peak"
+    title = {
+        "limit": "of each joint's effort limit",
+        "peak": "of each joint's largest effort in this run, as the robot has no limits",
+        "limit or peak": "of each joint's effort limit; without one, of its largest effort",
+    }[full]
+    return (
+        f'<li class="key" data-key="effort" title="{title}" hidden><i class="effort"></i>'
+        f"<span><b>0</b><b>50 %</b><b>{full}</b></span></li>"
+    )
 
 
 def obstacle_entries(runs: Iterable[Run]) -> list[str]:
