@@ -197,6 +197,11 @@ function makeScene(data) {
     for (let k = 0; k < trail.points.length; k++) stretch(k);
   }
 
+  function clear() {
+    Object.assign(trail, { points: [], least: data.trail / 2 });
+    trail.mesh.geometry.setDrawRange(0, 0);
+  }
+
   function stretch(k) {
     const { points, mesh } = trail, { position } = mesh.geometry.attributes;
     const side = (i, j) => {
@@ -279,5 +284,5 @@ function makeScene(data) {
   $("camera-area").hidden = !data.area;
   $("layer-contact").parentElement.hidden = layers.contact.length === 0;
 
-  return { viewer, pose, ground, camera, extend, node };
+  return { viewer, pose, ground, camera, extend, clear, node };
 }

@@ -8,10 +8,10 @@ from html import escape
 
 import numpy as np
 
+from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary
 from rpctl.view.charts import has_base
-from rpctl.view.obstacles import run_obstacles
 from rpctl.view.pages.summary_panel import (
     MERIT_LABELS,
     certificate_badge,

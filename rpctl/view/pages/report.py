@@ -21,10 +21,11 @@ from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
-from rpctl.view.pages.page import asset, embed, meshcat_script, policy
+from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.scene.scene import Scene, build_scene
 
+STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
 SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
 
 
@@ -147,12 +148,12 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _render(page: Page) -> str:
-    meshcat, uplot = meshcat_script(), _uplot()
+    meshcat, uplot = meshcat_script(), uplot_script()
     script = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
     return Template(asset("template.html")).substitute(
         policy=policy(meshcat, uplot, script),
         title=f"{escape(page.title)} · rpctl",
-        css=asset("uplot/uPlot.min.css") + asset("report.css") + asset("charts.css"),
+        css="".join(map(asset, STYLES)),
         name=escape(page.title),
         subtitle=page.subtitle,
         scene_label=escape(page.scene_label),
@@ -185,8 +186,3 @@ def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
         "origin": scene.origin.tolist(),
         "commands": [base64.b64encode(command).decode() for command in scene.commands],
     }
-
-
-def _uplot() -> str:
-    """Return uPlot's script with its licence."""
-    return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"

@@ -10,15 +10,11 @@ from pathlib import PurePath
 from typing import Any, TypeGuard
 
 from rpctl.control.unregistered import name_of, settings_of
+from rpctl.simulation.obstacles import OBSTACLE_SETTINGS, run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
-from rpctl.view.obstacles import (
-    OBSTACLE_SETTINGS,
-    OBSTACLE_TITLES,
-    obstacle_texts,
-    run_obstacles,
-)
+from rpctl.view.obstacles import OBSTACLE_TITLES, obstacle_texts
 from rpctl.view.pages.page import badge, definitions, section
 from rpctl.view.scene.stand_ins import StandIn, label, note
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
+from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.run import Run
-from rpctl.view.obstacles import run_obstacles
 from rpctl.view.scene import keyframes, materials, obstacle_shapes, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
