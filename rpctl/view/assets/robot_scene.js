@@ -119,7 +119,20 @@ function makeScene(data) {
     viewer.set_dirty();
   }
 
+  standIns();
   for (const layer of Object.keys(layers)) $(`layer-${layer}`).addEventListener("change", refresh);
+
+  /* What stands in for missing meshes is shown and hidden together. */
+  function standIns() {
+    const box = $("layer-stand-in");
+    if (!box) return;
+    const parts = [];
+    skeletons.robot.root.traverse((each) => { if (each.name.startsWith("stand-in-")) parts.push(each); });
+    box.addEventListener("change", () => {
+      for (const part of parts) part.visible = box.checked;
+      viewer.set_dirty();
+    });
+  }
 
   /* Write the names beside what they name: by rank, then the nearest, and none over another. */
   function tag() {

@@ -95,7 +95,7 @@ def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
         subtitle=subtitle(run),
         scene_label=f"{run.robot.name} following its reference, in three dimensions",
         figures=headline(run, summary),
-        legend=legend(run),
+        legend=legend(run, scene.stand_ins),
         panel=panel(run, summary, scene.notes),
         duration=scene.duration,
         data={
@@ -122,7 +122,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
         subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
         scene_label=f"{len(runs)} runs of {robots}, in three dimensions",
         figures="",
-        legend=compare_legend(runs, names),
+        legend=compare_legend(runs, names, scene.stand_ins),
         panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
         duration=scene.duration,
         data={**_scene_data(scenes, scene), "plots": chart_data(runs, names)},

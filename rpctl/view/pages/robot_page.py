@@ -20,7 +20,7 @@ from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
-from rpctl.view.scene import materials, obstacle_shapes, threejs, trails
+from rpctl.view.scene import materials, obstacle_shapes, stand_ins, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
 from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
@@ -76,6 +76,7 @@ def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
         name=escape(robot.name),
         subtitle=escape(_subtitle(robot)),
         notes=_notes(bodies),
+        stand_ins=_stand_ins(bodies),
         data=embed(_data(robot, bodies, motion)),
         meshcat=meshcat,
         script=script,
@@ -93,6 +94,18 @@ def _notes(bodies: Bodies) -> str:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in bodies.notes)
     return f'<h2>Notes</h2><ul class="notes">{items}</ul>'
+
+
+def _stand_ins(bodies: Bodies) -> str:
+    """Return the box that shows and hides what stands in for missing meshes, its badge too."""
+    text = stand_ins.label(bodies.stand_ins)
+    if not text:
+        return ""
+    more = stand_ins.note(bodies.stand_ins, most=len(bodies.stand_ins))
+    return (
+        f'<label title="{escape(more)}"><input type="checkbox" id="layer-stand-in" checked> '
+        f'<i class="stand-in"></i>{escape(text)}</label>'
+    )
 
 
 def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, Any]:
@@ -167,6 +180,7 @@ def _commands(
         threejs.node("Group", "robots", children=figures),
         [*materials.geometries(bodies), *markers.geometries],
         [*materials.materials(bodies), *markers.materials],
+        **materials.images(bodies),
     )
     return [base64.b64encode(command).decode() for command in (*commands, drawn)]
 
