@@ -150,6 +150,7 @@ def test_options_of_a_goal_are_its_reference() -> None:
     assert labels == ["goal", "eight", "my.path"]
 
 
+@pytest.mark.slow
 def test_law_gets_there(paper: Robot) -> None:
     """Backwards around a corner, with its arm, and a second for what is left of the error."""
     run = rpctl.track(paper, "goal -0.3,0.1,0 arm_revolute_joint=0.5", control_period=0.005)
