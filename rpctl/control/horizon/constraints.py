@@ -84,7 +84,11 @@ class SoftBound(Protocol):
 
 
 class WheelSpeeds:
-    """Wheel speeds Bᵀν within their limits, in units of the limits."""
+    """Wheel speeds Bᵀν within their limits, in units of the limits.
+
+    ν is that after each step; powered casters have the angles before it: within a step they turn
+    towards the motion, and are fastest while they stand across it.
+    """
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
         joints = {joint.name for joint in model.joints}
@@ -117,7 +121,7 @@ class WheelSpeeds:
                 self._constant_rates, (len(motion.nu_dot), *self._constant_rates.shape)
             )
         else:
-            postures = zip(motion.joints[1:], motion.casters[1:], strict=True)
+            postures = zip(motion.joints[1:], motion.casters[:-1], strict=True)
             rates = np.array([self._rates(*posture) for posture in postures])
         value = np.einsum("kij,kj->ki", rates, motion.nu[1:])
         jacobian = rates[:, :, : self._model.base_columns]
