@@ -107,7 +107,8 @@ def test_the_joints_turn_as_the_paper_says(robot: Robot) -> None:
         q, x = posture(robot, rng)
         S, B = dynamics.basis(q), dynamics.actuation(q)
         for k, phi in enumerate(x[3:5]):
-            h, beta = np.hypot(*PIVOTS[k]), np.arctan2(*reversed(PIVOTS[k]))
+            x0, y0 = PIVOTS[k]
+            h, beta = np.hypot(x0, y0), np.arctan2(y0, x0)
             cos, sin, b = np.cos(phi), np.sin(phi), TRAILS[k]
             turn = np.array([-sin, cos, h * np.cos(beta - phi) - b]) / b
             # A wheel beside the axis rolls by what the fork turns, too: ω + φ̇.
