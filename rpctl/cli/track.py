@@ -24,8 +24,10 @@ from rpctl.cli.terminal import console, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
+from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.loop import default_duration, simulate
@@ -47,6 +49,20 @@ class ConfigOptions:
             metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
             help="Path of the base or of the end effector: a name, a path file (TOML), or "
             "time-stamped poses (CSV); eight if not given.",
+        ),
+    ] = None
+    goal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,THETA",
+            help="Go there instead, from the origin, and stop: m, m and rad.",
+        ),
+    ] = None
+    arm_goal: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=POSITION",
+            help="Where a joint of the arm is to be in the end, rad or m. Repeatable.",
         ),
     ] = None
     duration: Annotated[
@@ -95,11 +111,18 @@ class ConfigOptions:
         error = None if self.initial_error is None else read_triple(self.initial_error)
         config = Config() if self.config is None else read_config(self.config)
         return config.with_laws(self.kinematic, self.dynamic).with_run(
-            reference=self.reference,
+            reference=self._reference(),
             duration=self.duration,
             initial_error=error,
             friction=self.friction,
         )
+
+    def _reference(self) -> str | None:
+        if self.goal is None and not self.arm_goal:
+            return self.reference
+        if self.reference is not None:
+            raise RpctlError("--goal and --arm-goal are a reference themselves; omit --reference")
+        return goal_of_words(self.goal, self.arm_goal or ())
 
 
 @dataclass(frozen=True)
@@ -168,7 +191,7 @@ def track_command(
     reference = load_reference(loaded, config.run.reference)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
-    folder = results.out or default_folder(f"{loaded.name}-{Path(config.run.reference).stem}")
+    folder = results.out or default_folder(f"{loaded.name}-{reference_label(config.run.reference)}")
     results.require_browser()
     output = console(stderr=as_json)
     output.print(
@@ -207,6 +230,11 @@ def _keep(run: Run, page: Broadcast, results: ResultOptions, folder: Path) -> No
     written = results.write(run, folder)
     page.finish(written.report)
     console(stderr=True).print(f"{escape(run.notes[-1])}: [bold]{escape(str(written.report))}[/]")
+
+
+def reference_label(reference: str) -> str:
+    """Return a short name for a reference: its own, its file's without suffix, or "goal"."""
+    return GOAL if is_goal(reference) else Path(reference).stem
 
 
 def _live_page(
