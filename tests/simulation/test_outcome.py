@@ -17,7 +17,7 @@ from tests.golden import part
 from tests.runs import vary
 
 COUNT = 401
-T: Array = 0.02 * np.arange(COUNT)  # s
+T: Array = np.linspace(0.0, 8.0, COUNT)  # s
 SPEED = 0.5  # m/s
 QUARTER = COUNT // 4
 
