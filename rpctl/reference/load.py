@@ -12,6 +12,7 @@ from rpctl.reference.limits import Limits
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.planned import along_goal, along_waypoints, ee_square, slalom
+from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded import reference_from_table
 from rpctl.reference.sizing import WISHES, Wish
 from rpctl.reference.timed_path import TimedPath
@@ -48,6 +49,9 @@ def load_reference(
         RpctlError: The file has faults, or the robot cannot follow.
     """
     wish, suffix = Wish(size, speed, laps), FilePath(source).suffix.lower()
+    if is_goal(source):
+        wish.refuse("a goal says where to go; leave them out", *WISHES)
+        return to_goal(robot, read_goal(source))
     if suffix in (".csv", ".toml"):
         wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)
         return _from_file(robot, source, suffix)
@@ -55,7 +59,9 @@ def load_reference(
         return PLANNED_REFERENCES[source](robot, wish)
     if source not in BASE_PATHS:
         raise UnknownNameError(
-            "reference", source, (*BASE_PATHS, *PLANNED_REFERENCES, "FILE.csv", "FILE.toml")
+            "reference",
+            source,
+            (*BASE_PATHS, *PLANNED_REFERENCES, "goal X,Y,THETA", "FILE.csv", "FILE.toml"),
         )
     return reference_by_name(robot, source, size, speed, laps)
 

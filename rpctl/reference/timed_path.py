@@ -71,22 +71,28 @@ class TimedPath:
         )
 
 
-class SlowedTimeLaw:
-    """A time law ``factor`` times slower than another."""
+class Stretched:
+    """A time law run in another time, from rest to rest as before.
 
-    def __init__(self, law: TimeLaw, factor: float) -> None:
-        self._law, self._factor = law, factor
-        self.duration = factor * law.duration
+    Args:
+        law: The time law.
+        duration: Its new duration, s.
+    """
+
+    def __init__(self, law: TimeLaw, duration: float) -> None:
+        self._law, self.duration = law, duration
+        self._pace = law.duration / duration
 
     def __call__(self, t: float) -> PathTime:
         """Return s and its derivatives by time at ``t`` (s)."""
-        s, rate, acceleration = self._law(t / self._factor)
-        return PathTime(s, rate / self._factor, acceleration / self._factor**2)
+        s, rate, acceleration = self._law(self._pace * t)
+        return PathTime(s, self._pace * rate, self._pace**2 * acceleration)
 
 
 def slowed(reference: TimedPath, factor: float) -> TimedPath:
     """Return a reference that runs ``factor`` times slower."""
-    return replace(reference, time_law=SlowedTimeLaw(reference.time_law, factor))
+    law = reference.time_law
+    return replace(reference, time_law=Stretched(law, factor * law.duration))
 
 
 def still(pose: Array) -> Path:

@@ -12,7 +12,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Swivel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.quasi_velocities import configuration_along, reference_rates
 from rpctl.robot.model import Robot
 
 
@@ -54,7 +54,7 @@ def sample(robot: Robot, reference: Reference, times: Iterable[float]) -> list[M
     found = []
     for t in times:
         state = reference(float(t))
-        q = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+        q = configuration_along(robot, state)
         twist = robot.root_velocity @ state.twist
         found.append(MotionSample(q, *reference_rates(robot, state), twist))
     return found
@@ -85,17 +85,17 @@ def rate_usage(
 
 
 def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
-    """Return bounds of the rates (rad/s) of casters and their wheels, by joint.
+    """Return bounds of the rates (rad/s) of idle casters and their wheels, by joint.
 
-    A caster's angle is no function of the reference: it may have to swing round first. With V the
-    speed of its pivot and k its trail, it turns over the ground at V/k at most.
+    Such a caster's angle is no function of the reference: it may have to swing round first. With V
+    the speed of its pivot and k its trail, it turns over the ground at V/k at most.
 
     Args:
         robot: The robot.
         twists: Twists of the root link (N, 3).
     """
     found = {}
-    for swivel in (s for s in robot.drive.swivels if s.role == "caster" and s.trail):
+    for swivel in robot.drive.idle_casters:
         speed, turning = _pivot_speeds(swivel, twists), np.abs(twists[:, 2])
         swing = speed / abs(swivel.trail)
         found[swivel.joint] = float((swing + turning).max())

@@ -78,6 +78,7 @@ IN_CI = {
     ("steered", "line"),
     ("twin", "eight"),
     ("omni", "circle"),
+    ("powered", "eight"),
 }
 
 
