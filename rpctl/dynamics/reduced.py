@@ -25,8 +25,8 @@ class ReducedDynamics:
 
     Args:
         robot: The robot.
-        gliding: Roles of swivels that glide: the ground does nothing to them, they keep their angle
-            and their wheels do not roll; only their mass counts.
+        gliding: Joints of swivels that glide: the ground does nothing to them, they keep their
+            angle and their wheels do not roll; only their mass counts.
     """
 
     def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:

@@ -61,7 +61,8 @@ class Steering:
 
     def __init__(self, robot: Robot) -> None:
         drive = robot.drive
-        rolling = find_rolling(robot, gliding=("caster", "follower"))
+        gliding = [s.joint for s in drive.swivels if s.role in ("caster", "follower")]
+        rolling = find_rolling(robot, gliding)
         core, _, _, R, C = eliminate(rolling.matrix, selection(robot, rolling))
         speeds = len(drive.base_speeds)
         self._R, self._C = R[:, :speeds], C[:BASE_NV, :speeds]
