@@ -180,8 +180,17 @@ def track_command(
         output.print(certificate_line(certificate))
     watched = _live_page(loaded, reference, config, output.print) if results.live else nullcontext()
     with watched as page:
-        with progress_bar("simulate") as advance:
-            run = simulate(loaded, config, reference, certificate, progress=advance, watch=page)
+        ended: list[Run] = []
+        try:
+            with progress_bar("simulate") as advance:
+                run = simulate(
+                    loaded, config, reference, certificate, advance, page,
+                    ended=None if page is None else ended.append,
+                )  # fmt: skip
+        except BaseException:
+            if page is not None and ended:
+                _keep(ended[0], page, results, folder)
+            raise
         written = results.write(run, folder)
         if page is not None:
             page.finish(written.report)
@@ -193,11 +202,19 @@ def track_command(
         raise typer.Exit(CHECK_FAILED)
 
 
+def _keep(run: Run, page: Broadcast, results: ResultOptions, folder: Path) -> None:
+    """Write what was simulated before a live run ended early, and say so in one line."""
+    page.end("Ended")
+    written = results.write(run, folder)
+    page.finish(written.report)
+    console(stderr=True).print(f"{escape(run.notes[-1])}: [bold]{escape(str(written.report))}[/]")
+
+
 def _live_page(
     robot: Robot, reference: Reference, config: Config, say: Callable[[str], object]
 ) -> AbstractContextManager[Broadcast]:
     """Serve the page that shows the simulation while it runs."""
-    from rpctl.view.obstacles import find_obstacles
+    from rpctl.simulation.obstacles import find_obstacles
     from rpctl.view.serve.live import broadcast
 
     duration, period = config.run.duration, config.run.control_period

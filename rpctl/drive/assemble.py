@@ -13,6 +13,7 @@ from rpctl.drive.drive import POWERED_CASTERS, TYPES_WITH_AXLE, Drive, Wheel
 from rpctl.drive.drive_file import DriveSpec, WheelSpec
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.roles import assign_roles
+from rpctl.drive.rollers import contact_roller
 from rpctl.drive.wheels import WheelCandidate, leftward
 
 ROLLER_ANGLE = 0.25 * math.pi  # rad; of mecanum wheels, unless a drive file gives another
@@ -196,12 +197,15 @@ def _rolling_direction(base: _Base, wheel: WheelCandidate) -> float:
 def _roller_angle(base: _Base, wheel: WheelCandidate) -> float:
     """Return the angle (rad) from the heading to the roller that is on the ground.
 
-    The rollers on the ground lie along (1, −1) at the front left and the rear right, along (1, 1)
-    at the other two: seen from above, those on top form an X.
+    Those on the ground lie along (1, −1) at the front left and the rear right, along (1, 1) at the
+    other two: seen from above, those on top form an X. Rollers that the file has lie as they do.
     """
     given = base.evidence.spec.wheels.get(wheel.joint.name, WheelSpec()).roller
     if given is not None:
         return given
+    contact = contact_roller(base.evidence.tree, wheel)
+    if contact is not None:
+        return math.atan(float(contact @ base.left) / float(contact @ base.forward))
     on_diagonal = base.wheels.index(wheel) in (0, 3)  # from the front left
     return -ROLLER_ANGLE if on_diagonal else ROLLER_ANGLE
 
@@ -283,15 +287,14 @@ def _declared(spec: DriveSpec) -> tuple[str, ...]:
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
-    """Return the assumptions about meshes, swivels and near misses, in sentences."""
+    """Return the assumptions about meshes and swivels, in sentences."""
     uneven = (
         f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
         "is: correct the <axis>, or give its radius in a drive file"
         for wheel in evidence.grounded.wheels
         if wheel.uneven
     )
-    sentences = (*uneven, *(swivel.doubt for swivel in evidence.swivels), *evidence.near_miss_notes)
-    return tuple(filter(None, sentences))
+    return tuple(filter(None, (*uneven, *(swivel.doubt for swivel in evidence.swivels))))
 
 
 def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from rpctl.description.frozen_tree import MAX_TILT_SINE
 from rpctl.drive.drive import POWERED_CASTERS
 from rpctl.drive.drive_file import suggest
 from rpctl.drive.evidence import Evidence
+from rpctl.drive.leftovers import lock_option
 from rpctl.drive.near_misses import format_vector, wheels_on_fixed_joints
 from rpctl.drive.wheels import WheelCandidate, mostly_left, parallel
 
@@ -96,7 +97,15 @@ def _fixes(evidence: Evidence) -> str:
     still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.tree)
     if still:
         ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
-    ways += evidence.near_miss_notes
+    left = evidence.leftovers
+    ways += [f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit]
+    holding = dict.fromkeys(name for each in left for name in each.hold)
+    if holding:
+        hanging = ", ".join(each.joint.name for each in left if each.hold)
+        ways.append(
+            f"{hanging} hang on joints that can move; hold these: "
+            f"{lock_option(evidence.tree, list(holding))}"
+        )
     return "; ".join(ways)
 
 

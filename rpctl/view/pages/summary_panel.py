@@ -10,16 +10,13 @@ from pathlib import PurePath
 from typing import Any, TypeGuard
 
 from rpctl.control.unregistered import name_of, settings_of
+from rpctl.simulation.obstacles import OBSTACLE_SETTINGS, run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
 from rpctl.view.charts import has_base
-from rpctl.view.obstacles import (
-    OBSTACLE_SETTINGS,
-    OBSTACLE_TITLES,
-    obstacle_texts,
-    run_obstacles,
-)
+from rpctl.view.obstacles import OBSTACLE_TITLES, obstacle_texts
 from rpctl.view.pages.page import badge, definitions, section
+from rpctl.view.scene.stand_ins import StandIn, label, note
 
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
 SETTING_LABELS = {
@@ -84,18 +81,48 @@ def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
     return "\n".join(section for section in sections if section)
 
 
-def legend(run: Run) -> str:
-    """Return the scene's legend, whose entries show and hide what is drawn."""
+def legend(run: Run, stand_ins: Iterable[StandIn] = ()) -> str:
+    """Return the scene's legend, whose entries show and hide what is drawn.
+
+    Args:
+        run: The run.
+        stand_ins: What is drawn in the place of missing meshes.
+    """
     entries = [("base", "Base")] if has_base(run) else []
     entries += [("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [("desired", "Desired"), ("ghost", "Reference robot")]
-    limited = any(math.isfinite(limit) for limit in run.robot.effort_limits)
-    entries += [("effort", f"Effort: 0 to {'limit' if limited else 'peak'}")]
+    first = [legend_entry(key, text) for key, text in entries]
+    efforts = [legend_entry("effort", "Effort as colour", shown=False), effort_key(run)]
+    entries = []
     if run.log.tip_margin.size:
         one = ": equally stiff contacts" if run.log.load_range.size else ""
         entries += [("loads", f"Ground reactions{one}")] if run.log.contact_load.size else []
         entries += [("zmp", "Support, zero-moment point")]
-    return "".join([*(legend_entry(key, text) for key, text in entries), *obstacle_entries([run])])
+    rest = [legend_entry(key, text) for key, text in entries]
+    return "".join([*first, *stand_in_entry(stand_ins), *efforts, *rest, *obstacle_entries([run])])
+
+
+def stand_in_entry(stand_ins: Iterable[StandIn]) -> list[str]:
+    """Return the entry of the scene's legend that names what is hatched; none where nothing is."""
+    stand_ins = tuple(stand_ins)
+    if not stand_ins:
+        return []
+    return [legend_entry("stand-in", label(stand_ins), title=note(stand_ins, most=len(stand_ins)))]
+
+
+def effort_key(run: Run) -> str:
+    """Return the scale of the colours of efforts, which is hidden while efforts are not shown."""
+    limits = [math.isfinite(limit) and limit > 0.0 for limit in run.robot.effort_limits]
+    full = "limit" if all(limits) else "limit or peak" if any(limits) else "peak"
+    title = {
+        "limit": "of each joint's effort limit",
+        "peak": "of each joint's largest effort in this run, as the robot has no limits",
+        "limit or peak": "of each joint's effort limit; without one, of its largest effort",
+    }[full]
+    return (
+        f'<li class="key" data-key="effort" title="{title}" hidden><i class="effort"></i>'
+        f"<span><b>0</b><b>50 %</b><b>{full}</b></span></li>"
+    )
 
 
 def obstacle_entries(runs: Iterable[Run]) -> list[str]:
@@ -113,7 +140,9 @@ def keyboard_section() -> str:
     return section("Keyboard", definitions(KEYBOARD))
 
 
-def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> str:
+def legend_entry(
+    layer: str, text: str, style: str = "", shown: bool = True, title: str = ""
+) -> str:
     """Return one entry of the scene's legend; ``style`` is CSS of its swatch.
 
     Args:
@@ -121,11 +150,13 @@ def legend_entry(layer: str, text: str, style: str = "", shown: bool = True) -> 
         text: Its name.
         style: CSS of its swatch.
         shown: Whether it is shown at first.
+        title: What more is to be said of it.
     """
+    more = f' title="{escape(title)}"' if title else ""
     drawn = f' style="{style}"' if style else ""
     pressed = str(shown).lower()
     return (
-        f'<li><button type="button" data-layer="{layer}" aria-pressed="{pressed}">'
+        f'<li><button type="button" data-layer="{layer}" aria-pressed="{pressed}"{more}>'
         f'<i class="{layer}"{drawn}></i>{escape(text)}</button></li>'
     )
 

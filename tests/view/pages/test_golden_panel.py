@@ -145,20 +145,32 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
         ("tip", True, "End effector"),
         ("desired", True, "Desired"),
         ("ghost", True, "Reference robot"),
-        ("effort", True, "Effort: 0 to limit"),
+        ("effort", False, "Effort as colour"),
         ("loads", True, "Ground reactions"),
         ("zmp", True, "Support, zero-moment point"),
     ]
     none = np.empty((COUNT, 0))
     bare = vary(golden, tip_margin=none, ee=none, effort_limits=(np.inf,) * 5)
     assert [layer for layer, *_ in entries(legend(bare))] == ["base", "desired", "ghost", "effort"]
-    assert entries(legend(bare))[-1][2] == "Effort: 0 to peak"
     unloaded = entries(legend(vary(golden, contact_load=none)))
     assert [layer for layer, *_ in unloaded][-2:] == ["effort", "zmp"]
     assert entries(legend(with_obstacles(golden, DISC, tip=(PILLAR,))))[-2:] == [
         ("obstacles-base", True, "Base obstacles"),
         ("obstacles-tip", True, "End-effector obstacles"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("limits", "end"),
+    [((9.0,) * 5, "limit"), ((0.0, np.inf, 9.0, 9.0, 9.0), "limit or peak"), ((0.0,) * 5, "peak")],
+)
+def test_scale_of_efforts_is_hidden_until_efforts_are_shown(
+    golden: Run, limits: tuple[float, ...], end: str
+) -> None:
+    page = legend(vary(golden, effort_limits=limits))
+    (scale,) = re.findall(r'<li class="key" data-key="effort"(.*?)</li>', page)
+    assert "hidden>" in scale
+    assert re.findall(r"<b>(.*?)</b>", scale) == ["0", "50 %", end]
 
 
 def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
