@@ -29,7 +29,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.quasi_velocities import steering
+from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
@@ -287,5 +287,4 @@ def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) 
     theta = state.pose[2] - x3
     cos, sin = math.cos(theta), math.sin(theta)
     x, y = state.pose[0] - cos * x1 + sin * x2, state.pose[1] - sin * x1 - cos * x2
-    wheels = steering(robot, state)[0]
-    return robot.configuration_at(np.array([x, y, theta]), state.joints, wheels)
+    return configuration_along(robot, state, np.array([x, y, theta]))
