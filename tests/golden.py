@@ -199,6 +199,7 @@ def _robot_facts(robot: Robot) -> RobotFacts:
         ignore_missing_packages=False,
         home={},
         free=(),
+        payloads=(),
         quasi_velocities=QUASI_VELOCITIES,
         actuators=ACTUATORS,
         joint_names=("swing_joint", "slide_joint"),
