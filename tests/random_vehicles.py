@@ -25,12 +25,13 @@ from tests.random_robots import (
 )
 
 KINDS = ("casters", "car-like", "free", "tied", "tricycle", "bicycle", "steered", "omni",
-         "skid-steer", "wide", "mecanum")  # fmt: skip
+         "skid-steer", "wide", "mecanum", "powered")  # fmt: skip
 DRIVE_TYPES = {
     "casters": "differential",
     "free": "car-like",
     "tied": "car-like",
     "wide": "skid-steer",
+    "powered": "powered-casters",
 }
 WIDE_DRIVE = (0.9, 0.1, -0.05)  # effective track and centre of rotation that a drive file tells, m
 DRIVE_FILES = {  # what their drive files say; the others are found
@@ -189,6 +190,23 @@ def steered(built: Vehicle, _: str) -> None:
         built.swivel(f"steer_{k}", where, built.heading + number(-1.0, 1.0), "")
 
 
+def powered(built: Vehicle, _: str) -> None:
+    """Add two to four casters with motors at swivels and wheels, or at twin wheels alone."""
+    number = built.tree.choose.number
+    count = built.tree.choose.integer(2, 4)
+    start = number(-math.pi, math.pi)
+    for k in range(count):
+        turn, reach = start + 2.0 * math.pi * (k + number(-0.2, 0.2)) / count, number(0.3, 0.7)
+        where = np.array([reach * math.cos(turn), reach * math.sin(turn)])
+        trail = number(0.04, 0.12) * (1.0 if built.tree.flag() else -1.0)
+        built.swivel(f"powered_{k}", where, number(-3.0, 3.0), "caster", trail)
+        twin = f"powered_{k}_left_joint" in built.radii
+        names = [name for name in built.radii if name.startswith(f"powered_{k}_")]
+        if not twin or built.tree.flag():
+            names.append(f"powered_{k}")
+        built.tree.parts.append(urdf.actuated(*names))
+
+
 def omni(built: Vehicle, _: str) -> None:
     number = built.tree.choose.number
     count = built.tree.choose.integer(3, 4)
@@ -211,7 +229,8 @@ def axles(built: Vehicle, kind: str) -> None:
 
 BUILDERS = {"casters": lambda built, _: pair(built, "drive", 0.0), "car-like": car, "free": car,
             "tied": car, "tricycle": one_steered, "bicycle": one_steered, "steered": steered,
-            "omni": omni, "skid-steer": axles, "wide": axles, "mecanum": axles}  # fmt: skip
+            "omni": omni, "powered": powered, "skid-steer": axles, "wide": axles,
+            "mecanum": axles}  # fmt: skip
 
 
 def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
@@ -228,7 +247,7 @@ def vehicle(kind: str, seed: int) -> tuple[str, Vehicle]:
         where = built.at(number(-1.5, -0.8), number(-0.5, 0.5))
         trail = -number(0.04, 0.12)
         built.swivel(f"caster_{index}", where, number(-3.0, 3.0), "caster", trail)
-    if kind not in ("bicycle", "steered", "omni") and tree.flag():
+    if kind not in ("bicycle", "steered", "omni", "powered") and tree.flag():
         where = built.at(number(0.8, 1.5), number(-0.5, 0.5))
         built.wheel("ball", where, number(-3.0, 3.0), ball=True)
     mount = built.R.T @ (np.array([0.0, 0.0, ground + 0.3 + MIN_MOUNT_HEIGHT_M]) - place)

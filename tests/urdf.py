@@ -80,6 +80,14 @@ def joint(
     {origin(xyz, rpy)}{turning}{more}</joint>"""
 
 
+def actuated(*joints: str) -> str:
+    """Return one transmission for each joint: it has a motor."""
+    return "\n".join(
+        f'  <transmission name="{name}_motor"><joint name="{name}"/></transmission>'
+        for name in joints
+    )
+
+
 def limit(lower: float, upper: float, effort: float, velocity: float) -> str:
     """Return a joint's limits: rad or m, N m or N, rad/s or m/s."""
     return f'<limit lower="{lower}" upper="{upper}" effort="{effort}" velocity="{velocity}"/>'

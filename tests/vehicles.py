@@ -7,6 +7,7 @@ from math import cos, pi, sin
 
 from tests import urdf
 
+CASTERS = [(0.4, 0.2, 0.06), (0.4, -0.2, 0.05), (-0.3, 0, 0.07)]  # place x, y and trail, m
 LIMIT = urdf.limit(-1.2, 1.2, 40, 6)
 
 
@@ -71,8 +72,13 @@ def vehicle(kind: str) -> str:
     parts = start()
     if kind == "casters":
         rear_axle(parts)
-        for k, (x, y, trail) in enumerate([(0.4, 0.2, 0.06), (0.4, -0.2, 0.05), (-0.3, 0, 0.07)]):
+        for k, (x, y, trail) in enumerate(CASTERS):
             caster(parts, f"caster_{k}", x, y, trail, twin=k == 1)
+    elif kind == "powered":
+        for k, (x, y, trail) in enumerate(CASTERS):
+            caster(parts, f"caster_{k}", x, y, trail, twin=k == 1)
+        parts.xml.append(urdf.actuated("caster_0", "caster_0_roller", "caster_1_roller_l"))
+        parts.xml.append(urdf.actuated("caster_1_roller_r", "caster_2_roller"))
     elif kind in ("car-like", "parallel"):
         rear_axle(parts)
         mimic = '<mimic joint="steer_left" multiplier="-0.9"/>' if kind == "parallel" else ""
@@ -114,4 +120,5 @@ KINDS = {  # type of the drive, quasi-velocities of the base
     "steered": ("steered", ("v", "fl_steer", "rl_steer")),
     "twin": ("steered", ("v", "fl_steer", "rl_steer")),
     "omni": ("omni", ("vx", "vy", "omega")),
+    "powered": ("powered-casters", ("vx", "vy", "omega")),
 }

@@ -79,6 +79,11 @@ class FrozenTree:
         return min((low for low, _ in self.heights(link)), default=math.inf)
 
     @cached_property
+    def floor(self) -> float:
+        """Height of the lowest shape of any link, meshes left out, m; inf if there is none."""
+        return min(self.lowest(link.name) for link in self.description.links)
+
+    @cached_property
     def _poses(self) -> dict[str, Array]:
         """Pose (4, 4) of every link, by name; read-only."""
         poses = {self.description.root: np.eye(4)}

@@ -14,6 +14,8 @@ from rpctl.description.mesh_paths import MeshError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.libraries import library
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet fetched begins
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -42,7 +44,12 @@ def read(path: Path) -> tuple[Surface, ...]:
     most = cap("MAX_MESH_BYTES")
     if path.stat().st_size > most:
         raise MeshError(f"refused: larger than {most} bytes; {how_to_raise('MAX_MESH_BYTES')}")
-    content = path.read_bytes()
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"not readable: {error.strerror or error}") from None
+    if content.startswith(LFS_POINTER):
+        raise MeshError("only a pointer of Git LFS, not the mesh; run: git lfs pull")
     kind = path.suffix.lower().removeprefix(".")
     if kind == "dae" and any(mark in content for mark in (b"<!DOCTYPE", b"<!ENTITY", b"\0")):
         raise MeshError("refused: a DAE with a document type or entities, or not in UTF-8")

@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import TYPES_WITH_AXLE, Drive, Wheel
+from rpctl.drive.drive import POWERED_CASTERS, TYPES_WITH_AXLE, Drive, Wheel
 from rpctl.drive.drive_file import DriveSpec, WheelSpec
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.roles import assign_roles
+from rpctl.drive.rollers import contact_roller
 from rpctl.drive.wheels import WheelCandidate, leftward
 
 ROLLER_ANGLE = 0.25 * math.pi  # rad; of mecanum wheels, unless a drive file gives another
@@ -30,7 +31,10 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         DriveError: A swivel cannot have the role that the drive has for it.
     """
     base = _Base(kind, evidence)
-    swivels = tuple(swivel.towards(base.forward) for swivel in evidence.swivels)
+    if kind == POWERED_CASTERS:
+        swivels = tuple(swivel.trailing() for swivel in evidence.swivels)
+    else:
+        swivels = tuple(swivel.towards(base.forward) for swivel in evidence.swivels)
     base = replace(base, evidence=replace(evidence, swivels=swivels))
     driven, doubts = _driven(base)
     return Drive(
@@ -72,10 +76,10 @@ class _Base:
 
         It lies across the mean of the leftward unit axles (3,) of the fixed wheels that do not
         slide, each turned the way of the first of the longest line: atan2(−Σ a_x, Σ a_y). Where
-        all wheels are steered it lies across the first one's axle. That of omni wheels is the
-        root link's x axis.
+        all wheels are steered it lies across the first one's axle. That of omni wheels and of
+        powered casters is the root link's x axis.
         """
-        if self.kind == "omni":
+        if self.kind in ("omni", POWERED_CASTERS):
             return 0.0
         evidence = self.evidence
         held = [wheel.axle for wheel in evidence.fixed if wheel.joint.name not in self.sliding]
@@ -193,12 +197,15 @@ def _rolling_direction(base: _Base, wheel: WheelCandidate) -> float:
 def _roller_angle(base: _Base, wheel: WheelCandidate) -> float:
     """Return the angle (rad) from the heading to the roller that is on the ground.
 
-    The rollers on the ground lie along (1, −1) at the front left and the rear right, along (1, 1)
-    at the other two: seen from above, those on top form an X.
+    Those on the ground lie along (1, −1) at the front left and the rear right, along (1, 1) at the
+    other two: seen from above, those on top form an X. Rollers that the file has lie as they do.
     """
     given = base.evidence.spec.wheels.get(wheel.joint.name, WheelSpec()).roller
     if given is not None:
         return given
+    contact = contact_roller(base.evidence.tree, wheel)
+    if contact is not None:
+        return math.atan(float(contact @ base.left) / float(contact @ base.forward))
     on_diagonal = base.wheels.index(wheel) in (0, 3)  # from the front left
     return -ROLLER_ANGLE if on_diagonal else ROLLER_ANGLE
 
@@ -221,7 +228,8 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     """Return the driven joints, and the assumptions behind that choice, in sentences.
 
     The first of these that says so decides: the drive file, the transmissions, effort limits that
-    only some joints have. Otherwise the fixed wheels drive, and the steered ones do not.
+    only some joints have. Otherwise the fixed wheels drive, and the steered ones do not; of powered
+    casters all wheels and swivels do.
     """
     evidence, spec = base.evidence, base.evidence.spec
     said = {name: wheel.driven for name, wheel in spec.wheels.items()}
@@ -232,7 +240,10 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
         for wheel in evidence.grounded.wheels
         if not evidence.on_caster(wheel) and wheel.joint.name not in base.sliding
     }
-    rolling, doubts = _driven_wheels(evidence, names)
+    if base.kind == POWERED_CASTERS:
+        names = {wheel.joint.name for wheel in evidence.grounded.wheels}
+        names |= {swivel.joint.name for swivel in evidence.swivels}
+    rolling, doubts = _driven_joints(evidence, names)
     if specified.keys() >= names:
         doubts = ()
     driven = rolling | {s.joint.name for s in evidence.steered if s.joint.mimic is None}
@@ -240,12 +251,12 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     return frozenset(driven | {name for name, yes in specified.items() if yes}), doubts
 
 
-def _driven_wheels(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
-    """Return which of the wheels ``names`` are driven, as the URDF has it, and the assumptions."""
+def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
+    """Return which of the joints ``names`` are driven, as the URDF has it, and the assumptions."""
     if names & evidence.actuated:
         return names & evidence.actuated, ()
-    wheels = evidence.grounded.wheels
-    limited = names & {w.joint.name for w in wheels if math.isfinite(w.joint.effort)}
+    joints = evidence.description.joint
+    limited = {name for name in names if math.isfinite(joints[name].effort)}
     pairs = ({wheel.joint.name for wheel in pair} for pair in evidence.pairs)
     whole = all(pair <= limited or not pair & limited for pair in pairs)
     if limited and limited != names and whole:
@@ -256,6 +267,13 @@ def _driven_wheels(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
             "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
         )
         return {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
+    if not evidence.lines and not evidence.steered:
+        doubt = (
+            "no transmission tells which joints of the casters are driven: all of them are taken "
+            "to be, wheels and swivels; say driven = true or false of each [[wheel]] and "
+            "[[swivel]] in a drive file"
+        )
+        return names, (doubt,)
     return names, ()
 
 
@@ -269,15 +287,14 @@ def _declared(spec: DriveSpec) -> tuple[str, ...]:
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
-    """Return the assumptions about meshes, swivels and near misses, in sentences."""
+    """Return the assumptions about meshes and swivels, in sentences."""
     uneven = (
         f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
         "is: correct the <axis>, or give its radius in a drive file"
         for wheel in evidence.grounded.wheels
         if wheel.uneven
     )
-    sentences = (*uneven, *(swivel.doubt for swivel in evidence.swivels), *evidence.near_miss_notes)
-    return tuple(filter(None, sentences))
+    return tuple(filter(None, (*uneven, *(swivel.doubt for swivel in evidence.swivels))))
 
 
 def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+POWERED_CASTERS = "powered-casters"  # all wheels trail upright joints; motors drive them
 # The base's own speeds by the drive's type; each independently steered joint's rate follows them.
 BASE_SPEEDS = {
     "differential": ("v", "omega"),
@@ -16,6 +17,7 @@ BASE_SPEEDS = {
     "steered": ("v",),
     "omni": ("vx", "vy", "omega"),
     "mecanum": ("vx", "vy", "omega"),
+    POWERED_CASTERS: ("vx", "vy", "omega"),
     "fixed": (),
 }
 TYPES_WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "bicycle")
@@ -67,7 +69,8 @@ class Swivel:
         joint: Name of the joint.
         role: ``"steered"``: its rate is a quasi-velocity; ``"follower"``: it keeps its wheels'
             axle on the centre of rotation that the others fix; ``"mimic"``: the URDF ties it to
-            another one; ``"caster"``: its trail drags it behind.
+            another one; ``"caster"``: its wheels trail its axis, so that the base's motion fixes
+            its rate, whether a motor turns it or nothing does.
         pivot: Where its axis meets the ground (x, y), in the root link's frame, m.
         heading: Rolling direction of its wheels at position 0, in the root link's frame, rad.
         sign: 1 where its axis points up, −1 where it points down.
@@ -99,7 +102,8 @@ class Drive:
 
     Attributes:
         type: ``"differential"``, ``"skid-steer"``, ``"car-like"``, ``"tricycle"``,
-            ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"`` or ``"fixed"``.
+            ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"``, ``"powered-casters"`` or
+            ``"fixed"``.
         wheels: The wheels, front before rear and left before right, those of casters last.
         point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
             skid-steer drive its centre of rotation.
@@ -143,6 +147,22 @@ class Drive:
         return tuple(swivel for swivel in self.swivels if swivel.role == "follower")
 
     @property
+    def idle_casters(self) -> tuple[Swivel, ...]:
+        """The casters that nothing drives: neither their joint nor a wheel of theirs."""
+        powered = {wheel.swivel for wheel in self.wheels if wheel.driven}
+        return tuple(
+            swivel
+            for swivel in self.swivels
+            if swivel.role == "caster" and not swivel.driven and swivel.joint not in powered
+        )
+
+    @property
+    def powered_casters(self) -> tuple[Swivel, ...]:
+        """The casters whose joint or wheels have actuators."""
+        idle = self.idle_casters
+        return tuple(s for s in self.swivels if s.role == "caster" and s not in idle)
+
+    @property
     def has_axle(self) -> bool:
         """Whether P moves along the heading only."""
         return self.type in TYPES_WITH_AXLE
@@ -151,7 +171,8 @@ class Drive:
     def omnidirectional(self) -> bool:
         """Whether the base can move in any direction.
 
-        An omni or mecanum drive can at once, a swerve drive after its wheels have turned.
+        An omni or mecanum drive and one on powered casters can at once, a swerve drive after its
+        wheels have turned.
         """
         return bool(self.wheels) and not self.has_axle
 

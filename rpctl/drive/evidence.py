@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
-
-from lxml import etree
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
-from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.drive_file import DriveSpec, SwivelSpec
 from rpctl.drive.grounded import GroundedWheels, find_grounded
-from rpctl.drive.near_misses import advise_lock, advise_mimics
+from rpctl.drive.leftovers import Leftover, find_leftovers
+from rpctl.drive.plugins import BaseControl, SimulatorTags
 from rpctl.drive.swivels import CASTER_WORDS, SwivelCandidate, find_swivels
 from rpctl.drive.wheels import WheelCandidate, coaxial
 from rpctl.errors import DriveError, UnknownNameError
@@ -28,10 +28,9 @@ class Evidence:
         lines: Wheels that the root link holds, those about one line together.
         balls: Spheres that the root link holds beside a pair of wheels: they slide sideways, too.
         swivels: Upright joints that carry the other wheels.
-        actuated: Joints that a ``<transmission>`` names.
+        tags: What the file tells simulators and controllers.
         spec: What the user says.
-        near_miss_notes: Sentences about joints that are almost wheels: on a moving joint, or
-            mimicking another.
+        leftovers: Joints that look like wheels and are none of these.
     """
 
     tree: FrozenTree
@@ -39,14 +38,24 @@ class Evidence:
     lines: tuple[tuple[WheelCandidate, ...], ...]
     balls: tuple[WheelCandidate, ...]
     swivels: tuple[SwivelCandidate, ...]
-    actuated: frozenset[str]
+    tags: SimulatorTags
     spec: DriveSpec
-    near_miss_notes: tuple[str, ...]
+    leftovers: tuple[Leftover, ...]
 
     @property
     def description(self) -> Description:
         """The description of the robot."""
         return self.tree.description
+
+    @property
+    def controls(self) -> tuple[BaseControl, ...]:
+        """Plugins and controllers that move the base."""
+        return self.tags.controls
+
+    @property
+    def actuated(self) -> frozenset[str]:
+        """Joints with a transmission, or a command interface of ros2_control."""
+        return self.tags.actuated
 
     @property
     def fixed(self) -> tuple[WheelCandidate, ...]:
@@ -63,13 +72,34 @@ class Evidence:
         """The swivels that steer."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "steered")
 
+    @property
+    def trailing(self) -> bool:
+        """Whether every wheel trails an upright joint, powered or not, and none is held firmly."""
+        told = self.spec.swivels
+        trails = (
+            swivel.role == "caster"
+            or (swivel.trails and told.get(swivel.joint.name, SwivelSpec()).role is None)
+            for swivel in self.swivels
+        )
+        return not self.lines and bool(self.swivels) and all(trails)
+
+    @property
+    def powered(self) -> bool:
+        """Whether a transmission drives a wheel, or a swivel that carries one."""
+        joints = {wheel.joint.name for wheel in self.grounded.wheels}
+        return bool(self.actuated & (joints | {swivel.joint.name for swivel in self.swivels}))
+
     def on_caster(self, wheel: WheelCandidate) -> bool:
         """Return whether a caster carries a wheel."""
         return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role == "caster")
 
 
 def gather_evidence(
-    tree: FrozenTree, candidates: list[WheelCandidate], spec: DriveSpec
+    tree: FrozenTree,
+    candidates: list[WheelCandidate],
+    spec: DriveSpec,
+    tags: SimulatorTags,
+    free: Collection[str] = (),
 ) -> Evidence:
     """Return the wheels among the candidates, sorted by what holds them.
 
@@ -77,6 +107,8 @@ def gather_evidence(
         tree: The robot.
         candidates: The joints that could carry wheels.
         spec: What the user says.
+        tags: What the file tells simulators and controllers.
+        free: Joints that the user wants free: they are no wheels.
 
     Raises:
         DriveError: The radius of a wheel is not known.
@@ -84,14 +116,12 @@ def gather_evidence(
         UnknownNameError: A swivel's joint is not known.
     """
     grounded = find_grounded(tree, candidates, bool(spec.wheels))
-    document = etree.fromstring(tree.description.xml.encode())
-    actuated = frozenset(joint.get("name") for joint in document.iterfind("transmission/joint"))
-    swivels = find_swivels(tree, grounded.wheels, spec.swivels, actuated)
+    swivels = find_swivels(tree, grounded.wheels, spec.swivels, tags.actuated)
     _require_swivels(tree.description, spec, {swivel.joint.name for swivel in swivels})
     held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
     lines, balls = _split_balls(held)
-    near_miss_notes = (*advise_lock(tree), *advise_mimics(tree))
-    return Evidence(tree, grounded, lines, balls, tuple(swivels), actuated, spec, near_miss_notes)
+    leftovers = find_leftovers(tree, grounded, free)
+    return Evidence(tree, grounded, lines, balls, tuple(swivels), tags, spec, leftovers)
 
 
 def _split_balls(

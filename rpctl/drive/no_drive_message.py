@@ -7,8 +7,10 @@ from itertools import combinations
 import numpy as np
 
 from rpctl.description.frozen_tree import MAX_TILT_SINE
+from rpctl.drive.drive import POWERED_CASTERS
 from rpctl.drive.drive_file import suggest
 from rpctl.drive.evidence import Evidence
+from rpctl.drive.leftovers import lock_option
 from rpctl.drive.near_misses import format_vector, wheels_on_fixed_joints
 from rpctl.drive.wheels import WheelCandidate, mostly_left, parallel
 
@@ -22,6 +24,7 @@ NEEDS = {
     "tricycle": "a pair of wheels that the root link holds, and a steered wheel",
     "car-like": "wheels that the root link holds, and two or more steered ones",
     "steered": "two or more steered wheels, and none that the root link holds",
+    POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
 }
 
 
@@ -54,6 +57,11 @@ def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
             f"{message}; it needs continuous joints about level axles that reach the ground, held "
             f'by the root link "{evidence.description.root}"; make the wheels\' joints '
             'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
+        )
+    if kind is None and evidence.trailing:
+        message += (
+            "; all of them trail, and nothing tells that motors drive them: say --drive "
+            f"{POWERED_CASTERS} if motors do"
         )
     if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
         message += "; nothing in a URDF tells skid-steer from mecanum wheels"
@@ -89,7 +97,15 @@ def _fixes(evidence: Evidence) -> str:
     still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.tree)
     if still:
         ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
-    ways += evidence.near_miss_notes
+    left = evidence.leftovers
+    ways += [f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit]
+    holding = dict.fromkeys(name for each in left for name in each.hold)
+    if holding:
+        hanging = ", ".join(each.joint.name for each in left if each.hold)
+        ways.append(
+            f"{hanging} hang on joints that can move; hold these: "
+            f"{lock_option(evidence.tree, list(holding))}"
+        )
     return "; ".join(ways)
 
 
@@ -114,6 +130,7 @@ def _drive_file_draft(evidence: Evidence, kind: str | None) -> str:
     """Return a drive file of what was found."""
     roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
     guess = "skid-steer" if len(evidence.pairs) > 1 else "differential"
-    guess = guess if evidence.pairs else "steered"
+    swivelling = POWERED_CASTERS if evidence.trailing else "steered"
+    guess = guess if evidence.pairs else swivelling
     wheels = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
     return suggest(kind or guess, wheels, roles)

@@ -42,6 +42,7 @@ def assign_roles(
             shares = steered[0].joint.name if free else None
         records.append(swivel.record(role, name in driven, shares))
     _require_leaders(kind, evidence, records)
+    _require_trails(evidence, records)
     if kind == "steered" or any(record.role == "follower" for record in records):
         records = [_without_rounded_trail(record) for record in records]
         _require_contacts(kind, evidence, records)
@@ -77,6 +78,18 @@ def _require_leaders(kind: str, evidence: Evidence, swivels: list[Swivel]) -> No
             f'{evidence.description.path}:{joint.line}: the swivel "{swivel.joint}" mimics '
             f'"{swivel.shares}", {why}'
         )
+
+
+def _require_trails(evidence: Evidence, swivels: list[Swivel]) -> None:
+    """Refuse casters whose wheels stand under their axis: no motion would turn them."""
+    for swivel in swivels:
+        if swivel.role == "caster" and not swivel.trail:
+            joint = evidence.description.joint[swivel.joint]
+            raise DriveError(
+                f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
+                "under its axis, so it trails nothing and is no caster; move their contact off the "
+                'axis, or say role = "steered" of its [[swivel]] in a drive file'
+            )
 
 
 def _leading(kind: str, evidence: Evidence, forward: Array) -> list[SwivelCandidate]:

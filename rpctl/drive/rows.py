@@ -155,15 +155,15 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
 
     Args:
         drive: The drive.
-        gliding: Roles of swivels that glide: the ground does nothing to them, they keep their angle
-            and their wheels do not roll.
+        gliding: Joints of swivels that glide: the ground does nothing to them, they keep their
+            angle and their wheels do not roll.
     """
     swivels, wheels = drive.swivels, drive.wheels
     owners = [s for s in swivels if s.shares is None]  # of lateral rows
     first = len(wheels) + drive.has_axle
     lateral = {s.joint: row for row, s in enumerate(owners, start=first)}
     lateral |= {s.joint: lateral[s.shares] for s in swivels if s.shares is not None}
-    followers = [s for s in drive.followers if s.role not in gliding]
+    followers = [s for s in drive.followers if s.joint not in gliding]
     count = len(swivels) + 3 * len(followers)
     constant = np.zeros((first + len(owners), PLANAR + len(swivels)))
     harmonics = np.zeros((2, count, *constant.shape))
@@ -174,7 +174,7 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
     for i, swivel in enumerate(swivels):
         G[i, i], phase[i] = swivel.sign, swivel.heading
         row, carried = lateral[swivel.joint], drive.carried(swivel)
-        if swivel.role in gliding:
+        if swivel.joint in gliding:
             constant[row, PLANAR + i] = 1.0
             glide += [*carried, row]
             continue

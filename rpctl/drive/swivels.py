@@ -34,6 +34,7 @@ class SwivelCandidate:
         ahead: Rolling direction of its wheels (2,), forward, or away from the contact of a caster.
         trail: Distance of the contact ahead of the axis, m.
         role: ``"steered"`` or ``"caster"``.
+        trails: Whether its contact is so far off its axis that it would trail.
         why: The reason for the role, in words.
         doubt: The evidence for the other role, in words; empty if there is none.
     """
@@ -45,6 +46,7 @@ class SwivelCandidate:
     ahead: Array
     trail: float
     role: str
+    trails: bool
     why: str
     doubt: str
 
@@ -66,6 +68,22 @@ class SwivelCandidate:
         if self.role == "caster" or float(self.ahead @ forward) >= 0.0:
             return self
         return replace(self, ahead=-self.ahead, trail=-self.trail)
+
+    def trailing(self) -> SwivelCandidate:
+        """Return the swivel as a caster: its contact lies behind its axis."""
+        side, doubt, why = 1.0 if self.trail < 0.0 else -1.0, "", self.why
+        if self.role != "caster":
+            why = f"contact {1e3 * abs(self.trail):.3g} mm off its axis; {why}"
+        if math.isfinite(self.joint.upper - self.joint.lower):
+            doubt = f'"{self.joint.name}" is a caster, yet it has limits, into which it would run'
+        return replace(
+            self,
+            ahead=side * self.ahead,
+            trail=side * self.trail,
+            role="caster",
+            why=why,
+            doubt=doubt,
+        )
 
     def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
         """Return the drive's record of it.
@@ -125,24 +143,24 @@ def _swivel_candidate(
     ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
     trail = float(ahead @ (contact - pivot))
-    role, why, doubt = _role(joint, wheels, trail, spec, actuated)
+    radius = max(wheel.radius or 0.0 for wheel in wheels)
+    trails = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
+    role, why, doubt = _role(joint, trail, trails, spec, actuated)
     if role == "caster" and trail > 0.0:
         ahead, trail = -ahead, -trail
     return SwivelCandidate(
-        joint, wheels, pivot, math.copysign(1.0, up), ahead, trail, role, why, doubt
+        joint, wheels, pivot, math.copysign(1.0, up), ahead, trail, role, trails, why, doubt
     )
 
 
 def _role(
     joint: Joint,
-    wheels: tuple[WheelCandidate, ...],
     trail: float,
+    trails: bool,
     spec: SwivelSpec,
     actuated: bool,
 ) -> tuple[str, str, str]:
     """Return whether a swivel steers or trails, why, and what speaks against it."""
-    radius = max(wheel.radius or 0.0 for wheel in wheels)
-    trails = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
     limited = math.isfinite(joint.upper - joint.lower)
     distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
     if abs(trail) < SHARED_TRAIL_ROUNDING_M:

@@ -13,6 +13,7 @@ from rpctl.description import mesh_files
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Joint, Shape
+from rpctl.drive.roller_joints import rollers_of
 
 SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
 MAX_ECCENTRICITY = 0.1  # of its radius; a tyre on a link of its own is no further off the axle
@@ -73,6 +74,9 @@ def wheel_size(tree: FrozenTree, joint: Joint) -> WheelSize:
     """
     parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
     reasons: list[str] = []
+    rollers = _rollers_size(tree, joint)
+    if rollers is not None:
+        return rollers
     for role in SHAPE_ROLES:
         size = _round_size(parts, joint.axis, role)
         if size is not None:
@@ -82,6 +86,22 @@ def wheel_size(tree: FrozenTree, joint: Joint) -> WheelSize:
         if size is not None:
             return size
     return WheelSize(None, reasons[-1] if reasons else "", 0.0)
+
+
+def _rollers_size(tree: FrozenTree, joint: Joint) -> WheelSize | None:
+    """Return the size from a wheel's locked rollers: how far they reach, about their middle."""
+    reaches, places = [], []
+    links = dict(tree.rigid_links(joint.child))
+    for roller in rollers_of(tree, joint):
+        shapes = [s for s in wheel_parts(tree, roller) if is_round(s, roller.axis)]
+        if roller.child not in links or not shapes:
+            continue
+        centre = (links[roller.child] @ shapes[0].shape.origin)[:3, 3]
+        reaches.append(_distance(centre, joint.axis) + max(s.shape.size[0] for s in shapes))
+        places.append(float(centre @ joint.axis))
+    if not reaches:
+        return None
+    return WheelSize(max(reaches), "its rollers", float(np.mean(places)))
 
 
 def shape_sizes(tree: FrozenTree, joint: Joint) -> list[tuple[str, WheelSize]]:

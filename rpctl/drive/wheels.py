@@ -10,6 +10,7 @@ from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint
 from rpctl.drive.drive_file import WheelSpec
+from rpctl.drive.roller_joints import is_endless
 from rpctl.drive.wheel_size import round_parts, wheel_size
 
 MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles of a pair may be
@@ -103,12 +104,6 @@ def _is_held(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether the root link holds a joint, rigidly or by one upright joint."""
     carriers = tree.free_joints(joint.parent)
     return len(carriers) < 2 and all(map(tree.is_upright, carriers))
-
-
-def is_endless(joint: Joint) -> bool:
-    """Return whether a joint turns without limits."""
-    endless = joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
-    return joint.kind == "continuous" or endless
 
 
 def _carries_arm(tree: FrozenTree, joint: Joint) -> bool:

@@ -64,8 +64,8 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
 
     Args:
         robot: The robot.
-        gliding: Roles of swivels that glide: the ground does nothing to them, they keep their angle
-            and their wheels do not roll.
+        gliding: Joints of swivels that glide: the ground does nothing to them, they keep their
+            angle and their wheels do not roll.
     """
     drive, model = robot.drive, robot.model
     rows = drive_rows(drive, gliding)

@@ -10,8 +10,8 @@ Every number is taken from the user's bytes (:mod:`rpctl.equivalence.raw_file`),
 - a swivel heads across the axle of its first wheel, towards forward; where all wheels swivel, as
   the first that does not trail. Its trail is how far its wheels' contact lies ahead, and 0 if that
   is less than 2 mm where several swivels share one centre of rotation.
-- the roller on the ground of a mecanum wheel lies at 45° to forward, those on top form an X; an
-  omni wheel's across its axle.
+- the roller on the ground of a mecanum wheel lies as the file has it, or else at 45° to forward,
+  those on top form an X; an omni wheel's lies across its axle.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.mesh_paths import MeshPaths
 from rpctl.drive.drive import Drive, Swivel, Wheel
+from rpctl.equivalence.file_rollers import on_the_ground
 from rpctl.equivalence.file_wheels import PlacedWheel, leftward, place, wheel_size
 from rpctl.equivalence.raw_file import RawFile
 from rpctl.robot.model import Robot
@@ -72,7 +73,8 @@ def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
         ground=float(np.mean([p.centre[2] - p.radius for p in placed.values()] or [0.0])),
         swivels=swivels,
     )
-    wheels = tuple(_wheel(found, wheel, placed, heading) for wheel in drive.wheels)
+    lying = {w.joint: on_the_ground(raw, raw.joint[w.joint], robot.locked) for w in drive.wheels}
+    wheels = tuple(_wheel(found, wheel, placed, heading, lying) for wheel in drive.wheels)
     return replace(found, wheels=wheels), tuple(shapeless)
 
 
@@ -203,8 +205,22 @@ def _swivel(
     )
 
 
-def _wheel(drive: Drive, wheel: Wheel, placed: Mapping[str, PlacedWheel], heading: float) -> Wheel:
-    """Return a wheel as the file has it; ``drive`` has its swivels measured."""
+def _wheel(
+    drive: Drive,
+    wheel: Wheel,
+    placed: Mapping[str, PlacedWheel],
+    heading: float,
+    lying: Mapping[str, tuple[float, float] | None],
+) -> Wheel:
+    """Return a wheel as the file has it.
+
+    Args:
+        drive: Its swivels are measured.
+        wheel: The record.
+        placed: The wheels' places, by joint.
+        heading: The forward direction, rad.
+        lying: Directions (x, y) of the rollers on the ground that the file has, by wheel.
+    """
     at = placed[wheel.joint]
     values: dict[str, Any] = {"radius": at.radius, "offset": at.offset, "shift": 0.0}
     angle, values["lateral"] = heading, 0.0
@@ -216,7 +232,14 @@ def _wheel(drive: Drive, wheel: Wheel, placed: Mapping[str, PlacedWheel], headin
     elif wheel.slides or drive.type == "omni":
         angle = math.atan2(at.ahead[1], at.ahead[0])
     elif drive.type == "mecanum":
-        angle += _roller(drive, placed, at, heading)
+        along = lying[wheel.joint]
+        if along is None:
+            angle += _roller(drive, placed, at, heading)
+        else:  # of its two directions the one that points forward
+            ahead = along[0] * math.cos(heading) + along[1] * math.sin(heading)
+            angle = math.atan2(
+                math.copysign(1.0, ahead) * along[1], math.copysign(1.0, ahead) * along[0]
+            )
     return replace(wheel, **values, direction=(math.cos(angle), math.sin(angle)))
 
 

@@ -3,7 +3,7 @@
 A wheel is a sphere, cylinder or capsule about its axle, the widest of the collision shapes, or else
 of the visual ones; without any, a mesh, half as high as the wider of its extents across the axle.
 Of several as wide, its centre is the mean of theirs. Links fixed to the wheel's own belong to it
-where they are centred on the axle.
+where they are centred on the axle. A wheel with rollers on joints of their own stands on them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.equivalence import file_rollers
 from rpctl.equivalence.raw_file import TURNING, RawFile, RawJoint, RawShape
 
 ROUND_KINDS = ("sphere", "cylinder", "capsule")
@@ -52,6 +53,9 @@ def wheel_size(
         locked: Positions of the frozen joints, rad or m.
         paths: Where meshes may lie.
     """
+    on_rollers = file_rollers.reach(raw, joint, locked)
+    if on_rollers is not None:
+        return on_rollers
     parts = list(_parts(raw, joint.child, locked))
     for measured in (_primitive, _mesh):
         for role in ("collision", "visual"):

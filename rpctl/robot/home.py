@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +15,7 @@ from rpctl.robot.model import Robot
 from rpctl.robot.posture import find_posture, judge
 
 AUTO, ZERO = "auto", "zero"
-SRDF_MARK = ".srdf"
+STATE = re.compile(r"(?P<path>.*\.srdf(?:\.xacro)?)(?::(?P<state>.*))?", re.IGNORECASE)
 BEYOND_LIMIT = 1e-9  # rad or m; a position this far outside is at the limit
 FORMS = f"NAME=POSITION, {AUTO}, {ZERO}, or a state of an SRDF, as robot.srdf:home"
 
@@ -84,13 +85,11 @@ def _wish(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | None) 
             wish.positions[name] = _checked(robot, name, position)
         return wish
     for item in (home,) if isinstance(home, str) else home or ():
-        path, mark, state = item.rpartition(f"{SRDF_MARK}:")
+        state = STATE.fullmatch(item)
         if item in (AUTO, ZERO):
             wish.word = item
-        elif mark:
-            _add_state(wish, robot, path + SRDF_MARK, state)
-        elif item.endswith(SRDF_MARK):
-            _add_state(wish, robot, item, "")
+        elif state:
+            _add_state(wish, robot, state["path"], state["state"] or "")
         else:
             for pair in item.split(","):
                 name, position = _pair(pair)
@@ -133,7 +132,7 @@ def _add_state(wish: Wish, robot: Robot, path: str, state: str) -> None:
     """Add the positions of an SRDF's state; what the arm has no use for is told."""
     arm, known = {joint.name: joint for joint in robot.joints}, robot.description.joint
     strange, still = [], []
-    for stated in read_state(path, state):
+    for stated in read_state(path, state, robot.description.read_with):
         joint = arm.get(stated.joint)
         if joint is not None:
             wish.positions[joint.name] = float(np.clip(stated.value, joint.lower, joint.upper))

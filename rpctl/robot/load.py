@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -17,6 +17,8 @@ from rpctl.description.urdf import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import Drive
 from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
+from rpctl.drive.plugins import SimulatorTags, read_simulator_tags
+from rpctl.drive.suspensions import find_held, held_findings
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
@@ -66,7 +68,7 @@ def load(
             position well inside their limits; where the arm is near a singular posture there, it
             takes one to work from.
         free: Name patterns of joints that are frozen by default and that are to move: those of
-            grippers, and those that the catalogue freezes.
+            grippers and of passive suspensions, and those that the catalogue freezes.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -83,14 +85,20 @@ def load(
             description = fill(description, density)
         defaults = entry.lock if entry else ()
         tree = FrozenTree(description, _locked(description, defaults, lock, free))
+        tags = read_simulator_tags(description)
+        given = _given(entry.drive if drive is None and entry else drive)
+        released = _released(description, free)
+        held = () if _is_fixed(given) else find_held(tree, tags, released)
+        at_rest = {each.joint.name: each.position for each in held}
+        tree = FrozenTree(description, {**tree.locked, **at_rest})
         grippers = find_grippers(tree)
         tree, frozen = freeze_grippers(tree, grippers, free)
         findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
-        findings = (*findings, *frozen)
+        findings = (*findings, *held_findings(held), *frozen)
         if strict:
             _refuse_doubts(path, findings)
         check(tree)
-        drive = _drive(tree, entry.drive if drive is None and entry else drive, strict)
+        drive = _drive(tree, given, strict, tags, released)
         model, joints = build(tree), _arm_joints(tree, drive)
         if end_effector is None:
             end_effector, choice = find_end_effector(description, joints, _rolling(drive), grippers)
@@ -115,15 +123,36 @@ def load(
         return robot
 
 
-def _drive(tree: FrozenTree, source: Drive | str | Path | None, strict: bool) -> Drive:
+def _drive(
+    tree: FrozenTree,
+    given: Drive | DriveSpec,
+    strict: bool,
+    tags: SimulatorTags,
+    free: Collection[str],
+) -> Drive:
     """Return the drive that a user gives, or the one that is found; ``strict`` refuses doubts."""
-    if isinstance(source, Drive):
-        return replace(source, declared=("drive",))
-    drive = detect(tree, _specification(source))
+    if isinstance(given, Drive):
+        return replace(given, declared=("drive",))
+    drive = detect(tree, given, tags, free)
     if strict:
         doubts = [Finding("warning", None, doubt) for doubt in drive.doubts]
         _refuse_doubts(tree.description.path, doubts)
     return drive
+
+
+def _given(source: Drive | str | Path | None) -> Drive | DriveSpec:
+    """Return the drive that a user gives, or what they say of it."""
+    return source if isinstance(source, Drive) else _specification(source)
+
+
+def _is_fixed(given: Drive | DriveSpec) -> bool:
+    return given.type == "fixed"
+
+
+def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
+    """Return the names of the moving joints that patterns of ``free`` match."""
+    moving = [joint.name for joint in description.joints if joint.moving]
+    return frozenset(n for pattern in free for n in moving if fnmatchcase(n, pattern))
 
 
 def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:

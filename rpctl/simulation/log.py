@@ -117,9 +117,15 @@ class Recorder:
         self._data = dynamics.robot.model.createData()
         self._steered, self._others = steered_joints(dynamics.robot), other_joints(dynamics.robot)
         self._other_indices = [dynamics.robot.velocity_index(name) for name in self._others]
-        self._rows: list[LogRow] = []
-        self._limits: list[tuple[Limit, ...]] = []
-        self._reactions: list[GroundReaction] = []
+        # One list, so that what ends the run at any moment leaves whole samples.
+        self._samples: list[tuple[LogRow, GroundReaction | None, tuple[Limit, ...]]] = []
+
+    def finite_count(self) -> int:
+        """Return the number of samples up to the first that is not finite."""
+        for k, (row, _, _) in enumerate(self._samples):
+            if not all(np.isfinite(value).all() for value in row.values()):
+                return k
+        return len(self._samples)
 
     def add(
         self,
@@ -146,54 +152,53 @@ class Recorder:
             work: Work of the actuators so far, J.
             limits: The limits that bind the efforts.
         """
-        self._limits.append(limits)
         dynamics, robot = self._dynamics, self._dynamics.robot
         at = dynamics.at(q)
         v = at.S @ nu
+        reaction = None
         if self._contacts is not None:
-            push = tau + self._bias
-            self._reactions.append(ground_reaction(dynamics, self._contacts, q, nu, push))
-        self._rows.append(
-            {
-                "t": t,
-                "q": q,
-                "nu": nu,
-                "tau": tau,
-                "rates": at.B.T @ nu,
-                "nu_d": command.nu_d,
-                "nu_ref": reference_rates(robot, state).nu,
-                "base": robot.base_pose(q),
-                "base_ref": state.pose,
-                "joints": robot.joint_positions(q),
-                "joints_ref": state.joints,
-                "steering_ref": steering(robot, state)[0],
-                "steering": np.array([robot.joint_position(q, name) for name in self._steered]),
-                "others": np.array([robot.joint_position(q, name) for name in self._others]),
-                "other_rates": v[self._other_indices],
-                "e": e,
-                "energy": dynamics.energy(q, nu),
-                "work": work,
-                "constraint_residual": _constraint_residual(dynamics, q, v),
-                **_ground(self._reactions[-1] if self._reactions else None),
-                **_end_effector(robot, self._data, q, state),
-            }
-        )
-
-    def log(self) -> Log:
-        """Return the log, samples first."""
-        log: dict[str, Array] = {
-            key: np.array([row[key] for row in self._rows]) for key in self._rows[0]
+            reaction = ground_reaction(dynamics, self._contacts, q, nu, tau + self._bias)
+        row = {
+            "t": t,
+            "q": q,
+            "nu": nu,
+            "tau": tau,
+            "rates": at.B.T @ nu,
+            "nu_d": command.nu_d,
+            "nu_ref": reference_rates(robot, state).nu,
+            "base": robot.base_pose(q),
+            "base_ref": state.pose,
+            "joints": robot.joint_positions(q),
+            "joints_ref": state.joints,
+            "steering_ref": steering(robot, state)[0],
+            "steering": np.array([robot.joint_position(q, name) for name in self._steered]),
+            "others": np.array([robot.joint_position(q, name) for name in self._others]),
+            "other_rates": v[self._other_indices],
+            "e": e,
+            "energy": dynamics.energy(q, nu),
+            "work": work,
+            "constraint_residual": _constraint_residual(dynamics, q, v),
+            **_ground(reaction),
+            **_end_effector(robot, self._data, q, state),
         }
+        self._samples.append((row, reaction, limits))
+
+    def log(self, count: int | None = None) -> Log:
+        """Return the log, samples first: all of them, or the first ``count``."""
+        samples = self._samples[:count]
+        rows = [row for row, _, _ in samples]
+        log: dict[str, Array] = {key: np.array([row[key] for row in rows]) for key in rows[0]}
         for heading in (log["base"][:, 2], log["base_ref"][:, 2]):
             heading[:] = np.unwrap(heading)
         log["q_ref"] = _reference_configurations(self._dynamics, log)
         del log["steering_ref"]  # it is part of q_ref
-        log["load_range"] = log["slip_range"] = np.empty((len(self._rows), 0))
+        log["load_range"] = log["slip_range"] = np.empty((len(rows), 0))
         if self._contacts is not None and not self._contacts.determinate:
-            ranges = find_ranges(self._contacts, self._reactions)
+            reactions = [reaction for _, reaction, _ in samples if reaction is not None]
+            ranges = find_ranges(self._contacts, reactions)
             log["load_range"], log["slip_range"] = ranges.load, ranges.slip
-        bound = tuple(dict.fromkeys(chain.from_iterable(self._limits)))
-        active = [[float(limit in limits) for limit in bound] for limits in self._limits]
+        bound = tuple(dict.fromkeys(chain.from_iterable(limits for _, _, limits in samples)))
+        active = [[float(limit in limits) for limit in bound] for _, _, limits in samples]
         log["active_limits"] = np.array(active)
         for array in log.values():
             array.setflags(write=False)
@@ -235,12 +240,17 @@ def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState)
 
 
 def _reference_configurations(dynamics: ReducedDynamics, log: dict[str, Array]) -> Array:
-    """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref."""
+    """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref.
+
+    Wheels start at 0, casters where the robot's do.
+    """
     robot, drive = dynamics.robot, dynamics.robot.drive
     turning = [wheel.joint for wheel in drive.wheels]
-    turning += [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    casters = [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    start = [robot.joint_position(log["q"][0], name) for name in casters]
+    turned, configurations = np.concatenate([np.zeros(len(turning)), start]), []
+    turning += casters
     index = [robot.velocity_index(name) for name in turning]
-    turned, configurations = np.zeros(len(turning)), []
     steps = np.diff(log["t"], append=log["t"][-1:])
     rows = (log[key] for key in ("base_ref", "joints_ref", "steering_ref", "nu_ref"))
     for pose, joints, steered, nu, step in zip(*rows, steps, strict=True):

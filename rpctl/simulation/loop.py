@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -19,7 +20,6 @@ from rpctl.control.law import (
     KinematicLaw,
     Rest,
     as_controller,
-    as_efforts,
     as_law,
 )
 from rpctl.control.unified import UnifiedKinematic
@@ -29,11 +29,11 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.quasi_velocities import steering
+from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
-from rpctl.simulation.log import Recorder
+from rpctl.simulation.log import Log, Recorder
 from rpctl.simulation.periods import (
     delay_note,
     duration_note,
@@ -41,11 +41,31 @@ from rpctl.simulation.periods import (
 )
 from rpctl.simulation.plant import Plant, advance
 from rpctl.simulation.recorded import recorded
+from rpctl.simulation.returned import (
+    require_callable,
+    require_command,
+    require_efforts,
+    require_state,
+)
 from rpctl.simulation.run import Run
 
 DEFAULT_DURATION_S = 20.0  # s, of a reference without an end
 SETTLING_S = 1.0  # s, after the end of one that has it
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
+MIN_SAMPLES = 2  # of a run: one moment is no motion
+
+
+class WatchedSample(NamedTuple):
+    """What a watcher of the loop is shown of a sample."""
+
+    t: float  # s
+    q: Array  # (nq,)
+    e: Array  # (3 + n_joints,) tracking error
+    tau: Array  # (n_act,) efforts from now on, N·m or N
+    state: ReferenceState
+
+
+Watcher = Callable[[WatchedSample], object]
 
 
 def track(
@@ -96,11 +116,15 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
+    given = {"reference": reference, "kinematic": kinematic, "dynamic": dynamic}
+    for what, value in given.items():
+        if value is not None and not (what == "reference" and isinstance(value, str)):
+            require_callable(what, value)
     config = Config(
         kinematic=kinematic or UnifiedKinematic(),
         dynamic=dynamic or PaperDynamic(),
         run=RunSettings(
-            name or (reference if isinstance(reference, str) else type(reference).__name__),
+            name or (reference if isinstance(reference, str) else _called(reference)),
             duration,
             cast("tuple[float, float, float]", tuple(initial_error)),
             control_period,
@@ -110,7 +134,8 @@ def track(
         plant=plant or Plant(),
     )
     loaded = load_reference(robot, reference) if isinstance(reference, str) else reference
-    return simulate(robot, config, loaded, certificate, progress, watch)
+    watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
+    return simulate(robot, config, loaded, certificate, progress, watcher)
 
 
 def simulate(
@@ -119,7 +144,8 @@ def simulate(
     reference: Reference | None = None,
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
-    watch: Callable[[float, Array, ReferenceState], object] | None = None,
+    watch: Watcher | None = None,
+    ended: Callable[[Run], object] | None = None,
 ) -> Run:
     """Simulate a robot as a configuration says, from rest.
 
@@ -129,7 +155,9 @@ def simulate(
         reference: What the configuration's reference is; None loads it by its name.
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
-        watch: As of :func:`track`.
+        watch: Called with every sample; what it takes is not counted as the simulation's.
+        ended: Called with what was simulated if an error or Ctrl-C ends the loop early and there
+            is a motion to keep; the exception is raised afterwards.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -145,25 +173,49 @@ def simulate(
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
     recorder = Recorder(dynamics, contacts, plant.bias(robot))
-    loop = _close_loop(dynamics, config, reference, steps, recorder, progress, watch)
-    return Run(
-        log=recorder.log(),
-        robot=robot_facts(robot),
-        ground=ground_facts(contacts, settings.friction),
-        config=recorded(config, steps),
-        controller_model=plant.controller_model.name if plant.controller_model else None,
-        kinematic_report=loop.report,
-        notes=notes + delay_note(plant.delay, period),
-        certificate=None if certificate is None else certificate.to_dict(),
-        wall_time=loop.wall_time,
-    )
+    loop = _Loop()
+
+    def run(log: Log, notes: tuple[str, ...]) -> Run:
+        return Run(
+            log=log,
+            robot=robot_facts(robot),
+            ground=ground_facts(contacts, settings.friction),
+            config=recorded(config, len(log.t) - 1),
+            controller_model=plant.controller_model.name if plant.controller_model else None,
+            kinematic_report=loop.report,
+            notes=notes + delay_note(plant.delay, period),
+            certificate=None if certificate is None else certificate.to_dict(),
+            wall_time=loop.wall_time,
+        )
+
+    try:
+        _close_loop(dynamics, config, reference, steps, recorder, loop, progress, watch)
+    except BaseException as error:
+        if ended is not None and (count := recorder.finite_count()) >= MIN_SAMPLES:
+            log = recorder.log(count)
+            ended(run(log, (_end_note(error, float(log.t[-1]), steps * period),)))
+        raise
+    return run(recorder.log(), notes)
 
 
-class _Loop(NamedTuple):
-    """What a closed loop leaves beside its log."""
+def _end_note(error: BaseException, t: float, duration: float) -> str:
+    """Return the sentence that says when (s) and why a run ended early."""
+    reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
+    reason = reason or type(error).__name__
+    return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
 
-    report: dict[str, float]  # of the kinematic law
-    wall_time: float  # s, without what watched it
+
+@dataclass
+class _Loop:
+    """What a closed loop leaves beside its log.
+
+    Attributes:
+        report: Of the kinematic law.
+        wall_time: s, without what watched it.
+    """
+
+    report: dict[str, float] = field(default_factory=dict)
+    wall_time: float = 0.0
 
 
 def _close_loop(
@@ -172,42 +224,52 @@ def _close_loop(
     reference: Reference,
     steps: int,
     recorder: Recorder,
+    loop: _Loop,
     progress: Callable[[int, int], object] | None,
-    watch: Callable[[float, Array, ReferenceState], object] | None,
-) -> _Loop:
+    watch: Watcher | None,
+) -> None:
     """Close the loop for a number of control periods; every sample goes to the recorder."""
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     controller_dynamics, bias = plant.controller_dynamics(dynamics), plant.bias(robot)
-    q, nu, work = _start(robot, reference(0.0), config.run.initial_error), np.zeros(robot.dof), 0.0
+    first = require_state(robot, reference(0.0), 0.0)
+    q, nu, work = _start(robot, first, config.run.initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
     dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
     started_at = time.perf_counter()
     sent = plant.pipeline(rest.tau, period)
-    for k in range(steps + 1):
-        t = k * period
-        state = reference(t)
-        e = tracking_error(robot, state, q)
-        command = kinematic(controller_dynamics, reference, t, q, nu)
-        efforts = as_efforts(dynamic(controller_dynamics, q, nu, command))
-        sent.append(efforts.tau)
-        tau = sent.popleft()
-        recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
-        if not np.abs(nu).max() < DIVERGED_SPEED:
-            raise DivergedError(
-                f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the "
-                "horizons"
-            )
-        if watch is not None:
-            shown = time.perf_counter()
-            watch(t, q, state)
-            started_at += time.perf_counter() - shown
-        if k < steps:
-            q, nu, done = advance(dynamics, q, nu, tau + bias, period, config.run.plant_step)
-            work += done
-        if progress is not None:
-            progress(k, steps)
-    return _Loop(kinematic.report(), time.perf_counter() - started_at)
+    try:
+        for k in range(steps + 1):
+            t = k * period
+            state = require_state(robot, reference(t), t)
+            e = tracking_error(robot, state, q)
+            command = require_command(robot, kinematic(controller_dynamics, reference, t, q, nu))
+            efforts = require_efforts(robot, dynamic(controller_dynamics, q, nu, command))
+            sent.append(efforts.tau)
+            tau = sent.popleft()
+            recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
+            if not np.abs(nu).max() < DIVERGED_SPEED:
+                raise DivergedError(
+                    f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
+                    "the horizons"
+                )
+            if watch is not None:
+                shown = time.perf_counter()
+                watch(WatchedSample(t, q, e, tau, state))
+                started_at += time.perf_counter() - shown
+            if k < steps:
+                q, nu, done = advance(dynamics, q, nu, tau + bias, period, config.run.plant_step)
+                work += done
+            if progress is not None:
+                progress(k, steps)
+    finally:
+        loop.wall_time = time.perf_counter() - started_at
+        loop.report = kinematic.report()
+
+
+def _called(reference: Reference) -> str:
+    """Return what a log calls a reference of the user's."""
+    return str(getattr(reference, "__name__", type(reference).__name__))
 
 
 def default_duration(reference: Reference) -> float:
@@ -217,10 +279,6 @@ def default_duration(reference: Reference) -> float:
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:
     """Return q (nq,) that has the tracking error asked for, arm on its reference."""
-    if len(state.joints) != len(robot.joints):
-        raise RpctlError(
-            f"the reference has {len(state.joints)} joints, {robot.name} has {len(robot.joints)}"
-        )
     if len(initial_error) != 3 or not all(map(math.isfinite, initial_error)):
         raise RpctlError(f"initial error {initial_error}: give three finite numbers X,Y,THETA")
     x1, x2, x3 = initial_error
@@ -229,5 +287,4 @@ def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) 
     theta = state.pose[2] - x3
     cos, sin = math.cos(theta), math.sin(theta)
     x, y = state.pose[0] - cos * x1 + sin * x2, state.pose[1] - sin * x1 - cos * x2
-    wheels = steering(robot, state)[0]
-    return robot.configuration_at(np.array([x, y, theta]), state.joints, wheels)
+    return configuration_along(robot, state, np.array([x, y, theta]))

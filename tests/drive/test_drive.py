@@ -139,12 +139,14 @@ def test_a_file_without_wheels_is_told(tmp_path: Path) -> None:
         load(tmp_path, lone)
 
 
-def test_two_axles_are_too_many(tmp_path: Path) -> None:
+def test_two_axles_are_those_of_a_skid_steer_drive(tmp_path: Path) -> None:
     rear = GOOD[GOOD.index('<link name="left_wheel">') : GOOD.index("</robot>")]
     rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
     rear = rear.replace('xyz="0 ', 'xyz="-0.5 ').replace("-0.5 1 0", "0 1 0")
-    with pytest.raises(DriveError, match="2 pairs of wheels on one axle"):
-        load(tmp_path, platform(SET_A, extra=rear))
+    drive = load(tmp_path, platform(SET_A, extra=rear)).drive
+    assert drive.type == "skid-steer"
+    assert drive.point == pytest.approx((-0.25, 0.0))
+    assert drive.doubts[0].startswith("4 parallel wheels are taken for ordinary ones")
 
 
 def test_p_is_midway_between_the_outermost_of_three_wheels(tmp_path: Path) -> None:

@@ -101,29 +101,6 @@ def test_it_is_said_where_a_swivels_wheel_stands(files: Files, trail: float, whe
     assert files.load(parts).drive.swivels[0].why == f"{where}, limits"
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "hangs"),
-    [
-        ("prismatic", "roll", True),
-        ("revolute", "roll", False),  # as an arm's last joint does
-        ("revolute", "wheel", True),
-    ],
-)
-def test_what_slides_is_a_suspension_what_turns_is_one_by_name(
-    files: Files, kind: str, name: str, hangs: bool
-) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.link("carrier", 1.0)
-    axis = "0 0 1" if kind == "prismatic" else "0 1 0"
-    limit = '<limit lower="-0.1" upper="0.1" effort="9" velocity="9"/>' * (kind == "prismatic")
-    parts.joint("mount", kind, ("base", "carrier"), "0.5 0 0.2", axis, limit)
-    parts.wheel(name, "carrier", "0 0 -0.1")
-    text = " ".join(files.load(parts).drive.doubts)
-    assert (f"{name} hang on joints that move, a suspension" in text) == hangs
-    assert ("--lock mount" in text) == hangs
-
-
 def askew() -> Parts:
     """Return a pair of wheels, and three on axles that point elsewhere."""
     parts = body()

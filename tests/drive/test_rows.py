@@ -135,7 +135,7 @@ def test_swivels_that_glide_keep_their_angle(tmp_path: Path, rng: np.random.Gene
     drive = drive_of(tmp_path, "casters")
     steered = replace(drive.swivels[0], role="steered")
     drive = replace(drive, type="steered", swivels=(steered, *drive.swivels[1:]))
-    rolling, gliding = drive_rows(drive), drive_rows(drive, gliding=("caster",))
+    rolling, gliding = drive_rows(drive), drive_rows(drive, [s.joint for s in drive.idle_casters])
     positions = rng.normal(size=3)
     A, found = (rows.matrix.at(rows.matrix.turn(positions)) for rows in (rolling, gliding))
     held = sorted(gliding.gliding)

@@ -12,7 +12,6 @@ import trimesh
 from rpctl import ReducedDynamics
 from tests.drive.drive_cases import (
     Files,
-    axles,
     body,
     meshed,
     xml,
@@ -97,22 +96,6 @@ def test_the_default_axis_on_four_wheels_is_no_drive_sideways(files: Files) -> N
     assert refusal_text.count('<axis xyz="0 1 0"/>') == 4
 
 
-def test_a_suspension_is_to_be_locked(files: Files) -> None:
-    parts = body()
-    for side, y in (("left", 0.3), ("right", -0.3)):
-        parts.link(f"{side}_arm", 0.5)
-        limits = '<limit lower="-0.02" upper="0.02" effort="100" velocity="1"/>'
-        ends = ("base", f"{side}_arm")
-        parts.joint(f"{side}_spring", "prismatic", ends, f"0 {y} 0.1", "0 0 1", limits)
-        parts.wheel(f"{side}_wheel", f"{side}_arm", "0 0 0")
-    refusal_text = files.refusal(parts)
-    assert "left_wheel, right_wheel hang on joints that move, a suspension" in refusal_text
-    assert "--lock left_spring --lock right_spring" in refusal_text
-    robot = files.load(parts, lock=["*_spring"])
-    assert robot.drive.type == "differential"
-    assert robot.drive.doubts == ()
-
-
 def test_a_roller_on_a_lift_hangs_on_no_suspension(files: Files) -> None:
     parts = body()
     rear_axle(parts)
@@ -122,31 +105,6 @@ def test_a_roller_on_a_lift_hangs_on_no_suspension(files: Files) -> None:
     parts.wheel("roller", "lift", "0 0 0.1", r=0.05)
     robot = files.load(parts, strict=True)
     assert robot.quasi_velocities == ("v", "omega", "lift_joint", "roller")
-
-
-def test_a_rocker_is_to_be_locked(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.link("rocker", 0.5)
-    parts.joint("rocker_joint", "revolute", ("base", "rocker"), "0.4 0 0.2", "0 1 0")
-    parts.wheel("front_wheel", "rocker", "0 0 -0.1")
-    (doubt,) = files.load(parts).drive.doubts
-    assert doubt.endswith("hold it: --lock rocker_joint")
-
-
-def test_wheels_that_mimic_others(files: Files) -> None:
-    """A rear wheel tied to the front one by a <mimic>: the ground would turn it, too."""
-    text = xml(axles(0.25, -0.25))
-    for side in ("left", "right"):
-        start = text.index(f'<joint name="axle1_{side}"')
-        end = text.index("</joint>", start)
-        text = f'{text[:end]}<mimic joint="axle0_{side}"/>{text[end:]}'
-    drive = files.load(text).drive
-    assert (drive.type, len(drive.wheels)) == ("differential", 2)
-    assert drive.doubts[0] == (
-        '"axle1_left" mimics "axle0_left", so it is taken for no wheel; if it stands on the '
-        "ground, take its <mimic> out (line 1)"
-    )
 
 
 def test_one_wheel_is_none(files: Files) -> None:

@@ -66,16 +66,6 @@ def test_rollers_of_mecanum_wheels(files: Files) -> None:
         assert rolling_speeds(robot, nu)[wheel.joint] == pytest.approx(expected)
 
 
-def test_four_wheels_and_no_word(files: Files) -> None:
-    drive_text = files.refusal(axles(0.25, -0.25))
-    assert "nothing in a URDF tells skid-steer from mecanum wheels" in drive_text
-    start = drive_text.partition("(--drive FILE):\n")[2]
-    assert "# radius = 0.1  # m" in start
-    assert files.load(axles(0.25, -0.25), start).drive.type == "skid-steer"
-    named = xml(axles(0.25, -0.25)).replace('_link"', '_mecanum"')
-    assert files.load(named).drive.type == "mecanum"
-
-
 def test_free_steering_of_a_car(files: Files) -> None:
     """Each front wheel steers on its own; on average the two do not slip sideways."""
     robot = files.load(vehicle("car-like"), 'type = "car-like"\nsteering = "free"\n')

@@ -156,7 +156,8 @@ def test_casters_that_glide(tmp_path: Path, rng: np.random.Generator) -> None:
     So nothing turns any more on a differential drive.
     """
     robot = load(tmp_path, "casters")
-    rolling, gliding = ReducedDynamics(robot), ReducedDynamics(robot, gliding=("caster",))
+    casters = [swivel.joint for swivel in robot.drive.idle_casters]
+    rolling, gliding = ReducedDynamics(robot), ReducedDynamics(robot, gliding=casters)
     assert gliding.constant
     assert not rolling.constant
     q = robot.random_configuration(rng)

@@ -157,6 +157,22 @@ def test_faults_of_an_srdf_have_a_line(
         rpctl.load(path, drive="fixed", home=f"{tmp_path}/none.srdf:home")
 
 
+def test_an_srdf_may_be_xacro_with_arguments_of_the_robot_s(tmp_path: Path) -> None:
+    """The robot's file has an argument more than its SRDF; both have the arm's name."""
+    head = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    names = '<xacro:arg name="rod" default="none"/>'
+    state = '<group_state name="up" group="g"><joint name="$(arg rod)_2_joint" value="0.75"/>'
+    srdf = tmp_path / "arm.srdf.xacro"
+    srdf.write_text(f"{head}{names}{state}</group_state></robot>", encoding="utf-8")
+    path = tmp_path / "arm.urdf.xacro"
+    more = f'{head}{names}<xacro:arg name="mass" default="1"/>'
+    text = write(tmp_path, arm()).read_text(encoding="utf-8").replace('<robot name="arm">', more)
+    path.write_text(text, encoding="utf-8")
+    arguments = {"rod": "rod", "mass": "2"}
+    robot = rpctl.load(path, "fixed", xacro_args=arguments, home=f"{srdf}:up")
+    assert at_home(robot)["rod_2_joint"] == 0.75
+
+
 def six_axis(folder: Path, *more: str) -> Path:
     """Write a base on two wheels with an arm whose wrist is singular and stretched at zero."""
     text = platform(

@@ -84,6 +84,25 @@ def picture_at(page: Any, time: float) -> np.ndarray[Any, Any]:
     return picture(page, "rpctl.viewer")
 
 
+# Return the texts of those elements of a selector that are cut off, by themselves or the window.
+CLIPPED = """(selector) => [...document.querySelectorAll(selector)].filter((element) => {
+  const { left, right } = element.getBoundingClientRect();
+  return element.scrollWidth > element.clientWidth + 1 || left < 0 || right > innerWidth;
+}).map((element) => element.textContent)"""
+
+
+def covering(page: Any, scene: str) -> list[str]:
+    """Return the texts of the buttons and boxes that lie over what a selector shows."""
+    script = """(selector) => {
+      const scene = document.querySelector(selector).getBoundingClientRect();
+      return [...document.querySelectorAll("button, select, input, label")].filter((each) => {
+        const { left, right, top, bottom } = each.getBoundingClientRect();
+        return right > left && left < scene.right && right > scene.left && top < scene.bottom
+          && bottom > scene.top;
+      }).map((each) => each.textContent); }"""
+    return list(page.evaluate(script, scene))
+
+
 def changed(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> int:
     """Return how many pixels differ so that the eye sees it."""
     return int((np.abs(a - b).max(axis=2) > 24).sum())

@@ -89,6 +89,10 @@ def test_the_frame_plays(shown: dict[str, Any], paper_run: Run) -> None:
         inside = page.frames[1]
         assert inside.evaluate(robot)[:2] == pytest.approx(paper_run.q[0, :2], abs=2e-3)
         frame.get_by_role("slider").press("End")
+        scene, bar = (frame.locator(each).bounding_box() for each in ("canvas", ".bar"))
+        assert scene is not None
+        assert bar is not None
+        assert scene["y"] + scene["height"] <= bar["y"]
         assert inside.evaluate(robot)[:2] == pytest.approx(paper_run.q[-1, :2], abs=2e-3)
         frame.get_by_role("button", name="Play").click()
         frame.get_by_role("button", name="Pause").wait_for()

@@ -36,9 +36,9 @@ class Forces(NamedTuple):
 class ForceModel:
     """Forces of one robot at measured or predicted states; holds Pinocchio's workspace.
 
-    The prediction does not know the casters' angles: at predicted states they glide, and the
-    contacts are those of the posture last given to :meth:`update_contacts`. Guessed angles would
-    produce rates and forces many times too large.
+    The prediction does not know the angles of casters that nothing drives: at predicted states they
+    glide. Guessed angles would produce rates and forces many times too large. The contacts are
+    those of the posture last given to :meth:`update_contacts`.
 
     Args:
         model: The prediction's model.
@@ -54,8 +54,9 @@ class ForceModel:
         self._model, self._data = model, robot.model.createData()
         self._contacts, self._tip_margin, self._grip = contacts, tip_margin, grip
         self._foreseen = model.dynamics
-        if any(swivel.role == "caster" for swivel in robot.drive.swivels):
-            self._foreseen = ReducedDynamics(robot, gliding=("caster",))
+        idle = [swivel.joint for swivel in robot.drive.idle_casters]
+        if idle:
+            self._foreseen = ReducedDynamics(robot, gliding=idle)
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
         self._faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
         self._stance: Stance | None = None

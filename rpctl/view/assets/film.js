@@ -16,14 +16,39 @@ const film = (() => {
     paint.fillRect(0, 0, width, height);
     paint.imageSmoothingQuality = "high";
     paint.drawImage(player.viewer.renderer.domElement, 0, 0, width, height);
+    const size = Math.max(11, Math.round(height / 36));
+    paint.font = `500 ${size}px system-ui, "Segoe UI", Roboto, "Helvetica Neue", sans-serif`;
+    badge(size, height);
     if (stamp) {
-      const size = Math.max(11, Math.round(height / 36));
-      paint.font = `500 ${size}px system-ui, "Segoe UI", Roboto, "Helvetica Neue", sans-serif`;
       paint.textAlign = "right";
       paint.fillStyle = colour("soft");
       paint.fillText(stamp, width - 1.2 * size, height - 1.2 * size);
     }
     return sheet.toDataURL("image/png");
+  }
+
+  /* Say in a corner that something hatched stands in for missing meshes. */
+  function badge(size, height) {
+    const found = document.querySelector(".badge");
+    if (!found) return;
+    const x = 1.2 * size, y = height - 1.2 * size;
+    paint.save();
+    paint.beginPath();
+    paint.rect(x, y - 0.8 * size, 2 * size, 0.9 * size);
+    paint.clip();
+    paint.fillStyle = "#f0f1f4";
+    paint.fillRect(x, y - size, 2 * size, 2 * size);
+    paint.strokeStyle = "#8b96a4";
+    paint.lineWidth = size / 9;
+    for (let k = -4; k < 12; k++) {
+      paint.moveTo(x + 0.3 * size * k, y + 0.2 * size);
+      paint.lineTo(x + 0.3 * size * k + 1.2 * size, y - size);
+    }
+    paint.stroke();
+    paint.restore();
+    paint.fillStyle = colour("soft");
+    paint.textAlign = "left";
+    paint.fillText(found.textContent, x + 2.5 * size, y);
   }
 
   return { photograph };

@@ -25,7 +25,7 @@ function makeEfforts(viewer, { effort, duration }) {
     });
     return paints;
   });
-  let on = true, time = 0;
+  let on = false, time = 0; // the page turns it on
   return { show, turn: (wanted) => { on = wanted; show(time); } };
 
   function show(t) {

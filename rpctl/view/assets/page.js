@@ -103,7 +103,11 @@ function key(event) {
 function legend() {
   for (const entry of document.querySelectorAll("[data-layer]")) {
     const shown = () => entry.getAttribute("aria-pressed") === "true";
-    const apply = () => scene && scene.layer(entry.dataset.layer, shown());
+    const key = document.querySelector(`[data-key="${entry.dataset.layer}"]`);
+    const apply = () => {
+      if (key) key.hidden = !shown();
+      if (scene) scene.layer(entry.dataset.layer, shown());
+    };
     entry.addEventListener("click", () => {
       entry.setAttribute("aria-pressed", String(!shown()));
       apply();

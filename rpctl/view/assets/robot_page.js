@@ -1,9 +1,9 @@
-/* The panel: a slider for the base's coordinates and for every joint; or, where a simulation sends
-   its motion, what they are at the moment. */
+/* The panel: a slider for the base's coordinates and for every joint; or, where a simulation is
+   watched, what they are at the moment. */
 (() => {
   const $ = (id) => document.getElementById(id);
   const data = JSON.parse($("rpctl-data").textContent);
-  const live = data.stream !== null;
+  const watching = data.live !== null && data.live.duration !== null;
   const TURN = 0.05; // rad; of a longer turn the wheels' rolling is summed up in parts
   const KEY = `rpctl ${data.name}`;
   const wrap = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
@@ -23,14 +23,14 @@
     ready: false, scene, base, values, set, home: () => reset(true), zero: () => reset(false),
     time: null,
   };
-  $("buttons").hidden = live;
+  $("buttons").hidden = watching;
   $("home").addEventListener("click", () => reset(true));
   $("zero").addEventListener("click", () => reset(false));
-  if (!live) recall();
+  if (!watching) recall();
   show();
   if (scene) scene.camera(data.area ? "area" : "robot");
   window.rpctl.ready = scene !== null;
-  if (live) listen();
+  if (data.live) makeLive(data, { show: follow, ghost, extend, clear });
 
   // ---- rows -----------------------------------------------------------------------------
 
@@ -98,7 +98,7 @@
       slider = make("input", box);
       Object.assign(slider, { type: "range", step: "any", id: `joint ${name}` });
       [slider.min, slider.max] = limits;
-      slider.disabled = live || !set;
+      slider.disabled = watching || !set;
       title.htmlFor = slider.id;
       slider.addEventListener("input", () => { set(Number(slider.value)); show(); });
     }
@@ -118,7 +118,7 @@
   function show() {
     for (const each of rows) each.update();
     if (scene) scene.pose(base, values);
-    if (!live) remember();
+    if (!watching) remember();
   }
 
   /* Set what a slider is called after: "x", "y", "heading" or a joint's name. */
@@ -194,46 +194,17 @@
     values.splice(0, values.length, ...kept.values);
   }
 
-  // ---- a simulation's motion, as it comes ---------------------------------------------------
+  // ---- a simulation's motion ----------------------------------------------------------------
 
-  function listen() {
-    const source = new EventSource(data.stream);
-    const say = (text) => { $("status").hidden = false; $("status").textContent = text; };
-    let frame = null, ghost = null, time = null, told = false;
-    say("Connecting…");
-    source.addEventListener("state", (event) => { told = true; say(JSON.parse(event.data)); });
-    source.addEventListener("frame", (event) => {
-      const [t, count, ...rest] = JSON.parse(event.data);
-      [time, told] = [t, false];
-      frame = rest.slice(0, count);
-      ghost = rest.slice(count);
-      if (scene) scene.extend(frame.slice(0, 3));
-    });
-    source.addEventListener("done", () => { source.close(); location.reload(); });
-    source.addEventListener("error", () => {
-      told = true;
-      say("Disconnected: the simulation has ended or was stopped. Trying to reach it again…");
-    });
-    const draw = () => {
-      requestAnimationFrame(draw);
-      if (!frame) return;
-      base.splice(0, 3, ...frame.slice(0, 3));
-      values.splice(0, values.length, ...frame.slice(3));
-      if (scene) scene.pose(ghost.slice(0, 3), ghost.slice(3), "reference");
-      show();
-      window.rpctl.time = time;
-      if (!told) say(`${time.toFixed(1)} of ${data.duration} s · ${away(frame, ghost)}`);
-      frame = null;
-    };
-    draw();
+  function follow(pose, positions) {
+    base.splice(0, 3, ...pose);
+    values.splice(0, values.length, ...positions);
+    show();
   }
 
-  /* How far P is from its reference. */
-  function away(frame, ghost) {
-    const [px, py] = data.point;
-    const place = ([x, y, angle]) => [x + Math.cos(angle) * px - Math.sin(angle) * py,
-      y + Math.sin(angle) * px + Math.cos(angle) * py];
-    const [a, b] = [place(frame), place(ghost)];
-    return `base error ${(1000 * Math.hypot(a[0] - b[0], a[1] - b[1])).toFixed(1)} mm`;
-  }
+  function ghost(pose, positions) { if (scene) scene.pose(pose, positions, "reference"); }
+
+  function extend(pose) { if (scene) scene.extend(pose); }
+
+  function clear() { if (scene) scene.clear(); }
 })();

@@ -119,7 +119,20 @@ function makeScene(data) {
     viewer.set_dirty();
   }
 
+  standIns();
   for (const layer of Object.keys(layers)) $(`layer-${layer}`).addEventListener("change", refresh);
+
+  /* What stands in for missing meshes is shown and hidden together. */
+  function standIns() {
+    const box = $("layer-stand-in");
+    if (!box) return;
+    const parts = [];
+    skeletons.robot.root.traverse((each) => { if (each.name.startsWith("stand-in-")) parts.push(each); });
+    box.addEventListener("change", () => {
+      for (const part of parts) part.visible = box.checked;
+      viewer.set_dirty();
+    });
+  }
 
   /* Write the names beside what they name: by rank, then the nearest, and none over another. */
   function tag() {
@@ -182,6 +195,11 @@ function makeScene(data) {
     trail.least *= 2;
     mesh.geometry.setDrawRange(0, 0);
     for (let k = 0; k < trail.points.length; k++) stretch(k);
+  }
+
+  function clear() {
+    Object.assign(trail, { points: [], least: data.trail / 2 });
+    trail.mesh.geometry.setDrawRange(0, 0);
   }
 
   function stretch(k) {
@@ -266,5 +284,5 @@ function makeScene(data) {
   $("camera-area").hidden = !data.area;
   $("layer-contact").parentElement.hidden = layers.contact.length === 0;
 
-  return { viewer, pose, ground, camera, extend, node };
+  return { viewer, pose, ground, camera, extend, clear, node };
 }

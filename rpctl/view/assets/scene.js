@@ -86,7 +86,7 @@ function makeScene(data, pane) {
     const run = data.runs[Number(name.replace("run-", "")) - 1];
     const own = run ? new RegExp(`^${run.prefix}(robot-|trail-(base|tip)$)`) : {
       base: /^trail-base$/, tip: /^trail-tip$/, desired: /trail-(base|tip)-desired$/,
-      ghost: /^reference-/, loads: /^stance-loads$/, zmp: /^stance-polygon$/,
+      ghost: /^reference-/, "stand-in": /^stand-in-/, loads: /^stance-loads$/, zmp: /^stance-polygon$/,
       "obstacles-base": /^obstacles-base$/, "obstacles-tip": /^obstacles-tip$/,
     }[name];
     if (own) viewer.scene.traverse((node) => { if (own.test(node.name)) node.visible = on; });

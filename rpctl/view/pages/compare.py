@@ -8,25 +8,30 @@ from html import escape
 
 import numpy as np
 
+from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary
 from rpctl.view.charts import has_base
-from rpctl.view.obstacles import run_obstacles
-from rpctl.view.pages.summary_panel import (
+from rpctl.view.pages.merits import (
     MERIT_LABELS,
     certificate_badge,
     is_finite,
-    keyboard_section,
-    legend_entry,
     limits_badge,
     merits,
+    outcome_badge,
+)
+from rpctl.view.pages.summary_panel import (
+    keyboard_section,
+    legend_entry,
     notes_section,
     obstacle_entries,
     setting_texts,
+    stand_in_entry,
 )
 from rpctl.view.scene import obstacle_shapes, threejs
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, Scene
+from rpctl.view.scene.stand_ins import StandIn
 
 GHOST_RUN_OPACITY = 0.55
 TRAILS_PATH, GROUND_PATH, ANIMATION_COMMAND = "/rpctl/trails", "/rpctl/ground", "set_animation"
@@ -186,6 +191,7 @@ def compare_panel(
     )
     rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
     marks = [
+        ("Outcome", [outcome_badge(summary) for summary in summaries]),
         ("Limits", [limits_badge(summary.limits_violated) for summary in summaries]),
         (
             "Dynamics",
@@ -202,8 +208,16 @@ def compare_panel(
     )
 
 
-def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return the scene's legend: every run, the desired paths, obstacles, and the ghost."""
+def compare_legend(
+    runs: Sequence[Run], names: Sequence[str], stand_ins: Iterable[StandIn] = ()
+) -> str:
+    """Return the scene's legend: every run, the desired paths, obstacles, and the ghost.
+
+    Args:
+        runs: The runs.
+        names: What they are called.
+        stand_ins: What is drawn in the place of missing meshes of the first run's robot.
+    """
     entries = [
         legend_entry(
             f"run-{k + 1}", name if k else f"{name} (solid)", f"color: var(--c{k % PALETTE_SIZE})"
@@ -212,7 +226,7 @@ def compare_legend(runs: Sequence[Run], names: Sequence[str]) -> str:
     ]
     if any(has_base(run) or run.log.ee.shape[1] for run in runs):
         entries.append(legend_entry("desired", "Desired"))
-    entries += obstacle_entries(runs)
+    entries += [*stand_in_entry(stand_ins), *obstacle_entries(runs)]
     return "".join([*entries, legend_entry("ghost", "Reference robot", shown=False)])
 
 

@@ -37,6 +37,11 @@ def meshcat_script() -> str:
     raise RpctlError(f"meshcat or its {MESHCAT_SCRIPT} is not there; run: pip install meshcat")
 
 
+def uplot_script() -> str:
+    """Return uPlot's script with its licence."""
+    return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"
+
+
 def embed(value: Any) -> str:
     """Return JSON that can stand inside a ``<script>``: no ``<``, so nothing ends it early."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)

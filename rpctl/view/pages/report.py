@@ -21,10 +21,11 @@ from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
-from rpctl.view.pages.page import asset, embed, meshcat_script, policy
+from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.scene.scene import Scene, build_scene
 
+STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
 SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
 
 
@@ -94,7 +95,7 @@ def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
         subtitle=subtitle(run),
         scene_label=f"{run.robot.name} following its reference, in three dimensions",
         figures=headline(run, summary),
-        legend=legend(run),
+        legend=legend(run, scene.stand_ins),
         panel=panel(run, summary, scene.notes),
         duration=scene.duration,
         data={
@@ -121,7 +122,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
         subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
         scene_label=f"{len(runs)} runs of {robots}, in three dimensions",
         figures="",
-        legend=compare_legend(runs, names),
+        legend=compare_legend(runs, names, scene.stand_ins),
         panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
         duration=scene.duration,
         data={**_scene_data(scenes, scene), "plots": chart_data(runs, names)},
@@ -147,12 +148,12 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def _render(page: Page) -> str:
-    meshcat, uplot = meshcat_script(), _uplot()
+    meshcat, uplot = meshcat_script(), uplot_script()
     script = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
     return Template(asset("template.html")).substitute(
         policy=policy(meshcat, uplot, script),
         title=f"{escape(page.title)} · rpctl",
-        css=asset("uplot/uPlot.min.css") + asset("report.css") + asset("charts.css"),
+        css="".join(map(asset, STYLES)),
         name=escape(page.title),
         subtitle=page.subtitle,
         scene_label=escape(page.scene_label),
@@ -185,8 +186,3 @@ def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
         "origin": scene.origin.tolist(),
         "commands": [base64.b64encode(command).decode() for command in scene.commands],
     }
-
-
-def _uplot() -> str:
-    """Return uPlot's script with its licence."""
-    return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"

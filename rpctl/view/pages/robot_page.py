@@ -7,6 +7,7 @@ simulation that sends its motion; its sliders then follow.
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from string import Template
@@ -17,9 +18,9 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
-from rpctl.view.obstacles import DrawnObstacle
-from rpctl.view.pages.page import asset, embed, meshcat_script, policy
-from rpctl.view.scene import materials, obstacle_shapes, threejs, trails
+from rpctl.simulation.obstacles import AvoidedObstacle
+from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
+from rpctl.view.scene import materials, obstacle_shapes, stand_ins, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
 from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
@@ -28,7 +29,8 @@ from rpctl.view.scene.skeleton import joints, skeleton
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
 REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
-SCRIPTS = ("robot_scene.js", "robot_page.js")
+SCRIPTS = ("robot_scene.js", "live_charts.js", "live.js", "robot_page.js")
+STYLES = ("palette.css", "uplot/uPlot.min.css", "robot.css", "live.css")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +42,18 @@ class LiveMotion:
         start: Configuration (nq,) that the page shows until the motion comes.
         desired: Poses (n, 3) of P that it is to follow: x, y in m, heading in rad.
         duration: s.
+        stop: Path of the same server where the page asks to end the simulation.
         obstacles: What it keeps clear of.
+        charts: The charts of what is sent: title, unit, limits and the lines' names.
     """
 
     stream: str
     start: Array
     desired: Array
     duration: float
-    obstacles: tuple[DrawnObstacle, ...] = ()
+    stop: str = "/stop"
+    obstacles: tuple[AvoidedObstacle, ...] = ()
+    charts: Sequence[Mapping[str, Any]] = ()
 
 
 def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
@@ -62,12 +68,15 @@ def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
     """
     bodies = build_bodies(robot)
     meshcat, script = meshcat_script(), "\n".join(map(asset, SCRIPTS))
+    if motion is not None:
+        meshcat = f"{meshcat}\n;{uplot_script()}"
     return Template(asset("robot.html")).substitute(
         policy=policy(meshcat, script) + ("; connect-src 'self'" if motion else ""),
-        css=asset("robot.css"),
+        css="".join(map(asset, STYLES)),
         name=escape(robot.name),
         subtitle=escape(_subtitle(robot)),
         notes=_notes(bodies),
+        stand_ins=_stand_ins(bodies),
         data=embed(_data(robot, bodies, motion)),
         meshcat=meshcat,
         script=script,
@@ -85,6 +94,18 @@ def _notes(bodies: Bodies) -> str:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in bodies.notes)
     return f'<h2>Notes</h2><ul class="notes">{items}</ul>'
+
+
+def _stand_ins(bodies: Bodies) -> str:
+    """Return the box that shows and hides what stands in for missing meshes, its badge too."""
+    text = stand_ins.label(bodies.stand_ins)
+    if not text:
+        return ""
+    more = stand_ins.note(bodies.stand_ins, most=len(bodies.stand_ins))
+    return (
+        f'<label title="{escape(more)}"><input type="checkbox" id="layer-stand-in" checked> '
+        f'<i class="stand-in"></i>{escape(text)}</label>'
+    )
 
 
 def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, Any]:
@@ -113,8 +134,16 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
         "trail": trails.trail_width(*shown),
-        "stream": None if motion is None else motion.stream,
-        "duration": None if motion is None else motion.duration,
+        "live": None if motion is None else _live(motion),
+    }
+
+
+def _live(motion: LiveMotion) -> dict[str, Any]:
+    return {
+        "stream": motion.stream,
+        "stop": motion.stop,
+        "duration": motion.duration,
+        "charts": list(motion.charts),
     }
 
 
@@ -151,6 +180,7 @@ def _commands(
         threejs.node("Group", "robots", children=figures),
         [*materials.geometries(bodies), *markers.geometries],
         [*materials.materials(bodies), *markers.materials],
+        **materials.images(bodies),
     )
     return [base64.b64encode(command).decode() for command in (*commands, drawn)]
 

@@ -11,6 +11,7 @@ import numpy as np
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy
 from rpctl.view.scene.camera import FIELD_OF_VIEW, fit_camera
 from rpctl.view.scene.scene import Scene
+from rpctl.view.scene.stand_ins import label, note
 
 HIDDEN_GHOST_DISTANCE = 2e-3  # m, rad: a ghost as near as that is hidden behind its robot
 
@@ -31,9 +32,19 @@ def player(scene: Scene, title: str, aspect: float, script: str, controls: str =
         title=escape(title),
         css=asset("player.css"),
         controls=controls,
+        badge=_badge(scene),
         data=_data(scene, aspect),
         scripts="\n".join(f"<script>{text}</script>" for text in scripts),
     )
+
+
+def _badge(scene: Scene) -> str:
+    """Return what tells that something stands in for missing meshes, as HTML."""
+    text = label(scene.stand_ins)
+    if not text:
+        return ""
+    more = note(scene.stand_ins, most=len(scene.stand_ins))
+    return f'<p class="badge" title="{escape(more)}">{escape(text)}</p>'
 
 
 def _data(scene: Scene, aspect: float) -> str:

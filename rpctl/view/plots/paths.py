@@ -12,9 +12,10 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
+from rpctl.simulation.obstacles import BASE, TIP, AvoidedObstacle, run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.view.chart import PATHS
-from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rims, run_obstacles
+from rpctl.view.obstacles import near, rims
 from rpctl.view.plots import style
 from rpctl.view.plots.style import thin
 
@@ -157,7 +158,7 @@ def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
     return np.concatenate([ends, ends[::-1] - far * plane.normal])
 
 
-def _nearest_points(obstacles: Sequence[DrawnObstacle], run: Run) -> list[Array]:
+def _nearest_points(obstacles: Sequence[AvoidedObstacle], run: Run) -> list[Array]:
     """Return, for each half-plane, the point (1, 2) of its line nearest to its body's path, m."""
     feet = []
     for body, shape in ((o.body, o.shape) for o in obstacles):
@@ -170,7 +171,7 @@ def _nearest_points(obstacles: Sequence[DrawnObstacle], run: Run) -> list[Array]
 
 
 def _draw(
-    axes: Axes, obstacle: DrawnObstacle, centre: Array, far: float, fill_style: dict[str, Any]
+    axes: Axes, obstacle: AvoidedObstacle, centre: Array, far: float, fill_style: dict[str, Any]
 ) -> None:
     """Draw one obstacle; it does not widen the axes."""
     from matplotlib.lines import Line2D

@@ -4,41 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rpctl.view.scene import threejs
+from rpctl.view.scene import hatching, threejs
 from rpctl.view.scene.robot_meshes import Bodies, BodyPart
 
 GHOST_COLOUR = 0x3FA39A  # teal
 GHOST_OPACITY = 0.3
 ROBOT_STENCIL = 1  # stencil of the robot's pixels: the ghost leaves them alone
+STAND_IN = "stand-in"  # names of the nodes that are hatched: stand-in-1, ...
 REPLACE, NOT_EQUAL = 7681, 517  # three.js: ReplaceStencilOp, NotEqualStencilFunc
 
 
 def geometries(bodies: Bodies) -> list[threejs.Json]:
     """Return each mesh once, however many parts show it."""
-    return [
-        threejs.geometry(
-            f"mesh-{number}",
-            {
-                "position": threejs.attribute(surface.vertices),
-                "normal": threejs.attribute(surface.normals, normalized=True),
-            },
-            surface.faces,
-        )
-        for number, surface in enumerate(bodies.surfaces)
-    ]
+    hatched = {part.surface for part in bodies.parts if part.stands_in}
+    found = []
+    for number, surface in enumerate(bodies.surfaces):
+        attributes = {
+            "position": threejs.attribute(surface.vertices),
+            "normal": threejs.attribute(surface.normals, normalized=True),
+        }
+        if number in hatched:
+            attributes["uv"] = hatching.coordinates(surface.vertices, bodies.size)
+        found.append(threejs.geometry(f"mesh-{number}", attributes, surface.faces))
+    return found
 
 
 def materials(bodies: Bodies) -> list[threejs.Json]:
-    """Return one material a colour, and the ghost's two."""
-    paints = [_paint(_uuid(rgba), rgba) for rgba in dict.fromkeys(p.rgba for p in bodies.parts)]
+    """Return one material a colour, the hatched one where it is needed, and the ghost's two."""
+    colours = dict.fromkeys(part.rgba for part in bodies.parts if not part.stands_in)
+    paints = [_paint(_uuid(rgba), rgba) for rgba in colours]
+    if bodies.stand_ins:
+        paints.append({**_paint(hatching.HATCH, (1.0, 1.0, 1.0, 1.0)), "map": hatching.HATCH})
     return [*paints, _veil(), _tint()]
+
+
+def images(bodies: Bodies) -> dict[str, list[threejs.Json]]:
+    """Return the textures and images of the materials, as ``threejs.set_object`` takes them."""
+    if not bodies.stand_ins:
+        return {}
+    return {"textures": [hatching.texture()], "images": [hatching.image()]}
 
 
 def solid(bodies: Bodies, joint: int) -> list[threejs.Json]:
     """Return the parts of a joint, each with a fixed matrix, mirrored or scaled as it may be."""
     return [
-        threejs.node("Mesh", f"part-{k}", material=_uuid(part.rgba), castShadow=True, **shape)
+        threejs.node("Mesh", f"{name}-{k}", material=paint, castShadow=True, **shape)
         for k, part, shape in _shapes(bodies, joint)
+        for name, paint in [
+            (STAND_IN, hatching.HATCH) if part.stands_in else ("part", _uuid(part.rgba))
+        ]
     ]
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.view.obstacles import BASE, TIP, DrawnObstacle, near, rim, rims
+from rpctl.simulation.obstacles import BASE, TIP, AvoidedObstacle
+from rpctl.view.obstacles import near, rim, rims
 from rpctl.view.scene import threejs, trails
 from rpctl.view.scene.ground import ground_disc
 
@@ -29,7 +30,9 @@ FADE_EXPONENT = 0.7  # exponent: how softly a wall ends where the ground does
 FadedMesh = tuple[trails.Mesh, Array]  # a mesh, and the opacity of its vertices
 
 
-def corners(obstacles: Sequence[DrawnObstacle], cloud: Array, ground: float, size: float) -> Array:
+def corners(
+    obstacles: Sequence[AvoidedObstacle], cloud: Array, ground: float, size: float
+) -> Array:
     """Return points (n, 3) of the discs near a motion, m, for a camera to include.
 
     Args:
@@ -48,7 +51,7 @@ def corners(obstacles: Sequence[DrawnObstacle], cloud: Array, ground: float, siz
 
 
 def commands(
-    obstacles: Sequence[DrawnObstacle], lower: Array, upper: Array, ground: float, size: float
+    obstacles: Sequence[AvoidedObstacle], lower: Array, upper: Array, ground: float, size: float
 ) -> list[bytes]:
     """Return the command that draws obstacles, one mesh for each body, or nothing.
 

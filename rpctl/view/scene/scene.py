@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
+from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.run import Run
-from rpctl.view.obstacles import run_obstacles
 from rpctl.view.scene import keyframes, materials, obstacle_shapes, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
+from rpctl.view.scene.stand_ins import StandIn
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
 MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
@@ -37,6 +38,7 @@ class Scene:
         origin: Position of that node at the start (3,), m.
         notes: Where the run is not what was asked for; links whose inertias are estimates; shapes
             that are not drawn, and why.
+        stand_ins: What is drawn in the place of meshes that are missing.
     """
 
     commands: tuple[bytes, ...]
@@ -48,6 +50,7 @@ class Scene:
     follow: str
     origin: Array
     notes: tuple[str, ...]
+    stand_ins: tuple[StandIn, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -104,6 +107,7 @@ def build_scene(robot: Robot, run: Run, triangles: int = MAX_TRIANGLES) -> Scene
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
         notes=(*run.notes, *_estimates(robot), *bodies.notes),
+        stand_ins=bodies.stand_ins,
     )
 
 
@@ -191,7 +195,11 @@ def _robots(bodies: Bodies, joints: list[int]) -> bytes:
         groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=ghost))
     root = threejs.node("Group", "robots", children=groups)
     return threejs.set_object(
-        ROBOTS_PATH, root, materials.geometries(bodies), materials.materials(bodies)
+        ROBOTS_PATH,
+        root,
+        materials.geometries(bodies),
+        materials.materials(bodies),
+        **materials.images(bodies),
     )
 
 

@@ -69,7 +69,11 @@ def colour(rgb: Sequence[float]) -> int:
 
 
 def set_object(
-    path: str, root: Json, geometries: Sequence[Json] = (), materials: Sequence[Json] = ()
+    path: str,
+    root: Json,
+    geometries: Sequence[Json] = (),
+    materials: Sequence[Json] = (),
+    **images: Sequence[Json],
 ) -> bytes:
     """Return the command that places an object, with its children, at a path.
 
@@ -78,11 +82,14 @@ def set_object(
         root: The object.
         geometries: All geometries that it and its children use.
         materials: All materials that they use.
+        images: ``textures`` and ``images`` of the materials; pixels, as files would be loaded later
+            than the animation.
     """
     scene = {
         "metadata": {"version": 4.5, "type": "Object"},
         "geometries": list(geometries),
         "materials": list(materials),
+        **{kind: list(each) for kind, each in images.items()},
         "object": root,
     }
     return pack({"type": "set_object", "path": path, "object": scene})

@@ -20,6 +20,7 @@ class Stream:
 
     def __init__(self) -> None:
         self._log: list[bytes] = []
+        self._first = 0  # number of the first event that is kept
         self._closed = False
         self._readers = 0
         self._left = -float("inf")
@@ -34,8 +35,15 @@ class Stream:
         """
         data = json.dumps(value, separators=(",", ":"), allow_nan=False)
         with self._changed:
-            self._log.append(f"id: {len(self._log)}\nevent: {kind}\ndata: {data}\n\n".encode())
+            number = self._first + len(self._log)
+            self._log.append(f"id: {number}\nevent: {kind}\ndata: {data}\n\n".encode())
             self._changed.notify_all()
+
+    def forget(self) -> None:
+        """Drop the events so far; a page that comes later does not receive them."""
+        with self._changed:
+            self._first += len(self._log)
+            self._log.clear()
 
     def close(self) -> None:
         """End the stream; pages still receive the events already sent."""
@@ -51,14 +59,14 @@ class Stream:
         at, closed = first, False
 
         def news() -> bool:
-            return self._closed or len(self._log) > at
+            return self._closed or self._first + len(self._log) > at
 
         while not closed:
             with self._changed:
                 self._changed.wait_for(news, KEEPALIVE_S)
-                batch, closed = self._log[at:], self._closed
+                batch, closed = self._log[max(at - self._first, 0) :], self._closed
+                at = self._first + len(self._log)
             yield b"".join(batch) or b":\n\n"
-            at += len(batch)
 
     @contextmanager
     def reading(self) -> Iterator[None]:

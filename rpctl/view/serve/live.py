@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.quasi_velocities import steering
+from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
-from rpctl.view.obstacles import DrawnObstacle
+from rpctl.simulation.loop import WatchedSample
+from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve.events import Stream
+from rpctl.view.serve.live_figures import LiveFigures
 from rpctl.view.serve.server import EVENTS, PageServer, PageSource
+from rpctl.view.serve.stopping import StopRequest, signals
 
 FRAME_RATE = 30.0  # Hz of simulated time: what the eye needs
 TIME_TOLERANCE_S = 1e-9  # s; sample times are rounded
 PAGE_OPEN_TIMEOUT_S = 10.0  # s that a simulation waits for a page to be opened
 LISTEN_TIMEOUT_S = 30.0  # s that a page has until it listens, once it was fetched
+WAIT_STEP_S = 0.1  # s; a wait looks as often whether it is to end
 HANDOVER_TIMEOUT_S = 10.0  # s that pages have to fetch the report
 DESIRED_POINTS = 600  # points of the path that is to be followed
+STOP = "/stop"  # where a page asks to end the simulation
 DECIMALS = 5  # decimals of what is sent: m and rad
 
 
@@ -39,7 +42,7 @@ def serve(page: PageSource, ready: Callable[[str], object] = print) -> None:
         ready: Called with the URL once it is served.
     """
     done = threading.Event()
-    with _signals(lambda number, frame: done.set()), PageServer(page) as server:
+    with signals(lambda number, frame: done.set()), PageServer(page) as server:
         ready(server.url)
         done.wait()
 
@@ -55,31 +58,72 @@ class Broadcast:
         server: Where the page is served.
         stream: What the page listens to.
         duration: Of the simulation, s.
+        stop: Whether it is to end before; None: never.
     """
 
-    def __init__(self, robot: Robot, server: PageServer, stream: Stream, duration: float) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        server: PageServer,
+        stream: Stream,
+        duration: float,
+        stop: StopRequest | None = None,
+    ) -> None:
         self._robot, self._server, self._stream = robot, server, stream
-        self._duration = duration
+        self._duration, self._stop = duration, stop or StopRequest()
+        self._figures = LiveFigures(robot)
         self._started, self._next = False, 0.0
         self._origin: float | None = None
 
-    def __call__(self, t: float, q: Array, state: ReferenceState) -> None:
-        """Show a moment of the simulation: time (s), configuration (nq,) and reference."""
+    def __call__(self, sample: WatchedSample) -> None:
+        """Show a moment of the simulation.
+
+        Raises:
+            KeyboardInterrupt: The simulation is to end here.
+        """
         if not self._started:
             self._started = True
-            if self._server.wait_delivered(1, PAGE_OPEN_TIMEOUT_S):
-                self._stream.wait_reader(LISTEN_TIMEOUT_S)
-        last = t >= self._duration - TIME_TOLERANCE_S
-        if t < self._next and not last:
-            return
-        self._next = t + 1.0 / FRAME_RATE - TIME_TOLERANCE_S
-        actual = _coordinates(self._robot, q)
-        desired = _coordinates(self._robot, _desired(self._robot, q, state))
-        frame = [round(float(value), DECIMALS) for value in (t, *actual, *desired)]
-        self._stream.send("frame", [frame[0], len(actual), *frame[1:]])
-        self._hold_to_real_time(t)
+            self._stop.begin()
+            self._await_page()
+        self._figures.add(sample)
+        last = sample.t >= self._duration - TIME_TOLERANCE_S
+        if last or sample.t >= self._next:
+            self._send(sample)
+            self._hold_to_real_time(sample.t)
         if last:
-            self._stream.send("state", "Simulated; the report is being written…")
+            self.end("Simulated")
+        if self._stop.asked:
+            raise KeyboardInterrupt
+
+    def end(self, how: str) -> None:
+        """Tell open pages, in a word, that the simulation has ended; its report is being written.
+
+        From now on Ctrl-C interrupts at once.
+        """
+        self._stop.running = False
+        self._stream.send("state", f"{how}; the report is being written…")
+
+    def _await_page(self) -> None:
+        """Wait for a page that is opened and listens, each for a limited time."""
+        if self._wait(lambda seconds: self._server.wait_delivered(1, seconds), PAGE_OPEN_TIMEOUT_S):
+            self._wait(self._stream.wait_reader, LISTEN_TIMEOUT_S)
+
+    def _wait(self, come: Callable[[float], bool], seconds: float) -> bool:
+        """Wait in short steps, each of which may see that the simulation is to end."""
+        for _ in range(round(seconds / WAIT_STEP_S)):
+            if self._stop.asked:
+                return False
+            if come(WAIT_STEP_S):
+                return True
+        return False
+
+    def _send(self, sample: WatchedSample) -> None:
+        self._next = sample.t + 1.0 / FRAME_RATE - TIME_TOLERANCE_S
+        actual = _coordinates(self._robot, sample.q)
+        desired = _coordinates(self._robot, _desired(self._robot, sample.q, sample.state))
+        frame = [round(float(value), DECIMALS) for value in (sample.t, *actual, *desired)]
+        self._stream.send("frame", [frame[0], len(actual), *frame[1:]])
+        self._stream.send("figures", [frame[0], *self._figures.take()])
 
     def finish(self, report: Path) -> None:
         """Send open pages to the report; wait a limited time until they have fetched it.
@@ -109,11 +153,12 @@ def broadcast(
     reference: Reference,
     duration: float,
     say: Callable[[str], object],
-    obstacles: tuple[DrawnObstacle, ...] = (),
+    obstacles: tuple[AvoidedObstacle, ...] = (),
 ) -> Iterator[Broadcast]:
     """Serve the page of a simulation; yields its ``Broadcast``.
 
-    Ctrl-C and SIGTERM raise KeyboardInterrupt meanwhile, in the main thread.
+    Meanwhile Ctrl-C and SIGTERM, and the page's button, end the simulation after a whole sample by
+    KeyboardInterrupt, in the main thread; a second Ctrl-C raises it at once.
 
     Args:
         robot: The robot.
@@ -124,17 +169,19 @@ def broadcast(
     """
     states = [reference(t) for t in np.linspace(0.0, duration, DESIRED_POINTS)]
     first = states[0]
-    start = robot.configuration_at(first.pose, first.joints, steering(robot, first)[0])
+    start = configuration_along(robot, first)
     desired = np.array([state.pose for state in states])
-    page = robot_page(robot, LiveMotion(EVENTS, start, desired, duration, obstacles)).encode()
-    stream = Stream()
-    with _signals(_interrupt), PageServer(lambda: page, stream) as server:
+    charts = LiveFigures(robot).charts()
+    motion = LiveMotion(EVENTS, start, desired, duration, STOP, obstacles, charts)
+    page, stream = robot_page(robot, motion).encode(), Stream()
+    stop = StopRequest()
+    with signals(stop.on_signal), PageServer(lambda: page, stream, {STOP: stop.ask}) as server:
         stream.send("state", "Waiting for the simulation…")
         say(
             f"{server.url}  watch it there; it starts once the page is open, "
             f"or in {PAGE_OPEN_TIMEOUT_S:.0f} s"
         )
-        yield Broadcast(robot, server, stream, duration)
+        yield Broadcast(robot, server, stream, duration, stop)
 
 
 def _coordinates(robot: Robot, q: Array) -> list[float]:
@@ -144,28 +191,10 @@ def _coordinates(robot: Robot, q: Array) -> list[float]:
 
 def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
     """Return q (nq,) with base, steering and arm at the reference; wheel angles are kept."""
-    there = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+    there = configuration_along(robot, state)
     wanted = q.copy()
     wanted[:4] = there[:4]
     turned = [swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster"]
     for name in (*turned, *robot.joint_names, *(joint.name for joint in robot.mimics)):
         robot.set_joint(wanted, name, robot.joint_position(there, name))
     return wanted
-
-
-Handler = Callable[[int, "FrameType | None"], object]
-
-
-@contextmanager
-def _signals(handler: Handler) -> Iterator[None]:
-    """Let SIGINT and SIGTERM call a handler inside the ``with`` block."""
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, each in before.items():
-            signal.signal(number, each)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

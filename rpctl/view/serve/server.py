@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
+from typing import Any
 
 from rpctl.errors import RpctlError
 from rpctl.view.serve.events import Stream
@@ -16,7 +18,11 @@ LOOPBACK = "127.0.0.1"
 EVENTS = "/events"
 CLIENT_TIMEOUT_S = 30.0  # s; a client that neither asks nor listens for as long is dropped
 
+MAX_REQUEST = 65_536  # bytes of what a page may ask for
+JSON_TYPE = "application/json"
+
 PageSource = Callable[[], bytes]
+Action = Callable[[Any], object]  # what a page can ask for; an RpctlError says why not
 
 
 class PageServer:
@@ -26,13 +32,20 @@ class PageServer:
         page: Returns the page; called for every request. An OSError is answered with 404, the
             message of an RpctlError is what the page says.
         stream: The events at ``EVENTS``, if there are any; closed in the end.
+        actions: What the page, and no other, can ask for by POST: by its path, called with the
+            JSON that was sent. The message of an RpctlError is the answer.
 
     Attributes:
         url: Where the page is.
     """
 
-    def __init__(self, page: PageSource, stream: Stream | None = None) -> None:
-        self._server = _Server(page, stream)
+    def __init__(
+        self,
+        page: PageSource,
+        stream: Stream | None = None,
+        actions: Mapping[str, Action] | None = None,
+    ) -> None:
+        self._server = _Server(page, stream, actions or {})
         self.url = f"http://{LOOPBACK}:{self._server.server_port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
 
@@ -70,8 +83,10 @@ class PageServer:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
-    def __init__(self, page: PageSource, stream: Stream | None) -> None:
-        self.page, self.stream = page, stream
+    def __init__(
+        self, page: PageSource, stream: Stream | None, actions: Mapping[str, Action]
+    ) -> None:
+        self.page, self.stream, self.actions = page, stream, actions
         self.making = threading.Lock()  # one page at a time: loading a robot is not for threads
         self.delivered, self.delivery = 0, threading.Condition()
         super().__init__((LOOPBACK, 0), _Handler)
@@ -93,10 +108,45 @@ class _Handler(BaseHTTPRequestHandler):
     def do_HEAD(self) -> None:
         self._answer(body=False)
 
-    def _answer(self, body: bool) -> None:
-        # A page elsewhere whose name was made to point here must not read ours.
+    def do_POST(self) -> None:
+        """Do what the page asks for; a page from elsewhere has another origin, and is refused."""
+        action = self.server.actions.get(self.path)
+        length = self.headers.get("Content-Length", "")
+        own = self._is_own() and self.headers.get("Origin") == f"http://{self.headers.get('Host')}"
+        if not own:
+            self.send_error(HTTPStatus.FORBIDDEN)
+        elif action is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+        elif self.headers.get("Content-Type") != JSON_TYPE:
+            self.send_error(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
+        elif not (length.isascii() and length.isdigit() and int(length) <= MAX_REQUEST):
+            self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        else:
+            self._act(action, self.rfile.read(int(length)))
+
+    def _act(self, action: Action, sent: bytes) -> None:
+        try:
+            asked = json.loads(sent, parse_constant=_refuse_constant)
+        except (ValueError, RecursionError):
+            self._send_text("this is no JSON", HTTPStatus.BAD_REQUEST)
+            return
+        try:
+            action(asked)
+        except RpctlError as error:
+            self._send_text(str(error), HTTPStatus.CONFLICT)
+        else:
+            self._send_text("", HTTPStatus.OK)
+
+    def _is_own(self) -> bool:
+        """Return whether the request is for this server by its own name.
+
+        A page elsewhere whose name was made to point here must not read ours.
+        """
         port = self.server.server_port
-        if self.headers.get("Host") not in (f"{LOOPBACK}:{port}", f"localhost:{port}"):
+        return self.headers.get("Host") in (f"{LOOPBACK}:{port}", f"localhost:{port}")
+
+    def _answer(self, body: bool) -> None:
+        if not self._is_own():
             self.send_error(HTTPStatus.FORBIDDEN)
         elif self.path == "/":
             self._send_page(body)
@@ -113,10 +163,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND, "the page is gone")
             return
         except RpctlError as error:
-            text = str(error).encode()
-            self._send_head("text/plain; charset=utf-8", len(text), HTTPStatus.CONFLICT)
-            if body:
-                self.wfile.write(text)
+            self._send_text(str(error), HTTPStatus.CONFLICT, body)
             return
         self._send_head("text/html; charset=utf-8", len(content))
         if body:
@@ -124,6 +171,12 @@ class _Handler(BaseHTTPRequestHandler):
             with self.server.delivery:
                 self.server.delivered += 1
                 self.server.delivery.notify_all()
+
+    def _send_text(self, text: str, status: HTTPStatus, body: bool = True) -> None:
+        content = text.encode()
+        self._send_head("text/plain; charset=utf-8", len(content), status)
+        if body:
+            self.wfile.write(content)
 
     def _send_events(self, stream: Stream) -> None:
         """Send the events that the page has not seen yet, then every new one."""
@@ -146,3 +199,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Log nothing; the terminal shows only the URL."""
+
+
+def _refuse_constant(name: str) -> None:
+    """Refuse NaN and Infinity, which are no JSON."""
+    raise ValueError(name)

@@ -13,7 +13,16 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
 from tests.runs import vary
-from tests.view.chromium import CHROMIUM, FLAGS, changed, opened, picture_at, wait
+from tests.view.chromium import (
+    CHROMIUM,
+    CLIPPED,
+    FLAGS,
+    changed,
+    covering,
+    opened,
+    picture_at,
+    wait,
+)
 from tests.view.samples import DISC, PILLAR, WALL, with_obstacles
 
 
@@ -243,12 +252,15 @@ def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> N
           if (node.material) found = found || node.material.color.toArray(); }});
         return found; }}"""
     page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", float(paper_run.t[sample]))
+    own, scale = np.array(page.evaluate(colour)), page.locator("[data-key=effort]")
+    assert not scale.is_visible()
+    switch = page.get_by_role("button", name="Effort as colour")
+    switch.click()
     coloured = np.array(page.evaluate(colour))
-    switch = page.get_by_role("button", name="Effort: 0 to limit")
+    assert scale.is_visible()
     switch.click()
-    own = np.array(page.evaluate(colour))
-    switch.click()
-    np.testing.assert_array_equal(page.evaluate(colour), coloured)
+    assert not scale.is_visible()
+    np.testing.assert_array_equal(page.evaluate(colour), own)
     part = 0.92 * min(2.0 * float(shares[sample, actuator]), 1.0)
     amber = np.array([0xF2, 0xB7, 0x05]) / 255
     assert part > 0.1
@@ -423,16 +435,19 @@ def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
     assert 0.2 < outside < 1.0
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1280, 400, 320])
 def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
     with opened(browser, report.as_uri(), viewport={"width": width, "height": 844}) as page:
+        page.get_by_role("button", name="Effort as colour").click()
         assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert covering(page, "#scene") == []
+        assert page.evaluate(CLIPPED, ".legend button, .key .label") == []
         scene = page.locator("#scene canvas").bounding_box()
         plot = page.locator(".chart .u-over").first.bounding_box()
         assert scene is not None
         assert plot is not None
         assert scene["width"] > 0.5 * width
-        assert plot["width"] > min(0.6 * width, 300)
+        assert plot["width"] > min(0.6 * width, 200)
         assert plot["x"] + plot["width"] <= width
         if width < 860:  # the plots lie under the scene, which stays in view beside them
             page.locator(".chart").nth(4).scroll_into_view_if_needed()

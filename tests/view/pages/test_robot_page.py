@@ -16,7 +16,7 @@ from rpctl import Robot
 from rpctl.dynamics.rolling import constraint, find_rolling
 from rpctl.view.pages.robot_page import robot_page
 from tests.robots import four_wheels
-from tests.view.chromium import CHROMIUM, FLAGS, changed, opened, picture, wait
+from tests.view.chromium import CHROMIUM, FLAGS, changed, covering, opened, picture, wait
 from tests.view.samples import BOX, mesh_visual, write_cart, write_gripper
 
 VIEWER = "rpctl.scene.viewer"
@@ -158,6 +158,21 @@ def test_layers_show_and_hide(page: Any, label: str, shown: int) -> None:
     assert changed(other, before) > 100
     box.click()
     assert changed(picture(page, VIEWER), before) == 0
+
+
+@pytest.mark.parametrize("width", [1280, 400, 320])
+def test_page_fits_its_window_and_nothing_lies_over_the_robot(
+    browser: Any, gripper: Robot, tmp_path: Path, width: int
+) -> None:
+    view = {"width": width, "height": 800}
+    with opened(browser, write(gripper, tmp_path), viewport=view) as page:
+        for label in ("Frames", "Masses"):
+            page.get_by_label(label).check()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert covering(page, "#scene") == []
+        scene = page.locator("#scene canvas").bounding_box()
+        assert scene is not None
+        assert min(scene["width"], scene["height"]) > 250
 
 
 def test_names_are_readable_and_none_lies_over_another(page: Any) -> None:

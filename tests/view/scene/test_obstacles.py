@@ -11,15 +11,15 @@ import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config
-from rpctl.view.obstacles import (
+from rpctl.simulation.obstacles import (
     BASE,
     TIP,
-    DrawnObstacle,
+    AvoidedObstacle,
     find_obstacles,
-    near,
     run_obstacles,
     shape_text,
 )
+from rpctl.view.obstacles import near
 from rpctl.view.obstacles import obstacle_texts as obstacle_texts
 from rpctl.view.scene import obstacle_shapes
 from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH, clip, column, corners, wall
@@ -133,7 +133,7 @@ def test_cameras_frame_discs_but_no_half_plane(paper: Robot, paper_run: Run) -> 
     np.testing.assert_array_equal(walled.hull, plain.hull)
     np.testing.assert_array_equal(walled.lower, plain.lower)
     tops = [
-        corners([DrawnObstacle(b, DISC, 0.0)], plain.hull, ground, height)[:, 2]
+        corners([AvoidedObstacle(b, DISC, 0.0)], plain.hull, ground, height)[:, 2]
         for b in (BASE, TIP)
     ]
     assert ground < tops[0].max() < ground + height < tops[1].max()
@@ -157,6 +157,6 @@ def test_scene_has_one_mesh_for_each_body(paper: Robot, paper_run: Run) -> None:
 
 
 def test_wall_that_the_ground_does_not_reach_is_not_drawn() -> None:
-    far = DrawnObstacle(BASE, HalfPlane(0.0, 1.0, -90.0), 0.0)
+    far = AvoidedObstacle(BASE, HalfPlane(0.0, 1.0, -90.0), 0.0)
     lower, upper = -np.ones(3), np.ones(3)
     assert obstacle_shapes.commands([far], lower, upper, 0.0, 1.0) == []

@@ -7,6 +7,7 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
+from rpctl.simulation.loop import WatchedSample
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve.events import Stream
 from rpctl.view.serve.live import Broadcast, broadcast
@@ -34,7 +35,8 @@ def test_live_page_is_told_of_robot_and_reference(
 ) -> None:
     """P is 0.8 m behind the front wheel: in a bend that one steers by atan(0.8 κ)."""
     stream = Stream()
-    Broadcast(tricycle, Unopened(), stream, 1.0)(0.0, golden.q[5], bend(curvature))
+    sample = WatchedSample(0.0, golden.q[5], golden.log.e[5], golden.tau[5], bend(curvature))
+    Broadcast(tricycle, Unopened(), stream, 1.0)(sample)
     ((t, count, *rest),) = frames(stream)
     names = ("x", "y", "heading", *list(tricycle.model.names)[2:])
     assert (t, count) == (0.0, len(names))
@@ -72,7 +74,7 @@ def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
     assert (shown["swing_joint"], shown["slide_joint"]) == pytest.approx((0.0, 0.2))
     start = [1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4), 0.4]
     assert data["start"] == pytest.approx(start)
-    assert data["duration"] == 4.0
+    assert data["live"]["duration"] == 4.0
     dashes = trails(data["commands"])["trail-base-desired"]
     assert [dashes[:, 0].min(), dashes[:, 0].max()] == pytest.approx([1.0, 3.0], abs=0.3)
 
@@ -86,7 +88,7 @@ def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden:
     assert path_distances(found["trail-base-desired"] * [1.0, 1.0, 0.0], flat).max() < data["trail"]
     assert data["point"] == pytest.approx([-0.1, 0.0])
     assert data["start"] == pytest.approx([0.2, 0.03, 0.3])
-    assert data["duration"] == 0.5
+    assert data["live"]["duration"] == 0.5
     low, high = np.array(data["area"])[:, :2]
     assert (low < golden.base_ref[:, :2].min(axis=0) - 0.5).all()
     assert (high > golden.base_ref[:, :2].max(axis=0) + 0.5).all()

@@ -25,7 +25,8 @@ from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation import loop
-from rpctl.simulation.config import Config, write_config
+from rpctl.simulation.config import Config, RunSettings, write_config
+from rpctl.simulation.loop import WatchedSample, simulate
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene import obstacle_shapes
 from rpctl.view.serve import events as streams
@@ -36,7 +37,7 @@ from rpctl.view.serve.server import EVENTS, PageServer
 from tests.grids import cells
 from tests.view.chromium import changed, opened, picture, wait
 from tests.view.samples import unpack, write_cart, write_gripper
-from tests.view.serve.test_server import ask
+from tests.view.serve.test_server import ask, listen, post
 
 PATIENCE = 120  # s; the machine may have much else to do
 VIEWER = "rpctl.scene.viewer"
@@ -103,6 +104,42 @@ def test_signals_end_a_simulation_that_is_watched(number: signal.Signals, tmp_pa
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ConnectionRefusedError):
         ask(url)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["signal", "button"])
+def test_simulation_that_is_watched_and_ended_leaves_its_run(how: str, tmp_path: Path) -> None:
+    words = ("track", "paper", "--live", "--samples", "0", "--duration", "600", "--out", "out")
+    with command(*words, folder=tmp_path) as (process, url):
+        assert ask(url)[0] == 200
+        events = listen(url, seconds=PATIENCE)
+        while not (line := events.readline().decode()).startswith("data: [0.5"):
+            assert line, "the stream ended"
+        if how == "signal":
+            process.send_signal(signal.SIGINT)
+        else:
+            assert post(url, b"null", live.STOP)[0] == 200
+        rest = [events.readline().decode()]
+        while rest[-1] and rest[-1] != "event: done\n":
+            rest.append(events.readline().decode())
+        assert ask(url)[1].find(b"ended at 0.") > 0  # the page's place is the report's
+        _, error = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    kept, last = error.splitlines()
+    assert re.fullmatch(
+        r"ended at 0\.\d+ of 600 s \(interrupted\); what was simulated is kept: out/report.html",
+        kept,
+    )
+    assert last == "interrupted"
+    assert any('"Ended; the report is being written' in line for line in rest)
+    out = tmp_path / "out"
+    assert {file.name for file in out.iterdir()} == {
+        "run.npz", "summary.json", "tracking.png", "report.html",
+    }  # fmt: skip
+    run = Run.load(out / "run.npz")
+    assert 0.5 <= run.t[-1] < 5.0
+    assert json.loads((out / "summary.json").read_text())["duration"] == run.t[-1]
+    assert run.notes[-1] in (out / "report.html").read_text()
 
 
 def test_robot_that_is_edited_is_shown_anew(browser: Any, tmp_path: Path) -> None:
@@ -178,7 +215,8 @@ def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
     robot = rpctl.load(write_gripper(tmp_path), free="*")
     stream = Stream()
     watcher = Broadcast(robot, Unopened(), stream, 1.0)
-    run = rpctl.track(robot, "eight", 1.0, (0.1, -0.2, 0.3), watch=watcher)
+    settings = RunSettings("eight", 1.0, (0.1, -0.2, 0.3))
+    run = simulate(robot, Config(run=settings), watch=watcher)
     sent = frames(stream)
     assert sent[0][0] == 0.0
     assert sent[-1][0] == pytest.approx(1.0)
@@ -213,7 +251,8 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
     for k, t in enumerate(golden.t):
         twist = np.array([0.5, 0.0, -0.1])  # P is 0.8 m behind the wheel that steers
         pose, joints = golden.base_ref[k], golden.joints_ref[k]
-        watcher(t, golden.q[k], ReferenceState(pose, twist, np.zeros(3), joints, still, still))
+        state = ReferenceState(pose, twist, np.zeros(3), joints, still, still)
+        watcher(WatchedSample(t, golden.q[k], golden.log.e[k], golden.tau[k], state))
     text = robot_page(tricycle, LiveMotion(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
     joints = [tricycle.model.getJointId(f"{name}_joint") for name in ("steer", "swing", "slide")]
     with PageServer(lambda: text, stream) as server, opened(browser, server.url) as page:
@@ -258,17 +297,17 @@ def test_simulation_that_is_watched_keeps_to_real_time(
     stream = Stream()
     state = reference_by_name(paper, "line")(0.0)
     watcher = Broadcast(paper, Unopened(), stream, 10.0)
-    q = paper.configuration()
+    q, e, tau = paper.configuration(), np.zeros(5), np.zeros(4)
     for t in (0.0, 0.1):
-        watcher(t, q, state)
+        watcher(WatchedSample(t, q, e, tau, state))
     assert clock[0] == 100.0  # nobody watches
     with stream.reading():
         for t in (0.2, 0.3, 0.5):
-            watcher(t, q, state)
+            watcher(WatchedSample(t, q, e, tau, state))
         assert clock[0] == pytest.approx(100.3)
         clock[0] += 5.0  # the simulation was slow: it does not hurry afterwards
         for t in (0.6, 0.7):
-            watcher(t, q, state)
+            watcher(WatchedSample(t, q, e, tau, state))
         assert clock[0] == pytest.approx(105.4)
 
 

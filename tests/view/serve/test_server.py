@@ -43,9 +43,9 @@ def ask(
         connection.close()
 
 
-def listen(url: str, last: str | None = None) -> http.client.HTTPResponse:
+def listen(url: str, last: str | None = None, seconds: float = 5.0) -> http.client.HTTPResponse:
     parts = urlsplit(url)
-    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
+    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=seconds)
     headers = {"Host": parts.netloc} | ({"Last-Event-ID": last} if last is not None else {})
     connection.request("GET", "/events", headers=headers)
     return connection.getresponse()
@@ -66,7 +66,7 @@ def test_page_is_served_and_nothing_beside_it(server: PageServer, report: Path) 
         "/secret.txt", "/../secret.txt", "/report.html", "//etc/passwd", "/%2e%2e", "/events",
     ):  # fmt: skip
         assert ask(server.url, target)[0] == 404, target
-    assert ask(server.url, method="POST")[0] == 501
+    assert ask(server.url, method="PUT")[0] == 501
     report.write_text("<p>again</p>")
     assert ask(server.url) == (200, b"<p>again</p>")
     report.unlink()
@@ -83,6 +83,55 @@ def test_what_is_wrong_with_a_robot_is_what_the_page_says() -> None:
 
 def test_pages_of_other_hosts_are_turned_away(server: PageServer) -> None:
     assert ask(server.url, host="evil.example")[0] == 403
+
+
+def post(url: str, content: bytes, path: str = "/go", **headers: str | None) -> tuple[int, bytes]:
+    """Send what a page asks for; headers that are None are left out."""
+    parts = urlsplit(url)
+    sent = {
+        "Host": parts.netloc,
+        "Origin": f"http://{parts.netloc}",
+        "Content-Type": "application/json",
+        **{name.replace("_", "-"): value for name, value in headers.items()},
+    }
+    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
+    try:
+        kept = {name: value for name, value in sent.items() if value is not None}
+        connection.request("POST", path, body=content, headers=kept)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+    finally:
+        connection.close()
+
+
+def test_only_its_own_page_can_ask_for_something() -> None:
+    asked: list[object] = []
+
+    def act(value: object) -> None:
+        asked.append(value)
+        if value == "no":
+            raise RpctlError("it cannot go there")
+
+    with PageServer(lambda: b"", actions={"/go": act}) as server:
+        assert post(server.url, b'{"goal": [1.5]}') == (200, b"")
+        assert asked == [{"goal": [1.5]}]
+        assert post(server.url, b'"no"') == (409, b"it cannot go there")
+        asked.clear()
+        for origin in (
+            None,
+            "null",
+            "http://evil.example",
+            "https://" + urlsplit(server.url).netloc,
+        ):
+            assert post(server.url, b"1", Origin=origin)[0] == 403, origin
+        assert post(server.url, b"1", Host="evil.example", Origin="http://evil.example")[0] == 403
+        assert post(server.url, b"1", Content_Type="text/plain")[0] == 415
+        assert post(server.url, b"1", path="/")[0] == 404
+        for content in (b"{", b"NaN", b"[Infinity]", b"\xff", b"[" * 60_000):
+            assert post(server.url, content)[0] == 400, content[:9]
+        assert post(server.url, b" " * 65_537)[0] == 413
+        assert post(server.url, b"1", Content_Length="-1")[0] == 413
+        assert asked == []
 
 
 def test_only_the_loopback_address_answers(server: PageServer) -> None:

@@ -1,0 +1,201 @@
+"""Joints that look like wheels and were not taken for any: why, and what would settle it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from itertools import takewhile
+
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.records import Joint
+from rpctl.drive.grounded import GroundedWheels
+from rpctl.drive.roller_joints import is_endless
+from rpctl.drive.swivels import CASTER_WORDS
+from rpctl.drive.wheel_like import WheelLike, moved_below, wheel_like
+
+MIN_LETTERS = 3  # of a pattern beside its star
+MAX_LISTED = 8  # joints that a message lists
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """A joint that looks like a wheel's, and is none of the drive's.
+
+    Attributes:
+        joint: The joint.
+        why: Why it was not taken, in words that follow its name.
+        hold: Joints to lock so that it can be taken; empty if no lock would do.
+        edit: What to change in the file instead; empty if nothing.
+    """
+
+    joint: Joint
+    why: str
+    hold: tuple[str, ...] = ()
+    edit: str = ""
+
+
+def find_leftovers(
+    tree: FrozenTree, grounded: GroundedWheels, free: Collection[str]
+) -> tuple[Leftover, ...]:
+    """Return the joints that look like wheels and were not taken, in file order.
+
+    What is called a wheel counts wherever it is, but for steering wheels, which are not level and
+    high up; other round things, if they end on the ground, and what the root link or a strut
+    holds, if it ends near it. Rollers are of their wheels.
+
+    Args:
+        tree: The robot.
+        grounded: The wheels that were taken.
+        free: Joints that the user wants free: they are no wheels.
+    """
+    taken = {wheel.joint.name for wheel in grounded.wheels}
+    taken |= {wheel.swivel.name for wheel in grounded.wheels if wheel.swivel is not None}
+    like = [
+        each
+        for each in (wheel_like(tree, joint) for joint in tree.description.joints)
+        if each is not None
+        and each.joint.name not in taken
+        and each.joint.name not in free
+        and not any(above.name in taken and is_endless(above) and not tree.is_upright(above)
+                    for above in tree.free_joints(each.joint.parent))
+    ]  # fmt: skip
+    ground = min((wheel.bottom for wheel in grounded.wheels), default=math.nan)
+    usual = max((wheel.radius or 0.0 for wheel in grounded.wheels), default=None)
+    found = [_leftover(tree, each, ground, usual) for each in like]
+    found += _idle_casters(tree, taken, free) if taken else []
+    return tuple(each for each in found if each is not None)
+
+
+def _leftover(
+    tree: FrozenTree, like: WheelLike, ground: float, usual: float | None
+) -> Leftover | None:
+    """Return why a joint that looks like a wheel's was not taken; None if it is no wheel.
+
+    ``usual`` is the radius (m) of one whose shapes tell none.
+    """
+    joint = like.joint
+    above = tree.free_joints(joint.parent)
+    moving = [carrier for carrier in above if not tree.is_upright(carrier)]
+    like = like if like.radius is not None else replace(like, radius=usual)
+    if not tree.is_level(joint) and not like.is_near(ground):
+        return None
+    near = like.is_near(ground) if not moving or _is_strut(moving) else like.stands(ground)
+    if math.isnan(ground) and _is_strut(moving):  # no wheel was taken, so all may hang on struts
+        near = like.is_near(tree.floor)
+    if not (like.named or (like.round and near)):
+        return None
+    if not is_endless(joint):
+        if not like.stands(ground):
+            return None
+        return Leftover(joint, "has limits", edit=f'make it "continuous" (line {joint.line})')
+    below = moved_below(tree, joint.child)
+    if moving:
+        names = tuple(carrier.name for carrier in moving)
+        why = f"hangs on {_quoted(names)}, which can move and may be no suspension"
+        return Leftover(joint, why, hold=names)
+    if len(above) > 1:
+        names = tuple(carrier.name for carrier in above[:-1])
+        return Leftover(joint, f"swivels about {len(above)} upright axes", hold=names)
+    if joint.mimic is not None:
+        edit = f"take its <mimic> out (line {joint.line}) if it rolls on the ground"
+        return Leftover(joint, f'mimics "{joint.mimic.joint}"', edit=edit)
+    if not tree.is_level(joint):
+        tilt = math.degrees(math.asin(min(1.0, abs(float(tree.axis(joint)[2])))))
+        edit = f"level its <axis> (line {joint.line})"
+        return Leftover(joint, f"has an axle {tilt:.2g}° off the level", edit=edit)
+    if below:
+        names = tuple(each.name for each in below)
+        return Leftover(joint, f"moves other joints, {_quoted(names)}", hold=names)
+    gap = like.bottom - ground
+    if math.isnan(gap):
+        return Leftover(joint, "has no other beside it that stands on the ground")
+    return Leftover(joint, f"ends {1e3 * gap:.3g} mm above the ground")
+
+
+def _idle_casters(
+    tree: FrozenTree, taken: Collection[str], free: Collection[str]
+) -> list[Leftover]:
+    """Return the upright joints that are called casters, and carry nothing that turns."""
+    return [
+        Leftover(joint, "is called a caster, and its wheel does not turn")
+        for joint in tree.description.joints
+        if tree.is_free(joint)
+        and is_endless(joint)
+        and tree.is_upright(joint)
+        and joint.name not in taken
+        and joint.name not in free
+        and any(word in joint.name.lower() for word in CASTER_WORDS)
+        and not moved_below(tree, joint.child)
+    ]
+
+
+def _is_strut(moving: Sequence[Joint]) -> bool:
+    return len(moving) == 1 and moving[0].kind == "prismatic"
+
+
+def explain_leftovers(tree: FrozenTree, kind: str, leftovers: Sequence[Leftover]) -> str:
+    """Return the message that a drive leaves out what looks like wheels, and what to say.
+
+    Args:
+        tree: The robot.
+        kind: Type of the drive.
+        leftovers: What it leaves out; at least one.
+    """
+    first = leftovers[0].joint
+    reasons: dict[str, list[str]] = {}
+    for each in leftovers:
+        reasons.setdefault(each.why, []).append(each.joint.name)
+    listed = "; ".join(f"{_quoted(names)} {why}" for why, names in reasons.items())
+    lead = f"{tree.description.path}:{first.line}: the {kind} drive leaves out what looks like "
+    return f"{lead}a wheel: {listed}; say which it is:\n" + "\n".join(ways_out(tree, leftovers))
+
+
+def ways_out(tree: FrozenTree, leftovers: Sequence[Leftover]) -> list[str]:
+    """Return what would settle what leftovers are, one way a line."""
+    hold = dict.fromkeys(name for each in leftovers for name in each.hold)
+    names = [each.joint.name for each in leftovers]
+    lines = []
+    if hold:
+        lines.append(f"  {lock_option(tree, list(hold))}  (holds it at 0; NAME=POSITION elsewhere)")
+    lines += dict.fromkeys(f"  {each.edit}" for each in leftovers if each.edit)
+    lines.append(f"  {lock_option(tree, names)}  (part of the body, it does not turn)")
+    lines.append(f"  {option(tree, '--free', names)}  (no wheel: a joint of the arm)")
+    return lines
+
+
+def lock_option(tree: FrozenTree, names: Sequence[str]) -> str:
+    """Return the option that locks the joints of these names, as one pattern where one does it."""
+    return option(tree, "--lock", names)
+
+
+def option(tree: FrozenTree, flag: str, names: Sequence[str]) -> str:
+    """Return an option for joints, as one pattern where it fits no other moving joint.
+
+    Args:
+        tree: The robot.
+        flag: The option.
+        names: The joints.
+    """
+    moving = {joint.name for joint in tree.description.joints if joint.moving}
+    start, end = _start(names), _start([name[::-1] for name in names])[::-1]
+    start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
+    for pattern in (f"{start}*", f"*{end}", f"{start}*{end}"):
+        fits = {name for name in moving if fnmatchcase(name, pattern)}
+        if len(names) > 1 and len(pattern) > MIN_LETTERS and fits == set(names):
+            return f"{flag} '{pattern}'"
+    return " ".join(f"{flag} {name}" for name in names)
+
+
+def _start(names: Sequence[str]) -> str:
+    """Return the letters that all names begin with."""
+    first, last = min(names), max(names)
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    return "".join(letter for letter, _ in alike)
+
+
+def _quoted(names: Sequence[str]) -> str:
+    more = len(names) - MAX_LISTED
+    listed = ", ".join(f'"{name}"' for name in names[:MAX_LISTED])
+    return listed + (f" and {more} more" if more > 0 else "")

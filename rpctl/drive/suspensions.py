@@ -1,0 +1,184 @@
+"""Passive joints of wheels, which the planar model holds at rest: suspensions, rockers, rollers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.records import Joint
+from rpctl.drive.plugins import SimulatorTags
+from rpctl.drive.roller_joints import rollers_of
+from rpctl.drive.wheel_like import WheelLike, moved_below, wheel_like
+from rpctl.drive.wheels import turns_like_wheel
+from rpctl.errors import Finding
+
+MAX_ROCKER_RANGE = 0.5 * math.pi  # rad; what tilts further may be an arm
+MAX_STRUT_RADII = 2.0  # of its wheel's radius; what slides further may be a lift
+MIN_STRUT_COSINE = math.cos(math.radians(45.0))  # between a strut's axis and the upright
+MAX_LISTED = 8  # joints that a sentence lists
+
+
+@dataclass(frozen=True)
+class HeldJoint:
+    """A joint that is held at rest.
+
+    Attributes:
+        joint: The joint.
+        position: Where, rad or m: at 0, or the nearest to it inside the limits.
+        wheels: The wheels that it carries, or the wheel whose roller it is.
+        roller: Whether it is a roller's.
+    """
+
+    joint: Joint
+    position: float
+    wheels: tuple[str, ...]
+    roller: bool = False
+
+
+def find_held(
+    tree: FrozenTree, tags: SimulatorTags, free: Collection[str]
+) -> tuple[HeldJoint, ...]:
+    """Return the joints that are held at rest, in file order.
+
+    The ground is flat and the base does not tilt, so that what springs under it does not move. A
+    strut slides about upright and a rocker turns about a level axis; nothing drives it, it carries
+    wheels on the ground and no arm, and its travel is small or springs oppose it. Where that is
+    not clear it is left free. The rollers of a wheel turn with the contact, which the drive's
+    rows of rolling describe.
+
+    Args:
+        tree: The robot.
+        tags: Joints with actuators, and with springs.
+        free: Joints that the user wants free.
+    """
+    wheels = _wheels(tree)
+    ground = min((w.bottom for w in wheels if w.round), default=math.nan)
+    carried: dict[str, list[WheelLike]] = {}
+    for wheel in wheels:
+        unknown = wheel.named and wheel.radius is None
+        if unknown or (wheel.round and wheel.is_near(ground)):
+            for carrier in _carriers(tree, wheel):
+                carried.setdefault(carrier.name, []).append(wheel)
+    rollers = dict(_rollers(tree, wheels, tags.actuated))
+    clear = {
+        name
+        for name, group in carried.items()
+        if name not in free and _gives_way(tree, name, group, tags, rollers)
+    }
+    held = {name for name in clear if _whole(tree, carried[name], clear)}
+    return (
+        *(_at_rest(tree, name, carried[name], held) for name in carried if name in held),
+        *(
+            HeldJoint(tree.description.joint[name], 0.0, (wheel,), roller=True)
+            for name, wheel in rollers.items()
+            if name not in free
+        ),
+    )
+
+
+def _wheels(tree: FrozenTree) -> list[WheelLike]:
+    """Return the endless joints that look like wheels', but those on other such, as rollers are."""
+    like = (wheel_like(tree, joint) for joint in tree.description.joints)
+    turning = {w.joint.name: w for w in like if w is not None and turns_like_wheel(tree, w.joint)}
+    return [
+        wheel
+        for wheel in turning.values()
+        if not any(above.name in turning for above in tree.free_joints(wheel.joint.parent))
+    ]
+
+
+def held_findings(held: tuple[HeldJoint, ...]) -> tuple[Finding, ...]:
+    """Return what is held, and how to have it otherwise, in findings."""
+    findings = []
+    for each in held:
+        if not each.roller:
+            unit = "m" if each.joint.kind == "prismatic" else "rad"
+            text = (
+                f'"{each.joint.name}" is a passive suspension of {_listed(each.wheels)}; '
+                f"the planar model holds it at rest ({each.position:g} {unit}), "
+                f"--lock {each.joint.name}=POSITION holds it elsewhere"
+            )
+            findings.append(Finding("info", each.joint.line, text))
+    rollers = [each for each in held if each.roller]
+    if rollers:
+        wheels = tuple(dict.fromkeys(name for each in rollers for name in each.wheels))
+        text = (
+            f"{len(rollers)} rollers of {_listed(wheels)} are held: how they roll is in the "
+            "drive's constraints"
+        )
+        findings.append(Finding("info", rollers[0].joint.line, text))
+    return tuple(findings)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    more = len(names) - MAX_LISTED
+    return ", ".join(names[:MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _carriers(tree: FrozenTree, wheel: WheelLike) -> list[Joint]:
+    """Return the free joints above a wheel that are no swivels."""
+    return [c for c in tree.free_joints(wheel.joint.parent) if not tree.is_upright(c)]
+
+
+def _whole(tree: FrozenTree, wheels: list[WheelLike], clear: set[str]) -> bool:
+    """Return whether each joint that could hold the wheels is clearly passive."""
+    return all(c.name in clear for wheel in wheels for c in _carriers(tree, wheel))
+
+
+def _gives_way(
+    tree: FrozenTree,
+    name: str,
+    wheels: list[WheelLike],
+    tags: SimulatorTags,
+    rollers: Collection[str],
+) -> bool:
+    """Return whether a joint is clearly a passive suspension of wheels."""
+    joint = tree.description.joint[name]
+    if name in tags.actuated or not _carries_wheels_only(tree, joint, wheels, rollers):
+        return False
+    travel = joint.upper - joint.lower
+    undriven = any(wheel.joint.name in tags.actuated for wheel in wheels)  # the file names motors
+    undriven = undriven or name in tags.sprung
+    if joint.kind == "prismatic":
+        radius = min((wheel.radius for wheel in wheels if wheel.radius), default=0.0)
+        strut = abs(float(tree.axis(joint)[2])) >= MIN_STRUT_COSINE
+        return strut and (undriven or travel <= MAX_STRUT_RADII * radius)
+    springs = joint.damping > 0.0 and math.isfinite(travel)
+    return tree.is_level(joint) and (undriven or springs or travel <= MAX_ROCKER_RANGE)
+
+
+def _carries_wheels_only(
+    tree: FrozenTree, joint: Joint, wheels: list[WheelLike], rollers: Collection[str]
+) -> bool:
+    """Return whether all that moves below a joint is wheels, their rollers and what holds them."""
+    names = {wheel.joint.name for wheel in wheels} | {*rollers}
+    holding = {c.name for wheel in wheels for c in tree.free_joints(wheel.joint.parent)}
+    return all(below.name in names | holding for below in moved_below(tree, joint.child))
+
+
+def _rollers(
+    tree: FrozenTree, wheels: list[WheelLike], actuated: Collection[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield each roller of a wheel, and the wheel: endless joints on it, which nothing drives."""
+    for wheel in wheels:
+        rollers = rollers_of(tree, wheel.joint)
+        if len(moved_below(tree, wheel.joint.child)) == len(rollers):
+            yield from ((r.name, wheel.joint.name) for r in rollers if r.name not in actuated)
+
+
+def _at_rest(
+    tree: FrozenTree, name: str, wheels: list[WheelLike], held: Collection[str]
+) -> HeldJoint:
+    """Return a suspension at rest; one that mimics another held one stands where that has it."""
+    joint = tree.description.joint[name]
+    position = _nearest_to_zero(joint)
+    if joint.mimic is not None and joint.mimic.joint in held:
+        leader = tree.description.joint[joint.mimic.joint]
+        position = joint.mimic.multiplier * _nearest_to_zero(leader) + joint.mimic.offset
+    return HeldJoint(joint, position, tuple(wheel.joint.name for wheel in wheels))
+
+
+def _nearest_to_zero(joint: Joint) -> float:
+    return min(max(0.0, joint.lower), joint.upper) + 0.0

@@ -1,0 +1,170 @@
+"""What is drawn of a link whose mesh is missing: its collision shapes, or a box of its inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.description.mesh_files import Surface
+from rpctl.description.mesh_paths import MeshError
+from rpctl.description.records import Link
+from rpctl.libraries import library
+from rpctl.robot.model import Robot
+from rpctl.view.scene.placed_shapes import (
+    MeshCache,
+    PlacedSurface,
+    link_frame,
+    place_shape,
+    surface_of,
+)
+
+MIN_EDGE_RATIO = 0.02  # of the robot's size: a thinner box would not be seen
+MAX_EDGE_RATIO = 2.0  # of the robot's size: no body is so large, its inertia is not in earnest
+MARKER_RATIO = 0.03  # of the robot's size: radius of the marker of a link without inertia
+MIN_SIZE_M = 0.05  # m: size of a robot that is a point
+ALIGNED = 1e-3  # of the largest moment: products below it leave the axes as they are
+NAMED_LINKS = 4  # in a note; more are counted
+
+Kind = Literal["collision", "inertia", "scaled inertia", "marker"]
+SENTENCES: dict[Kind, tuple[str, str]] = {  # for one link, and for several
+    "collision": ("the collision shape of {}", "the collision shapes of {}"),
+    "inertia": ("a box of the inertia of {}", "boxes of the inertias of {}"),
+    "scaled inertia": (
+        "a scaled-down box of the inertia of {}, which is too large for its mass",
+        "scaled-down boxes of the inertias of {}, which are too large for their masses",
+    ),
+    "marker": (
+        "a small marker for {}, which has neither collision shape nor inertia",
+        "small markers for {}, which have neither collision shapes nor inertias",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """That something else is drawn in the place of a link's mesh.
+
+    Attributes:
+        link: Name of the link.
+        kind: What is drawn: its collision shapes, a box that has its mass and inertia (scaled
+            down where no body of the robot could be as large), or a marker.
+    """
+
+    link: str
+    kind: Kind
+
+
+def stand_in(
+    robot: Robot, link: Link, size: float, cache: MeshCache
+) -> tuple[StandIn, list[PlacedSurface]]:
+    """Return what is drawn of a link whose mesh is missing.
+
+    Args:
+        robot: The robot.
+        link: The link.
+        size: Of the robot, m (:func:`robot_size`).
+        cache: Meshes that were read already, by name; what is read is added.
+    """
+    found = []
+    for shape in link.collisions:
+        try:
+            found += [_metric(placed) for placed in place_shape(robot, link, shape, cache)]
+        except MeshError:  # noqa: PERF203 - the collision's mesh is missing, too
+            continue
+    if found:
+        return StandIn(link.name, "collision"), found
+    if not link.mass or link.mass < 0.0:
+        radius = MARKER_RATIO * size
+        ball = library("trimesh.creation").icosphere(subdivisions=2, radius=radius)
+        joint, frame = link_frame(robot, link)
+        key = ("marker", radius)
+        marker = PlacedSurface(joint, frame, key, surface_of(ball), None, stands_in=True)
+        return StandIn(link.name, "marker"), [marker]
+    edges, axes = inertia_box(link.mass, link.inertia)
+    largest = MAX_EDGE_RATIO * size
+    kind: Kind = "scaled inertia" if edges.max() > largest else "inertia"
+    edges = edges * min(1.0, largest / edges.max()) if edges.max() > 0.0 else edges
+    edges = np.maximum(edges, MIN_EDGE_RATIO * size)
+    return StandIn(link.name, kind), [_box(robot, link, edges, axes)]
+
+
+def inertia_box(mass: float, inertia: Array) -> tuple[Array, Array]:
+    """Return the box of even density that has a mass and an inertia.
+
+    A box with edges (a, b, c) has the principal moments m (b² + c²) / 12 and so on; hence
+    a² = 6 (I_b + I_c - I_a) / m. Where the moments break the triangle inequality, an edge is 0.
+
+    Args:
+        mass: kg, positive.
+        inertia: About the centre of mass (3, 3), kg m².
+
+    Returns:
+        The edges (3,), m, and a rotation (3, 3) from the box's axes to those of the inertia.
+    """
+    moments, axes = np.diag(inertia), np.eye(3)
+    if np.abs(inertia - np.diag(moments)).max() > ALIGNED * np.abs(moments).max():
+        moments, axes = np.linalg.eigh(0.5 * (inertia + inertia.T))
+        axes[:, 2] *= np.sign(np.linalg.det(axes))  # no mirror image
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
+    return np.sqrt(np.maximum(squares, 0.0)), axes
+
+
+def robot_size(robot: Robot) -> float:
+    """Return the size of a robot as its links' frames span it at its home, m."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.configuration_at(np.zeros(3), robot.home))
+    places = np.array([placement.translation for placement in data.oMf])
+    return max(float(np.linalg.norm(np.ptp(places, axis=0))), MIN_SIZE_M)
+
+
+def note(stand_ins: Iterable[StandIn], most: int = NAMED_LINKS) -> str:
+    """Return what stands in for missing meshes as a sentence; empty where nothing does.
+
+    Of each kind, ``most`` links are named; more are counted.
+    """
+    links: dict[Kind, list[str]] = {}
+    for each in stand_ins:
+        links.setdefault(each.kind, []).append(each.link)
+    parts = [
+        SENTENCES[kind][len(names) > 1].format(_listed(names, most))
+        for kind, names in links.items()
+    ]
+    return f"hatched, in the place of missing meshes: {'; '.join(parts)}" if parts else ""
+
+
+def label(stand_ins: Iterable[StandIn]) -> str:
+    """Return the badge of a scene's stand-ins; empty where there are none."""
+    count = len(set(stand_ins))
+    if not count:
+        return ""
+    return f"Mesh missing: {count} link{'s' if count > 1 else ''}, hatched"
+
+
+def _listed(names: list[str], most: int) -> str:
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def _box(robot: Robot, link: Link, edges: Array, axes: Array) -> PlacedSurface:
+    """Return a box at the centre of mass of a link."""
+    joint, frame = link_frame(robot, link)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes, link.com
+    unit = float(edges.max())  # trimesh drops triangles that are tiny in its own unit
+    box = surface_of(library("trimesh.creation").box(edges / unit), unit)
+    key = ("inertia", *edges.tolist())
+    return PlacedSurface(joint, frame @ pose, key, box, None, stands_in=True)
+
+
+def _metric(placed: PlacedSurface) -> PlacedSurface:
+    """Return a surface as a stand-in, in metres, so that all hatches are equally wide."""
+    scale = np.linalg.norm(placed.pose[:3, :3], axis=0)
+    surface = Surface(placed.surface.vertices * scale, placed.surface.faces, None)
+    pose = placed.pose @ np.diag([*(1.0 / scale), 1.0])
+    key = (*placed.key, *scale.tolist())
+    return replace(placed, pose=pose, key=key, surface=surface, rgba=None, stands_in=True)
