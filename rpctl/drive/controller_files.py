@@ -9,7 +9,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from rpctl.description.packages import MANIFEST, find_packages, inside
+from rpctl.description.package_index import MANIFEST
+from rpctl.description.packages import find_packages, inside
 from rpctl.description.records import Description
 from rpctl.drive.plugins import (
     BaseControl,

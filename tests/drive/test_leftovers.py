@@ -90,7 +90,9 @@ def test_each_way_out_settles_it(files: Files, parts: Parts) -> None:
         flag, _, name = line.split("  (")[0].strip().partition(" ")
         if flag in ("--lock", "--free"):
             key = flag.removeprefix("--")
-            robot = files.load(text, **{key: [name]})
+            robot = (
+                files.load(text, lock=[name]) if key == "lock" else files.load(text, free=[name])
+            )
             assert len(robot.drive.wheels) >= 2
             wheel = refusal.split('"')[1]
             assert (wheel in robot.joint_names) == (key == "free")
