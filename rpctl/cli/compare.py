@@ -30,7 +30,7 @@ from rpctl.cli.terminal import console, new_table, print_json, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically
-from rpctl.reference.sizing import Wish
+from rpctl.reference.sizing import SizingRequest
 from rpctl.simulation.outcome import TRACKED
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
 from rpctl.study.scenarios import PAPER, SCENARIOS, LawPair, controllers, proposed
@@ -122,7 +122,7 @@ def compare_command(
     error = read_triple(initial_error)
     cells = selection.cells()
     loaded = options.load(robot)
-    bench = Benchmark(loaded, duration, error, Wish(size, speed, laps))
+    bench = Benchmark(loaded, duration, error, SizingRequest(size, speed, laps))
     with progress_bar("compare") as advance:
         rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
     if all(row.figures is None for row in rows):

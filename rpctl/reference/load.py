@@ -14,7 +14,7 @@ from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.planned import along_goal, along_waypoints, ee_square, slalom
 from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded import reference_from_table
-from rpctl.reference.sizing import WISHES, Wish
+from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.reference.timed_path import TimedPath
 from rpctl.reference.toml_file import read_path_file
 from rpctl.robot.model import Robot
@@ -48,7 +48,7 @@ def load_reference(
         UnknownNameError: There is no such reference, and the name is no file's.
         RpctlError: The file has faults, or the robot cannot follow.
     """
-    wish, suffix = Wish(size, speed, laps), FilePath(source).suffix.lower()
+    wish, suffix = SizingRequest(size, speed, laps), FilePath(source).suffix.lower()
     if is_goal(source):
         wish.refuse("a goal says where to go; leave them out", *WISHES)
         return to_goal(robot, read_goal(source))

@@ -17,7 +17,7 @@ from rpctl.reference.fitting import fit_arm, slow_down, usage_of
 from rpctl.reference.limits import steerable_radius
 from rpctl.reference.path_reference import PathReference
 from rpctl.reference.robot_length import robot_length
-from rpctl.reference.sizing import WISHES, Sizing, Wish, assumptions, reason
+from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, assumptions, reason
 from rpctl.reference.usage import Usage
 from rpctl.reference.waves import Waves, waves
 from rpctl.robot.model import Robot
@@ -88,7 +88,7 @@ def reference_by_name(
     """
     if name not in BASE_PATHS:
         raise UnknownNameError("reference", name, BASE_PATHS)
-    shape, wish = BASE_PATHS[name], Wish(size, speed, laps)
+    shape, wish = BASE_PATHS[name], SizingRequest(size, speed, laps)
     _require_sense(robot, name, wish)
     dynamics, length = ReducedDynamics(robot), robot_length(robot)
     arm, arm_note = fit_arm(dynamics, waves(robot, length))
@@ -113,7 +113,7 @@ def reference_by_name(
     return replace(paced, default_duration=lasts, sizing=sizing)
 
 
-def _require_sense(robot: Robot, name: str, wish: Wish) -> None:
+def _require_sense(robot: Robot, name: str, wish: SizingRequest) -> None:
     """Refuse what makes no sense for a robot and a reference."""
     shape, drive = BASE_PATHS[name], robot.drive
     if not drive.base_speeds:
@@ -137,7 +137,7 @@ def _require_sense(robot: Robot, name: str, wish: Wish) -> None:
 
 
 def _fit(
-    dynamics: ReducedDynamics, shape: NamedPath, wish: Wish, arm: Waves, length: float
+    dynamics: ReducedDynamics, shape: NamedPath, wish: SizingRequest, arm: Waves, length: float
 ) -> tuple[float, PathReference, Usage | None]:
     """Return the size (m), the reference without its record, and what limits its pace, if any.
 
@@ -156,7 +156,7 @@ def _fit(
 
 
 def _paced(
-    dynamics: ReducedDynamics, shape: NamedPath, size: float, wish: Wish, arm: Waves
+    dynamics: ReducedDynamics, shape: NamedPath, size: float, wish: SizingRequest, arm: Waves
 ) -> tuple[PathReference, Usage | None]:
     """Return a path of a size at the speed that is wished, or that the limits leave."""
     stretch = size if shape.size is None else size / shape.size

@@ -19,7 +19,7 @@ from rpctl.reference.fitting import slow_down_timed, too_weak, usage_of_timed
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, arm_bounds
 from rpctl.reference.robot_length import robot_length
-from rpctl.reference.sizing import Sizing, Wish, assumptions, reason
+from rpctl.reference.sizing import Sizing, SizingRequest, assumptions, reason
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import time_law
 from rpctl.reference.timed_path import TimedPath, along, constant
@@ -38,7 +38,7 @@ SQUARE_SIZE = 0.75  # of the robot's length: half the side of its end effector's
 FIXED_ARM_SIZE = 0.075  # of how far a fixed arm holds its end effector: half the side of its square
 
 
-def slalom(robot: Robot, wish: Wish) -> TimedPath:
+def slalom(robot: Robot, wish: SizingRequest) -> TimedPath:
     """Return the reference ``waypoints``: a slalom and back, by the robot's size and limits.
 
     Args:
@@ -67,7 +67,7 @@ def slalom(robot: Robot, wish: Wish) -> TimedPath:
     return _sized(robot, "waypoints", found, size, wish, speed)
 
 
-def ee_square(robot: Robot, wish: Wish) -> TimedPath:
+def ee_square(robot: Robot, wish: SizingRequest) -> TimedPath:
     """Return the reference ``ee-square``: a square of the end effector, by the robot's size.
 
     Args:
@@ -125,7 +125,7 @@ def _sized(
     name: str,
     found: TimedPath,
     size: float,
-    wish: Wish,
+    wish: SizingRequest,
     speed: Callable[[float], float],
 ) -> TimedPath:
     """Return a reference slowed down to its share of the limits, unless its speed is given.

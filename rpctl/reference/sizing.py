@@ -69,7 +69,7 @@ class Sizing:
 
 
 @dataclass(frozen=True)
-class Wish:
+class SizingRequest:
     """What a user asks of a reference; None leaves it to the robot.
 
     Attributes:

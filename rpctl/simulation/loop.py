@@ -30,7 +30,7 @@ from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.quasi_velocities import configuration_along
-from rpctl.reference.sizing import WISHES, Wish
+from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
@@ -146,7 +146,9 @@ def track(
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     if isinstance(reference, str):
         return simulate(robot, config, None, certificate, progress, watcher)
-    Wish(size, speed, laps).refuse("the reference is a function, with its own pace", *WISHES)
+    SizingRequest(size, speed, laps).refuse(
+        "the reference is a function, with its own pace", *WISHES
+    )
     return simulate(robot, config, reference, certificate, progress, watcher)
 
 

@@ -23,7 +23,7 @@ from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference
-from rpctl.reference.sizing import Wish
+from rpctl.reference.sizing import SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
@@ -158,13 +158,13 @@ class Benchmark:
         robot: Robot,
         duration: float | None = None,
         initial_error: Sequence[float] = INITIAL_ERROR,
-        wish: Wish | None = None,
+        wish: SizingRequest | None = None,
     ) -> None:
         if duration is not None:
             duration = whole_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
         self.robot, self.duration = robot, duration
         self.initial_error = cast("tuple[float, float, float]", tuple(initial_error))
-        self.wish = wish or Wish()
+        self.wish = wish or SizingRequest()
         self._references: dict[str, Reference] = {}
 
     def __call__(self, cell: Cell) -> Row:
