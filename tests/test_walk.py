@@ -27,6 +27,7 @@ ROBOTS = {  # quasi-velocities, drive
     "bicycle": (2, "bicycle"),
     "swerve": (6, "steered"),
     "twin_casters": (5, "steered"),
+    "caster_drive": (5, "powered-casters"),
     "omni": (6, "omni"),
     "mecanum": (8, "mecanum"),
     "arm": (5, "fixed"),
@@ -55,6 +56,7 @@ PAIRS_IN_CI = {
     ("bicycle", "reverse"),
     ("swerve", "eight"),
     ("twin_casters", "line"),
+    ("caster_drive", "eight"),
     ("omni", "spin"),
     ("mecanum", "spin"),
 }

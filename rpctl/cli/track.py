@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from rpctl.cli.options import (
     CHECK_FAILED,
@@ -21,18 +19,20 @@ from rpctl.cli.options import (
     default_folder,
     read_triple,
 )
-from rpctl.cli.terminal import console, format_limit, new_table, print_json, progress_bar
+from rpctl.cli.summary import show_summary
+from rpctl.cli.terminal import console, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
+from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import EffortPeak
 
 if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
@@ -49,6 +49,20 @@ class ConfigOptions:
             metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
             help="Path of the base or of the end effector: a name, a path file (TOML), or "
             "time-stamped poses (CSV); eight if not given.",
+        ),
+    ] = None
+    goal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,THETA",
+            help="Go there instead, from the origin, and stop: m, m and rad.",
+        ),
+    ] = None
+    arm_goal: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=POSITION",
+            help="Where a joint of the arm is to be in the end, rad or m. Repeatable.",
         ),
     ] = None
     duration: Annotated[
@@ -97,11 +111,18 @@ class ConfigOptions:
         error = None if self.initial_error is None else read_triple(self.initial_error)
         config = Config() if self.config is None else read_config(self.config)
         return config.with_laws(self.kinematic, self.dynamic).with_run(
-            reference=self.reference,
+            reference=self._reference(),
             duration=self.duration,
             initial_error=error,
             friction=self.friction,
         )
+
+    def _reference(self) -> str | None:
+        if self.goal is None and not self.arm_goal:
+            return self.reference
+        if self.reference is not None:
+            raise RpctlError("--goal and --arm-goal are a reference themselves; omit --reference")
+        return goal_of_words(self.goal, self.arm_goal or ())
 
 
 @dataclass(frozen=True)
@@ -162,14 +183,15 @@ def track_command(
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
 
-    Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
+    Exit 1 if the reference was not tracked (stuck, diverging, collided; late is told, and is no
+    failure), a limit of the URDF was broken, or the dynamics could not be verified.
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
     reference = load_reference(loaded, config.run.reference)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
-    folder = results.out or default_folder(f"{loaded.name}-{Path(config.run.reference).stem}")
+    folder = results.out or default_folder(f"{loaded.name}-{reference_label(config.run.reference)}")
     results.require_browser()
     output = console(stderr=as_json)
     output.print(
@@ -198,7 +220,7 @@ def track_command(
         print_json(written.to_dict())
     else:
         show_summary(written, folder)
-    if written.summary.limits_violated or (certificate is not None and not certificate.passed):
+    if not written.summary.succeeded or (certificate is not None and not certificate.passed):
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -208,6 +230,11 @@ def _keep(run: Run, page: Broadcast, results: ResultOptions, folder: Path) -> No
     written = results.write(run, folder)
     page.finish(written.report)
     console(stderr=True).print(f"{escape(run.notes[-1])}: [bold]{escape(str(written.report))}[/]")
+
+
+def reference_label(reference: str) -> str:
+    """Return a short name for a reference: its own, its file's without suffix, or "goal"."""
+    return GOAL if is_goal(reference) else Path(reference).stem
 
 
 def _live_page(
@@ -221,53 +248,3 @@ def _live_page(
     duration = default_duration(reference) if duration is None else duration
     duration = whole_periods(duration, period) * period
     return broadcast(robot, reference, duration, say, find_obstacles(config))
-
-
-def show_summary(written: RunFolder, folder: Path) -> None:
-    """Print the figures of merit of a run, and where its files lie."""
-    out, summary = console(), written.summary
-    table = new_table("tracking error", ">rms", ">final", ">largest in 2nd half")
-    for label, key in (("base", "base_error"), ("end effector", "end_effector_error")):
-        figures = [getattr(summary, f"{when}_{key}") for when in ("rms", "final", "settled")]
-        if None not in figures:
-            table.add_row(label, *(f"{1e3 * figure:.3f} mm" for figure in figures))
-    for joint in summary.joint_errors:
-        figures = [joint.rms, joint.final, joint.settled]
-        unit = "mm" if joint.unit == "m" else "mrad"
-        table.add_row(escape(joint.joint), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
-    out.print(table)
-    out.print()
-    out.print(_effort_table(summary.efforts))
-    out.print()
-    for broken in summary.limits_violated:
-        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
-                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
-                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
-    for bound in summary.limits_bound:
-        out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
-    ground = summary.ground
-    if ground.sentence is not None:
-        mark = "[yellow]ground[/]" if ground.could_slip else "ground"
-        mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
-        out.print(f"{mark} {escape(ground.sentence)}")
-    out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")
-    for note in written.notes:
-        out.print(f"[yellow]note[/] {escape(note)}")
-    size = f"{written.report_bytes / 1e6:.1f} MB"
-    out.print(f"report [bold]{escape(str(written.report))}[/], {size}   "
-              f"(rpctl view {escape(str(folder))})")  # fmt: skip
-
-
-def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
-    table = new_table("effort", ">peak", ">limit", ">share")
-    for effort in efforts:
-        share, limit = effort.ratio, effort.limit
-        style = "bold red" if share > 1.0 else ""
-        table.add_row(
-            escape(effort.actuator),
-            f"{effort.peak:.4g}",
-            format_limit(limit, ""),
-            f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
-            style=style,
-        )
-    return table

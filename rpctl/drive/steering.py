@@ -134,6 +134,30 @@ def _caster_angle(swivel: Swivel, direction: Array) -> Array:
     return np.array([math.asin(u), level * u_dot, level * u_ddot + level**3 * u * u_dot**2])
 
 
+def trailing_positions(drive: Drive, twist: Array) -> Array:
+    """Return the positions (n_powered_casters,) at which powered casters trail, rad.
+
+    In steady motion along a twist a caster stands still: its contact, k behind its axis, lies
+    asin(k ω/|V|) off the direction of its pivot's velocity V. In a bend tighter than its trail it
+    never does, and a right angle is taken; where its pivot stands still, 0.
+
+    Args:
+        drive: The drive.
+        twist: Twist of the root link (3,), of any length.
+    """
+    positions = []
+    for swivel in drive.powered_casters:
+        (x, y), position = swivel.pivot, 0.0
+        V = np.array([twist[0] - twist[2] * y, twist[1] + twist[2] * x])
+        speed = math.hypot(*V)
+        if speed > MIN_SPEED:
+            lag = math.asin(max(-1.0, min(1.0, -swivel.trail * twist[2] / speed)))
+            turn = math.atan2(V[1], V[0]) - lag - swivel.heading
+            position = swivel.sign * math.remainder(turn, 2.0 * math.pi)
+        positions.append(position)
+    return np.array(positions)
+
+
 def _newton_step(
     places: list[tuple[Swivel, float, float]], direction: Array, position: float
 ) -> tuple[float, float, float]:

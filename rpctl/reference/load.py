@@ -17,6 +17,7 @@ from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, arm_bounds
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import BASE_PATHS, reference_by_name
+from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded import reference_from_table
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import time_law
@@ -41,6 +42,8 @@ def load_reference(robot: Robot, source: str) -> Reference:
         UnknownNameError: There is no such reference, and the name is no file's.
         RpctlError: The file has faults, or the robot cannot follow.
     """
+    if is_goal(source):
+        return to_goal(robot, read_goal(source))
     suffix = FilePath(source).suffix.lower()
     if suffix == ".csv":
         table = read_table(source, robot.joint_names)
@@ -60,7 +63,9 @@ def load_reference(robot: Robot, source: str) -> Reference:
         return along_goal(robot, _square(robot), Limits())
     if source not in BASE_PATHS:
         raise UnknownNameError(
-            "reference", source, (*BASE_PATHS, *PLANNED_REFERENCES, "FILE.csv", "FILE.toml")
+            "reference",
+            source,
+            (*BASE_PATHS, *PLANNED_REFERENCES, "goal X,Y,THETA", "FILE.csv", "FILE.toml"),
         )
     return reference_by_name(robot, source)
 

@@ -1,4 +1,4 @@
-"""Quasi-velocities of a reference, and the angles of its steered wheels."""
+"""Quasi-velocities of a reference, and the angles of its steered wheels and casters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.rows import angle_of, rolling_row
-from rpctl.drive.steering import steer
+from rpctl.drive.steering import steer, trailing_positions
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
 
@@ -40,6 +40,29 @@ def steering(robot: Robot, state: ReferenceState) -> Array:
     if not robot.drive.steered:
         return np.zeros((3, 0))
     return steer(robot.drive, direction(state) @ robot.root_velocity.T)
+
+
+def trailing(robot: Robot, state: ReferenceState) -> Array:
+    """Return the positions (n_powered_casters,) at which a reference's casters trail, rad."""
+    if not robot.drive.powered_casters:
+        return np.zeros(0)
+    return trailing_positions(robot.drive, robot.root_velocity @ direction(state)[0])
+
+
+def configuration_along(robot: Robot, state: ReferenceState, pose: Array | None = None) -> Array:
+    """Return q (nq,) of a reference: arm and steering as it has them, powered casters trailing.
+
+    Args:
+        robot: The robot.
+        state: The reference.
+        pose: Pose of P (3,); None takes the reference's.
+    """
+    place = state.pose if pose is None else pose
+    q = robot.configuration_at(place, state.joints, steering(robot, state)[0])
+    casters = zip(robot.drive.powered_casters, trailing(robot, state).tolist(), strict=True)
+    for swivel, position in casters:
+        robot.set_joint(q, swivel.joint, position)
+    return q
 
 
 def direction(state: ReferenceState) -> Array:

@@ -66,6 +66,7 @@ ENTRIES = (
     _own("swerve", "four steered wheels, lift, 2R arm"),
     _own("twin_casters", "four steered casters of two driven wheels, torso lift, head"),
     _own("casters", "differential drive, passive swivel casters, lift, arm that extends"),
+    _own("caster_drive", "three powered casters, arm that yaws and lifts"),
     _own("omni", "three omni wheels, 3R arm"),
     _own("arm", "fixed base, arm of 2 prismatic and 3 revolute joints", "fixed"),
     Entry(

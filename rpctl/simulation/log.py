@@ -240,12 +240,17 @@ def _end_effector(robot: Robot, data: pin.Data, q: Array, state: ReferenceState)
 
 
 def _reference_configurations(dynamics: ReducedDynamics, log: dict[str, Array]) -> Array:
-    """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref."""
+    """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref.
+
+    Wheels start at 0, casters where the robot's do.
+    """
     robot, drive = dynamics.robot, dynamics.robot.drive
     turning = [wheel.joint for wheel in drive.wheels]
-    turning += [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    casters = [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    start = [robot.joint_position(log["q"][0], name) for name in casters]
+    turned, configurations = np.concatenate([np.zeros(len(turning)), start]), []
+    turning += casters
     index = [robot.velocity_index(name) for name in turning]
-    turned, configurations = np.zeros(len(turning)), []
     steps = np.diff(log["t"], append=log["t"][-1:])
     rows = (log[key] for key in ("base_ref", "joints_ref", "steering_ref", "nu_ref"))
     for pose, joints, steered, nu, step in zip(*rows, steps, strict=True):

@@ -14,7 +14,7 @@ from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import steering
+from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses, set_limits
 from rpctl.simulation.loop import default_duration
@@ -83,8 +83,7 @@ def _holding_efforts(robot: Robot, reference: Reference) -> Array:
     dynamics, still = ReducedDynamics(robot), np.zeros(robot.dof)
     found = []
     for t in np.arange(0.0, default_duration(reference), HOLDING_SAMPLE_S).tolist():
-        state = reference(t)
-        q = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+        q = configuration_along(robot, reference(t))
         found.append(np.abs(dynamics.efforts(q, dynamics.bias(q, still))))
     return np.asarray(np.max(found, axis=0))
 

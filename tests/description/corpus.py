@@ -270,8 +270,8 @@ for magic, kind in ((b"\x89PNG\r\n\x1a\n\0", "a PNG picture"), (b"PK\x03\x04\0",
                     (b"\x1f\x8b\x08\0", "a gzip archive"), (b"%PDF-1.4", "a PDF")):
     CASES.append(UrdfCase(kind, "error", f"this is {kind}, not URDF", magic, None))
 CASES.append(UrdfCase("zero bytes", "error", "a zero byte", b"<robot>\n\0\0</robot>", 2))
-add_case("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>')
-add_case("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>')
+add_case("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16")
+add_case("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16")
 
 # Encodings and namespaces: mended, and said.
 add_case("default namespace", "warning", '<robot> is in the namespace "urn:x"; it is left out', BASE.replace("<robot ", f'{MARK}<robot xmlns="urn:x" '))

@@ -199,6 +199,11 @@ FAULTS: dict[str, tuple[str, Injection]] = {
     "following Ȧv: lost": ("swerve", in_class(rolling.RollingConstraints, "drift", lost)),
     "caster A: trails": ("casters", rolling_of(trails)),
     "caster Ȧv: lost": ("casters", in_class(rolling.RollingConstraints, "drift", lost)),
+    "powered caster A: trails": ("caster_drive", rolling_of(trails)),
+    "powered caster Ȧv: lost": (
+        "caster_drive",
+        in_class(rolling.RollingConstraints, "drift", lost),
+    ),
     "roller A: directions": ("mecanum", rolling_of(directions)),
     "omni A: directions": ("omni", rolling_of(directions)),
     "file: an inertia below zero": (GENERAL, of_robot(negative)),

@@ -111,6 +111,12 @@ FAULTS = {
     "a steering sign": Fault("tricycle", swivels(lambda s: {"sign": -s.sign})),
     "a doubled trail": Fault("casters", swivels(lambda s: {"trail": 2.0 * s.trail})),
     "a reversed caster": Fault("casters", swivels(lambda s: {"heading": s.heading + math.pi})),
+    "a powered caster's trail 3 % long": Fault(
+        "caster_drive", swivels(lambda s: {"trail": 1.03 * s.trail})
+    ),
+    "a powered wheel 5 mm beside its axis": Fault(
+        "caster_drive", wheels(lambda w: {"lateral": w.lateral + 0.005}, 1)
+    ),
     "rollers at 30°": Fault("mecanum", wheels(_flatter)),
     "omni directions turned by 20°": Fault("omni", wheels(lambda w: _turned(w, 20.0))),
     "inertial origins dropped": Fault(

@@ -1,4 +1,4 @@
-"""What all derivations once shared hides no fault: each of fourteen fails two rows or more."""
+"""What all derivations once shared hides no fault: each of them fails two rows or more."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ DETECTED = {  # where the wheels tell another drive than a differential one
     "bicycle": "bicycle",
     "swerve": "steered",
     "twin_casters": "steered",
+    "caster_drive": "powered-casters",
     "omni": "omni",
 }
 

@@ -84,7 +84,11 @@ class SoftBound(Protocol):
 
 
 class WheelSpeeds:
-    """Wheel speeds Bᵀν within their limits, in units of the limits."""
+    """Wheel speeds Bᵀν within their limits, in units of the limits.
+
+    ν is that after each step; powered casters have the angles before it: within a step they turn
+    towards the motion, and are fastest while they stand across it.
+    """
 
     def __init__(self, model: Model, bounds: Bounds) -> None:
         joints = {joint.name for joint in model.joints}
@@ -92,12 +96,13 @@ class WheelSpeeds:
         wheels = [i for i, k in enumerate(limited) if model.robot.actuators[k] not in joints]
         self._limited, self._limits = limited[wheels], limits[wheels]
         self._model, self._constant_rates = model, None
-        if not model.steered:  # casters have no actuators
-            self._constant_rates = self._rates(np.zeros(len(model.joints)))
+        if not model.steered and not len(model.casters):  # other casters have no actuators
+            self._constant_rates = self._rates(np.zeros(len(model.joints)), np.empty(0))
 
-    def _rates(self, joints: Array) -> Array:
+    def _rates(self, joints: Array, casters: Array) -> Array:
         """Return the map (n, dof) from ν to the wheels' rates over their limits."""
-        B = self._model.dynamics.actuation(self._model.configuration(joints))
+        q = self._model.configuration(joints, casters=casters)
+        B = self._model.dynamics.actuation(q)
         return B.T[self._limited] / self._limits[:, None]
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
@@ -116,7 +121,8 @@ class WheelSpeeds:
                 self._constant_rates, (len(motion.nu_dot), *self._constant_rates.shape)
             )
         else:
-            rates = np.array([self._rates(joints) for joints in motion.joints[1:]])
+            postures = zip(motion.joints[1:], motion.casters[:-1], strict=True)
+            rates = np.array([self._rates(*posture) for posture in postures])
         value = np.einsum("kij,kj->ki", rates, motion.nu[1:])
         jacobian = rates[:, :, : self._model.base_columns]
         return [
@@ -169,7 +175,7 @@ class ForceBounds:
         jacobian = np.empty((len(self._ground_stages), count, 2 * base))
         for row, k in enumerate(self._ground_stages):
             motion = sample.motion
-            q = self._model.configuration(motion.joints[k])
+            q = self._model.configuration(motion.joints[k], casters=motion.casters[k])
             margins = self._forces.ground(
                 self._forces.with_derivatives(q, motion.nu[k], motion.nu_dot[k])
             )

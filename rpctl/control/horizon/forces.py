@@ -36,9 +36,9 @@ class Forces(NamedTuple):
 class ForceModel:
     """Forces of one robot at measured or predicted states; holds Pinocchio's workspace.
 
-    The prediction does not know the casters' angles: at predicted states they glide, and the
-    contacts are those of the posture last given to :meth:`update_contacts`. Guessed angles would
-    produce rates and forces many times too large.
+    The prediction does not know the angles of casters that nothing drives: at predicted states they
+    glide. Guessed angles would produce rates and forces many times too large. The contacts are
+    those of the posture last given to :meth:`update_contacts`.
 
     Args:
         model: The prediction's model.

@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.control.horizon.casters import Casters
 from rpctl.description.records import Joint
 from rpctl.dynamics.basis import RANK_MARGIN, selection
 from rpctl.dynamics.projection import eliminate
@@ -32,6 +33,7 @@ class PredictedMotion(NamedTuple):
     nu_dot: Array  # (N, dof)
     twist: Array  # (N, 3) of the base at the middle of each step
     twist_map: Array  # (N, 3, dof) or (1, 3, dof): twist = twist_map ν, at the middle of each step
+    casters: Array  # (N + 1, n_powered_casters) rad
 
 
 class PoseJacobian(NamedTuple):
@@ -135,6 +137,7 @@ class Model:
         twist_map: Map (3, dof) from ν to the twist; its columns of the arm alone with ``steering``.
         joint_columns: Map (nv, n_joints) from the joints' rates to v, mimic joints included.
         entries: The entry in q of each joint.
+        casters: The powered casters, whose angles the base's motion fixes.
     """
 
     dynamics: ReducedDynamics
@@ -147,6 +150,7 @@ class Model:
     twist_map: Array
     joint_columns: Array
     entries: tuple[JointEntry, ...]
+    casters: Casters
 
     @property
     def robot(self) -> Robot:
@@ -162,17 +166,27 @@ class Model:
         """Return the joints' positions (n_joints,) in q."""
         return np.array([self.robot.joint_position(q, joint.name) for joint in self.joints])
 
-    def configuration(self, joints: Array, pose: Array | None = None) -> Array:
-        """Return q (nq,); casters are at 0.
+    def configuration(
+        self, joints: Array, pose: Array | None = None, casters: Array | None = None
+    ) -> Array:
+        """Return q (nq,); casters that nothing drives are at 0.
 
         Mimic joints and swivels that follow are set from the joints that they follow.
 
         Args:
             joints: Positions of the model's joints (n_joints,), rad or m.
             pose: Pose of P (3,); None puts the root link at the origin.
+            casters: Positions of the powered casters (n_powered_casters,), rad; None for 0.
         """
         if self.robot.mimics or self.robot.drive.followers:
-            return self._configuration_by_name(joints, pose)
+            q = self._configuration_by_name(joints, pose)
+        else:
+            q = self._configuration_by_entry(joints, pose)
+        if casters is not None:
+            self.casters.write(q, casters)
+        return q
+
+    def _configuration_by_entry(self, joints: Array, pose: Array | None) -> Array:
         q: Array = pin.neutral(self.robot.model)
         for entry, position in zip(self.entries, joints.tolist(), strict=True):
             entry.write(q, position)
@@ -210,7 +224,8 @@ class Model:
         cos, sin = _cos_sin(poses[:-1, 2] + 0.5 * dt * twist[:, 2])
         poses[1:, 0] = pose[0] + dt * np.cumsum(cos * twist[:, 0] - sin * twist[:, 1])
         poses[1:, 1] = pose[1] + dt * np.cumsum(sin * twist[:, 0] + cos * twist[:, 1])
-        return PredictedMotion(q, poses, arm, speeds, nu_dot, twist, twist_map)
+        casters = self.casters.follow(self.casters.read(q), twist, dt)
+        return PredictedMotion(q, poses, arm, speeds, nu_dot, twist, twist_map, casters)
 
     def _twist_maps(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
         if self.steering is None:
@@ -276,6 +291,7 @@ def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
         twist_map=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
         joint_columns=joint_columns,
         entries=tuple(robot.entries[joint.name] for joint in joints),
+        casters=Casters(robot),
     )
 
 

@@ -19,7 +19,12 @@ from rpctl.control.horizon.prediction import Model, PredictedMotion
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.obstacles import Obstacle
 from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import ReferenceRates, reference_rates, steering
+from rpctl.reference.quasi_velocities import (
+    ReferenceRates,
+    reference_rates,
+    steering,
+    trailing,
+)
 
 LIMIT_FRACTION = 0.9  # of the margins at rest: the remainder is left for correcting errors
 NO_LAG_S = 1e-6  # s: a lag below it is rounding
@@ -136,13 +141,14 @@ class TimeScaler:
         for j, at in enumerate(times.tolist()):
             state = reference(at)
             posture = np.concatenate([steering(robot, state)[0], state.joints])
-            limits[j] = self._limit(posture, reference_rates(robot, state))
+            q = self._model.configuration(posture, casters=trailing(robot, state))
+            limits[j] = self._limit(q, reference_rates(robot, state))
             fastest = max(fastest, math.hypot(*state.twist[:2]))
         return limits, 0.5 * self._bounds.base_acceleration / fastest
 
-    def _limit(self, joints: Array, rates: ReferenceRates) -> float:
+    def _limit(self, q: Array, rates: ReferenceRates) -> float:
         """Return the largest pace of the reference at a posture."""
-        q, still = self._model.configuration(joints), np.zeros_like(rates.nu)
+        still = np.zeros_like(rates.nu)
         rest = self._margins(q, still, still)
         used = rest - self._margins(q, *rates)
         limiting = (rest > 0.0) & (used > 0.0)

@@ -12,7 +12,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.quasi_velocities import steering
+from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop import WatchedSample
@@ -169,7 +169,7 @@ def broadcast(
     """
     states = [reference(t) for t in np.linspace(0.0, duration, DESIRED_POINTS)]
     first = states[0]
-    start = robot.configuration_at(first.pose, first.joints, steering(robot, first)[0])
+    start = configuration_along(robot, first)
     desired = np.array([state.pose for state in states])
     charts = LiveFigures(robot).charts()
     motion = LiveMotion(EVENTS, start, desired, duration, STOP, obstacles, charts)
@@ -191,7 +191,7 @@ def _coordinates(robot: Robot, q: Array) -> list[float]:
 
 def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
     """Return q (nq,) with base, steering and arm at the reference; wheel angles are kept."""
-    there = robot.configuration_at(state.pose, state.joints, steering(robot, state)[0])
+    there = configuration_along(robot, state)
     wanted = q.copy()
     wanted[:4] = there[:4]
     turned = [swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster"]

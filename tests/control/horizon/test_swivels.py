@@ -77,6 +77,7 @@ IN_CI = {
     ("steered", "line"),
     ("twin", "eight"),
     ("omni", "circle"),
+    ("powered", "eight"),
 }
 
 

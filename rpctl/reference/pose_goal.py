@@ -1,0 +1,227 @@
+"""A goal of base and arm: where the robot is to stand, and in which posture."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from rpctl.arrays import Array
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.reference.goal_paths import Leg, legs_between
+from rpctl.reference.limits import SPEED_RISE_TIME, Limits
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.paths import PathTime
+from rpctl.reference.splines import Curves
+from rpctl.reference.time_law import Bound, time_law
+from rpctl.reference.timed_path import TimedPath, TimeLaw, along, constant, still
+from rpctl.robot.model import Robot
+
+GOAL = "goal"  # the first word of such a reference
+MAX_DISTANCE = 1e4  # m: no goal is farther
+POINTS = 301  # of a path, where limits are checked
+ARM_SPEED = {"prismatic": 0.2, "other": 0.6}  # m/s, rad/s: an arm moves no faster on its way,
+ARM_SPEED_RATIO = 0.5  # nor faster than this part of the joint's velocity limit
+HOW = "write goal X,Y,THETA JOINT=POSITION ..., as goal 1.5,0.5,1.57 (m and rad)"
+
+
+@dataclass(frozen=True)
+class PoseGoal:
+    """Where base and arm are to be in the end.
+
+    Attributes:
+        pose: Of P: x, y in m, heading in rad; None: where it is.
+        joints: Positions of joints of the arm by name, rad or m; the others stay.
+    """
+
+    pose: tuple[float, float, float] | None = None
+    joints: Mapping[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Return the goal as :func:`read_goal` reads it."""
+        pose = [] if self.pose is None else [",".join(f"{value:.10g}" for value in self.pose)]
+        joints = [f"{name}={position:.10g}" for name, position in self.joints.items()]
+        return shlex.join([GOAL, *pose, *joints])
+
+
+class GoalMotion:
+    """A reference from rest to rest: the base's paths one after the other, the arm meanwhile.
+
+    Args:
+        base: The base's paths, at least one; each begins where the one before ends.
+        arm: The arm's way; its base does not count.
+    """
+
+    def __init__(self, base: tuple[TimedPath, ...], arm: TimedPath) -> None:
+        self._base, self._arm = base, arm
+        self.duration = max(sum(leg.duration for leg in base), arm.duration)
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the reference at time ``t`` (s)."""
+        arm, at = self._arm(t), t
+        for leg in self._base[:-1]:
+            if at < leg.duration:
+                break
+            at -= leg.duration
+        else:
+            leg = self._base[-1]
+        return leg(at)._replace(
+            joints=arm.joints,
+            joint_rates=arm.joint_rates,
+            joint_accelerations=arm.joint_accelerations,
+        )
+
+
+def is_goal(source: str) -> bool:
+    """Return whether the name of a reference is a goal's."""
+    return source.split()[:1] == [GOAL]
+
+
+def read_goal(source: str) -> PoseGoal:
+    """Return the goal that ``goal X,Y,THETA JOINT=POSITION ...`` names.
+
+    Raises:
+        RpctlError: It is of another form.
+    """
+    try:
+        words = shlex.split(source)[1:]
+        pose, joints = None, {}
+        for word in words:
+            name, given, position = word.rpartition("=")
+            if given:
+                joints[name] = float(position)
+            elif pose is None:
+                x, y, theta = map(float, word.split(","))
+                pose = x, y, theta
+            else:
+                raise ValueError(word)
+    except ValueError:
+        raise RpctlError(f"reference {source!r}: {HOW}") from None
+    if not words:
+        raise RpctlError(f"reference {source!r} says no goal: {HOW}")
+    return PoseGoal(pose, joints)
+
+
+def to_goal(
+    robot: Robot,
+    goal: PoseGoal,
+    start: Array | None = None,
+    posture: Array | None = None,
+    limits: Limits | None = None,
+) -> GoalMotion:
+    """Return a reference from rest to rest that leads base and arm to a goal.
+
+    Args:
+        robot: The robot.
+        goal: Where they are to be.
+        start: Pose of P at the start (3,): x, y in m, heading in rad; None: the origin.
+        posture: Positions of the arm at the start (n_joints,), rad or m; None: at home.
+        limits: Limits of the base's motion; None: the default ones.
+
+    Raises:
+        UnknownNameError: A joint of the goal is none of the arm's.
+        RpctlError: The goal is beyond a joint's limits, or the base cannot get there.
+    """
+    start = np.zeros(3) if start is None else start
+    posture = robot.home if posture is None else posture
+    there = _end_posture(robot, goal.joints, posture)
+    pose = start if goal.pose is None else np.array(goal.pose)
+    if not np.isfinite(pose).all() or np.abs(pose[:2]).max() > MAX_DISTANCE:
+        raise RpctlError(f"goal {goal.pose}: give finite numbers below {MAX_DISTANCE:g} m; {HOW}")
+    limits = (limits or Limits()).steerable(robot)
+    paths = legs_between(robot, start, pose, limits)
+    rest = constant(posture, 0.0, 1.0)
+    legs = [_timed_leg(robot, leg, limits) for leg in paths]
+    legs = legs or [TimedPath(still(start), rest, AtRest())]
+    line = Curves(BSpline(np.repeat([0.0, 1.0], 3), np.linspace(posture, there, 3), 2))
+    timing = _arm_timing(robot, there - posture, sum(leg.duration for leg in legs))
+    return GoalMotion(tuple(legs), TimedPath(still(start), line, timing))
+
+
+class AtRest:
+    """The time law of what does not move."""
+
+    duration = 0.0
+
+    def __call__(self, t: float) -> PathTime:
+        """Return s = 0, at rest."""
+        return PathTime(0.0, 0.0, 0.0)
+
+
+class Stretched:
+    """A time law run in another time, from rest to rest as before.
+
+    Args:
+        law: The time law.
+        duration: Its new duration, s.
+    """
+
+    def __init__(self, law: TimeLaw, duration: float) -> None:
+        self._law, self.duration = law, duration
+        self._pace = law.duration / duration
+
+    def __call__(self, t: float) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s)."""
+        s, rate, acceleration = self._law(self._pace * t)
+        return PathTime(s, self._pace * rate, self._pace**2 * acceleration)
+
+
+def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:
+    path, end = leg
+    s = np.linspace(0.0, end, POINTS)
+    timing = time_law(s, limits.base(robot, along(path, s)))
+    return TimedPath(path, constant(robot.home, 0.0, end), timing)
+
+
+def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
+    """Return when an arm is where on a straight way (n_joints,); it takes ``least`` s or more."""
+    if not np.abs(change).max(initial=0.0) > 0.0:
+        return AtRest()
+    bounds = []
+    for joint, way in zip(robot.joints, change, strict=True):
+        comfort = ARM_SPEED["prismatic" if joint.kind == "prismatic" else "other"]
+        speed = min(comfort, ARM_SPEED_RATIO * joint.velocity)
+        slope = np.full(POINTS, way)
+        bounds.append(Bound(slope, np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
+    law = time_law(np.linspace(0.0, 1.0, POINTS), bounds)
+    return Stretched(law, least) if least > law.duration else law
+
+
+def _end_posture(robot: Robot, joints: Mapping[str, float], posture: Array) -> Array:
+    """Return the arm's positions at the goal (n_joints,).
+
+    Raises:
+        UnknownNameError: A joint is none of the arm's.
+        RpctlError: A position is beyond its limits.
+    """
+    there = posture.astype(float)
+    for name, position in joints.items():
+        if name not in robot.joint_names:
+            raise UnknownNameError("joint of the arm", name, robot.joint_names)
+        number = robot.joint_names.index(name)
+        joint, unit = robot.joints[number], robot.joints[number].kind == "prismatic"
+        if not (math.isfinite(position) and joint.lower <= position <= joint.upper):
+            raise RpctlError(
+                f"goal of {name}: {position:.6g} is not within its limits, {joint.lower:.6g} to "
+                f"{joint.upper:.6g} {'m' if unit else 'rad'}"
+            )
+        there[number] = position
+    return there
+
+
+def goal_of_words(pose: str | None, joints: Iterable[str]) -> str:
+    """Return the reference that the options ``--goal`` and ``--arm-goal`` name.
+
+    Args:
+        pose: ``X,Y,THETA``, or None.
+        joints: ``NAME=POSITION``, each.
+
+    Raises:
+        RpctlError: They are of another form.
+    """
+    words = [*([] if pose is None else [pose]), *joints]
+    return str(read_goal(shlex.join([GOAL, *words])))
