@@ -165,7 +165,7 @@ def _name_list(names: Sequence[str]) -> str:
 
 
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
-    table = new_table("joint", "type", ">lower", ">upper", ">velocity", ">effort")
+    table = new_table("joint", "type", ">lower", ">home", ">upper", ">velocity", ">effort")
     for joint in joints:
         slides = joint["type"] == "prismatic"
         unit, force = ("m", "N") if slides else ("rad", "N·m")
@@ -173,6 +173,7 @@ def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
             escape(joint["name"]),
             joint["type"],
             format_limit(joint["lower"], unit),
+            f"{joint['home']:.3g} {unit}",
             format_limit(joint["upper"], unit),
             format_limit(joint["velocity"], f"{unit}/s"),
             format_limit(joint["effort"], force),
