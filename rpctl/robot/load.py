@@ -11,7 +11,6 @@ from rpctl.description.density import fill
 from rpctl.description.expansion import lines_explained
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_checks import check_meshes
-from rpctl.description.read_settings import read_settings
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
 from rpctl.drive.detect import detect
@@ -20,10 +19,10 @@ from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
 from rpctl.drive.plugins import SimulatorTags, read_simulator_tags
 from rpctl.drive.suspensions import find_held, held_findings
 from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError, is_number
-from rpctl.robot import catalog
 from rpctl.robot.build import build, check
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
+from rpctl.robot.names import find_source
 
 
 def load(
@@ -43,7 +42,8 @@ def load(
 
     Args:
         source: A URDF path, a .xacro that becomes one (it is evaluated, so trust it), or a
-            catalogue name (``rpctl robots``).
+            name (``rpctl robots``): of the catalogue, or of robot_descriptions
+            (``"fetch_description"``) if that package is installed and its cache filled.
         drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
             drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
@@ -53,8 +53,8 @@ def load(
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
         strict: Whether warnings are errors, and so are assumptions about the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
-            ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
-            the file come after them.
+            ``$(find ...)`` look first, at any depth (``~/ws/src``); the workspace around the file,
+            ROS_PACKAGE_PATH and AMENT_PREFIX_PATH come after them.
         xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name.
         ignore_missing_packages: Whether what a .xacro includes from packages that are not found
             is left out.
@@ -68,17 +68,18 @@ def load(
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
-    path, entry = _resolve(source)
-    settings = read_settings(package_dirs, xacro_args, ignore_missing_packages)
+    found = find_source(source)
+    path = found.path
+    settings = found.read_settings(package_dirs, xacro_args, ignore_missing_packages)
     free = (free,) if isinstance(free, str) else tuple(free)
+    asked = drive if drive is None or isinstance(drive, Drive) else str(drive)
     with lines_explained(path):
         description = read(path, settings)
         if density is not None:
             description = fill(description, density)
-        defaults = entry.lock if entry else ()
-        tree = FrozenTree(description, _locked(description, defaults, lock, free))
+        tree = FrozenTree(description, _locked(description, found.lock, lock, free))
         tags = read_simulator_tags(description)
-        given = _given(entry.drive if drive is None and entry else drive)
+        given = _given(found.drive if drive is None else drive)
         released = _released(description, free)
         held = () if _is_fixed(given) else find_held(tree, tags, released)
         at_rest = {each.joint.name: each.position for each in held}
@@ -93,8 +94,8 @@ def load(
         if end_effector is not None and end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
         return Robot(
-            name=entry.name if entry else description.name,
-            source=entry.name if entry else str(path.resolve()),
+            name=found.name or description.name,
+            source=found.name or str(path.resolve()),
             description=description,
             model=model,
             drive=drive,
@@ -102,7 +103,7 @@ def load(
             joints=joints,
             end_effector=end_effector or _tip(description, joints),
             findings=findings,
-            loaded_with=LoadSettings(density, _home(joints, home), free),
+            loaded_with=LoadSettings(density, _home(joints, home), free, asked),
         )
 
 
@@ -164,17 +165,6 @@ def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:
     doubts = [replace(f, severity="error") for f in findings if f.severity == "warning"]
     if doubts:
         raise DescriptionError(path, doubts)
-
-
-def _resolve(source: str | Path) -> tuple[Path, catalog.Entry | None]:
-    """Return the file of a path or a catalogue name; a bare word is a name if it can be one."""
-    path = Path(source)
-    if isinstance(source, Path) or path.suffix or "/" in source:
-        return path, None
-    if path.is_file() and source not in catalog.names():
-        return path, None
-    entry = catalog.find(source)
-    return entry.path, entry
 
 
 def _locked(
