@@ -13,11 +13,13 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_checks import check_meshes
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
+from rpctl.drive.controller_files import read_controls
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import Drive
 from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
-from rpctl.drive.plugins import SimulatorTags, read_simulator_tags
-from rpctl.drive.suspensions import find_held, held_findings
+from rpctl.drive.plugins import SimulatorTags
+from rpctl.drive.suspensions import hold_passive
+from rpctl.drive.vendor import vendor_findings
 from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError, is_number
 from rpctl.robot.build import build, check
 from rpctl.robot.load_settings import LoadSettings
@@ -78,18 +80,17 @@ def load(
         if density is not None:
             description = fill(description, density)
         tree = FrozenTree(description, _locked(description, found.lock, lock, free))
-        tags = read_simulator_tags(description)
         given = _given(found.drive if drive is None else drive)
-        released = _released(description, free)
-        held = () if _is_fixed(given) else find_held(tree, tags, released)
-        at_rest = {each.joint.name: each.position for each in held}
-        tree = FrozenTree(description, {**tree.locked, **at_rest})
+        tags, released = read_controls(description), _released(description, free)
+        tree, held = hold_passive(tree, given.type, tags, released)
         findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
-        findings = (*findings, *held_findings(held))
         if strict:
             _refuse_doubts(path, findings)
         check(tree)
         drive = _drive(tree, given, strict, tags, released)
+        differences = vendor_findings(drive, tags)
+        if strict:
+            _refuse_doubts(path, differences)
         model, joints = build(tree), _arm_joints(tree, drive)
         if end_effector is not None and end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
@@ -102,7 +103,7 @@ def load(
             locked=tree.locked,
             joints=joints,
             end_effector=end_effector or _tip(description, joints),
-            findings=findings,
+            findings=(*findings, *held, *differences),
             loaded_with=LoadSettings(density, _home(joints, home), free, asked),
         )
 
@@ -127,10 +128,6 @@ def _drive(
 def _given(source: Drive | str | Path | None) -> Drive | DriveSpec:
     """Return the drive that a user gives, or what they say of it."""
     return source if isinstance(source, Drive) else _specification(source)
-
-
-def _is_fixed(given: Drive | DriveSpec) -> bool:
-    return given.type == "fixed"
 
 
 def _released(description: Description, free: Iterable[str]) -> frozenset[str]:

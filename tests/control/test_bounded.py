@@ -36,7 +36,7 @@ OFF = (0.1, -0.1, 0.1)
 
 
 @pytest.mark.parametrize(
-    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "tiago", "panda"]
+    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "caster_drive", "tiago", "panda"]
 )
 def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
     robot = scale_limits(rpctl.load(name), effort=1e3)
@@ -50,7 +50,9 @@ def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Gen
         np.testing.assert_array_equal(efforts.tau, PaperDynamic()(dynamics, q, nu, command))
 
 
-@pytest.mark.parametrize("name", ["paper", "mixed_chain", "skid_steer", "mecanum", "tiago"])
+@pytest.mark.parametrize(
+    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "caster_drive", "tiago"]
+)
 def test_efforts_stay_in_their_box_whatever_is_asked(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
