@@ -305,6 +305,28 @@ def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
     assert str(tmp_path) not in text
 
 
+def test_view_of_neither_a_robot_nor_a_run(tmp_path: Path) -> None:
+    code, _, err = run("view", "papr")
+    assert code == 2
+    assert "robot or run 'papr' is not known; did you mean paper" in err
+    code, _, err = run("view", str(tmp_path))
+    assert code == 2
+    assert f"{tmp_path}: a folder without a run.npz is no run, and no robot; give" in err
+    code, _, err = run("view", "paper", "--lock", "nothing")
+    assert code == 2
+    assert "robot or run" not in err
+
+
+def test_findings_are_told_in_sum() -> None:
+    alike = [f for f in run_json("inspect", "tiago")["findings"] if "point mass" in f["message"]]
+    assert len(alike) == 3
+    shown = " ".join(run("inspect", "tiago")[1].split())
+    assert shown.count("is a point mass") == 1
+    for finding in alike[1:]:
+        name = finding["message"].split('"')[1]
+        assert f'"{name}" (line {finding["line"]})' in shown
+
+
 def test_robots_lists_the_catalogue() -> None:
     names = [row["name"] for row in run_json("robots")]
     assert {"paper", "mixed_chain", "tiago", "panda"} <= set(names)
@@ -323,7 +345,7 @@ def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
     loading = [field.name for field in fields(LoadOptions)]
-    assert names == ["robot", *loading, "as_json"]
+    assert names == ["robot", *loading, "list_xacro_args", "as_json"]
 
 
 def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:
