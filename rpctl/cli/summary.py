@@ -29,6 +29,8 @@ def show_summary(written: RunFolder, folder: Path) -> None:
     out.print(_error_table(summary))
     out.print()
     _show_outcome(out, summary)
+    if written.perturbed is not None:
+        out.print(escape(f"to expect {written.perturbed['sentence']}"))
     out.print()
     out.print(_effort_table(summary.efforts))
     out.print()

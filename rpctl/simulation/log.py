@@ -110,10 +110,18 @@ class Recorder:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
         bias: Efforts (n_act,) that push besides the controller's, N·m or N.
+        friction: Dry friction of the actuators' joints (n_act,), N·m or N; None: none.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None, bias: Array) -> None:
-        self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
+    def __init__(
+        self,
+        dynamics: ReducedDynamics,
+        contacts: Contacts | None,
+        bias: Array,
+        friction: Array | None = None,
+    ) -> None:
+        self._dynamics, self._contacts = dynamics, contacts
+        self._bias, self._friction = bias, friction
         self._data = dynamics.robot.model.createData()
         self._steered, self._others = steered_joints(dynamics.robot), other_joints(dynamics.robot)
         self._other_indices = [dynamics.robot.velocity_index(name) for name in self._others]

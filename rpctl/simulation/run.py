@@ -59,6 +59,7 @@ class Run:
         notes: Where the configuration is not what was asked for, in sentences.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
+        perturbed: What became of the run with a perturbed plant, as a dict, or None.
     """
 
     log: Log
@@ -70,6 +71,7 @@ class Run:
     notes: tuple[str, ...]
     certificate: Mapping[str, Any] | None
     wall_time: float
+    perturbed: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         return (
@@ -266,6 +268,7 @@ def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
     """Return a run from what a file holds, shapes and names checked."""
     for name in OPTIONAL_ENTRIES:
         entries.setdefault(name, np.empty((np.size(entries.get("t", ())), 0)))
+    entries.setdefault("perturbed", None)
     entries = {**LATER_ENTRIES, **entries}
     missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
     if missing or extra:
