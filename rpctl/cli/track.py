@@ -156,6 +156,10 @@ class ResultOptions:
         ),
     ] = True
 
+    def perturbs(self, config: Config) -> bool:
+        """Return whether to tell what to expect: not where the user has set a plant himself."""
+        return self.perturbed and config.plant == Plant()
+
     def require_browser(self) -> None:
         """Refuse a picture that could not be drawn, before the simulation.
 
@@ -223,7 +227,7 @@ def track_command(
             if page is not None and ended:
                 _keep(ended[0], page, results, folder)
             raise
-        if results.perturbed and config.plant == Plant():
+        if results.perturbs(config):
             run = _with_expectation(run, loaded, config, reference)
         written = results.write(run, folder)
         if page is not None:

@@ -23,7 +23,7 @@ from rpctl.robot.vary import scale_masses
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop import LoopRecord, WatchedSample, close_loop, default_duration
 from rpctl.simulation.obstacles import BASE, TIP, find_obstacles
-from rpctl.simulation.outcome import DIVERGING, EVIDENCE_S, SUCCESSES, outcome, trace_points
+from rpctl.simulation.outcome import DIVERGING, SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
 from rpctl.simulation.periods import delay_periods, whole_periods
 from rpctl.simulation.plant import Plant
@@ -33,6 +33,7 @@ MASS_RATIO = 1.1  # of what the controller takes the masses for: a battery, a to
 ROLLING_RESISTANCE = 0.02  # of the weight: a rubber tyre on carpet; hard floors take half
 DELAY_S = 0.005  # s: a fieldbus and a drive's own loop
 DURATION_RATIO = 1.0 / 3.0  # of the nominal run's: what keeps this one cheap
+MIN_DURATION_S = 4.0  # s: named references start softly, for 3 s; a shorter run tells too little
 MAX_DURATION_S = 10.0  # s: by then it has settled
 SAMPLE_S = 0.01  # s: of what is kept of the motion
 
@@ -70,15 +71,17 @@ class Expectation:
         causes += [f"{1e3 * self.delay:.3g} ms delay"] if self.delay else []
         listed = ", ".join(causes[:-1])
         head = f"with {listed} and {causes[-1]}" if listed else f"with {causes[-1]}"
-        if self.base_path is None or self.outcome not in SUCCESSES:
-            return f"{head}: {self.outcome}; {self.outcome_sentence}"
-        parts = []
-        if self.base_path.largest_lag_distance or self.end_effector_path is None:
-            behind = lag(self.base_path.largest_lag, self.base_path.largest_lag_distance)
-            parts = [f"path error {length(self.base_path.rms)} rms, {behind} behind at most"]
-        if self.end_effector_path is not None:
-            parts.append(f"end effector {length(self.end_effector_path.rms)} rms off its path")
-        return f"{head}: {'; '.join(parts)}"
+        if self.base_path is None:
+            return f"{head}: {self.outcome}, {self.outcome_sentence}"
+        tip = self.end_effector_path
+        errors, main = f"{length(self.base_path.rms)} rms", self.base_path
+        if tip is not None and self.base_path.length > 0.0:
+            errors += f" (end effector {length(tip.rms)})"
+        elif tip is not None:  # of a base that stands, or turns on the spot
+            errors, main = f"{length(tip.rms)} rms at the end effector", tip
+        behind = lag(main.largest_lag, main.largest_lag_distance)
+        tail = "" if self.outcome in SUCCESSES else f"; {self.outcome}"
+        return f"{head}: path error {errors}, {behind} behind at most{tail}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON says it."""
@@ -138,7 +141,7 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
     reference = load_reference(known, settings.reference) if reference is None else reference
     nominal = default_duration(reference) if settings.duration is None else settings.duration
     steps = whole_periods(min(DURATION_RATIO * nominal, MAX_DURATION_S), period)
-    if steps * period < EVIDENCE_S:
+    if steps * period < MIN_DURATION_S:
         return None
     plant = perturbed_plant(known)
     facts = Expectation(

@@ -13,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command, Limit
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
+from rpctl.dynamics.motion import friction_efforts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState, end_effector_reference
 from rpctl.reference.quasi_velocities import reference_rates, steering
@@ -163,15 +164,18 @@ class Recorder:
         dynamics, robot = self._dynamics, self._dynamics.robot
         at = dynamics.at(q)
         v = at.S @ nu
-        reaction = None
+        reaction, rates = None, at.B.T @ nu
         if self._contacts is not None:
-            reaction = ground_reaction(dynamics, self._contacts, q, nu, tau + self._bias)
+            push = tau + self._bias
+            if self._friction is not None:
+                push = push + friction_efforts(self._friction, rates)
+            reaction = ground_reaction(dynamics, self._contacts, q, nu, push)
         row = {
             "t": t,
             "q": q,
             "nu": nu,
             "tau": tau,
-            "rates": at.B.T @ nu,
+            "rates": rates,
             "nu_d": command.nu_d,
             "nu_ref": reference_rates(robot, state).nu,
             "base": robot.base_pose(q),

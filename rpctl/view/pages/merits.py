@@ -66,7 +66,7 @@ def merits_section(run: Run, summary: Summary) -> str:
     sentences = [f"{summary.outcome.capitalize()}: {summary.outcome_sentence}."]
     sentences += [NOMINAL] if summary.nominal else []
     if run.perturbed is not None:
-        sentences.append(f"To expect {run.perturbed['sentence']}.")
+        sentences.append(f"Expect, {run.perturbed['sentence']}.")
     sentences += [_violation(each) for each in summary.limits_violated]
     sentences += [f"{each.sentence}." for each in summary.limits_bound]
     if summary.ground.sentence:
