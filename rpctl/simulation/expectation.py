@@ -16,7 +16,6 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import contact_radius
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, end_effector_reference
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
@@ -138,7 +137,7 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
     """
     settings, period = config.run, config.run.control_period
     known = config.limits.apply(robot)
-    reference = load_reference(known, settings.reference) if reference is None else reference
+    reference = settings.load_reference(known) if reference is None else reference
     nominal = default_duration(reference) if settings.duration is None else settings.duration
     steps = whole_periods(min(DURATION_RATIO * nominal, MAX_DURATION_S), period)
     if steps * period < MIN_DURATION_S:
