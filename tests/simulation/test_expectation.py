@@ -12,6 +12,7 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, scale_masses, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
+from rpctl.reference.load import load_reference
 from rpctl.simulation.config import Config, LimitOverrides, RunSettings
 from rpctl.simulation.expectation import Expectation, expect, perturbed_plant
 from rpctl.simulation.path_error import PathFigures
@@ -62,7 +63,8 @@ def test_it_is_the_run_with_that_plant(paper: Robot, expected: Expectation) -> N
 
 def test_the_limits_of_the_configuration_are_kept(paper: Robot, expected: Expectation) -> None:
     limits = LimitOverrides(velocity={"wheel_*": 0.5})
-    slow = expect(paper, Config(dynamic=rpctl.BoundedDynamic(), run=COARSE, limits=limits))
+    config = Config(dynamic=rpctl.BoundedDynamic(), run=COARSE, limits=limits)
+    slow = expect(paper, config, load_reference(paper, "eight"))  # which fits wheels without them
     assert slow is not None
     assert slow.base_path is not None
     assert expected.base_path is not None
