@@ -390,7 +390,7 @@ def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
     loading = [field.name for field in fields(LoadOptions)]
-    assert names == ["robot", *loading, "as_json"]
+    assert names == ["robot", *loading, "list_xacro_args", "as_json"]
 
 
 def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:
