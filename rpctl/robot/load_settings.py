@@ -25,7 +25,8 @@ class LoadSettings:
 
     Attributes:
         density: Density from which missing inertias were estimated, kg/m³, or None.
-        home: Positions of the arm's joints at home (rad or m), by name, where they were given.
+        home: Positions of the arm's joints at home (rad or m), by name, where they were given
+            or chosen; none where they follow from the limits.
         free: Patterns of joints that are not frozen by default.
         payloads: Loads that it carries besides, in the order in which they were put on.
     """

@@ -207,8 +207,8 @@ class Run:
             or [folder for folder in known.package_dirs if Path(folder).is_dir()],
             xacro_args=known.xacro_args,
             ignore_missing_packages=known.ignore_missing_packages,
-            home=known.home,
-            free=known.free,
+            home=known.home or "zero",  # as it was before runs kept it
+            free="*",  # nothing but what was locked
         )
         if robot.description.sha256 != known.urdf_sha256:
             raise RunFileError(

@@ -305,6 +305,28 @@ def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
     assert str(tmp_path) not in text
 
 
+def test_view_of_neither_a_robot_nor_a_run(tmp_path: Path) -> None:
+    code, _, err = run("view", "papr")
+    assert code == 2
+    assert "robot or run 'papr' is not known; did you mean paper" in err
+    code, _, err = run("view", str(tmp_path))
+    assert code == 2
+    assert f"{tmp_path}: a folder without a run.npz is no run, and no robot; give" in err
+    code, _, err = run("view", "paper", "--lock", "nothing")
+    assert code == 2
+    assert "robot or run" not in err
+
+
+def test_findings_are_told_in_sum() -> None:
+    alike = [f for f in run_json("inspect", "tiago")["findings"] if "point mass" in f["message"]]
+    assert len(alike) == 3
+    shown = " ".join(run("inspect", "tiago")[1].split())
+    assert shown.count("is a point mass") == 1
+    for finding in alike[1:]:
+        name = finding["message"].split('"')[1]
+        assert f'"{name}" (line {finding["line"]})' in shown
+
+
 def test_robots_lists_the_catalogue() -> None:
     names = [row["name"] for row in run_json("robots")]
     assert {"paper", "mixed_chain", "tiago", "panda"} <= set(names)

@@ -183,8 +183,9 @@ def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
     assert 0.95 * joint.velocity < run.nu[:, 2].max() <= joint.velocity
 
 
-def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot) -> None:
+def test_what_the_model_does_not_know_pushes_little_beyond_a_limit() -> None:
     """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
+    tiago = rpctl.load("tiago", home="zero")  # the torso is low
     plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
     run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
     beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
@@ -230,8 +231,9 @@ def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
-def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None:
+def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     """TIAGo's shoulder takes 30 N·m to hold; with 19.5 it sinks, and the base tracks on."""
+    tiago = rpctl.load("tiago", home="zero")
     half = scale_limits(tiago, effort=0.5)
     free = summarize(track(tiago, "eight", 3.0, OFF))
     told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))
