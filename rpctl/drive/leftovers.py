@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import takewhile
@@ -179,13 +179,24 @@ def option(tree: FrozenTree, flag: str, names: Sequence[str]) -> str:
         names: The joints.
     """
     moving = {joint.name for joint in tree.description.joints if joint.moving}
-    start, end = _start(names), _start([name[::-1] for name in names])[::-1]
-    start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
-    for pattern in (f"{start}*", f"*{end}", f"{start}*{end}"):
+    for pattern in _patterns(names) if len(names) > 1 else ():
         fits = {name for name in moving if fnmatchcase(name, pattern)}
-        if len(names) > 1 and len(pattern) > MIN_LETTERS and fits == set(names):
+        if len(pattern) > MIN_LETTERS and fits == set(names):
             return f"{flag} '{pattern}'"
     return " ".join(f"{flag} {name}" for name in names)
+
+
+def _patterns(names: Sequence[str]) -> Iterator[str]:
+    """Yield patterns that fit all names: of the words in front, behind, at both ends, inside."""
+    start, end = _start(names), _start([name[::-1] for name in names])[::-1]
+    start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
+    yield from (f"{start}*", f"*{end}", f"{start}*{end}")
+    words = names[0].split("_") if len(names) > 2 else []  # of two, names are clearer
+    runs = [words[i:j] for i in range(len(words)) for j in range(i + 1, len(words) + 1)]
+    for run in sorted(runs, key=len, reverse=True):
+        inside = "_".join(run)
+        if all(inside in name for name in names):
+            yield f"*{inside}*"
 
 
 def _start(names: Sequence[str]) -> str:

@@ -140,6 +140,7 @@ MECANUM = "base:\n  type: mecanum_drive_controller/MecanumDriveController\n"
 
 def test_a_controller_tells_mecanum_wheels(tmp_path: Path) -> None:
     joints = "  front_left_wheel_joint: axle0_left\n  wheel_separation_x: 0.5\n"
+    joints += "  publish_wheel_data: true\n"
     robot = rpctl.load(workspace(tmp_path, MECANUM + joints), strict=True)
     assert robot.drive.type == "mecanum"
 
