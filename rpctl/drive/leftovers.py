@@ -37,18 +37,23 @@ class Leftover:
 
 
 def find_leftovers(
-    tree: FrozenTree, grounded: GroundedWheels, free: Collection[str]
+    tree: FrozenTree,
+    grounded: GroundedWheels,
+    free: Collection[str],
+    driven: Collection[str] = (),
 ) -> tuple[Leftover, ...]:
     """Return the joints that look like wheels and were not taken, in file order.
 
     What is called a wheel counts wherever it is, but for steering wheels, which are not level and
     high up; other round things, if they end on the ground, and what the root link or a strut
-    holds, if it ends near it. Rollers are of their wheels.
+    holds, if it ends near it. So does what a plugin or a controller drives as a wheel. Rollers are
+    of their wheels.
 
     Args:
         tree: The robot.
         grounded: The wheels that were taken.
         free: Joints that the user wants free: they are no wheels.
+        driven: Joints that plugins and controllers of the base drive as wheels.
     """
     taken = {wheel.joint.name for wheel in grounded.wheels}
     taken |= {wheel.swivel.name for wheel in grounded.wheels if wheel.swivel is not None}
@@ -65,7 +70,9 @@ def find_leftovers(
     usual = max((wheel.radius or 0.0 for wheel in grounded.wheels), default=None)
     found = [_leftover(tree, each, ground, usual) for each in like]
     found += _idle_casters(tree, taken, free) if taken else []
-    return tuple(each for each in found if each is not None)
+    left = [each for each in found if each is not None]
+    known = taken | {*free} | {each.joint.name for each in left}
+    return (*left, *_driven(tree, [name for name in driven if name not in known]))
 
 
 def _leftover(
@@ -77,7 +84,7 @@ def _leftover(
     """
     joint = like.joint
     above = tree.free_joints(joint.parent)
-    moving = [carrier for carrier in above if not tree.is_upright(carrier)]
+    moving = _tilting(tree, joint)
     like = like if like.radius is not None else replace(like, radius=usual)
     if not tree.is_level(joint) and not like.is_near(ground):
         return None
@@ -129,6 +136,22 @@ def _idle_casters(
         and any(word in joint.name.lower() for word in CASTER_WORDS)
         and not moved_below(tree, joint.child)
     ]
+
+
+def _driven(tree: FrozenTree, names: Sequence[str]) -> list[Leftover]:
+    """Return the joints of these names that turn; something drives them as wheels."""
+    joints = [tree.description.joint[n] for n in names if n in tree.description.joint]
+    why = "is driven as a wheel by a plugin or a controller, and does not stand as one"
+    return [
+        Leftover(joint, why, hold=tuple(c.name for c in _tilting(tree, joint)))
+        for joint in joints
+        if tree.is_free(joint) and joint.kind != "prismatic"
+    ]
+
+
+def _tilting(tree: FrozenTree, joint: Joint) -> list[Joint]:
+    """Return the free joints above one that are no swivels."""
+    return [carrier for carrier in tree.free_joints(joint.parent) if not tree.is_upright(carrier)]
 
 
 def _is_strut(moving: Sequence[Joint]) -> bool:
