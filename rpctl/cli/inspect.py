@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
 from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.terminal import console, format_limit, new_table, print_json
+from rpctl.description.condense import condense
+from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import Finding
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
@@ -21,14 +27,36 @@ MAX_LISTED_NAMES = 8  # names that a line lists
 
 
 def inspect_command(
-    robot: RobotArgument, options: LoadOptions, as_json: JsonOption = False
+    robot: RobotArgument,
+    options: LoadOptions,
+    list_xacro_args: Annotated[
+        bool,
+        typer.Option("--xacro-args", help="List the arguments that its xacro declares, no more."),
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
+    if list_xacro_args:
+        show_arguments(options.arguments(robot), as_json)
+        return
     loaded = options.load(robot)
     if as_json:
         print_json(facts(loaded))
     else:
         show_robot(loaded)
+
+
+def show_arguments(arguments: Sequence[XacroArgument], as_json: bool) -> None:
+    """Print arguments of xacro with their defaults, and where they are declared."""
+    if as_json:
+        print_json([asdict(each) for each in arguments])
+        return
+    table = new_table("argument", "default", "declared at")
+    for each in arguments:
+        default = "(none)" if each.default is None else each.default or '""'
+        place = f"{Path(each.file).name}:{each.line}"
+        table.add_row(escape(each.name), escape(default), escape(place))
+    console().print(table if arguments else "its file declares no arguments")
 
 
 def show_robot(robot: Robot) -> None:
@@ -55,18 +83,25 @@ def show_robot(robot: Robot) -> None:
 
 
 def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield, as markup, what is doubtful, what is idealised, and the findings in the file."""
+    """Yield, as markup, what is doubtful, wrong or idealised, the weightiest first."""
     for doubt in robot.drive.doubts:
         yield f"[yellow]doubt[/] {escape(doubt)}"
-    for each in idealised:
-        yield f"[dim]idealised[/] {escape(each['sentence'])}"
+    findings = condense(robot.findings)
+    yield from (_finding(robot, each) for each in findings if each.severity != "info")
+    sentences = (Finding("info", None, each["sentence"]) for each in idealised)
+    for each in condense(sentences):
+        yield f"[dim]idealised[/] {escape(each.message)}"
     contacts = find_contacts(ReducedDynamics(robot))
     for note in contacts.notes if contacts else ():
         yield f"[dim]ground[/] {escape(note)}"
-    for finding in robot.findings:
-        place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
-        style = SEVERITY_STYLES[finding.severity]
-        yield f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
+    yield from (_finding(robot, each) for each in findings if each.severity == "info")
+
+
+def _finding(robot: Robot, finding: Finding) -> str:
+    """Return a finding as markup, with its place in the robot's file."""
+    place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
+    style = SEVERITY_STYLES[finding.severity]
+    return f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
 
 
 def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -156,7 +191,7 @@ def _name_list(names: Sequence[str]) -> str:
 
 
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
-    table = new_table("joint", "type", ">lower", ">upper", ">velocity", ">effort")
+    table = new_table("joint", "type", ">lower", ">home", ">upper", ">velocity", ">effort")
     for joint in joints:
         slides = joint["type"] == "prismatic"
         unit, force = ("m", "N") if slides else ("rad", "N·m")
@@ -164,6 +199,7 @@ def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
             escape(joint["name"]),
             joint["type"],
             format_limit(joint["lower"], unit),
+            f"{joint['home']:.3g} {unit}",
             format_limit(joint["upper"], unit),
             format_limit(joint["velocity"], f"{unit}/s"),
             format_limit(joint["effort"], force),

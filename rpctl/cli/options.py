@@ -12,8 +12,11 @@ import typer
 
 import rpctl
 from rpctl.cli.words import XACRO_OPTION, read_words
+from rpctl.description.expansion import list_arguments
+from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
+from rpctl.robot.names import find_source
 
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 
@@ -28,8 +31,15 @@ PackageDirOption = Annotated[
     typer.Option(
         "--package-dir",
         metavar="DIR",
-        help="Where package:// and $(find ...) look: a package, or a folder that holds some. "
-        "Repeatable.",
+        help="Where package:// and $(find ...) look: a package, or a folder that holds some at any "
+        "depth, as ~/ws/src. Repeatable.",
+    ),
+]
+IgnoreOption = Annotated[
+    bool,
+    typer.Option(
+        "--ignore-missing-packages",
+        help="Leave out what a .xacro includes from packages that are not found.",
     ),
 ]
 XacroArgsOption = Annotated[
@@ -42,6 +52,29 @@ XacroArgsOption = Annotated[
 ]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
+]
+
+
+SizeOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M",
+        help="Of a named reference, m: radius of the circle, half the length of eight and "
+        "waypoints, half the side of the square, length of the line; as fits the robot if not "
+        "given.",
+    ),
+]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M_PER_S",
+        help="Largest speed along a named reference, m/s (of a spin, rad/s); half of what the "
+        "robot's limits allow, or less, if not given.",
+    ),
+]
+LapsOption = Annotated[
+    float | None,
+    typer.Option(metavar="N", help="How many times circle, eight or spin; 1 if not given."),
 ]
 
 
@@ -77,13 +110,7 @@ class LoadOptions:
         ),
     ] = False
     package_dir: PackageDirOption = None
-    ignore_missing_packages: Annotated[
-        bool,
-        typer.Option(
-            "--ignore-missing-packages",
-            help="Leave out what a .xacro includes from packages that are not found.",
-        ),
-    ] = False
+    ignore_missing_packages: IgnoreOption = False
     xacro_args: XacroArgsOption = None
     end_effector: Annotated[
         str | None, typer.Option(metavar="LINK", help="The link to track; else the arm's last.")
@@ -91,17 +118,31 @@ class LoadOptions:
     home: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=POSITION",
-            help="Where a joint of the arm is at home, rad or m. Repeatable.",
+            metavar="NAME=POSITION|FILE.srdf:STATE|auto|zero",
+            help="Where the arm starts: joints (rad or m; several by commas), a state of an SRDF, "
+            "a posture to work from, or zero. Repeatable.",
         ),
     ] = None
     free: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Let joints move, by name or pattern, that are frozen by default. Repeatable.",
+            help="Let joints move, by name or pattern, that are frozen by default, as a gripper's "
+            "are. Repeatable.",
         ),
     ] = None
+
+    def arguments(self, source: str) -> tuple[XacroArgument, ...]:
+        """Return the arguments that the xacro of a robot declares.
+
+        Raises:
+            RpctlError: An option is wrong, or there is no such robot.
+        """
+        found, words = find_source(source), read_words(self.xacro_args)
+        ignore = self.ignore_missing_packages
+        return list_arguments(
+            found.path, found.read_settings(self.package_dir or (), words, ignore)
+        )
 
     def load(self, source: str) -> rpctl.Robot:
         """Load the robot that is called ``source``.
@@ -112,22 +153,20 @@ class LoadOptions:
         return rpctl.load(
             source,
             self.drive,
-            _positions("--lock", self.lock, 0.0),
+            _positions(self.lock),
             self.density,
             self.end_effector,
             self.strict,
             self.package_dir or (),
             read_words(self.xacro_args),
             self.ignore_missing_packages,
-            _positions("--home", self.home),
+            self.home,
             self.free or (),
         )
 
 
-def _positions(
-    option: str, items: Iterable[str] | None, default: float | None = None
-) -> dict[str, float]:
-    """Return the positions of ``NAME=POSITION`` by name; ``default`` for a bare name.
+def _positions(items: Iterable[str] | None) -> dict[str, float]:
+    """Return the positions of ``NAME[=POSITION]`` by name.
 
     Raises:
         RpctlError: A position is no number.
@@ -136,10 +175,10 @@ def _positions(
     for item in items or ():
         name, given, position = item.partition("=")
         try:
-            positions[name] = default if default is not None and not given else float(position)
+            positions[name] = float(position) if given else 0.0
         except ValueError:
             raise RpctlError(
-                f"{option} {item}: {position!r} is not a number; write NAME=0.1"
+                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
             ) from None
     return positions
 

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.terminal import console, format_limit, new_table
+from rpctl.reference.sizing import Sizing
 from rpctl.simulation.outcome import LATE, TRACKED
 from rpctl.simulation.path_error import PathFigures
 from rpctl.simulation.summary import EffortPeak, Summary
@@ -23,12 +24,23 @@ if TYPE_CHECKING:
 TIMES = ("rms", "final", "settled")  # what an error is told of
 
 
+def show_sizing(out: Console, sizing: Sizing | None) -> None:
+    """Print how large and fast a named reference is, why, and what was assumed."""
+    if sizing is None:
+        return
+    out.print(escape(sizing.sentence))
+    if sizing.assumed:
+        out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
+
+
 def show_summary(written: RunFolder, folder: Path) -> None:
     """Print the figures of merit of a run, and where its files lie."""
     out, summary = console(), written.summary
     out.print(_error_table(summary))
     out.print()
     _show_outcome(out, summary)
+    if written.perturbed is not None:
+        out.print(escape(f"expect, {written.perturbed['sentence']}"))
     out.print()
     out.print(_effort_table(summary.efforts))
     out.print()
@@ -78,7 +90,7 @@ def _show_outcome(out: Console, summary: Summary) -> None:
     style = {TRACKED: "green", LATE: "yellow"}.get(summary.outcome, "bold red")
     out.print(f"[{style}]{summary.outcome}[/] {escape(summary.outcome_sentence)}")
     name, path = "base", summary.base_path
-    if summary.end_effector_path is not None and path.largest_lag == path.final_lag == 0.0:
+    if summary.end_effector_path is not None and not path.length:
         name, path = "end effector", summary.end_effector_path  # of a base that stands
     out.print(f"{name} behind its reference by {lag(path.largest_lag, path.largest_lag_distance)} "
               f"at most, {lag(path.final_lag, path.final_lag_distance)} in the end")  # fmt: skip

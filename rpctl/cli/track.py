@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,24 +14,28 @@ from rich.markup import escape
 from rpctl.cli.options import (
     CHECK_FAILED,
     JsonOption,
+    LapsOption,
     LoadOptions,
     RobotArgument,
+    SizeOption,
+    SpeedOption,
     default_folder,
     read_triple,
 )
-from rpctl.cli.summary import show_summary
+from rpctl.cli.summary import show_sizing, show_summary
 from rpctl.cli.terminal import console, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
+from rpctl.simulation.expectation import expect
 from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -67,8 +71,13 @@ class ConfigOptions:
     ] = None
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
+        typer.Option(
+            metavar="S", help="How long, s; as long as the laps take or the reference moves, or 20."
+        ),
     ] = None
+    size: SizeOption = None
+    speed: SpeedOption = None
+    laps: LapsOption = None
     initial_error: Annotated[
         str | None,
         typer.Option(
@@ -115,6 +124,9 @@ class ConfigOptions:
             duration=self.duration,
             initial_error=error,
             friction=self.friction,
+            size=self.size,
+            speed=self.speed,
+            laps=self.laps,
         )
 
     def _reference(self) -> str | None:
@@ -145,6 +157,18 @@ class ResultOptions:
     png: Annotated[
         bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
     ] = False
+
+    perturbed: Annotated[
+        bool,
+        typer.Option(
+            help="Tell what to expect with 10 % more mass, wheel friction and a delay: another "
+            "run, a third as long; not where the configuration has a [plant] of its own.",
+        ),
+    ] = True
+
+    def perturbs(self, config: Config) -> bool:
+        """Return whether to tell what to expect: not where the user has set a plant himself."""
+        return self.perturbed and config.plant == Plant()
 
     def require_browser(self) -> None:
         """Refuse a picture that could not be drawn, before the simulation.
@@ -188,7 +212,7 @@ def track_command(
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
-    reference = load_reference(loaded, config.run.reference)
+    reference = config.run.load_reference(loaded)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
     folder = results.out or default_folder(f"{loaded.name}-{reference_label(config.run.reference)}")
@@ -197,6 +221,7 @@ def track_command(
     output.print(
         f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
+    show_sizing(output, getattr(reference, "sizing", None))
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
@@ -213,6 +238,8 @@ def track_command(
             if page is not None and ended:
                 _keep(ended[0], page, results, folder)
             raise
+        if results.perturbs(config):
+            run = _with_expectation(run, loaded, config, reference)
         written = results.write(run, folder)
         if page is not None:
             page.finish(written.report)
@@ -222,6 +249,13 @@ def track_command(
         show_summary(written, folder)
     if not written.summary.succeeded or (certificate is not None and not certificate.passed):
         raise typer.Exit(CHECK_FAILED)
+
+
+def _with_expectation(run: Run, robot: Robot, config: Config, reference: Reference) -> Run:
+    """Return a run that tells what became of it with a perturbed plant; it cannot fail it."""
+    with progress_bar("perturb"):
+        expected = expect(robot, config, reference)
+    return replace(run, perturbed=None if expected is None else expected.to_dict())
 
 
 def _keep(run: Run, page: Broadcast, results: ResultOptions, folder: Path) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.terminal import print_json, progress_bar
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
 from rpctl.view.chart import PANELS
 
@@ -105,8 +105,27 @@ def _page(what: list[str], options: LoadOptions) -> Callable[[], bytes]:
 
     if len(what) > 1 or is_run(what[0]):
         return report_source([Path(each) for each in what], options.package_dir or ())
-    options.load(what[0])  # its faults are told here; those of a later edit, by the page
+    _require_robot(what[0], options)  # faults of a later edit are told by the page
     return lambda: robot_page(options.load(what[0])).encode()
+
+
+def _require_robot(name: str, options: LoadOptions) -> None:
+    """Load a robot, so that its faults are told; what is neither a robot nor a run is called so.
+
+    Raises:
+        RpctlError: It cannot be loaded.
+    """
+    try:
+        options.load(name)
+    except RpctlError as error:
+        if Path(name).is_dir():
+            raise RpctlError(
+                f"{name}: a folder without a run.npz is no run, and no robot; give a run's folder, "
+                "a URDF file, or a name listed by `rpctl robots`"
+            ) from None
+        if isinstance(error, UnknownNameError) and error.name == name:
+            raise UnknownNameError("robot or run", name, error.choices) from None
+        raise
 
 
 def plot_command(

@@ -11,7 +11,6 @@ from rpctl.description.density import fill
 from rpctl.description.expansion import lines_explained
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_checks import check_meshes
-from rpctl.description.read_settings import read_settings
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
 from rpctl.drive.controller_files import read_controls
@@ -21,11 +20,14 @@ from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
 from rpctl.drive.plugins import SimulatorTags
 from rpctl.drive.suspensions import hold_passive
 from rpctl.drive.vendor import vendor_findings
-from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError, is_number
-from rpctl.robot import catalog
+from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot.build import build, check
+from rpctl.robot.end_effector import find_end_effector
+from rpctl.robot.grippers import find_grippers, freeze_grippers
+from rpctl.robot.home import with_home
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
+from rpctl.robot.names import find_source
 
 
 def load(
@@ -38,31 +40,37 @@ def load(
     package_dirs: Iterable[str | Path] = (),
     xacro_args: Mapping[str, object] | None = None,
     ignore_missing_packages: bool = False,
-    home: Mapping[str, float] | None = None,
+    home: str | Mapping[str, float] | Iterable[str] | None = None,
     free: Iterable[str] = (),
 ) -> Robot:
     """Load a robot.
 
     Args:
         source: A URDF path, a .xacro that becomes one (it is evaluated, so trust it), or a
-            catalogue name (``rpctl robots``).
+            name (``rpctl robots``): of the catalogue, or of robot_descriptions
+            (``"fetch_description"``) if that package is installed and its cache filled.
         drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
             drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
             position}`` (rad or m). They add to those that the catalogue freezes.
         density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
             None leaves these links massless, or refuses them where a joint moves nothing else.
-        end_effector: Link to track; None takes the end of the longest chain of moving joints.
+        end_effector: Link to track; None takes the end of the longest chain of moving joints,
+            before its gripper.
         strict: Whether warnings are errors, and so are assumptions about the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
-            ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
-            the file come after them.
+            ``$(find ...)`` look first, at any depth (``~/ws/src``); the workspace around the file,
+            ROS_PACKAGE_PATH and AMENT_PREFIX_PATH come after them.
         xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name.
         ignore_missing_packages: Whether what a .xacro includes from packages that are not found
             is left out.
-        home: Positions of the arm's joints at home (rad or m), by name; 0 for those left out, or
-            the nearest to it well inside the limits.
-        free: Name patterns of joints that the catalogue freezes and that are to move.
+        home: The posture of the arm that references start from: ``{joint: position}`` (rad or m),
+            or words: ``"NAME=POSITION"``, a state of an SRDF (``"robot.srdf:home"``), ``"auto"``
+            for a posture to work from, ``"zero"``. Joints left out are at 0, or the nearest
+            position well inside their limits; where the arm is near a singular posture there, it
+            takes one to work from.
+        free: Name patterns of joints that are frozen by default and that are to move: those of
+            grippers and of passive suspensions, and those that the catalogue freezes.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -70,18 +78,21 @@ def load(
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
-    path, entry = _resolve(source)
-    settings = read_settings(package_dirs, xacro_args, ignore_missing_packages)
+    found = find_source(source)
+    path = found.path
+    settings = found.read_settings(package_dirs, xacro_args, ignore_missing_packages)
     free = (free,) if isinstance(free, str) else tuple(free)
+    asked = drive if drive is None or isinstance(drive, Drive) else str(drive)
     with lines_explained(path):
         description = read(path, settings)
         if density is not None:
             description = fill(description, density)
-        defaults = entry.lock if entry else ()
-        tree = FrozenTree(description, _locked(description, defaults, lock, free))
-        given = _given(entry.drive if drive is None and entry else drive)
+        tree = FrozenTree(description, _locked(description, found.lock, lock, free))
+        given = _given(found.drive if drive is None else drive)
         tags, released = read_controls(description), _released(description, free)
         tree, held = hold_passive(tree, given.type, tags, released)
+        grippers = find_grippers(tree)
+        tree, frozen = freeze_grippers(tree, grippers, free)
         findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
         if strict:
             _refuse_doubts(path, findings)
@@ -91,20 +102,27 @@ def load(
         if strict:
             _refuse_doubts(path, differences)
         model, joints = build(tree), _arm_joints(tree, drive)
-        if end_effector is not None and end_effector not in description.link:
+        choice: tuple[Finding, ...] = ()
+        if end_effector is None:
+            end_effector, choice = find_end_effector(description, joints, _rolling(drive), grippers)
+        elif end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
-        return Robot(
-            name=entry.name if entry else description.name,
-            source=entry.name if entry else str(path.resolve()),
+        robot = Robot(
+            name=found.name or description.name,
+            source=found.name or str(path.resolve()),
             description=description,
             model=model,
             drive=drive,
             locked=tree.locked,
             joints=joints,
-            end_effector=end_effector or _tip(description, joints),
-            findings=(*findings, *held, *differences),
-            loaded_with=LoadSettings(density, _home(joints, home), free),
+            end_effector=end_effector,
+            findings=(*findings, *held, *frozen, *differences, *choice),
+            loaded_with=LoadSettings(density, free=free, drive=asked),
         )
+        at_home = with_home(robot, home)
+        if strict:
+            _refuse_doubts(path, at_home.findings[len(robot.findings) :])
+        return at_home
 
 
 def _drive(
@@ -137,12 +155,17 @@ def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
 
 def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     """Return the free joints that are no wheels, swivels or mimics, in file order."""
-    rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
+    rolling = _rolling(drive)
     return tuple(
         joint
         for joint in tree.description.joints
         if tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
     )
+
+
+def _rolling(drive: Drive) -> set[str]:
+    """Return the joints of wheels and swivels."""
+    return {wheel.joint for wheel in drive.wheels} | {swivel.joint for swivel in drive.swivels}
 
 
 def _specification(source: str | Path | None) -> DriveSpec:
@@ -161,17 +184,6 @@ def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:
     doubts = [replace(f, severity="error") for f in findings if f.severity == "warning"]
     if doubts:
         raise DescriptionError(path, doubts)
-
-
-def _resolve(source: str | Path) -> tuple[Path, catalog.Entry | None]:
-    """Return the file of a path or a catalogue name; a bare word is a name if it can be one."""
-    path = Path(source)
-    if isinstance(source, Path) or path.suffix or "/" in source:
-        return path, None
-    if path.is_file() and source not in catalog.names():
-        return path, None
-    entry = catalog.find(source)
-    return entry.path, entry
 
 
 def _locked(
@@ -209,21 +221,6 @@ def _matching(names: Sequence[str], pattern: str, kind: str) -> list[str]:
     return found
 
 
-def _home(joints: Iterable[Joint], given: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the positions at home that are given.
-
-    Raises:
-        RpctlError: A joint is none of the arm's, or a position is no number.
-    """
-    names = [joint.name for joint in joints]
-    for name, position in (given or {}).items():
-        if name not in names:
-            raise UnknownNameError("joint at home", name, names)
-        if not is_number(position):
-            raise RpctlError(f"home of {name} is {position!r}; give a number, rad or m")
-    return dict(given or {})
-
-
 def _massless_movers(tree: FrozenTree) -> list[Finding]:
     """Return a warning for each link that a free joint moves and that has no <inertial>."""
     description = tree.description
@@ -238,19 +235,3 @@ def _massless_movers(tree: FrozenTree) -> list[Finding]:
         for link in moved
         if link.mass is None
     ]
-
-
-def _tip(description: Description, joints: tuple[Joint, ...]) -> str | None:
-    """Return the link at the end of the longest arm: past its last joint, up to a fork."""
-    names = {joint.name for joint in joints}
-
-    def length(joint: Joint) -> int:
-        return sum(above.name in names for above in description.chain(joint.child))
-
-    if not joints:
-        return None
-    link = max(joints, key=length).child
-    while len(description.child_joints[link]) == 1:
-        (below,) = description.child_joints[link]
-        link = below.child
-    return link

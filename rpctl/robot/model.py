@@ -327,7 +327,9 @@ class Robot:
     def home(self) -> Array:
         """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
         given = self.loaded_with.home
-        return np.array([given.get(joint.name, _home(joint)) for joint in self.joints])
+        home = np.array([given.get(joint.name, _home(joint)) for joint in self.joints])
+        home.setflags(write=False)
+        return home
 
 
 def _home(joint: Joint) -> float:

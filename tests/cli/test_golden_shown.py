@@ -133,9 +133,9 @@ def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
         "wheel radius known from held by driven velocity effort",
         "swivel role driven at x, y trail because",
         "steer_joint steered yes 0.7, 0 m - contact below its axis, limits",
-        "joint type lower upper velocity effort",
-        "swing_joint revolute -1 rad 1.5 rad 2 rad/s 20 N·m",
-        "slide_joint prismatic -0.1 m 0.4 m 0.5 m/s 80 N",
+        "joint type lower home upper velocity effort",
+        "swing_joint revolute -1 rad 0 rad 1.5 rad 2 rad/s 20 N·m",
+        "slide_joint prismatic -0.1 m 0.05 m 0.4 m 0.5 m/s 80 N",
     ):
         assert line in text
     (left,) = (line for line in text if line.startswith("left_wheel_joint 0.1 m"))
@@ -215,9 +215,11 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
     (swivel,) = printed["swivels"]
     assert swivel["pivot"] == pytest.approx((0.7, 0.0))
     swing, slide = known["joints"]
-    keys = ("name", "type", "lower", "upper", "velocity", "effort")
-    assert [swing[key] for key in keys] == ["swing_joint", "revolute", -1.0, 1.5, 2.0, 20.0]
-    assert [slide[key] for key in keys] == ["slide_joint", "prismatic", -0.1, 0.4, 0.5, 80.0]
+    keys = ("name", "type", "lower", "home", "upper", "velocity", "effort")
+    assert [swing[key] for key in keys] == ["swing_joint", "revolute", -1.0, 0.0, 1.5, 2.0, 20.0]
+    assert [slide[key] for key in keys[:3]] == ["slide_joint", "prismatic", -0.1]
+    assert slide["home"] == pytest.approx(0.05)  # 0.3 of its range from its lower limit
+    assert [slide[key] for key in keys[4:]] == [0.4, 0.5, 80.0]
     lines = TRICYCLE.splitlines()
     for told_of in (swing, slide, swivel, wheels["left_wheel_joint"]):
         name = told_of.get("name") or told_of["joint"]

@@ -29,6 +29,7 @@ from rpctl.control.law import Command
 from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
+from rpctl.reference.named import reference_by_name
 from rpctl.simulation.plant import advance
 
 PERIOD = 0.002
@@ -183,8 +184,9 @@ def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
     assert 0.95 * joint.velocity < run.nu[:, 2].max() <= joint.velocity
 
 
-def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot) -> None:
+def test_what_the_model_does_not_know_pushes_little_beyond_a_limit() -> None:
     """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
+    tiago = rpctl.load("tiago", home="zero")  # the torso is low
     plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
     run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
     beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
@@ -224,14 +226,16 @@ def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None
 
 def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     slow = scale_limits(paper, velocity=0.3)
-    apart = track(slow, "circle", 4.0, dynamic=BoundedDynamic(along=1.0))
-    kept = track(slow, "circle", 4.0, dynamic=BoundedDynamic())
+    circle = reference_by_name(paper, "circle")  # which is too fast for them
+    apart = track(slow, circle, 4.0, dynamic=BoundedDynamic(along=1.0))
+    kept = track(slow, circle, 4.0, dynamic=BoundedDynamic())
     assert curvature_error(kept) < 0.05 * curvature_error(apart)
     assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
-def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None:
+def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     """TIAGo's shoulder takes 30 N·m to hold; with 19.5 it sinks, and the base tracks on."""
+    tiago = rpctl.load("tiago", home="zero")
     half = scale_limits(tiago, effort=0.5)
     free = summarize(track(tiago, "eight", 3.0, OFF))
     told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))
@@ -251,12 +255,13 @@ def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
 
 def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
     hard = scale_limits(paper, effort=0.1, velocity=0.3)
-    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5))).limits_violated
+    eight = reference_by_name(paper, "eight")
+    broken = summarize(track(hard, eight, 4.0, (0.5, 0.3, 0.5))).limits_violated
     assert {(b.joint, b.limit) for b in broken} >= {
         ("wheel_right_joint", "effort"),
         ("wheel_right_joint", "velocity"),
     }
-    told = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
+    told = summarize(track(hard, eight, 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
     assert told.limits_violated == ()
     assert {b.limit for b in told.limits_bound} >= {"effort", "velocity"}
 

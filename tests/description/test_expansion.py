@@ -68,7 +68,7 @@ def test_the_robot_is_that_of_the_plain_file(tmp_path: Path) -> None:
         rpctl.load(path)
     robot = rpctl.load(path, package_dirs=[tmp_path / "far"])
     plain = rpctl.load(write(tmp_path / "plain.urdf", BASE))
-    q = robot.configuration(theta=0.3, joints={"shoulder": 0.4, "grip": 0.05})
+    q = robot.configuration(theta=0.3, joints={"shoulder": 0.4, "slide": 0.05})
     nu = np.array([0.3, -0.2, 0.1, 0.4])
     assert robot.quasi_velocities == plain.quasi_velocities
     ours, theirs = rpctl.ReducedDynamics(robot), rpctl.ReducedDynamics(plain)
