@@ -70,7 +70,8 @@ def load(
             position well inside their limits; where the arm is near a singular posture there, it
             takes one to work from.
         free: Name patterns of joints that are frozen by default and that are to move: those of
-            grippers and of passive suspensions, and those that the catalogue freezes.
+            grippers and of passive suspensions, and those that the catalogue freezes; and joints
+            that look like wheels and are an arm's.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -104,7 +105,7 @@ def load(
         model, joints = build(tree), _arm_joints(tree, drive)
         choice: tuple[Finding, ...] = ()
         if end_effector is None:
-            end_effector, choice = find_end_effector(description, joints, _rolling(drive), grippers)
+            end_effector, choice = find_end_effector(tree, drive, joints, grippers)
         elif end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
         robot = Robot(
