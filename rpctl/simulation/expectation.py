@@ -19,8 +19,9 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference, end_effector_reference
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
+from rpctl.simulation.closed_loop import LoopRecord, WatchedSample, close_loop
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop import LoopRecord, WatchedSample, close_loop, default_duration
+from rpctl.simulation.loop import default_duration
 from rpctl.simulation.obstacles import BASE, TIP, find_obstacles
 from rpctl.simulation.outcome import DIVERGING, STUCK, SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
