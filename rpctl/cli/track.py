@@ -214,6 +214,8 @@ def track_command(
             if page is not None and ended:
                 _keep(ended[0], page, results, folder)
             raise
+        if page is not None:
+            page.end("Simulated")
         written = results.write(run, folder)
         if page is not None:
             page.finish(written.report)
