@@ -16,7 +16,7 @@ START = (0.0, 0.0, 0.0)
 
 def main() -> None:
     robots = [rpctl.load(entry.name) for entry in ENTRIES if entry.own]
-    print(f"{'drive':13} {'robot':13} {'residual':8} {'rms':>9} {'final':>12}")
+    print(f"{'drive':15} {'robot':13} {'residual':8} {'rms':>9} {'final':>12}")
     for drive in BASE_SPEEDS:
         for robot in (robot for robot in robots if robot.drive.type == drive):
             checks = rpctl.verify(robot, samples=20).checks
@@ -27,7 +27,7 @@ def main() -> None:
             rms, final = (
                 1e3 * getattr(figures, f"{when}_{part}_error") for when in ("rms", "final")
             )
-            print(f"{drive:13} {robot.name:13} {residual:8.0e} {rms:6.1f} mm {final:9.4f} mm")
+            print(f"{drive:15} {robot.name:13} {residual:8.0e} {rms:6.1f} mm {final:9.4f} mm")
 
 
 if __name__ == "__main__":

@@ -10,19 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 import rpctl
-from rpctl.control.error import Tracking
-from rpctl.control.twist import Twist
-from rpctl.control.twist_law import BaseLaw
 
 
 @dataclass(frozen=True)
-class PointAhead(BaseLaw):
+class PointAhead(rpctl.BaseLaw):
     """Leads the point ``ahead`` m in front of P onto the one in front of the reference."""
 
     horizon: float = 0.65
     ahead: float = 0.3
 
-    def unicycle(self, tracking: Tracking) -> Twist:
+    def unicycle(self, tracking: rpctl.Tracking) -> rpctl.Twist:
         """Return the twist to ask of a base that cannot move sideways."""
         (v_r, _, omega_r), x = tracking.state.twist, tracking.e
         cos, sin = np.cos(x[2]), np.sin(x[2])
@@ -30,7 +27,7 @@ class PointAhead(BaseLaw):
         v_d += (x[0] + self.ahead * (cos - 1.0)) / self.horizon
         omega_d = v_r * sin / self.ahead + omega_r * cos
         omega_d += (x[1] / self.ahead + sin) / self.horizon
-        return Twist(np.array([v_d, 0.0, omega_d]), tracking.state.twist_dot)
+        return rpctl.Twist(np.array([v_d, 0.0, omega_d]), tracking.state.twist_dot)
 
 
 def main() -> None:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 _MODULES = {  # public name -> the module that has it, imported when the name is first used
+    "BaseLaw": "rpctl.control.twist_law",
     "BoundedDynamic": "rpctl.control.bounded",
     "Certificate": "rpctl.equivalence.certificate",
+    "Command": "rpctl.control.law",
     "Disc": "rpctl.control.obstacles",
     "Drive": "rpctl.drive.drive",
     "Efforts": "rpctl.control.law",
@@ -24,12 +26,17 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "PaperKinematic": "rpctl.control.kinematic",
     "Plant": "rpctl.simulation.plant",
     "ReducedDynamics": "rpctl.dynamics.reduced",
+    "ReferenceState": "rpctl.reference.motion",
     "Rest": "rpctl.control.law",
     "Robot": "rpctl.robot.model",
     "RpctlError": "rpctl.errors",
     "Run": "rpctl.simulation.run",
+    "StatelessLaw": "rpctl.control.law",
+    "Tracking": "rpctl.control.error",
+    "Twist": "rpctl.control.twist",
     "UnifiedKinematic": "rpctl.control.unified",
     "Wheel": "rpctl.drive.drive",
+    "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
     "load": "rpctl.robot.load",
     "scale_limits": "rpctl.robot.vary",
@@ -38,6 +45,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "summarize": "rpctl.simulation.summary",
     "track": "rpctl.simulation.loop",
     "verify": "rpctl.equivalence.verify",
+    "with_payload": "rpctl.robot.payload",
     "write_report": "rpctl.view.pages.report",
 }
 __all__ = sorted(_MODULES)
@@ -46,16 +54,21 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
     from rpctl.control.dynamic import PaperDynamic as PaperDynamic
     from rpctl.control.end_effector import EndEffector as EndEffector
+    from rpctl.control.error import Tracking as Tracking
     from rpctl.control.feedback_linearization import FeedbackLinearization as FeedbackLinearization
     from rpctl.control.horizon.law import Horizon as Horizon
     from rpctl.control.integral import IntegralDynamic as IntegralDynamic
     from rpctl.control.kanayama import Kanayama as Kanayama
     from rpctl.control.kinematic import PaperKinematic as PaperKinematic
+    from rpctl.control.law import Command as Command
     from rpctl.control.law import Efforts as Efforts
     from rpctl.control.law import Limit as Limit
     from rpctl.control.law import Rest as Rest
+    from rpctl.control.law import StatelessLaw as StatelessLaw
     from rpctl.control.obstacles import Disc as Disc
     from rpctl.control.obstacles import HalfPlane as HalfPlane
+    from rpctl.control.twist import Twist as Twist
+    from rpctl.control.twist_law import BaseLaw as BaseLaw
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
@@ -64,8 +77,11 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.equivalence.state import draw_state as draw_state
     from rpctl.equivalence.verify import verify as verify
     from rpctl.errors import RpctlError as RpctlError
+    from rpctl.reference.function import as_reference as as_reference
+    from rpctl.reference.motion import ReferenceState as ReferenceState
     from rpctl.robot.load import load as load
     from rpctl.robot.model import Robot as Robot
+    from rpctl.robot.payload import with_payload as with_payload
     from rpctl.robot.vary import scale_limits as scale_limits
     from rpctl.robot.vary import scale_masses as scale_masses
     from rpctl.robot.vary import set_limits as set_limits
@@ -84,7 +100,7 @@ else:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return __all__
 
 
 def load_ipython_extension(shell: Any) -> None:

@@ -12,6 +12,9 @@ MAX_SHOWN = 50  # findings that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
 
 
+SEVERITIES = ("error", "warning", "info")  # of findings, the gravest first
+
+
 class RpctlError(Exception):
     """Base of every error that rpctl raises on purpose."""
 

@@ -170,6 +170,17 @@ def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Any = None) ->
     return vary(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 
 
+def beside_its_path(run: Run) -> Run:
+    """Return the run with P 20 mm to the left of a straight path and, soon, a sample late.
+
+    The reference drives 0.1 m from sample to sample, so P is 0.1 s and 0.1 m behind.
+    """
+    x = 0.1 * np.arange(COUNT)
+    reference = np.column_stack([x, 0.0 * x, 0.0 * x])
+    beside = reference[[0, 0, 1, 2, 3, 4]] + np.array([0.0, 0.02, 0.0])
+    return vary(run, base=beside, base_ref=reference)
+
+
 def speeds(first: float, slope: float) -> Array:
     """Return a quasi-velocity of the log (K,), or what its reference or law asks of it."""
     return np.asarray(first + slope * np.arange(COUNT))
@@ -188,6 +199,7 @@ def _robot_facts(robot: Robot) -> RobotFacts:
         ignore_missing_packages=False,
         home={},
         free=(),
+        payloads=(),
         quasi_velocities=QUASI_VELOCITIES,
         actuators=ACTUATORS,
         joint_names=("swing_joint", "slide_joint"),

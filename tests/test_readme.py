@@ -18,7 +18,7 @@ TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^\$ rpctl (.*)$", TEXT, flags=re.MULTILINE)
 DRIVE_FILE = re.findall(r"```toml\n(type = .*?)```", TEXT, flags=re.DOTALL)[0]
 (OBSTACLES,) = re.findall(r"```toml\n([^`]*base_obstacles[^`]*)```", TEXT)
-(EXAMPLE,) = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
+EXAMPLE = "".join(re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL))
 WRITTEN = re.compile(r"(?:--out|--save-config|>) (\S+)")
 
 
@@ -54,6 +54,7 @@ def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = re.findall(r"print\(.*?\)\s+# (.*)", EXAMPLE)
     assert printed == expected
     assert (tmp_path / "report.html").stat().st_size > 1e6
+    assert (tmp_path / "wave.csv").read_text(encoding="utf-8").startswith("t,x,y,theta,")
 
 
 def test_the_drive_file(tmp_path: Path) -> None:

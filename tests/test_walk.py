@@ -33,8 +33,8 @@ ROBOTS = {  # quasi-velocities, drive
     "arm": (5, "fixed"),
     "tiago": (12, "differential"),
     "tiago_pro": (20, "mecanum"),
-    "pr2": (20, "fixed"),
-    "panda": (8, "fixed"),
+    "pr2": (18, "fixed"),
+    "panda": (7, "fixed"),
     "ur5": (6, "fixed"),
 }
 OWN = tuple(entry.name for entry in ENTRIES if entry.own)
@@ -65,14 +65,8 @@ SHRUNK = 0.05  # m: the base's error after 2 s, which was 0.14 m
 SETTLED = 2e-3  # m: the base's error after 12 s
 SPUN = 1e-2  # m: the same where it turns on the spot, which mends what lies beside it slowly
 FOLLOWED = 5e-4  # m: the end effector's error of an arm that starts on its reference
-SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors alone are too weak;
-    # the grippers' file lets a finger's opposite move from 0 up, and has it mimic by -1
-    "pr2": {
-        "r_shoulder_lift_joint",
-        "l_shoulder_lift_joint",
-        "r_gripper_r_parallel_root_joint",
-        "l_gripper_r_parallel_root_joint",
-    }
+SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors alone are too weak
+    "pr2": {"r_shoulder_lift_joint", "l_shoulder_lift_joint"}
 }
 REPORT_SIZE = 500_000  # bytes: the viewer alone is larger
 

@@ -27,6 +27,7 @@ from rpctl.cli.terminal import console, new_table, print_json, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically
+from rpctl.simulation.outcome import TRACKED
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
 from rpctl.study.scenarios import PAPER, SCENARIOS, LawPair, controllers, proposed
 from rpctl.study.verdicts import MEASURES, TIE_RATIO, Verdict, best, group_rows, verdicts
@@ -209,11 +210,11 @@ def _figures(row: Row, least: Sequence[tuple[float, LawPair] | None]) -> list[st
     figures = row.figures
     if figures is None:
         return ["[dim]-[/]"] * 9
-    broken = len(figures.violations)
+    broken, failed = len(figures.violations), not figures.succeeded
     return [
-        _error_text(figures.rms_base, None if broken else least[0]),
+        _error_text(figures.rms_base, None if failed else least[0]),
         _error_text(figures.final_base, None),
-        _error_text(figures.rms_end_effector, None if broken else least[1]),
+        _error_text(figures.rms_end_effector, None if failed else least[1]),
         _error_text(figures.final_end_effector, None),
         *(
             "-" if share is None else f"{100 * share:.0f} %"
@@ -233,18 +234,26 @@ def _error_text(error: float | None, least: tuple[float, LawPair] | None) -> str
 
 
 def _show_notes(out: Console, rows: Sequence[Row]) -> None:
-    """Print why cells did not run and which limits were broken, alike ones together."""
+    """Print why cells did not run, or what became of them and what they broke; alike ones once."""
     notes: dict[tuple[LawPair, str], list[str]] = {}
     for row in rows:
-        summary = f"did not run: {row.failure}"
-        if row.figures is not None:
-            summary = f"broke {', '.join(row.figures.violations)}"
-        if row.figures is None or row.figures.violations:
-            notes.setdefault((row.cell.controller, summary), []).append(
+        faults = _faults(row)
+        if faults:
+            notes.setdefault((row.cell.controller, faults), []).append(
                 Path(row.cell.reference).name
             )
-    for (controller, summary), references in notes.items():
-        out.print(f"[dim]{controller}, {escape(', '.join(references))}:[/] {escape(summary)}")
+    for (controller, faults), references in notes.items():
+        out.print(f"[dim]{controller}, {escape(', '.join(references))}:[/] {escape(faults)}")
+
+
+def _faults(row: Row) -> str:
+    """Return what a cell's run was short of, in words; nothing where it tracked within limits."""
+    if row.figures is None:
+        return f"did not run: {row.failure}"
+    words = [] if row.figures.outcome == TRACKED else [row.figures.outcome]
+    if row.figures.violations:
+        words.append(f"broke {', '.join(row.figures.violations)}")
+    return "; ".join(words)
 
 
 def _show_verdicts(out: Console, found: Sequence[Verdict], ours: LawPair) -> None:

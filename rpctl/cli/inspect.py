@@ -10,9 +10,11 @@ from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.terminal import console, format_limit, new_table, print_json
+from rpctl.description.condense import condense
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import Finding
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
@@ -55,18 +57,25 @@ def show_robot(robot: Robot) -> None:
 
 
 def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield, as markup, what is doubtful, what is idealised, and the findings in the file."""
+    """Yield, as markup, what is doubtful, wrong or idealised, the weightiest first."""
     for doubt in robot.drive.doubts:
         yield f"[yellow]doubt[/] {escape(doubt)}"
-    for each in idealised:
-        yield f"[dim]idealised[/] {escape(each['sentence'])}"
+    findings = condense(robot.findings)
+    yield from (_finding(robot, each) for each in findings if each.severity != "info")
+    sentences = (Finding("info", None, each["sentence"]) for each in idealised)
+    for each in condense(sentences):
+        yield f"[dim]idealised[/] {escape(each.message)}"
     contacts = find_contacts(ReducedDynamics(robot))
     for note in contacts.notes if contacts else ():
         yield f"[dim]ground[/] {escape(note)}"
-    for finding in robot.findings:
-        place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
-        style = SEVERITY_STYLES[finding.severity]
-        yield f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
+    yield from (_finding(robot, each) for each in findings if each.severity == "info")
+
+
+def _finding(robot: Robot, finding: Finding) -> str:
+    """Return a finding as markup, with its place in the robot's file."""
+    place = robot.description.path.name + (f":{finding.line}" if finding.line else "")
+    style = SEVERITY_STYLES[finding.severity]
+    return f"[{style}]{finding.severity}[/] {escape(f'{place}: {finding.message}')}"
 
 
 def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -156,7 +165,7 @@ def _name_list(names: Sequence[str]) -> str:
 
 
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
-    table = new_table("joint", "type", ">lower", ">upper", ">velocity", ">effort")
+    table = new_table("joint", "type", ">lower", ">home", ">upper", ">velocity", ">effort")
     for joint in joints:
         slides = joint["type"] == "prismatic"
         unit, force = ("m", "N") if slides else ("rad", "N·m")
@@ -164,6 +173,7 @@ def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
             escape(joint["name"]),
             joint["type"],
             format_limit(joint["lower"], unit),
+            f"{joint['home']:.3g} {unit}",
             format_limit(joint["upper"], unit),
             format_limit(joint["velocity"], f"{unit}/s"),
             format_limit(joint["effort"], force),

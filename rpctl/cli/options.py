@@ -91,15 +91,17 @@ class LoadOptions:
     home: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=POSITION",
-            help="Where a joint of the arm is at home, rad or m. Repeatable.",
+            metavar="NAME=POSITION|FILE.srdf:STATE|auto|zero",
+            help="Where the arm starts: joints (rad or m; several by commas), a state of an SRDF, "
+            "a posture to work from, or zero. Repeatable.",
         ),
     ] = None
     free: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Let joints move, by name or pattern, that are frozen by default. Repeatable.",
+            help="Let joints move, by name or pattern, that are frozen by default, as a gripper's "
+            "are. Repeatable.",
         ),
     ] = None
 
@@ -112,22 +114,20 @@ class LoadOptions:
         return rpctl.load(
             source,
             self.drive,
-            _positions("--lock", self.lock, 0.0),
+            _positions(self.lock),
             self.density,
             self.end_effector,
             self.strict,
             self.package_dir or (),
             read_words(self.xacro_args),
             self.ignore_missing_packages,
-            _positions("--home", self.home),
+            self.home,
             self.free or (),
         )
 
 
-def _positions(
-    option: str, items: Iterable[str] | None, default: float | None = None
-) -> dict[str, float]:
-    """Return the positions of ``NAME=POSITION`` by name; ``default`` for a bare name.
+def _positions(items: Iterable[str] | None) -> dict[str, float]:
+    """Return the positions of ``NAME[=POSITION]`` by name.
 
     Raises:
         RpctlError: A position is no number.
@@ -136,10 +136,10 @@ def _positions(
     for item in items or ():
         name, given, position = item.partition("=")
         try:
-            positions[name] = default if default is not None and not given else float(position)
+            positions[name] = float(position) if given else 0.0
         except ValueError:
             raise RpctlError(
-                f"{option} {item}: {position!r} is not a number; write NAME=0.1"
+                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
             ) from None
     return positions
 

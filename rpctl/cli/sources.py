@@ -24,13 +24,13 @@ def expand_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
-    text, findings = expand(file, read_settings(package_dir or (), read_words(words)))
-    for finding in findings:
+    expansion = expand(file, read_settings(package_dir or (), read_words(words)))
+    for finding in expansion.findings:
         typer.echo(format_finding(str(file), finding), err=True)
     if as_json:
-        print_json({"file": str(file), "text": text})
+        print_json({"file": str(file), "text": expansion.text})
     else:
-        typer.echo(text, nl=False)
+        typer.echo(expansion.text, nl=False)
 
 
 def robots_command(as_json: JsonOption = False) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from rpctl.cli.options import (
     CHECK_FAILED,
@@ -21,7 +19,8 @@ from rpctl.cli.options import (
     default_folder,
     read_triple,
 )
-from rpctl.cli.terminal import console, format_limit, new_table, print_json, progress_bar
+from rpctl.cli.summary import show_summary
+from rpctl.cli.terminal import console, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
@@ -34,7 +33,6 @@ from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import EffortPeak
 
 if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
@@ -185,7 +183,8 @@ def track_command(
 ) -> None:
     """Close the loop with the predictive controllers; write run, figures, plots and report.
 
-    Exit 1 if a limit of the URDF was broken or the dynamics could not be verified.
+    Exit 1 if the reference was not tracked (stuck, diverging, collided; late is told, and is no
+    failure), a limit of the URDF was broken, or the dynamics could not be verified.
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
@@ -223,7 +222,7 @@ def track_command(
         print_json(written.to_dict())
     else:
         show_summary(written, folder)
-    if written.summary.limits_violated or (certificate is not None and not certificate.passed):
+    if not written.summary.succeeded or (certificate is not None and not certificate.passed):
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -251,53 +250,3 @@ def _live_page(
     duration = default_duration(reference) if duration is None else duration
     duration = whole_periods(duration, period) * period
     return broadcast(robot, reference, duration, say, find_obstacles(config))
-
-
-def show_summary(written: RunFolder, folder: Path) -> None:
-    """Print the figures of merit of a run, and where its files lie."""
-    out, summary = console(), written.summary
-    table = new_table("tracking error", ">rms", ">final", ">largest in 2nd half")
-    for label, key in (("base", "base_error"), ("end effector", "end_effector_error")):
-        figures = [getattr(summary, f"{when}_{key}") for when in ("rms", "final", "settled")]
-        if None not in figures:
-            table.add_row(label, *(f"{1e3 * figure:.3f} mm" for figure in figures))
-    for joint in summary.joint_errors:
-        figures = [joint.rms, joint.final, joint.settled]
-        unit = "mm" if joint.unit == "m" else "mrad"
-        table.add_row(escape(joint.joint), *(f"{1e3 * figure:.3f} {unit}" for figure in figures))
-    out.print(table)
-    out.print()
-    out.print(_effort_table(summary.efforts))
-    out.print()
-    for broken in summary.limits_violated:
-        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
-                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
-                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
-    for bound in summary.limits_bound:
-        out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
-    ground = summary.ground
-    if ground.sentence is not None:
-        mark = "[yellow]ground[/]" if ground.could_slip else "ground"
-        mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
-        out.print(f"{mark} {escape(ground.sentence)}")
-    out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")
-    for note in written.notes:
-        out.print(f"[yellow]note[/] {escape(note)}")
-    size = f"{written.report_bytes / 1e6:.1f} MB"
-    out.print(f"report [bold]{escape(str(written.report))}[/], {size}   "
-              f"(rpctl view {escape(str(folder))})")  # fmt: skip
-
-
-def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
-    table = new_table("effort", ">peak", ">limit", ">share")
-    for effort in efforts:
-        share, limit = effort.ratio, effort.limit
-        style = "bold red" if share > 1.0 else ""
-        table.add_row(
-            escape(effort.actuator),
-            f"{effort.peak:.4g}",
-            format_limit(limit, ""),
-            f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
-            style=style,
-        )
-    return table

@@ -12,8 +12,9 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.terminal import print_json, progress_bar
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
+from rpctl.robot.model import Robot
 from rpctl.view.chart import PANELS
 
 DEFAULT_FIGURE = "figure.pdf"
@@ -101,7 +102,7 @@ def view_command(
     from rpctl.view.pages.robot_page import robot_page
     from rpctl.view.serve.go import GoServer
 
-    robot = options.load(what[0])  # its faults are told here; those of a later edit, by the page
+    robot = _load(what[0], options)  # faults of a later edit are told by the page
     server = GoServer(lambda: options.load(what[0]), f"rpctl track {_words(what[0], options)}")
     _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(_say))
 
@@ -131,6 +132,25 @@ def _words(robot: str, options: LoadOptions) -> str:
             for each in value if isinstance(value, list) else [value]:
                 words += [name, str(each)]
     return shlex.join(words)
+
+
+def _load(name: str, options: LoadOptions) -> Robot:
+    """Load a robot; what is neither a robot nor a run is called so.
+
+    Raises:
+        RpctlError: It cannot be loaded.
+    """
+    try:
+        return options.load(name)
+    except RpctlError as error:
+        if Path(name).is_dir():
+            raise RpctlError(
+                f"{name}: a folder without a run.npz is no run, and no robot; give a run's folder, "
+                "a URDF file, or a name listed by `rpctl robots`"
+            ) from None
+        if isinstance(error, UnknownNameError) and error.name == name:
+            raise UnknownNameError("robot or run", name, error.choices) from None
+        raise
 
 
 def plot_command(

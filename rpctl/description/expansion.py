@@ -1,28 +1,41 @@
-"""``.xacro`` files: expanded by the xacro package, in a process of their own."""
+"""xacro: expanded by the xacro package, in a process of its own."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import astuple
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rpctl.description.expansion_messages import (
+    RUN_IT,
+    XacroArgument,
+    declared_arguments,
+    findings_of,
+    refusal,
+    refuse_faults,
+)
 from rpctl.description.findings import excerpt
+from rpctl.description.package_index import forget
 from rpctl.description.packages import find_packages
 from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
-from rpctl.errors import MAX_SHOWN, DescriptionError, Finding, RpctlError, format_finding
+from rpctl.errors import MAX_SHOWN, DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
-WARNING_PREFIX = "warning: "  # how xacro begins one; the lines after it tell the place
 WORKER_GRACE_S = 5  # s that the worker outlives its time, should nobody be left to end it
-# rpctl itself would load Pinocchio; the worker needs but three files of its.
+COMMENT = re.compile(rb"<!--(?:.*?-->|.*)", re.DOTALL)
+XACRO = re.compile(  # an element of xacro, or a substitution; both mean nothing to a URDF's readers
+    rb"<xacro:[A-Za-z_]|\$\((?:find|arg|env|optenv|eval|dirname)\s[^()]{0,200}\)"
+)
+# rpctl itself would load Pinocchio; the worker needs but few files of its.
 BOOT = """import sys, types
 rpctl = sys.modules["rpctl"] = types.ModuleType("rpctl")
 rpctl.__path__ = [sys.argv[1]]
@@ -30,21 +43,38 @@ from rpctl.description.expansion_worker import main
 main()"""
 
 
-class ExpansionError(RpctlError):
-    """A .xacro that cannot be expanded."""
+@dataclass(frozen=True)
+class Expansion:
+    """What became of a file of xacro.
+
+    Attributes:
+        text: The URDF.
+        findings: Warnings of xacro, and what was left out.
+    """
+
+    text: str
+    findings: tuple[Finding, ...]
 
 
-def is_xacro(path: Path) -> bool:
-    """Whether a file is to be expanded, by its name."""
-    return path.suffix.lower() == ".xacro"
+def is_xacro(path: Path, data: bytes) -> bool:
+    """Whether a file is to be expanded, by its name or by what it holds.
+
+    Args:
+        path: The file.
+        data: Its bytes; a wide encoding holds no xacro.
+    """
+    if path.suffix.lower() == ".xacro":
+        return True
+    may = b"<xacro:" in data or b"$(" in data
+    return may and XACRO.search(COMMENT.sub(b"", data)) is not None
 
 
-def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> tuple[str, tuple[Finding, ...]]:
-    """Return the text that a .xacro expands to, and the warnings of xacro.
+def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
+    """Return what a file of xacro expands to.
 
     What it includes lies in the folders that it may use
-    (:class:`rpctl.description.packages.Packages`) or in the packages that it finds. A .xacro is
-    code: its expressions are evaluated by Python, so it has to be trusted.
+    (:class:`rpctl.description.packages.Packages`) or in the packages that it finds. Such a file
+    is code: its expressions are evaluated by Python, so it has to be trusted.
 
     Args:
         path: The file.
@@ -52,37 +82,47 @@ def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> tuple[str, tup
 
     Raises:
         DescriptionError: There is no such file.
-        ExpansionError: xacro is not installed, or refuses the file; or it takes too long, or too
-            much memory.
+        ExpansionError: xacro is not installed, or refuses the file; packages that it includes are
+            missing, or arguments; or it takes too long, or too much memory.
     """
-    read_source(path)
-    if importlib.util.find_spec("xacro") is None:
-        raise _refusal(path, f"this is xacro, and the xacro package is not installed; {INSTALL}")
     answer = _ask(path, settings)
-    if "error" in answer:
-        if answer["error"] is None:
-            most = cap("MAX_XACRO_MEMORY")
-            fault = f"its expansion takes over {most} bytes of memory"
-            raise _refusal(path, f"{fault}; {how_to_raise('MAX_XACRO_MEMORY')}")
-        place = Path(answer.get("file") or path)
-        macros = answer.get("macros")
-        within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
-        fault = f"xacro: {answer['error']}{within}; correct it, or run `xacro` on the file yourself"
-        raise _refusal(place, fault, answer.get("line"))
-    lines = answer["told"].splitlines()
-    warnings = [
-        line.removeprefix(WARNING_PREFIX) for line in lines if line.startswith(WARNING_PREFIX)
-    ]
-    return answer["text"], tuple(Finding("warning", None, f"xacro: {line}") for line in warnings)
+    if any(use != "text" for *_, use in answer.get("wants", ())):
+        forget()  # somebody may put the packages there before the next try
+    refuse_faults(path, answer, settings)
+    return Expansion(answer["text"], findings_of(path, answer))
+
+
+def list_arguments(path: Path, settings: ReadSettings = READ_DEFAULTS) -> tuple[XacroArgument, ...]:
+    """Return the arguments that a file and what it includes declare, in order.
+
+    Args:
+        path: The file; one that holds no xacro declares none.
+        settings: Where packages lie, and values of arguments that choose includes.
+
+    Raises:
+        DescriptionError: There is no such file.
+        ExpansionError: xacro is not installed, or takes too long.
+    """
+    if not is_xacro(path, read_source(path)):
+        return ()
+    return declared_arguments(_ask(path, settings))
 
 
 def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
-    """Return the worker's answer."""
+    """Return the worker's answer.
+
+    Raises:
+        ExpansionError: There is none.
+    """
+    read_source(path)
+    if importlib.util.find_spec("xacro") is None:
+        raise refusal(path, f"this is xacro, and the xacro package is not installed; {INSTALL}")
     seconds = cap("MAX_XACRO_SECONDS")
     request = {
         "file": str(path.absolute()),
-        "packages": astuple(find_packages(path, settings.package_dirs)),
+        "packages": find_packages(path, settings.package_dirs).to_dict(),
         "arguments": dict(settings.xacro_args),
+        "lenient": settings.ignore_missing_packages,
         "path": [entry for entry in sys.path if entry],
         "memory": cap("MAX_XACRO_MEMORY"),
         "seconds": seconds + WORKER_GRACE_S,
@@ -95,37 +135,42 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
-        raise _refusal(path, fault) from None
+        raise refusal(path, fault) from None
     except OSError as error:
         fault = f"no process to expand it in could be started ({error.strerror}); {INSTALL}"
-        raise _refusal(path, fault) from None
-    try:
+        raise refusal(path, fault) from None
+    with suppress(ValueError):
         answer: dict[str, Any] = json.loads(done.stdout)
-    except ValueError:
-        last = done.stderr.strip().rpartition("\n")[2] or f"exit code {done.returncode}"
-        raise _refusal(
-            path, f"its expansion broke off ({last}); run `xacro` on the file yourself"
-        ) from None
-    return answer
-
-
-def _refusal(path: Path, fault: str, line: int | None = None) -> ExpansionError:
-    return ExpansionError(format_finding(str(path), Finding("error", line, fault)))
+        if "wants" in answer:
+            return answer
+        fault = f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory"
+        raise refusal(path, f"{fault}; {how_to_raise('MAX_XACRO_MEMORY')}")
+    last = done.stderr.strip().rpartition("\n")[2] or f"exit code {done.returncode}"
+    raise refusal(path, f"its expansion broke off ({excerpt(last)}); {RUN_IT}")
 
 
 @contextmanager
 def lines_explained(path: Path) -> Iterator[None]:
-    """Say in errors of a .xacro which text their lines are those of."""
+    """Say in errors of a file of xacro which text their lines are those of."""
     try:
         yield
     except DescriptionError as error:
-        if not is_xacro(path) or not any(finding.line for finding in error.findings):
+        if not any(finding.line for finding in error.findings) or not _is_expanded(path):
             raise
         shown, rest = error.findings[: MAX_SHOWN - 1], error.findings[MAX_SHOWN - 1 :]
         raise DescriptionError(path, [*shown, explanation(path), *rest]) from None
 
 
+def _is_expanded(path: Path) -> bool:
+    try:
+        return is_xacro(path, read_source(path))
+    except DescriptionError:
+        return False
+
+
 def explanation(path: Path) -> Finding:
-    """Return the remark on the lines of a .xacro's findings."""
+    """Return the remark on the lines of an expanded file's findings."""
     text = f"lines are those of the expanded text; `rpctl expand {path}` prints it"
+    if path.suffix.lower() != ".xacro":
+        text = f"it holds xacro and was expanded, though not called .xacro; {text}"
     return Finding("info", None, text)

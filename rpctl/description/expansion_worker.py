@@ -11,6 +11,7 @@ import errno
 import io
 import json
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -20,6 +21,9 @@ from xml.dom import expatbuilder  # noqa: F401 - before the confinement: minidom
 from xml.parsers.expat import ExpatError
 
 from rpctl.description.packages import DECLARE, Packages, inside
+from rpctl.description.xacro_cleaning import drop_dangling, name_packages
+from rpctl.description.xacro_hooks import Arguments, Hooks, NotFoundError, read_bytes
+from rpctl.description.xacro_scan import scan_all
 
 READ_EVENTS = ("open", "os.listdir", "os.scandir")  # audit events whose first argument is a path
 FORBIDDEN_EVENTS = (  # beginnings of the events by which code reaches out of its process
@@ -31,14 +35,11 @@ WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 MAX_WARNING_CHARS = 2000  # characters of xacro's own messages that are passed on
 
 
-class NotFound(Exception):
-    """No folder of a package's name is known."""
-
-
 def main() -> None:
     """Answer one request, JSON from stdin to stdout: ``text``, or ``error`` and where it is.
 
-    An error without words is a lack of memory.
+    An error without words is a lack of memory. What else there is to say of the file comes along:
+    packages that it wants and that are not found, arguments that it declares.
     """
     request = json.load(sys.stdin)
     sys.path[:] = request["path"]
@@ -47,8 +48,8 @@ def main() -> None:
     _limit(request["memory"], request["seconds"])
     try:
         with redirect_stderr(captured):
-            packages = Packages(*map(tuple, request["packages"]))
-            answer = _expand(request["file"], packages, request["arguments"])
+            packages = Packages.from_dict(request["packages"])
+            answer = _expand(request["file"], packages, request["arguments"], request["lenient"])
     except MemoryError:
         answer = {"error": None}
     answer["told"] = captured.getvalue()[:MAX_WARNING_CHARS]
@@ -64,38 +65,55 @@ def _limit(memory: int, seconds: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
 
 
-def _expand(file: str, packages: Packages, arguments: dict[str, str]) -> dict[str, Any]:
+def _expand(file: str, packages: Packages, given: dict[str, str], lenient: bool) -> dict[str, Any]:
+    """Return what became of a file.
+
+    Args:
+        file: Its path.
+        packages: Where packages lie.
+        given: Values of its arguments.
+        lenient: Whether the text is wanted although packages are missing.
+    """
     import xacro
-    from xacro import substitution_args
 
     late_imports = os.path.dirname(os.__file__)  # noqa: PTH120 - as Packages': texts
     roots = [*packages.roots, os.path.realpath(file), late_imports]
 
-    def find(name: str) -> str:
+    def find(name: str) -> tuple[str, ...]:
         folders = packages.find(name)
-        if not folders:
-            raise NotFound(f'package "{name}" was not found; {DECLARE}')
-        roots.append(folders[0])
-        return folders[0]
+        roots.extend(folders[:1])
+        return folders
 
-    # xacro looks for packages in an installed ROS only.
-    substitution_args._eval_find = find
-    substitution_args._eval_dict["find"] = find
+    arguments, hooks = Arguments(given), Hooks(xacro, find)
+    hooks.install()
     sys.addaudithook(_confinement(roots))
+    answer: dict[str, Any] = {"dropped": []}
     try:
         xacro.init_stacks(file)
         document = xacro.parse(None, file)
         xacro.process_doc(document, mappings=arguments)
-        return {"text": document.toprettyxml(indent="  ")}
+        name_packages(document, hooks.found)
+        if lenient and (hooks.left_out or hooks.lacks_includes):
+            answer["dropped"] = drop_dangling(document)
+        answer["text"] = document.toprettyxml(indent="  ")
     except ExpatError as error:
         reason = str(error).partition(": line")[0]
-        return {"error": f"not well-formed XML: {reason}", "line": error.lineno} | _place(xacro)
+        answer |= {"error": f"not well-formed XML: {reason}", "line": error.lineno} | _place(xacro)
     except Exception as error:  # expressions fail in every way there is
-        return {"error": _reason(error)} | _place(xacro)
+        answer |= _reason(error, hooks) | _place(xacro)
+    scans = scan_all([file, *hooks.files], hooks.find_all, read_bytes)
+    return answer | {
+        "wants": hooks.wants,
+        "left_out": hooks.left_out,
+        "undeclared": hooks.undeclared,
+        "arguments": [(n, d, f, line) for f, s in scans.items() for n, d, line in s.arguments],
+        "old": [(f, *scan.old_element) for f, scan in scans.items() if scan.old_element],
+        "unused": [name for name in given if name not in arguments.used],
+    }
 
 
-def _reason(error: Exception) -> str:
-    """Return why xacro gave up, each fact once.
+def _reason(error: Exception, hooks: Hooks) -> dict[str, Any]:
+    """Return why xacro gave up, each fact once: ``error``, and ``argument`` where one is missing.
 
     Raises:
         MemoryError: That is why.
@@ -105,11 +123,19 @@ def _reason(error: Exception) -> str:
         cause = cause.exc
     if isinstance(cause, MemoryError):
         raise cause
+    if isinstance(cause, NotFoundError):
+        hooks.wants.append((str(cause), hooks.file, None, "file"))
     if isinstance(cause, OSError):
         text = f"{cause.filename}: {cause.strerror}" if cause.filename else str(cause)
     else:
-        text = str(cause if isinstance(cause, NotFound) else error) or type(error).__name__
-    return " ".join(text.split())
+        text = str(error) or type(error).__name__
+    said: dict[str, Any] = {"error": " ".join(text.split())}
+    if isinstance(cause, FileNotFoundError):
+        said["no_file"] = str(cause.filename)
+    if type(cause).__name__ == "ArgException":  # of $(arg NAME)
+        name = said["argument"] = str(cause)
+        said["line"] = hooks.lines(rf"\barg\s+{re.escape(name)}\s*\)")[0]
+    return said
 
 
 def _confinement(roots: list[str]) -> Callable[[str, tuple[Any, ...]], None]:

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from rpctl.errors import Finding
+from rpctl.errors import SEVERITIES, Finding
 
 MAX_NUMBER = 1e9  # no length, mass, inertia or angle of a robot, in SI units, reaches it
 MAX_DIGITS = 64  # characters of one number; a double needs 24
@@ -85,8 +85,7 @@ class Findings:
 
     def sorted(self) -> list[Finding]:
         """Return the findings, errors first, then in the order of the file."""
-        grave = ("error", "warning", "info")
-        return sorted(self.items, key=lambda f: (grave.index(f.severity), f.line or 0))
+        return sorted(self.items, key=lambda f: (SEVERITIES.index(f.severity), f.line or 0))
 
     def error(self, element: Any, message: str) -> None:
         """Note an error."""

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from rpctl.description.package_index import forget
 from rpctl.description.packages import DECLARE, find_packages, inside
 from rpctl.errors import RpctlError
 
@@ -48,9 +49,9 @@ class MeshPaths:
         if len(name) > MAX_NAME or not name.isprintable():
             raise MeshError("refused: no file has such a name")
         confined = []
-        for path, roots in self._candidates(name):
+        for path, package in self._candidates(name):
             file = self._real(path)
-            if inside(file, roots):
+            if self._known.allow(file) if package is None else inside(file, (package,)):
                 confined.append(file)
         if not confined:
             raise MeshError(
@@ -69,12 +70,12 @@ class MeshPaths:
         """Whether a file that a mesh in ``folder`` names lies outside all the robot's folders."""
         if len(name) > MAX_NAME or not name.isprintable() or ":" in name:
             return True
-        found = (folder for folders in self._packages.values() for folder in folders)
-        roots = (*self._known.roots, *found)
-        return not inside(self._real(name if name[:1] == "/" else f"{folder}/{name}"), roots)
+        found = [folder for folders in self._packages.values() for folder in folders]
+        file = self._real(name if name[:1] == "/" else f"{folder}/{name}")
+        return not (inside(file, found) or self._known.allow(file))
 
-    def _candidates(self, name: str) -> list[tuple[str, tuple[str, ...]]]:
-        """Return the paths that a name may mean, each with the folders that confine it."""
+    def _candidates(self, name: str) -> list[tuple[str, str | None]]:
+        """Return the paths that a name may mean, each with the package that confines it."""
         if not name.startswith(PACKAGE):
             path = name.removeprefix(FILE) if name.startswith(f"{FILE}/") else name
             if ":" in path:
@@ -83,7 +84,7 @@ class MeshPaths:
                     "write one of these"
                 )
             whole = path if path[0] == "/" else f"{self._folder}/{path}"
-            return [(whole, self._known.roots)]
+            return [(whole, None)]
         package, _, rest = name.removeprefix(PACKAGE).partition("/")
         if package in ("", ".", ".."):
             raise MeshError("refused: package:// without the name of a package; name it")
@@ -91,8 +92,10 @@ class MeshPaths:
         if folders is None:
             folders = self._packages[package] = self._known.find(package)
         if not folders:
-            raise MeshError(f'package "{package}" was not found; {DECLARE}')
-        return [(f"{folder}/{rest}", (folder,)) for folder in folders]
+            forget()  # somebody may put it there before the next try
+            fault = f'package "{package}" was not found; {DECLARE}{self._known.remark}'
+            raise MeshError(fault)
+        return [(f"{folder}/{rest}", folder) for folder in folders]
 
     def _real(self, path: str) -> str:
         """Return a path with symlinks followed; its folder is looked up once."""

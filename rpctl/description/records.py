@@ -124,6 +124,7 @@ class Description:
         root: Name of the root link.
         findings: Warnings and remarks (errors raise instead).
         read_with: How its file was read.
+        expanded: Whether the file holds xacro and was expanded.
         raw: The file's bytes as the user wrote them, or the text that a .xacro became; the proof
             reads these, not ``xml``.
     """
@@ -137,6 +138,7 @@ class Description:
     joints: tuple[Joint, ...] = field(repr=False)
     findings: tuple[Finding, ...]
     read_with: ReadSettings = field(default_factory=ReadSettings)
+    expanded: bool = False
     raw: bytes = field(default=b"", repr=False)
 
     @cached_property

@@ -48,12 +48,17 @@ def read(path: str | Path, settings: ReadSettings = READ_DEFAULTS) -> Descriptio
         ExpansionError: The .xacro cannot be expanded.
     """
     path = Path(path)
-    if not is_xacro(path):
-        return replace(parse(path, read_source(path)), read_with=settings)
-    text, warnings = expand(path, settings)
-    description = parse(path, text.encode("utf-8"))
-    findings = (*warnings, *description.findings, explanation(path))
-    return replace(description, read_with=settings, findings=findings)
+    data = read_source(path)
+    if not is_xacro(path, data):
+        if settings.xacro_args:
+            given = ", ".join(settings.xacro_args)
+            fault = f"it holds no xacro and takes no arguments; leave out {given}"
+            raise DescriptionError(path, [Finding("error", None, fault)])
+        return replace(parse(path, data), read_with=settings)
+    expansion = expand(path, settings)
+    description = parse(path, expansion.text.encode("utf-8"))
+    findings = (*expansion.findings, *description.findings, explanation(path))
+    return replace(description, read_with=settings, expanded=True, findings=findings)
 
 
 def parse(path: Path, data: bytes) -> Description:

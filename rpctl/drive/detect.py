@@ -104,7 +104,7 @@ def _refuse_swivels_of_mecanum_wheels(evidence: Evidence) -> None:
     swivels = swivels_of_mecanum_wheels(evidence)
     if swivels:
         names = [swivel.joint.name for swivel in swivels]
-        kind = "steered" if evidence.steered else "casters"
+        kind = POWERED_CASTERS if evidence.trailing else "steered"
         raise DriveError(
             f"{evidence.description.path}:{swivels[0].joint.line}: each wheel turns on a swivel "
             f"({', '.join(names)}), yet {mecanum_evidence(evidence)}, mecanum wheels, which need "

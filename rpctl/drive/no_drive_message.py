@@ -26,6 +26,7 @@ NEEDS = {
     "steered": "two or more steered wheels, and none that the root link holds",
     POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
 }
+UNSTEERED = ("differential", "skid-steer", "mecanum", "omni")
 
 
 def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
@@ -58,6 +59,9 @@ def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
             f'by the root link "{evidence.description.root}"; make the wheels\' joints '
             'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
         )
+    if kind in UNSTEERED and evidence.steered:
+        names = [swivel.joint.name for swivel in evidence.steered]
+        message += f"; {lock_option(evidence.tree, names)} holds what steers"
     if kind is None and evidence.trailing:
         message += (
             "; all of them trail, and nothing tells that motors drive them: say --drive "

@@ -92,13 +92,24 @@ def _told(evidence: Evidence) -> Iterator[tuple[str, str]]:
 
 
 def _mention(evidence: Evidence) -> str:
-    """Return the name that mentions mecanum wheels, in words, or nothing."""
+    """Return the name that mentions mecanum wheels, in words, or nothing.
+
+    Omni wheels with parallel axles are such, as makers call them; and what rolls on a wheel is.
+    """
     links = [evidence.description.link[w.joint.child] for w in evidence.grounded.wheels]
     meshes = [s.mesh or "" for link in links for s in link.visuals + link.collisions]
     names = [wheel.joint.name for wheel in evidence.grounded.wheels]
-    for name in (*names, *(link.name for link in links), *meshes, evidence.description.name):
+    names += [link.name for link in links]
+    for name in (*names, *meshes, evidence.description.name):
         if MECANUM in name.lower():
             return f'the name "{name}" mentions them'
+    for name in (*names, *(mesh.rpartition("/")[2] for mesh in meshes)):
+        if "omni" in name.lower():
+            return f'the name "{name}" mentions them'
+    for wheel in evidence.grounded.wheels:
+        for name, _ in evidence.tree.rigid_links(wheel.joint.child):
+            if "roller" in name.lower() and name != wheel.joint.child:
+                return f'"{wheel.joint.name}" has rollers, such as "{name}"'
     robot = evidence.description.name.lower()
     if any(known in robot for known in MECANUM_ROBOTS):
         return f'the robot "{evidence.description.name}" is known for them'

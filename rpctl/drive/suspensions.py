@@ -37,6 +37,24 @@ class HeldJoint:
     roller: bool = False
 
 
+def hold_passive(
+    tree: FrozenTree, kind: str | None, tags: SimulatorTags, free: Collection[str]
+) -> tuple[FrozenTree, tuple[Finding, ...]]:
+    """Return a robot with its passive suspensions held at rest, and what is held, in findings.
+
+    Args:
+        tree: The robot, with the joints that the user locks.
+        kind: Type of the drive that the user gives, or None; a fixed base has no suspension.
+        tags: Joints with actuators, and with springs.
+        free: Joints that the user wants free.
+    """
+    if kind == "fixed":
+        return tree, ()
+    held = find_held(tree, tags, free)
+    at_rest = {each.joint.name: each.position for each in held}
+    return FrozenTree(tree.description, {**tree.locked, **at_rest}), held_findings(held)
+
+
 def find_held(
     tree: FrozenTree, tags: SimulatorTags, free: Collection[str]
 ) -> tuple[HeldJoint, ...]:

@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dposv
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projection, Projector
 from rpctl.dynamics.rolling import find_rolling
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -120,6 +120,25 @@ class ReducedDynamics:
         """Return the workspace with the joints' placements at q; the next call overwrites it."""
         pin.forwardKinematics(self._model, self._data, q)
         return self._data
+
+    def jacobian(self, q: Array, link: str) -> Array:
+        """Return J (6, dof) of a link, as :meth:`Robot.jacobian`.
+
+        Args:
+            q: Configuration (nq,).
+            link: Name of the link.
+
+        Raises:
+            UnknownNameError: The link is not known.
+            SingularBasisError: At q the steered wheels fix no one motion.
+        """
+        if not self._model.existBodyName(link):
+            raise UnknownNameError("link", link, self.robot.description.link)
+        frame = self._model.getFrameId(link, pin.FrameType.BODY)
+        J = pin.computeFrameJacobian(
+            self._model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        return np.asarray(J @ self.basis(q))
 
     def reaction(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
         """Return what the ground does to the robot while it moves under τ.

@@ -70,8 +70,10 @@ def read(robot: Robot) -> FileReading:
 def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
     """Return the inputs that all derivations share and none checks, as phrases."""
     drive, phrases = robot.drive, []
-    if robot.description.path.suffix == ".xacro":
-        phrases.append("the expansion of the .xacro")
+    if robot.description.expanded:
+        given = robot.description.read_with.xacro_args
+        words = "".join(f" {name}:={value}" for name, value in given.items())
+        phrases.append("the expansion of the xacro" + (f" with{words}" if words else ""))
     estimated = robot.description.estimated_links
     if estimated:
         phrases.append(f"estimated inertias of {', '.join(estimated)}")

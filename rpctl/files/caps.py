@@ -14,6 +14,7 @@ MAX_MOVING_JOINTS = 150  # Pinocchio's Data grows with their cube: .3 GB at 150,
 MAX_MESH_BYTES = 256 * 2**20  # no robot's part is larger
 MAX_XACRO_SECONDS = 30  # that a .xacro may take to expand; the largest public ones take 2
 MAX_XACRO_MEMORY = 2**30  # bytes that its expansion may take
+MAX_FOLDERS = 20_000  # that one search for packages looks into; 80 public repositories have 4300
 MAX_ROWS = 100_000  # of a table of poses; 1 kHz for 100 s
 MAX_WAYPOINTS = 1000  # of a path; its curve solves a dense system of four times as many
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
@@ -33,11 +34,10 @@ def check(tree: FrozenTree) -> None:
         tree: The robot, with its locked joints.
 
     Raises:
-        DescriptionError: Too many joints move, joints move no mass, or names clash.
+        DescriptionError: Too many joints move, or joints move no mass.
     """
     _require_few_joints(tree)
     _require_mass(tree)
-    _require_own_names(tree)
 
 
 def build(tree: FrozenTree) -> pin.Model:
@@ -63,15 +63,36 @@ def build(tree: FrozenTree) -> pin.Model:
 
 
 def _model(tree: FrozenTree) -> pin.Model:
-    locked = tree.locked
-    full = pin.buildModelFromXML(tree.description.xml, pin.JointModelPlanar())
-    if not locked:  # buildReducedModel refuses a link and a joint of one name; do without it
+    description, locked = tree.description, tree.locked
+    if locked and description.joint.keys() & description.link.keys():
+        # buildReducedModel refuses a link and a joint of one name; the file may have them.
+        return pin.buildModelFromXML(_frozen_text(tree), pin.JointModelPlanar())
+    full = pin.buildModelFromXML(description.xml, pin.JointModelPlanar())
+    if not locked:
         return full
     at = pin.neutral(full)
     entries = joint_entries(full)
     for name, position in locked.items():
         entries[name].write(at, position)
     return pin.buildReducedModel(full, [full.getJointId(name) for name in locked], at)
+
+
+def _frozen_text(tree: FrozenTree) -> str:
+    """Return the document for the engines with the locked joints fixed where they are."""
+    root = etree.fromstring(tree.description.xml)
+    for element in root.findall("joint"):
+        name = element.get("name")
+        if name not in tree.locked:
+            continue
+        joint = tree.description.joint[name]
+        pose = joint.motion(tree.locked[name])
+        for child in element.xpath("origin | axis | limit | mimic"):
+            element.remove(child)
+        element.set("type", "fixed")
+        texts = {"xyz": pose[:3, 3], "rpy": pin.rpy.matrixToRpy(pose[:3, :3])}
+        values = {key: " ".join(map(repr, array.tolist())) for key, array in texts.items()}
+        etree.SubElement(element, "origin", values)
+    return str(etree.tostring(root, encoding="unicode"))
 
 
 @contextmanager
@@ -108,19 +129,6 @@ def _require_few_joints(tree: FrozenTree) -> None:
             f"cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}"
         )
         raise DescriptionError(tree.description.path, [Finding("error", free[most].line, text)])
-
-
-def _require_own_names(tree: FrozenTree) -> None:
-    """Refuse a link and a joint of one name where joints are locked: Pinocchio cannot."""
-    description = tree.description
-    shared = [j for j in description.joints if j.name in description.link] if tree.locked else []
-    faults = [
-        Finding("error", j.line, f'a link and a joint are called "{j.name}"; rename one, '
-                "for joints of such a robot cannot be locked")
-        for j in shared
-    ]  # fmt: skip
-    if faults:
-        raise DescriptionError(description.path, faults)
 
 
 def _require_mass(tree: FrozenTree) -> None:

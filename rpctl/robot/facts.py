@@ -27,7 +27,10 @@ def facts(robot: Robot) -> dict[str, Any]:
         "mass": robot.mass,
         "estimated_links": robot.description.estimated_links,
         "drive": _drive(robot),
-        "joints": [_joint(joint) for joint in robot.joints],
+        "joints": [
+            {**_joint(joint), "home": home}
+            for joint, home in zip(robot.joints, robot.home.tolist(), strict=True)
+        ],
         "mimics": [joint.name for joint in robot.mimics],
         "locked": dict(robot.locked),
         "quasi_velocities": robot.quasi_velocities,

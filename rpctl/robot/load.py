@@ -14,14 +14,19 @@ from rpctl.description.mesh_checks import check_meshes
 from rpctl.description.read_settings import read_settings
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
+from rpctl.drive.controller_files import read_controls
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import Drive
 from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
-from rpctl.drive.plugins import SimulatorTags, read_simulator_tags
-from rpctl.drive.suspensions import find_held, held_findings
-from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError, is_number
+from rpctl.drive.plugins import SimulatorTags
+from rpctl.drive.suspensions import hold_passive
+from rpctl.drive.vendor import vendor_findings
+from rpctl.errors import DescriptionError, Finding, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.build import build, check
+from rpctl.robot.end_effector import find_end_effector
+from rpctl.robot.grippers import find_grippers, freeze_grippers
+from rpctl.robot.home import with_home
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
 
@@ -36,7 +41,7 @@ def load(
     package_dirs: Iterable[str | Path] = (),
     xacro_args: Mapping[str, object] | None = None,
     ignore_missing_packages: bool = False,
-    home: Mapping[str, float] | None = None,
+    home: str | Mapping[str, float] | Iterable[str] | None = None,
     free: Iterable[str] = (),
 ) -> Robot:
     """Load a robot.
@@ -50,7 +55,8 @@ def load(
             position}`` (rad or m). They add to those that the catalogue freezes.
         density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
             None leaves these links massless, or refuses them where a joint moves nothing else.
-        end_effector: Link to track; None takes the end of the longest chain of moving joints.
+        end_effector: Link to track; None takes the end of the longest chain of moving joints,
+            before its gripper.
         strict: Whether warnings are errors, and so are assumptions about the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
             ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
@@ -58,9 +64,13 @@ def load(
         xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name.
         ignore_missing_packages: Whether what a .xacro includes from packages that are not found
             is left out.
-        home: Positions of the arm's joints at home (rad or m), by name; 0 for those left out, or
-            the nearest to it well inside the limits.
-        free: Name patterns of joints that the catalogue freezes and that are to move.
+        home: The posture of the arm that references start from: ``{joint: position}`` (rad or m),
+            or words: ``"NAME=POSITION"``, a state of an SRDF (``"robot.srdf:home"``), ``"auto"``
+            for a posture to work from, ``"zero"``. Joints left out are at 0, or the nearest
+            position well inside their limits; where the arm is near a singular posture there, it
+            takes one to work from.
+        free: Name patterns of joints that are frozen by default and that are to move: those of
+            grippers and of passive suspensions, and those that the catalogue freezes.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -77,22 +87,26 @@ def load(
             description = fill(description, density)
         defaults = entry.lock if entry else ()
         tree = FrozenTree(description, _locked(description, defaults, lock, free))
-        tags = read_simulator_tags(description)
         given = _given(entry.drive if drive is None and entry else drive)
-        released = _released(description, free)
-        held = () if _is_fixed(given) else find_held(tree, tags, released)
-        at_rest = {each.joint.name: each.position for each in held}
-        tree = FrozenTree(description, {**tree.locked, **at_rest})
+        tags, released = read_controls(description), _released(description, free)
+        tree, held = hold_passive(tree, given.type, tags, released)
+        grippers = find_grippers(tree)
+        tree, frozen = freeze_grippers(tree, grippers, free)
         findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
-        findings = (*findings, *held_findings(held))
         if strict:
             _refuse_doubts(path, findings)
         check(tree)
         drive = _drive(tree, given, strict, tags, released)
+        differences = vendor_findings(drive, tags)
+        if strict:
+            _refuse_doubts(path, differences)
         model, joints = build(tree), _arm_joints(tree, drive)
-        if end_effector is not None and end_effector not in description.link:
+        choice: tuple[Finding, ...] = ()
+        if end_effector is None:
+            end_effector, choice = find_end_effector(description, joints, _rolling(drive), grippers)
+        elif end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
-        return Robot(
+        robot = Robot(
             name=entry.name if entry else description.name,
             source=entry.name if entry else str(path.resolve()),
             description=description,
@@ -100,10 +114,14 @@ def load(
             drive=drive,
             locked=tree.locked,
             joints=joints,
-            end_effector=end_effector or _tip(description, joints),
-            findings=findings,
-            loaded_with=LoadSettings(density, _home(joints, home), free),
+            end_effector=end_effector,
+            findings=(*findings, *held, *frozen, *differences, *choice),
+            loaded_with=LoadSettings(density, free=free),
         )
+        at_home = with_home(robot, home)
+        if strict:
+            _refuse_doubts(path, at_home.findings[len(robot.findings) :])
+        return at_home
 
 
 def _drive(
@@ -128,10 +146,6 @@ def _given(source: Drive | str | Path | None) -> Drive | DriveSpec:
     return source if isinstance(source, Drive) else _specification(source)
 
 
-def _is_fixed(given: Drive | DriveSpec) -> bool:
-    return given.type == "fixed"
-
-
 def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
     """Return the names of the moving joints that patterns of ``free`` match."""
     moving = [joint.name for joint in description.joints if joint.moving]
@@ -140,12 +154,17 @@ def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
 
 def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     """Return the free joints that are no wheels, swivels or mimics, in file order."""
-    rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
+    rolling = _rolling(drive)
     return tuple(
         joint
         for joint in tree.description.joints
         if tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
     )
+
+
+def _rolling(drive: Drive) -> set[str]:
+    """Return the joints of wheels and swivels."""
+    return {wheel.joint for wheel in drive.wheels} | {swivel.joint for swivel in drive.swivels}
 
 
 def _specification(source: str | Path | None) -> DriveSpec:
@@ -212,21 +231,6 @@ def _matching(names: Sequence[str], pattern: str, kind: str) -> list[str]:
     return found
 
 
-def _home(joints: Iterable[Joint], given: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the positions at home that are given.
-
-    Raises:
-        RpctlError: A joint is none of the arm's, or a position is no number.
-    """
-    names = [joint.name for joint in joints]
-    for name, position in (given or {}).items():
-        if name not in names:
-            raise UnknownNameError("joint at home", name, names)
-        if not is_number(position):
-            raise RpctlError(f"home of {name} is {position!r}; give a number, rad or m")
-    return dict(given or {})
-
-
 def _massless_movers(tree: FrozenTree) -> list[Finding]:
     """Return a warning for each link that a free joint moves and that has no <inertial>."""
     description = tree.description
@@ -241,19 +245,3 @@ def _massless_movers(tree: FrozenTree) -> list[Finding]:
         for link in moved
         if link.mass is None
     ]
-
-
-def _tip(description: Description, joints: tuple[Joint, ...]) -> str | None:
-    """Return the link at the end of the longest arm: past its last joint, up to a fork."""
-    names = {joint.name for joint in joints}
-
-    def length(joint: Joint) -> int:
-        return sum(above.name in names for above in description.chain(joint.child))
-
-    if not joints:
-        return None
-    link = max(joints, key=length).child
-    while len(description.child_joints[link]) == 1:
-        (below,) = description.child_joints[link]
-        link = below.child
-    return link

@@ -4,6 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
+
+
+class Payload(NamedTuple):
+    """A load fixed to a link; see :func:`rpctl.with_payload`."""
+
+    link: str
+    mass: float  # kg
+    com: tuple[float, ...]  # (3,) in the link's frame, m
+    inertia: tuple[tuple[float, ...], ...]  # (3, 3) about com, along the link's axes, kg·m²
 
 
 @dataclass(frozen=True)
@@ -15,10 +25,13 @@ class LoadSettings:
 
     Attributes:
         density: Density from which missing inertias were estimated, kg/m³, or None.
-        home: Positions of the arm's joints at home (rad or m), by name, where they were given.
+        home: Positions of the arm's joints at home (rad or m), by name, where they were given
+            or chosen; none where they follow from the limits.
         free: Patterns of joints that are not frozen by default.
+        payloads: Loads that it carries besides, in the order in which they were put on.
     """
 
     density: float | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] = ()
+    payloads: tuple[Payload, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,8 +16,9 @@ from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
 from rpctl.errors import Finding, RpctlError, UnknownNameError
-from rpctl.robot.coordinates import JointEntry, joint_entries, write_root
+from rpctl.robot.coordinates import JointEntry, joint_entries, read_root, write_root
 from rpctl.robot.load_settings import LoadSettings
+from rpctl.robot.state import NamedState
 
 BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
@@ -172,6 +173,68 @@ class Robot:
             self.set_joint(q, name, position)
         return q
 
+    def state(
+        self,
+        pose: Sequence[float] = (0.0, 0.0, 0.0),
+        twist: Sequence[float] = (),
+        joints: Mapping[str, float] | None = None,
+        rates: Mapping[str, float] | None = None,
+    ) -> tuple[Array, Array]:
+        """Return q (nq,) and ν (dof,) of a state that is given by names; :meth:`state_of` inverts.
+
+        Args:
+            pose: Of the root link: x, y (m) and heading (rad).
+            twist: The base's quasi-velocities in the order of ``drive.base_speeds``, m/s and
+                rad/s; nothing stands for rest.
+            joints: Positions by joint name, as of :meth:`configuration`; rad or m.
+            rates: Rates of the arm's joints by name, rad/s or m/s; 0 for those left out.
+
+        Raises:
+            RpctlError: There are too few or too many numbers, or one is not finite.
+            UnknownNameError: A joint is not known.
+        """
+        speeds, rates = self.drive.base_speeds, rates or {}
+        if len(pose) != 3:
+            raise RpctlError(f"the pose {tuple(pose)} has to be x, y in m and a heading in rad")
+        if len(twist) not in (0, len(speeds)):
+            raise RpctlError(
+                f"the twist {tuple(twist)} has to be {', '.join(speeds) or 'empty'} of {self.name}"
+            )
+        for name in rates.keys() - set(self.joint_names):
+            raise UnknownNameError("joint of the arm", name, self.joint_names)
+        base = tuple(twist) or (0.0,) * len(speeds)
+        nu = np.array([*base, *(rates.get(name, 0.0) for name in self.joint_names)])
+        x, y, theta = pose
+        q = self.configuration(x, y, theta, joints)
+        if not (np.isfinite(q).all() and np.isfinite(nu).all()):
+            raise RpctlError("the state holds numbers that are not finite; give finite ones")
+        return q, nu
+
+    def state_of(self, q: Array, nu: Array) -> NamedState:
+        """Return the state that q (nq,) and ν (dof,) stand for, by names."""
+        count = len(self.drive.base_speeds)
+        positions = {name: self.joint_position(q, name) for name in self.moving_joint_names}
+        rates = dict(zip(self.joint_names, nu[count:].tolist(), strict=True))
+        return NamedState(read_root(q), tuple(nu[:count].tolist()), positions, rates)
+
+    def jacobian(self, q: Array, link: str) -> Array:
+        """Return J (6, dof) of a link: its velocity is J ν, where wheels roll without slipping.
+
+        Three rows are the velocity of the link's origin (m/s), three its angular velocity (rad/s),
+        along the world's axes. A loop rather keeps a ``ReducedDynamics`` and asks that.
+
+        Args:
+            q: Configuration (nq,).
+            link: Name of the link.
+
+        Raises:
+            UnknownNameError: The link is not known.
+            SingularBasisError: At q the steered wheels fix no one motion.
+        """
+        from rpctl.dynamics.reduced import ReducedDynamics
+
+        return ReducedDynamics(self).jacobian(q, link)
+
     def set_joint(self, q: Array, joint: str, position: float) -> None:
         """Set a joint's position in q, in place.
 
@@ -264,7 +327,9 @@ class Robot:
     def home(self) -> Array:
         """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
         given = self.loaded_with.home
-        return np.array([given.get(joint.name, _home(joint)) for joint in self.joints])
+        home = np.array([given.get(joint.name, _home(joint)) for joint in self.joints])
+        home.setflags(write=False)
+        return home
 
 
 def _home(joint: Joint) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from rpctl.drive.drive import Drive
 from rpctl.dynamics.ground_reaction import Contacts
@@ -26,6 +27,7 @@ class RobotFacts:
         ignore_missing_packages: Whether includes from packages that were not found were left out.
         home: Positions of its arm's joints at home, rad or m.
         free: Patterns of joints that were not frozen by default.
+        payloads: Loads that it carried besides its file's: link, mass, centre of mass, inertia.
         quasi_velocities: Names of ν.
         actuators: Names of τ.
         joint_names: Names of the arm's joints.
@@ -53,6 +55,7 @@ class RobotFacts:
     ignore_missing_packages: bool
     home: Mapping[str, float]
     free: tuple[str, ...]
+    payloads: tuple[tuple[Any, ...], ...]
     quasi_velocities: tuple[str, ...]
     actuators: tuple[str, ...]
     joint_names: tuple[str, ...]
@@ -104,6 +107,7 @@ def robot_facts(robot: Robot) -> RobotFacts:
         ignore_missing_packages=reading.ignore_missing_packages,
         home=dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
         free=robot.loaded_with.free,
+        payloads=tuple(map(tuple, robot.loaded_with.payloads)),
         quasi_velocities=robot.quasi_velocities,
         actuators=robot.actuators,
         joint_names=robot.joint_names,

@@ -20,7 +20,6 @@ from rpctl.control.law import (
     KinematicLaw,
     Rest,
     as_controller,
-    as_efforts,
     as_law,
 )
 from rpctl.control.unified import UnifiedKinematic
@@ -42,6 +41,12 @@ from rpctl.simulation.periods import (
 )
 from rpctl.simulation.plant import Plant, advance
 from rpctl.simulation.recorded import recorded
+from rpctl.simulation.returned import (
+    require_callable,
+    require_command,
+    require_efforts,
+    require_state,
+)
 from rpctl.simulation.run import Run
 
 DEFAULT_DURATION_S = 20.0  # s, of a reference without an end
@@ -111,11 +116,15 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
+    given = {"reference": reference, "kinematic": kinematic, "dynamic": dynamic}
+    for what, value in given.items():
+        if value is not None and not (what == "reference" and isinstance(value, str)):
+            require_callable(what, value)
     config = Config(
         kinematic=kinematic or UnifiedKinematic(),
         dynamic=dynamic or PaperDynamic(),
         run=RunSettings(
-            name or (reference if isinstance(reference, str) else type(reference).__name__),
+            name or (reference if isinstance(reference, str) else _called(reference)),
             duration,
             cast("tuple[float, float, float]", tuple(initial_error)),
             control_period,
@@ -222,7 +231,8 @@ def _close_loop(
     """Close the loop for a number of control periods; every sample goes to the recorder."""
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     controller_dynamics, bias = plant.controller_dynamics(dynamics), plant.bias(robot)
-    q, nu, work = _start(robot, reference(0.0), config.run.initial_error), np.zeros(robot.dof), 0.0
+    first = require_state(robot, reference(0.0), 0.0)
+    q, nu, work = _start(robot, first, config.run.initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
     dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
@@ -231,10 +241,10 @@ def _close_loop(
     try:
         for k in range(steps + 1):
             t = k * period
-            state = reference(t)
+            state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
-            command = kinematic(controller_dynamics, reference, t, q, nu)
-            efforts = as_efforts(dynamic(controller_dynamics, q, nu, command))
+            command = require_command(robot, kinematic(controller_dynamics, reference, t, q, nu))
+            efforts = require_efforts(robot, dynamic(controller_dynamics, q, nu, command))
             sent.append(efforts.tau)
             tau = sent.popleft()
             recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
@@ -257,6 +267,11 @@ def _close_loop(
         loop.report = kinematic.report()
 
 
+def _called(reference: Reference) -> str:
+    """Return what a log calls a reference of the user's."""
+    return str(getattr(reference, "__name__", type(reference).__name__))
+
+
 def default_duration(reference: Reference) -> float:
     """Return how long (s) to track a reference: a second longer than it moves, or 20 s."""
     return float(getattr(reference, "duration", DEFAULT_DURATION_S - SETTLING_S) + SETTLING_S)
@@ -264,10 +279,6 @@ def default_duration(reference: Reference) -> float:
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:
     """Return q (nq,) that has the tracking error asked for, arm on its reference."""
-    if len(state.joints) != len(robot.joints):
-        raise RpctlError(
-            f"the reference has {len(state.joints)} joints, {robot.name} has {len(robot.joints)}"
-        )
     if len(initial_error) != 3 or not all(map(math.isfinite, initial_error)):
         raise RpctlError(f"initial error {initial_error}: give three finite numbers X,Y,THETA")
     x1, x2, x3 = initial_error

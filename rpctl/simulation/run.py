@@ -18,12 +18,15 @@ from rpctl.drive.drive import Drive
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError, RunFileError
 from rpctl.files.writing import write_atomically
+from rpctl.libraries import library
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from rpctl.robot.payload import with_payload
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
 from rpctl.simulation.recorded import config_of, tables_of_settings
+from rpctl.simulation.table import columns, csv_text
 
 SCHEMA = 4
 OLDER_SCHEMAS = (2, 3)  # see _completed
@@ -37,6 +40,7 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "ignore_missing_packages": False,
     "home": {},
     "free": [],
+    "payloads": [],
 }
 
 
@@ -128,6 +132,34 @@ class Run:
         np.savez_compressed(buffer, allow_pickle=False, **{META_ENTRY: text}, **arrays)
         return write_atomically(path, buffer.getvalue())
 
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the samples as CSV, a row a sample; the file is there whole or not at all.
+
+        Args:
+            path: The file.
+
+        Returns:
+            The path. The columns are those of :func:`rpctl.simulation.table.columns`.
+        """
+        return write_atomically(path, csv_text(self._columns()).encode())
+
+    def to_pandas(self) -> Any:
+        """Return the samples as a ``pandas.DataFrame``, a row a sample, indexed by t (s).
+
+        The columns are those of :func:`rpctl.simulation.table.columns`.
+
+        Raises:
+            RpctlError: pandas is not installed.
+        """
+        try:
+            pandas = library("pandas")
+        except ImportError:
+            raise RpctlError("pandas is not installed; run pip install pandas") from None
+        return pandas.DataFrame(self._columns()).set_index("t")
+
+    def _columns(self) -> dict[str, Array]:
+        return columns(self.log, self.robot, self.ground)
+
     @staticmethod
     def load(path: str | Path) -> Run:
         """Read a run.
@@ -175,13 +207,15 @@ class Run:
             or [folder for folder in known.package_dirs if Path(folder).is_dir()],
             xacro_args=known.xacro_args,
             ignore_missing_packages=known.ignore_missing_packages,
-            home=known.home,
-            free=known.free,
+            home=known.home or "zero",  # as it was before runs kept it
+            free="*",  # nothing but what was locked
         )
         if robot.description.sha256 != known.urdf_sha256:
             raise RunFileError(
                 f"{robot.description.path}: the URDF has changed since the run; track it again"
             )
+        for payload in known.payloads:
+            robot = with_payload(robot, *payload)
         return robot
 
 

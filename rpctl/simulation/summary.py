@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.outcome import SUCCESSES, outcome, trace_point
+from rpctl.simulation.path_error import PathFigures, path_figures
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
 from rpctl.simulation.slip_and_tip import GroundFigures, ground
 
@@ -92,16 +95,21 @@ class Summary:
     """The figures of merit of a run; ``settled`` figures are the largest over its second half.
 
     Attributes:
+        outcome: What became of the run, in a word of :mod:`rpctl.simulation.outcome`.
+        outcome_sentence: Why, in words.
+        nominal: Whether the simulated robot is the controller's model and nothing disturbs it.
         duration: Time simulated, s.
         rms_base_error: Root mean square of P's distance from its reference, m.
         final_base_error: That distance at the end, m.
         settled_base_error: Its largest over the second half, m.
         final_lateral_error: Its lateral part at the end, m.
+        base_path: How far P was from its reference's path, and how far behind on it.
         joint_errors: Of each joint of the arm.
         rms_end_effector_error: Root mean square of the end effector's distance from its
-            reference, m; None for a robot without an arm, as are the two that follow.
+            reference, m; None for a robot without an arm, as are the three that follow.
         final_end_effector_error: That distance at the end, m.
         settled_end_effector_error: Its largest over the second half, m.
+        end_effector_path: How far it was from its reference's path, and how far behind on it.
         efforts: Of each actuator.
         max_effort_ratio: Largest effort over its limit; None without effort limits.
         max_effort_joint: The actuator whose ratio that is.
@@ -115,15 +123,20 @@ class Summary:
         realtime_factor: Time simulated per time taken.
     """
 
+    outcome: str
+    outcome_sentence: str
+    nominal: bool
     duration: float
     rms_base_error: float
     final_base_error: float
     settled_base_error: float
     final_lateral_error: float
+    base_path: PathFigures
     joint_errors: tuple[JointError, ...]
     rms_end_effector_error: float | None
     final_end_effector_error: float | None
     settled_end_effector_error: float | None
+    end_effector_path: PathFigures | None
     efforts: tuple[EffortPeak, ...]
     max_effort_ratio: float | None
     max_effort_joint: str | None
@@ -135,6 +148,11 @@ class Summary:
     constraint_residual: float
     wall_time: float
     realtime_factor: float
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the robot tracked its reference, late or not, within the limits."""
+        return self.outcome in SUCCESSES and not self.limits_violated
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON says them: flat, those of the ground among the others."""
@@ -154,21 +172,30 @@ def summarize(run: Run) -> Summary:
     log, robot = run.log, run.robot
     base = np.hypot(log.e[:, 0], log.e[:, 1])
     arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
+    points = [trace_point("base", run.t, log.base[:, :2], log.base_ref[:, :2])]
+    if arm is not None:
+        points.append(trace_point("end effector", run.t, log.ee, log.ee_ref))
+    name, sentence = outcome(run, points)
     half = len(run.t) // 2
     tau = np.abs(run.tau).max(axis=0)
     limited = np.isfinite(robot.effort_limits)
     peaks = np.where(limited, tau / np.array(robot.effort_limits), -1.0)  # -1: never the largest
     duration = float(run.t[-1])
     return Summary(
+        outcome=name,
+        outcome_sentence=sentence,
+        nominal=run.controller_model is None and run.config.plant == Plant(),
         duration=duration,
         rms_base_error=_rms(base),
         final_base_error=float(base[-1]),
         settled_base_error=float(base[half:].max()),
         final_lateral_error=float(abs(log.e[-1, 1])),
+        base_path=path_figures(points[0].trace, planar=True),
         joint_errors=_joint_errors(run, half),
         rms_end_effector_error=None if arm is None else _rms(arm),
         final_end_effector_error=None if arm is None else float(arm[-1]),
         settled_end_effector_error=None if arm is None else float(arm[half:].max()),
+        end_effector_path=None if arm is None else path_figures(points[1].trace, planar=False),
         efforts=tuple(
             EffortPeak(name, peak, limit, peak / limit)
             for name, peak, limit in zip(

@@ -27,6 +27,7 @@ from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
+from rpctl.simulation.outcome import SUCCESSES
 from rpctl.simulation.periods import CONTROL_PERIOD, whole_periods
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
@@ -62,6 +63,7 @@ class Figures:
         violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
         sample_time: Median of the processor's time that a sample of both laws takes, s.
         sample_time_99: Its 99th percentile, s.
+        outcome: What became of the run, in a word of :mod:`rpctl.simulation.outcome`.
     """
 
     rms_base: float
@@ -74,6 +76,12 @@ class Figures:
     violations: tuple[str, ...]
     sample_time: float
     sample_time_99: float
+    outcome: str
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the robot tracked its reference, late or not, within the limits."""
+        return self.outcome in SUCCESSES and not self.violations
 
 
 class Row(NamedTuple):
@@ -211,6 +219,7 @@ def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
         violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
         sample_time=float(np.median(samples)),
         sample_time_99=float(np.percentile(samples, 99.0)),
+        outcome=summary.outcome,
     )
 
 

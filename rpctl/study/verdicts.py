@@ -16,7 +16,7 @@ TIE_RATIO = 1.01  # times the least error: as good, for all that a table shows
 class Verdict(NamedTuple):
     """The proposed pair of laws against the others in one cell, by one rms error (m).
 
-    A controller that broke a limit, or did not run, has no error here.
+    A controller that did not track, broke a limit, or did not run has no error here.
     """
 
     scenario: str
@@ -83,6 +83,6 @@ def _errors(rows: Sequence[Row], measure: str) -> dict[LawPair, float]:
         row.cell.controller: error
         for row in rows
         if row.figures is not None
-        and not row.figures.violations
+        and row.figures.succeeded
         and (error := getattr(row.figures, measure)) is not None
     }

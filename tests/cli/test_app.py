@@ -241,7 +241,7 @@ def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
         (("track", "paper", "--duration", "-1"), "duration is -1; give a positive number"),
         (("track", "paper", "--duration", "x"), "--duration"),
         (("track", "paper", "--max-megabytes", "0"), "--max-megabytes"),
-        (("view", "nothing"), "robot 'nothing' is not known"),
+        (("view", "nothing"), "robot or run 'nothing' is not known"),
         (("view", "nothing.npz"), "No such file"),
         (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
         (("view", "nothing.npz", "--png", "a.png"), "No such file"),
@@ -303,6 +303,28 @@ def test_view_writes_the_comparison_of_runs(tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "2 runs: one · two" in text
     assert str(tmp_path) not in text
+
+
+def test_view_of_neither_a_robot_nor_a_run(tmp_path: Path) -> None:
+    code, _, err = run("view", "papr")
+    assert code == 2
+    assert "robot or run 'papr' is not known; did you mean paper" in err
+    code, _, err = run("view", str(tmp_path))
+    assert code == 2
+    assert f"{tmp_path}: a folder without a run.npz is no run, and no robot; give" in err
+    code, _, err = run("view", "paper", "--lock", "nothing")
+    assert code == 2
+    assert "robot or run" not in err
+
+
+def test_findings_are_told_in_sum() -> None:
+    alike = [f for f in run_json("inspect", "tiago")["findings"] if "point mass" in f["message"]]
+    assert len(alike) == 3
+    shown = " ".join(run("inspect", "tiago")[1].split())
+    assert shown.count("is a point mass") == 1
+    for finding in alike[1:]:
+        name = finding["message"].split('"')[1]
+        assert f'"{name}" (line {finding["line"]})' in shown
 
 
 def test_robots_lists_the_catalogue() -> None:

@@ -16,7 +16,8 @@ from rich.console import Console
 
 import rpctl
 from rpctl import Robot, Run, summarize
-from rpctl.cli import compare, inspect, terminal, track, verify
+from rpctl.cli import compare, inspect, terminal, verify
+from rpctl.cli import summary as shown
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.row import Check
 from rpctl.errors import Finding
@@ -24,7 +25,7 @@ from rpctl.robot.facts import facts
 from rpctl.study.benchmark import Cell, Figures, Row, figures
 from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
 from rpctl.view.run_folder import RunFolder
-from tests.golden import COUNT, TRICYCLE
+from tests.golden import COUNT, TRICYCLE, beside_its_path
 from tests.robots import write
 from tests.runs import vary
 from tests.vehicles import vehicle
@@ -37,7 +38,7 @@ Printed = Callable[[], list[str]]
 def printed(monkeypatch: pytest.MonkeyPatch) -> Printed:
     """Return what gives the lines that were printed, without the spaces of columns."""
     console = Console(width=160, record=True, file=io.StringIO(), highlight=False)
-    for module in (compare, inspect, track, verify):
+    for module in (compare, inspect, shown, verify):
         monkeypatch.setattr(module, "console", lambda: console)
 
     def lines() -> list[str]:
@@ -49,9 +50,12 @@ def printed(monkeypatch: pytest.MonkeyPatch) -> Printed:
 def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     tau, rates = np.array(golden.tau), np.array(golden.log.rates)
     tau[2:4, 3], rates[4, 4] = -25.0, 0.75
-    summary = summarize(vary(golden, tau=tau, rates=rates))
+    run = beside_its_path(vary(golden, tau=tau, rates=rates))
+    summary = summarize(run)
+    assert summary.end_effector_path is not None
+    tip = [1e3 * getattr(summary.end_effector_path, key) for key in ("rms", "final", "settled")]
     written = RunFolder(summary, Path("out/report.html"), 1_250_000, ("a note",))
-    track.show_summary(written, Path("out"))
+    shown.show_summary(written, Path("out"))
     rms = {
         "base": (5.0, 0.5, 0.5, 0.13, 0.1, 0.05),
         "tip": (0.7, 0.3, 0.07, 0.03, 0.07, 0.03),
@@ -62,9 +66,15 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     assert printed() == [
         "tracking error rms final largest in 2nd half",
         f"base {milli['base']:.3f} mm 50.000 mm 130.000 mm",
+        "off its path 20.000 mm 20.000 mm 20.000 mm",
         f"end effector {milli['tip']:.3f} mm 30.000 mm 70.000 mm",
+        f"off its path {tip[0]:.3f} mm {tip[1]:.3f} mm {tip[2]:.3f} mm",
         f"swing_joint {milli['swing']:.3f} mrad 200.000 mrad 300.000 mrad",
         f"slide_joint {milli['slide']:.3f} mm 10.000 mm 20.000 mm",
+        "",
+        "tracked too short a run to tell: base is 102 mm from its reference in the end",
+        "base behind its reference by 0.10 s (100 mm) at most, 0.10 s (100 mm) in the end",
+        "the model follows itself: the simulated robot is the one that the controller knows",
         "",
         "effort peak limit share",
         "left_wheel_joint 30 40 75 %",
@@ -75,8 +85,8 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
         "",
         "limit swing_joint effort: 25 where 20 is allowed, from 0.2 s for 0.17 s",
         "limit slide_joint velocity: 0.75 where 0.5 is allowed, from 0.4 s for 0.083 s",
-        "limit left_wheel_joint effort limit bound from 0.2 s, at (0.32, 0.06) m, 0.25 s in all",
-        "limit slide_joint upper position limit bound from 0.1 s, at (0.10, 0.00) m, 0.17 s in all",
+        "limit left_wheel_joint effort limit bound from 0.2 s, at (0.10, 0.02) m, 0.25 s in all",
+        "limit slide_joint upper position limit bound from 0.1 s, at (0.00, 0.02) m, 0.17 s in all",
         "ground keeps 0.12 m from tipping and uses 40 % of the grip at friction 0.7",
         "simulated 2.0 times faster than real time",
         "note a note",
@@ -92,8 +102,8 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
     run = vary(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
     console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(track, "console", lambda: console)
-        track.show_summary(RunFolder(summarize(run), Path("r"), 0, ()), Path("out"))
+        patch.setattr(shown, "console", lambda: console)
+        shown.show_summary(RunFolder(summarize(run), Path("r"), 0, ()), Path("out"))
     text = console.export_text(styles=True)
     assert text.count("\x1b[1;31mground\x1b[0m") == marked
     assert "\x1b[1;31mslide_joint" in text  # 60 N of 50
@@ -103,7 +113,7 @@ def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked
 def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, printed: Printed) -> None:
     none = np.empty((COUNT, 0))
     bare = vary(golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none)
-    track.show_summary(RunFolder(summarize(bare), Path("r"), 0, ()), Path("out"))
+    shown.show_summary(RunFolder(summarize(bare), Path("r"), 0, ()), Path("out"))
     assert not [line for line in printed() if line.startswith(("end effector", "ground"))]
 
 
@@ -123,9 +133,9 @@ def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
         "wheel radius known from held by driven velocity effort",
         "swivel role driven at x, y trail because",
         "steer_joint steered yes 0.7, 0 m - contact below its axis, limits",
-        "joint type lower upper velocity effort",
-        "swing_joint revolute -1 rad 1.5 rad 2 rad/s 20 N·m",
-        "slide_joint prismatic -0.1 m 0.4 m 0.5 m/s 80 N",
+        "joint type lower home upper velocity effort",
+        "swing_joint revolute -1 rad 0 rad 1.5 rad 2 rad/s 20 N·m",
+        "slide_joint prismatic -0.1 m 0.05 m 0.4 m 0.5 m/s 80 N",
     ):
         assert line in text
     (left,) = (line for line in text if line.startswith("left_wheel_joint 0.1 m"))
@@ -205,9 +215,11 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
     (swivel,) = printed["swivels"]
     assert swivel["pivot"] == pytest.approx((0.7, 0.0))
     swing, slide = known["joints"]
-    keys = ("name", "type", "lower", "upper", "velocity", "effort")
-    assert [swing[key] for key in keys] == ["swing_joint", "revolute", -1.0, 1.5, 2.0, 20.0]
-    assert [slide[key] for key in keys] == ["slide_joint", "prismatic", -0.1, 0.4, 0.5, 80.0]
+    keys = ("name", "type", "lower", "home", "upper", "velocity", "effort")
+    assert [swing[key] for key in keys] == ["swing_joint", "revolute", -1.0, 0.0, 1.5, 2.0, 20.0]
+    assert [slide[key] for key in keys[:3]] == ["slide_joint", "prismatic", -0.1]
+    assert slide["home"] == pytest.approx(0.05)  # 0.3 of its range from its lower limit
+    assert [slide[key] for key in keys[4:]] == [0.4, 0.5, 80.0]
     lines = TRICYCLE.splitlines()
     for told_of in (swing, slide, swivel, wheels["left_wheel_joint"]):
         name = told_of.get("name") or told_of["joint"]
@@ -261,6 +273,7 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
         "violations": (),
         "sample_time": pytest.approx(4e-5),
         "sample_time_99": pytest.approx(4e-5),
+        "outcome": "tracked",
     }
     assert asdict(found) == expected
     lifted = np.array(golden.log.joints)
@@ -268,10 +281,13 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
     assert figures(vary(golden, joints=lifted), [1e-5, 1e-5]).violations == ("slide_joint upper",)
 
 
-def row(law: LawPair, base: float, tip: float | None, *broken: str) -> Row:
+def row(
+    law: LawPair, base: float, tip: float | None, *broken: str, outcome: str = "tracked"
+) -> Row:
     """Return a row, errors in m: the final ones are half of the others."""
     half = None if tip is None else 0.5 * tip
-    figures = Figures(base, 0.5 * base, 0.25 * base, tip, half, 0.75, 0.125, broken, 4e-5, 9e-5)
+    errors = base, 0.5 * base, 0.25 * base, tip, half
+    figures = Figures(*errors, 0.75, 0.125, broken, 4e-5, 9e-5, outcome)
     return Row(Cell("nominal", "line", law), figures, None)
 
 
@@ -280,7 +296,8 @@ def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
     rows = [
         row(PAPER, 0.004, 0.006),
         row(PROPOSED, 0.003, 0.008),
-        row(KANAYAMA, 0.001, None, "a upper"),
+        row(KANAYAMA, 0.001, None, "a upper", outcome="late"),
+        row(LawPair("unified", "paper"), 0.002, 0.002, outcome="stuck"),
     ]
     compare.show_comparison([*rows, failed], PROPOSED, tmp_path)
     text = printed()
@@ -289,7 +306,9 @@ def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
         f"{PROPOSED} 3.00 1.50 8.00 4.00 75 % 12 % 0 40 90",
         "kanayama+paper 1.00 0.50 - - 75 % 12 % 1 40 90",
         "mpc+paper - - - - - - - - -",
-        "kanayama+paper, line: broke a upper",
+        "kanayama+paper, line: late; broke a upper",
+        "unified+paper 2.00 1.00 2.00 1.00 75 % 12 % 0 40 90",
+        "unified+paper, line: stuck",
         "mpc+paper, line: did not run: it turns on the spot",
         "nominal line end effector 8.00 6.00 6.00 paper+paper",
     ):
@@ -316,5 +335,6 @@ def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:
         assert float(found["sample_time"]) == 4e-5
         assert float(found["sample_time_99"]) == 9e-5
     assert read["violations"] == "a upper; b effort"
+    assert read["outcome"] == printed[0]["outcome"] == "tracked"
     assert (read["scenario"], read["reference"]) == ("nominal", "line")
     assert (read["kinematic"], read["dynamic"]) == (PROPOSED.kinematic, PROPOSED.dynamic)

@@ -36,7 +36,7 @@ OFF = (0.1, -0.1, 0.1)
 
 
 @pytest.mark.parametrize(
-    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "tiago", "panda"]
+    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "caster_drive", "tiago", "panda"]
 )
 def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
     robot = scale_limits(rpctl.load(name), effort=1e3)
@@ -50,7 +50,9 @@ def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Gen
         np.testing.assert_array_equal(efforts.tau, PaperDynamic()(dynamics, q, nu, command))
 
 
-@pytest.mark.parametrize("name", ["paper", "mixed_chain", "skid_steer", "mecanum", "tiago"])
+@pytest.mark.parametrize(
+    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "caster_drive", "tiago"]
+)
 def test_efforts_stay_in_their_box_whatever_is_asked(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
@@ -181,8 +183,9 @@ def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
     assert 0.95 * joint.velocity < run.nu[:, 2].max() <= joint.velocity
 
 
-def test_what_the_model_does_not_know_pushes_little_beyond_a_limit(tiago: Robot) -> None:
+def test_what_the_model_does_not_know_pushes_little_beyond_a_limit() -> None:
     """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
+    tiago = rpctl.load("tiago", home="zero")  # the torso is low
     plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
     run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
     beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
@@ -228,8 +231,9 @@ def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
-def test_a_joint_that_cannot_be_held_leaves_the_base_alone(tiago: Robot) -> None:
+def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     """TIAGo's shoulder takes 30 N·m to hold; with 19.5 it sinks, and the base tracks on."""
+    tiago = rpctl.load("tiago", home="zero")
     half = scale_limits(tiago, effort=0.5)
     free = summarize(track(tiago, "eight", 3.0, OFF))
     told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))

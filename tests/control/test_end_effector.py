@@ -236,15 +236,16 @@ def test_a_fixed_base_is_an_arm_alone() -> None:
     robot = rpctl.load("panda")
     reference, law = reference_by_name(robot, "eight"), EndEffector(SLOW, orientation=True)
     state = reference(0.0)
-    away = state.joints + 0.1 * np.array([1, -1, 1, 1, -1, 1, 1, 0])
+    away = state.joints + 0.1 * np.array([1, -1, 1, 1, -1, 1, 1])
     q = robot.configuration_at(state.pose, away)
     times, path, _ = obey(law, robot, reference, q, 2.0)
     for error in errors(robot, reference, times, path):
         np.testing.assert_allclose(error, error[0] * np.exp(-times / law.horizon), rtol=0.05)
 
 
-def test_the_whole_robot_follows(tiago: Robot) -> None:
+def test_the_whole_robot_follows() -> None:
     """With the dynamics: seconds 1 to 3 beside the paper's law, joints within their limits."""
+    tiago = rpctl.load("tiago", home="zero")  # the arm half stretched: it reaches over the error
     rms = {}
     fastest = [joint.velocity for joint in tiago.joints]
     for law in (PaperKinematic(), EndEffector(SLOW)):

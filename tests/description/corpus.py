@@ -38,7 +38,7 @@ BASE = """<?xml version="1.0" encoding="UTF-8"?>
     <inertial><mass value="2"/>
       <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.04"/></inertial>
   </link>
-  <link name="finger">
+  <link name="blade">
     <inertial><mass value="0.1"/>
       <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>
   </link>
@@ -57,9 +57,9 @@ BASE = """<?xml version="1.0" encoding="UTF-8"?>
     <axis xyz="0 0 1"/>
     <limit lower="-2" upper="2" effort="9" velocity="3"/>
   </joint>
-  <joint name="grip" type="prismatic">
+  <joint name="slide" type="prismatic">
     <parent link="arm"/>
-    <child link="finger"/>
+    <child link="blade"/>
     <origin xyz="0.3 0 0"/>
     <axis xyz="1 0 0"/>
     <limit lower="0" upper="0.1" effort="5" velocity="1"/>
@@ -166,18 +166,18 @@ add_warning("two masses", "a second <mass> in <inertial>", '<mass value="30"/>',
 
 # Names and structure.
 add_error("no link name", "<link> without a name; name it", '<link name="arm">', "<link>")
-add_error("no joint name", "<joint> without a name; name it", '<joint name="grip" ', "<joint ")
+add_error("no joint name", "<joint> without a name; name it", '<joint name="slide" ', "<joint ")
 add_error("two links of a name", 'link "base" is already at line 4; rename one', '<link name="arm">', '<link name="base">')
-add_error("two joints of a name", 'joint "shoulder" is already at line 43; rename', '<joint name="grip" ', '<joint name="shoulder" ')
-add_error("reserved name", 'joint "root_joint" has a name that Pinocchio takes', '<joint name="grip" ', '<joint name="root_joint" ')
-add_error("universe", 'joint "universe" has a name that Pinocchio takes', '<joint name="grip" ', '<joint name="universe" ')
-add_error("unknown parent", 'joint "grip" names an unknown link "hand"', '<joint name="grip" type="prismatic">\n    <parent link="arm"/>', f'{MARK}<joint name="grip" type="prismatic">\n    <parent link="hand"/>')
-add_error("unknown child", 'joint "grip" names an unknown link "thumb"', '<joint name="grip" type="prismatic">\n    <parent link="arm"/>\n    <child link="finger"/>', f'{MARK}<joint name="grip" type="prismatic">\n    <parent link="arm"/>\n    <child link="thumb"/>')
-add_error("no parent", 'joint "grip" has no <parent link="...">', '<joint name="grip" type="prismatic">\n    <parent link="arm"/>', '<joint name="grip" type="prismatic">')
-add_error("empty child", 'joint "grip" has no <child link="...">', '<joint name="grip" type="prismatic">\n    <parent link="arm"/>\n    <child link="finger"/>', '<joint name="grip" type="prismatic">\n    <parent link="arm"/><child link=""/>')
-add_error("two parents", 'link "arm" has two parents: joints "shoulder" and "grip"', '<joint name="grip" type="prismatic">\n    <parent link="arm"/>\n    <child link="finger"/>', '<joint name="grip" type="prismatic">\n    <parent link="base"/>\n    <child link="arm"/>')
+add_error("two joints of a name", 'joint "shoulder" is already at line 43; rename', '<joint name="slide" ', '<joint name="shoulder" ')
+add_error("reserved name", 'joint "root_joint" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="root_joint" ')
+add_error("universe", 'joint "universe" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="universe" ')
+add_error("unknown parent", 'joint "slide" names an unknown link "hand"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="hand"/>')
+add_error("unknown child", 'joint "slide" names an unknown link "thumb"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="thumb"/>')
+add_error("no parent", 'joint "slide" has no <parent link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', '<joint name="slide" type="prismatic">')
+add_error("empty child", 'joint "slide" has no <child link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', '<joint name="slide" type="prismatic">\n    <parent link="arm"/><child link=""/>')
+add_error("two parents", 'link "arm" has two parents: joints "shoulder" and "slide"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', '<joint name="slide" type="prismatic">\n    <parent link="base"/>\n    <child link="arm"/>')
 add_error("a link of its own", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="arm"/>')
-add_error("a cycle of two", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="finger"/>')
+add_error("a cycle of two", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="blade"/>')
 add_case("two roots", "error", '2 root links ("base", "spare"); join them', BASE.replace("<robot ", f"{MARK}<robot ").replace("</robot>", '<link name="spare"/></robot>'))
 add_case("no root", "error", "the joints form a cycle", f'{MARK}<robot name="r"><link name="a"/><link name="b"/><joint name="p" type="fixed"><parent link="a"/><child link="b"/></joint><joint name="q" type="fixed"><parent link="b"/><child link="a"/></joint></robot>')
 add_case("no links", "error", "the robot has no <link>", f'{MARK}<robot name="r"/>')
@@ -186,11 +186,11 @@ add_warning("misspelt", "did you mean <inertial>?", "<visual>", f"{MARK}<inertal
 add_warning("misspelt limit", "did you mean <limit>?", '<limit lower="-2"', f'{MARK}<limits lower="-2"')
 
 # Joints.
-add_error("no type", 'joint "grip" has no type; use one of', 'name="grip" type="prismatic"', f'{MARK}name="grip"')
-add_error("wrong type", 'joint "grip" has type "rotary"; use one of', 'name="grip" type="prismatic"', f'{MARK}name="grip" type="rotary"')
-add_error("capital type", 'has type "Fixed"; use one of', 'name="grip" type="prismatic"', f'{MARK}name="grip" type="Fixed"')
-add_error("floating", 'joint "grip" is floating; rpctl places the base itself', 'name="grip" type="prismatic"', f'{MARK}name="grip" type="floating"')
-add_error("planar", 'joint "grip" is planar', 'name="grip" type="prismatic"', f'{MARK}name="grip" type="planar"')
+add_error("no type", 'joint "slide" has no type; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide"')
+add_error("wrong type", 'joint "slide" has type "rotary"; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="rotary"')
+add_error("capital type", 'has type "Fixed"; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="Fixed"')
+add_error("floating", 'joint "slide" is floating; rpctl places the base itself', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="floating"')
+add_error("planar", 'joint "slide" is planar', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="planar"')
 add_error("zero axis", 'axis of joint "shoulder" is zero', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>')
 add_error("vanishing axis", 'axis of joint "shoulder" is zero', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1e-200"/>')
 add_error("short axis", "has 2 numbers; give 3", '<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>')
@@ -215,12 +215,12 @@ add_error("damping", '<dynamics damping="x"> is not a number', LIMIT, LIMIT + '<
 add_error("mimic: unknown", 'joint "shoulder" mimics an unknown joint "thumb"', LIMIT, LIMIT + '<mimic joint="thumb"/>')
 add_error("mimic: itself", 'joint "shoulder" mimics itself', LIMIT, LIMIT + '<mimic joint="shoulder"/>')
 add_error("mimic: no joint", '<mimic> of joint "shoulder" has no attribute "joint"', LIMIT, LIMIT + "<mimic/>")
-add_error("mimic: no number", '<mimic multiplier="two"> is not a number', LIMIT, LIMIT + '<mimic joint="grip" multiplier="two"/>')
-add_warning("mimic: multiplier 0", 'joint "shoulder" mimics with multiplier 0', LIMIT, LIMIT + '<mimic joint="grip" multiplier="0"/>')
+add_error("mimic: no number", '<mimic multiplier="two"> is not a number', LIMIT, LIMIT + '<mimic joint="slide" multiplier="two"/>')
+add_warning("mimic: multiplier 0", 'joint "shoulder" mimics with multiplier 0', LIMIT, LIMIT + '<mimic joint="slide" multiplier="0"/>')
 GRIP = '<limit lower="0" upper="0.1" effort="5" velocity="1"/>'
-add_case("mimic: circle", "error", "mimics in a circle (shoulder > grip)", BASE.replace(LIMIT, f'{MARK}<mimic joint="grip"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP))
-add_case("mimic: chain", "warning", 'joint "grip" mimics "shoulder", itself a mimic; read as one of "left_joint"', BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}'))
-add_case("mimic: fixed", "error", 'mimics joint "grip", which is fixed', BASE.replace('"grip" type="prismatic"', '"grip" type="fixed"').replace(LIMIT, f'{MARK}<mimic joint="grip"/>{LIMIT}'))
+add_case("mimic: circle", "error", "mimics in a circle (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP))
+add_case("mimic: chain", "warning", 'joint "slide" mimics "shoulder", itself a mimic; read as one of "left_joint"', BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}'))
+add_case("mimic: fixed", "error", 'mimics joint "slide", which is fixed', BASE.replace('"slide" type="prismatic"', '"slide" type="fixed"').replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}'))
 
 # Shapes.
 BOX = '<box size="0.5 0.4 0.2"/>'
@@ -240,7 +240,7 @@ add_case("empty", "error", "the file is empty", "")
 add_case("blanks", "error", "the file is empty", " \n\t\n")
 add_case("text", "error", 'not XML: it begins with "wheels: 2"', f"{MARK}wheels: 2")
 add_case("only comments", "error", "truncated before its root element", "<!-- a -->")
-add_case("truncated in a tag", "error", "the file is truncated", without(BASE[BASE.index('link="finger"/>') :]))
+add_case("truncated in a tag", "error", "the file is truncated", without(BASE[BASE.index('link="blade"/>') :]))
 add_case("truncated in a comment", "error", "<!-- is never closed", f"{MARK}<!-- a robot")
 add_case("truncated after a tag", "error", "the file is truncated", BASE[: BASE.index("  <joint name")] + MARK)
 add_case("tag not closed", "error", "not well-formed XML: Opening and ending tag mismatch: link", BASE.replace("  </link>\n", "", 1).replace("</robot>", f"{MARK}</robot>"))
@@ -270,8 +270,8 @@ for magic, kind in ((b"\x89PNG\r\n\x1a\n\0", "a PNG picture"), (b"PK\x03\x04\0",
                     (b"\x1f\x8b\x08\0", "a gzip archive"), (b"%PDF-1.4", "a PDF")):
     CASES.append(UrdfCase(kind, "error", f"this is {kind}, not URDF", magic, None))
 CASES.append(UrdfCase("zero bytes", "error", "a zero byte", b"<robot>\n\0\0</robot>", 2))
-add_case("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>')
-add_case("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>')
+add_case("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16")
+add_case("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16")
 
 # Encodings and namespaces: mended, and said.
 add_case("default namespace", "warning", '<robot> is in the namespace "urn:x"; it is left out', BASE.replace("<robot ", f'{MARK}<robot xmlns="urn:x" '))

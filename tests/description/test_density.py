@@ -185,9 +185,9 @@ def test_every_engine_sees_the_estimate(tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DescriptionError) as caught:
         rpctl.load(path)
-    line = text[: text.index('<link name="finger">')].count("\n") + 1
+    line = text[: text.index('<link name="blade">')].count("\n") + 1
     expected = str(caught.value)
-    assert f'{path}:{line}: error: link "finger" has no <inertial>' in expected
+    assert f'{path}:{line}: error: link "blade" has no <inertial>' in expected
     assert (
         "give its <inertial> (mass, centre of mass, inertia), estimate it with --density"
         in expected

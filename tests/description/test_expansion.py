@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.description.expansion import ExpansionError, expand
+from rpctl.description.expansion import expand
+from rpctl.description.expansion_messages import ExpansionError
 from rpctl.description.expansion_worker import _confinement
 from rpctl.errors import DescriptionError, RpctlError
 from tests.description.corpus import BASE
@@ -63,11 +64,11 @@ def small(folder: Path, content: str) -> Path:
 def test_the_robot_is_that_of_the_plain_file(tmp_path: Path) -> None:
     path = write(tmp_path / "bot" / "bot.urdf.xacro", folded())
     write(tmp_path / "far" / "parts" / "w.xacro", PARTS)
-    with pytest.raises(ExpansionError, match=r'package "parts" was not found.*--package-dir'):
+    with pytest.raises(ExpansionError, match=r"a package was not found: parts; .*--package-dir"):
         rpctl.load(path)
     robot = rpctl.load(path, package_dirs=[tmp_path / "far"])
     plain = rpctl.load(write(tmp_path / "plain.urdf", BASE))
-    q = robot.configuration(theta=0.3, joints={"shoulder": 0.4, "grip": 0.05})
+    q = robot.configuration(theta=0.3, joints={"shoulder": 0.4, "slide": 0.05})
     nu = np.array([0.3, -0.2, 0.1, 0.4])
     assert robot.quasi_velocities == plain.quasi_velocities
     ours, theirs = rpctl.ReducedDynamics(robot), rpctl.ReducedDynamics(plain)
@@ -101,9 +102,9 @@ def test_lines_are_those_of_what_expand_prints(tmp_path: Path) -> None:
         ("${1/0}", "division by zero when evaluating expression '1/0'"),
         ("${open('/etc/passwd')}", "name 'open' is not defined"),
         ("${().__class__}", "Use of invalid name"),
-        ("$(arg size)", "Undefined substitution argument size"),
-        ("$(find nobody)", 'package "nobody" was not found; declare the folder'),
-        ("$(find ../..)", 'package "../.." was not found'),
+        ("$(arg size)", 'argument "size" has no value; add size:=VALUE'),
+        ('<xacro:include filename="$(find nobody)/a"/>', "was not found: nobody; declare"),
+        ("$(find ../..)", '"../.." is no name of a package'),
         ("<xacro:leg/>", "unknown macro name: xacro:leg"),
         ('<xacro:macro name="m"><a b="${u}"/></xacro:macro><xacro:m/>', '(in macro "m")'),
         ('<xacro:include filename="none.xacro"/>', "No such file or directory"),
@@ -130,7 +131,7 @@ def test_what_cannot_be_expanded_is_told(
     message = str(caught.value)
     assert "error: " in message
     assert expected in message
-    assert message.isprintable()
+    assert message.replace("\n", "").isprintable()
     assert message.startswith(str(path.parent))
 
 

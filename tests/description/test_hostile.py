@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rpctl
@@ -191,7 +192,7 @@ def test_caps_can_be_raised_and_lowered(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("RPCTL_MAX_MOVING_JOINTS", "2")
     with pytest.raises(DescriptionError, match="4 moving joints, where 2 are the limit"):
         rpctl.load(path)
-    assert rpctl.load(path, lock=["shoulder", "grip"]).dof == 2
+    assert rpctl.load(path, lock=["shoulder", "slide"]).dof == 2
     monkeypatch.setenv("RPCTL_MAX_LINKS", "many")
     with pytest.raises(RpctlError, match="'many' is no positive integer"):
         rpctl.load(path)
@@ -212,13 +213,18 @@ def test_what_pinocchio_refuses_is_told_without_its_noise(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_name_of_a_link_and_a_joint_cannot_be_locked(tmp_path: Path) -> None:
-    path = tmp_path / "r.urdf"
-    text = BASE.replace('name="shoulder"', 'name="arm"')
-    path.write_text(text, encoding="utf-8")
-    assert rpctl.load(path).dof == 4
-    line = text[: text.index('<joint name="arm"')].count("\n") + 1
-    with pytest.raises(
-        DescriptionError, match=f':{line}: error: a link and a joint are called "arm"'
-    ):
-        rpctl.load(path, lock=["grip"])
+def test_joints_can_be_locked_where_a_link_and_a_joint_share_a_name(tmp_path: Path) -> None:
+    """The engine cannot freeze joints of such a robot; it gets a file where they are fixed."""
+    turned = []
+    for name in ("shoulder", "arm"):  # "arm" is a link, too
+        path = tmp_path / f"{name}.urdf"
+        path.write_text(BASE.replace('name="shoulder"', f'name="{name}"'), encoding="utf-8")
+        assert rpctl.load(path).dof == 4
+        model = rpctl.load(path, lock={"slide": 0.07}).model
+        joint = model.getJointId(name)
+        turned.append((model.nv, model.inertias[joint], model.jointPlacements[joint]))
+    (count, plain, place), (other_count, shared, other_place) = turned
+    assert count == other_count
+    parameters = plain.toDynamicParameters()
+    np.testing.assert_allclose(shared.toDynamicParameters(), parameters, atol=1e-15)
+    np.testing.assert_allclose(other_place.homogeneous, place.homogeneous, atol=1e-15)

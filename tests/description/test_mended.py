@@ -82,12 +82,12 @@ def test_a_chain_of_mimics_is_one_mimic_of_the_first(tmp_path: Path) -> None:
         + limit
         + "</joint>"
     )
-    grip = '<limit lower="0" upper="0.1" effort="5" velocity="1"/>'
-    follows = f'<mimic joint="shoulder" multiplier="0.5" offset="0.1"/>{grip}'
-    chained = BASE.replace(grip, follows).replace(
-        "</robot>", links.format("grip", 3, 0.2) + "</robot>"
+    slide = '<limit lower="0" upper="0.1" effort="5" velocity="1"/>'
+    follows = f'<mimic joint="shoulder" multiplier="0.5" offset="0.1"/>{slide}'
+    chained = BASE.replace(slide, follows).replace(
+        "</robot>", links.format("slide", 3, 0.2) + "</robot>"
     )
-    direct = BASE.replace(grip, follows).replace(
+    direct = BASE.replace(slide, follows).replace(
         "</robot>", links.format("shoulder", 1.5, 0.5) + "</robot>"
     )
     one = load(tmp_path / "a.urdf", chained.encode())
@@ -125,7 +125,7 @@ def test_all_is_told_at_once_errors_first(tmp_path: Path) -> None:
 def test_names_cannot_break_the_message(tmp_path: Path) -> None:
     name = "a&#10;b&#27;[31m" + "\u202e" + "c" * 5000
     text = BASE.replace(
-        'name="grip" type="prismatic"', f'name="{name.replace("&#27;", "")}" type="x"'
+        'name="slide" type="prismatic"', f'name="{name.replace("&#27;", "")}" type="x"'
     )
     with pytest.raises(rpctl.RpctlError) as caught:
         load(tmp_path / "r.urdf", text.encode())

@@ -31,7 +31,7 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
     [
         ("none.stl", "no such file; put it there"),
         ("package://bot/none.stl", "no such file"),
-        ("package://nobody/a.stl", 'package "nobody" was not found; declare the folder'),
+        ("package://nobody/a.stl", 'package "nobody" was not found; declare a folder'),
         ("package://", "package:// without the name of a package"),
         ("../../etc/passwd", "refused: it lies outside the folders"),
         ("../../../../../../../../etc/passwd", "refused: it lies outside the folders"),
@@ -40,7 +40,6 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
         ("file:///etc/passwd", "refused: it lies outside the folders"),
         ("file://etc/passwd", "refused: only package:// and paths"),
         ("http://example.org/a.stl", "refused: only package:// and paths"),
-        ("$(find bot)/a.stl", "refused: a mesh ends in|no such file"),
         ("bot.urdf", "refused: a mesh ends in .stl"),
         ("a" * 5000 + ".stl", "refused: no file has such a name"),
     ],

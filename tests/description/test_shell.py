@@ -121,7 +121,7 @@ def test_packages_are_declared(tmp_path: Path) -> None:
     path, far = workspace(tmp_path), tmp_path / "far"
     code, _, err = rpctl("inspect", path, "--strict")
     assert code == 2
-    assert 'package "parts" was not found; declare the folder that holds it with --package' in err
+    assert 'package "parts" was not found; declare a folder above it with --package' in err
     for words, settings in (
         (["--package-dir", far], {}),
         (["--package-dir", tmp_path, "--package-dir", far / "parts"], {}),

@@ -153,6 +153,22 @@ def test_one_powered_caster_leaves_a_motion_undriven(files: Files) -> None:
     np.testing.assert_allclose(np.array([y, -x, 1.0]) @ dynamics.actuation(q), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("trail", "kind"), [(0.06, "powered-casters"), (0.0, "steered")])
+def test_motors_under_mecanum_wheels_leave_a_choice(files: Files, trail: float, kind: str) -> None:
+    """The swivels are held or drive; either command settles it."""
+    parts = body()
+    for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]):
+        caster(parts, f"caster_{k}", x, y, trail, twin=False)
+    parts.xml.append(urdf.actuated(*both(0, 1, 2, 3)))
+    named = parts.text("wild").replace('_link"', '_mecanum"')
+    refusal = files.refusal(named)
+    held = " ".join(f"--lock caster_{k}" for k in range(4))
+    assert f"{held} --drive mecanum\n" in refusal
+    assert refusal.endswith(f"\n  --drive {kind}")
+    assert files.load(named, kind).drive.type == kind
+    assert files.load(named, "mecanum", lock=["caster_?"]).drive.type == "mecanum"
+
+
 def test_twin_wheels_under_a_swivel_steer_it(tmp_path: Path) -> None:
     """Their difference does (PR2's casters): without motors at the swivels all of ν is driven."""
     names = [f"{x}{y}" for x in "fr" for y in "lr"]

@@ -36,6 +36,8 @@ from rpctl.reference.motion import Reference
 from rpctl.simulation.config import Config, RunSettings, config_tables, write_config
 from rpctl.simulation.recorded import config_of, recorded, tables_of_settings
 from rpctl.simulation.run import ENTRIES, META_ENTRY
+from tests.robot import arms
+from tests.robot.test_grippers import SLIDES
 from tests.robots import SET_A, platform, write
 from tests.runs import vary
 
@@ -332,3 +334,26 @@ def test_locks_and_the_end_effector_come_back(tmp_path: Path) -> None:
     back = track(robot, "eight", 0.05).load_robot()
     assert dict(back.locked) == dict(robot.locked)
     assert back.end_effector == "arm_4_link"
+
+
+def test_the_robot_of_a_run_has_its_home_and_its_free_joints(tmp_path: Path) -> None:
+    path = arms.write(tmp_path, arms.arm(), *SLIDES)
+    home = {"rod_2_joint": 0.6}
+    robot = rpctl.load(path, "fixed", home=home, free=["l_*"], end_effector="rod_3")
+    run = Run.load(track(robot, "eight", 0.01).save(tmp_path / "run.npz"))
+    back = run.load_robot()
+    assert back.home.tolist() == robot.home.tolist()
+    assert back.joint_names == robot.joint_names == run.robot.joint_names
+    assert dict(back.locked) == {"r_joint": 0.0}
+    assert back.end_effector == "rod_3"
+
+
+def test_older_runs_have_the_home_and_the_joints_of_their_time(tmp_path: Path) -> None:
+    """At zero, stretched as it is there, and with all joints that were not locked."""
+    path = arms.write(tmp_path, arms.arm("", arms.AXES), *SLIDES)
+    robot = rpctl.load(path, "fixed", home="zero", free="*")
+    older = vary(track(robot, "eight", 0.01), home={}, free=())
+    back = older.load_robot()
+    assert back.joint_names == robot.joint_names
+    assert back.home.tolist() == robot.home.tolist()
+    assert rpctl.load(path, "fixed").home.tolist() != robot.home.tolist()[:6]

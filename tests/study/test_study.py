@@ -26,6 +26,7 @@ from rpctl.cli.app import app
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.errors import UnknownNameError
 from rpctl.reference.load import load_reference
+from rpctl.simulation.outcome import OUTCOMES
 from rpctl.study.benchmark import Benchmark, Cell, Figures, Row, Stopwatch, figures, grid, run_grid
 from rpctl.study.scenarios import (
     LAW_PAIRS,
@@ -116,6 +117,7 @@ def test_figures_are_those_of_the_run(paper: Robot) -> None:
     assert found.peak_effort == pytest.approx(shares.max())
     assert found.rms_effort == pytest.approx(np.sqrt((shares**2).mean()))
     assert found.violations == ()
+    assert found.outcome == "tracked"
     assert found.sample_time == 4.0
     assert 4.0 < found.sample_time_99 < 50.0
 
@@ -161,9 +163,16 @@ def test_a_process_that_is_killed_is_told(paper: Robot) -> None:
         run_grid(Benchmark(paper, 0.5), cells, 2, kill)
 
 
-def row(controller: LawPair, base: float, tip: float | None = 1.0, *broken: str) -> Row:
+def row(
+    controller: LawPair,
+    base: float,
+    tip: float | None = 1.0,
+    *broken: str,
+    outcome: str = "tracked",
+) -> Row:
     cell = Cell("nominal", "line", controller)
-    return Row(cell, Figures(base, base, base, tip, tip, 0.5, 0.1, broken, 1e-5, 1e-4), None)
+    figures = Figures(base, base, base, tip, tip, 0.5, 0.1, broken, 1e-5, 1e-4, outcome)
+    return Row(cell, figures, None)
 
 
 def test_verdicts() -> None:
@@ -185,6 +194,14 @@ def test_who_breaks_a_limit_wins_nothing() -> None:
     assert (base.won, base.worse_than_paper, base.ours) == (False, True, None)
     assert verdicts([row(PAPER, 1.0)], PROPOSED) == []
     assert len(verdicts([row(PAPER, 1.0, None), row(PROPOSED, 1.0, None)], PROPOSED)) == 1
+
+
+@pytest.mark.parametrize("name", OUTCOMES)
+def test_who_does_not_track_wins_nothing(name: str) -> None:
+    """A law that slows down to keep limits is late, and its error counts."""
+    base, _ = verdicts([row(PAPER, 1.0, outcome=name), row(PROPOSED, 3.0)], PROPOSED)
+    assert base.paper == (1.0 if name in ("tracked", "late") else None)
+    assert base.won == (base.paper is None)
 
 
 def compare(*words: str) -> Any:

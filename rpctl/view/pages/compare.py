@@ -12,14 +12,17 @@ from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary
 from rpctl.view.charts import has_base
-from rpctl.view.pages.summary_panel import (
+from rpctl.view.pages.merits import (
     MERIT_LABELS,
     certificate_badge,
     is_finite,
-    keyboard_section,
-    legend_entry,
     limits_badge,
     merits,
+    outcome_badge,
+)
+from rpctl.view.pages.summary_panel import (
+    keyboard_section,
+    legend_entry,
     notes_section,
     obstacle_entries,
     setting_texts,
@@ -188,6 +191,7 @@ def compare_panel(
     )
     rows = [(label, cells) for label, cells in rows if set(cells) != {"–"}]
     marks = [
+        ("Outcome", [outcome_badge(summary) for summary in summaries]),
         ("Limits", [limits_badge(summary.limits_violated) for summary in summaries]),
         (
             "Dynamics",

@@ -7,15 +7,22 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from html import escape
 from pathlib import PurePath
-from typing import Any, TypeGuard
+from typing import Any
 
 from rpctl.control.unregistered import name_of, settings_of
 from rpctl.simulation.obstacles import OBSTACLE_SETTINGS, run_obstacles
 from rpctl.simulation.run import Run
-from rpctl.simulation.summary import Summary, Violation
+from rpctl.simulation.summary import Summary
 from rpctl.view.charts import has_base
 from rpctl.view.obstacles import OBSTACLE_TITLES, obstacle_texts
-from rpctl.view.pages.page import badge, definitions, section
+from rpctl.view.pages.merits import (
+    certificate_badge,
+    headline_rows,
+    limits_badge,
+    merits_section,
+    outcome_badge,
+)
+from rpctl.view.pages.page import definitions, section
 from rpctl.view.scene.stand_ins import StandIn, label, note
 
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
@@ -45,13 +52,6 @@ SETTING_LABELS = {
     "smoothing": "Smoothing ω₀, rad/s",
     "initial_error": "Initial error (m, m, rad)",
 }
-MERIT_LABELS = {
-    "rms_base_error": "Base, rms",
-    "final_base_error": "Base, final",
-    "final_lateral_error": "Base, final lateral",
-    "rms_end_effector_error": "End effector, rms",
-    "final_end_effector_error": "End effector, final",
-}
 KEYBOARD = (
     ("Space", "play, pause"),
     ("← →", "1 s back, on; with Shift 0.1 s"),
@@ -71,7 +71,7 @@ def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
         notes: Notes on the scene, in sentences.
     """
     sections = (
-        _merits(run, summary),
+        merits_section(run, summary),
         _certificate(run.certificate),
         _settings(run),
         _robot(run),
@@ -163,27 +163,13 @@ def legend_entry(
 
 def headline(run: Run, summary: Summary) -> str:
     """Return the few figures that stand above everything else."""
-    known = merits(run, summary)
-    rows = [(MERIT_LABELS[key], text) for key, text in known.items() if key.startswith("rms")]
-    if is_finite(summary.max_effort_ratio):
-        rows.append(("Effort / limit", f"{100.0 * summary.max_effort_ratio:.0f} %"))
+    rows = headline_rows(run, summary)
     figures = "".join(f"<div><dt>{label}</dt><dd>{value}</dd></div>" for label, value in rows)
-    badges = []
+    badges = [outcome_badge(summary)]
     if run.certificate is not None:
         badges.append(certificate_badge(run.certificate, "dynamics verified"))
     badges.append(limits_badge(summary.limits_violated))
     return f'<dl class="figures">{figures}</dl><p class="badges">{"".join(badges)}</p>'
-
-
-def certificate_badge(certificate: Mapping[str, Any], text: str = "verified") -> str:
-    """Return the badge of a certificate."""
-    passed = bool(certificate["passed"])
-    return badge(passed, text if passed else "not equivalent")
-
-
-def limits_badge(broken: Sequence[Violation]) -> str:
-    """Return the badge of the limits that were broken."""
-    return badge(not broken, "limits broken" if broken else "within limits")
 
 
 def subtitle(run: Run) -> str:
@@ -193,43 +179,6 @@ def subtitle(run: Run) -> str:
     words.insert(0, f"reference: {setting_text(run.config.run.reference)}")
     words.append(f"{float(run.t[-1] - run.t[0]):.4g} s")
     return escape(" · ".join(words))
-
-
-def merits(run: Run, summary: Summary) -> dict[str, str]:
-    """Return the run's lengths of merit as texts by their keys; a fixed base has none of a base."""
-    return {
-        key: length(figure)
-        for key in MERIT_LABELS
-        if is_finite(figure := getattr(summary, key)) and (has_base(run) or "end_effector" in key)
-    }
-
-
-def _merits(run: Run, summary: Summary) -> str:
-    rows = [(MERIT_LABELS[key], text) for key, text in merits(run, summary).items()]
-    if is_finite(summary.max_effort_ratio):
-        rows.append(("Largest effort / limit", f"{100.0 * summary.max_effort_ratio:.0f} %"))
-    if is_finite(summary.realtime_factor):
-        rows.append(("Simulated at", f"{summary.realtime_factor:.3g} × real time"))
-    mark = limits_badge(summary.limits_violated)
-    sentences = [_violation(each) for each in summary.limits_violated]
-    sentences += [f"{each.sentence}." for each in summary.limits_bound]
-    if summary.ground.sentence:
-        sentences.append(f"On the ground: {summary.ground.sentence}.")
-    details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
-    body = f'<ul class="notes">{details}</ul>' if sentences else ""
-    return section("Tracking error" + mark, definitions(rows) + body)
-
-
-def _violation(broken: Violation) -> str:
-    return (
-        f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
-        f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
-    )
-
-
-def is_finite(figure: float | None) -> TypeGuard[float]:
-    """Return whether a figure of merit is a finite number."""
-    return figure is not None and math.isfinite(figure)
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> str:
@@ -314,14 +263,6 @@ def notes_section(notes: Sequence[str]) -> str:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
     return section(f"Notes ({len(notes)})", f'<ul class="notes">{items}</ul>')
-
-
-def length(value: float) -> str:
-    """Return a length, given in m, as text in m, mm or µm."""
-    for unit, size in (("m", 1.0), ("mm", 1e-3)):
-        if abs(value) >= size:
-            return f"{value / size:.3g} {unit}"
-    return f"{value / 1e-6:.3g} µm" if value else "0 m"
 
 
 def setting_text(value: Any) -> str:

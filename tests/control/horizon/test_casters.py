@@ -12,12 +12,14 @@ from scipy.integrate import solve_ivp
 import rpctl
 from rpctl import ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
+from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.horizon.casters import Casters
 from rpctl.control.horizon.constraints import WheelSpeeds
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.prediction import make_model
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import Sample, Target
+from rpctl.control.law import DynamicLaw, KinematicLaw
 from tests.robots import write
 from tests.vehicles import vehicle
 
@@ -98,14 +100,17 @@ def with_slow_swivels(velocity: float) -> Robot:
 
 
 @pytest.mark.slow
-def test_swivels_keep_their_speed() -> None:
-    """Off to the side, the plain law turns casters too fast; the horizon takes its time."""
-    robot = with_slow_swivels(4.0)
-    off = (0.1, 0.4, 0.3)
+@pytest.mark.parametrize(
+    ("kinematic", "dynamic"), [(Horizon(), None), (None, BoundedDynamic())], ids=["plan", "bound"]
+)
+def test_swivels_keep_their_speed(
+    kinematic: KinematicLaw | None, dynamic: DynamicLaw | None
+) -> None:
+    """Off to the side, plain laws turn casters too fast; those with limits take their time."""
+    robot, off = with_slow_swivels(4.0), (0.1, 0.4, 0.3)
     plain = summarize(track(robot, "line", 5.0, off, control_period=0.01))
-    assert {v.limit for v in plain.limits_violated} == {"velocity"}
-    run = track(robot, "line", 5.0, off, Horizon(), control_period=0.01)
-    kept = summarize(run)
+    assert {violation.limit for violation in plain.limits_violated} == {"velocity"}
+    kept = summarize(track(robot, "line", 5.0, off, kinematic, dynamic, control_period=0.01))
     assert not kept.limits_violated
     assert kept.final_base_error < 1e-3
-    assert kept.kinematic_report["fallbacks"] == 0
+    assert not kept.kinematic_report.get("fallbacks")

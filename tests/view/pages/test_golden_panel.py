@@ -14,9 +14,10 @@ import rpctl
 from rpctl import Run, summarize
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.texts import length
 from rpctl.view.pages.compare import compare_legend, compare_panel
-from rpctl.view.pages.summary_panel import headline, legend, length, panel, residual, subtitle
-from tests.golden import COUNT
+from rpctl.view.pages.summary_panel import headline, legend, panel, residual, subtitle
+from tests.golden import COUNT, beside_its_path
 from tests.runs import vary
 from tests.view.samples import DISC, PILLAR, with_obstacles
 
@@ -52,12 +53,15 @@ def test_panel_of_a_run(golden: Run) -> None:
         RunSettings("/home/somebody/eight.csv", initial_error=(0.1, -0.2, 0.3)),
     )
     run = vary(golden, certificate=CERTIFICATE, config=config, locked={"a": 1.0})
+    run = beside_its_path(run)
     page = panel(run, summarize(run), ["a note"])
     setting_rows = rows(page)
     expected = {
         "Base, rms": "2.06 m",
         "Base, final": "50 mm",
         "Base, final lateral": "40 mm",
+        "Base off its path, rms": "20 mm",
+        "Base behind, at most": "0.10 s (100 mm)",
         "End effector, rms": "314 mm",
         "End effector, final": "30 mm",
         "Largest effort / limit": "80 %",
@@ -83,10 +87,12 @@ def test_panel_of_a_run(golden: Run) -> None:
     }
     assert {label: setting_rows.get(label) for label in expected} == expected
     assert not {"Gain k, 1/s", "Weights"} & set(setting_rows)
-    assert badges(page) == [("good", "within limits"), ("good", "verified")]
+    assert badges(page) == [("good", "tracked"), ("good", "within limits"), ("good", "verified")]
+    assert "<li>Tracked: too short a run to tell: base is 102 mm from its reference" in page
+    assert "<li>The model follows itself: the simulated robot is the one that" in page
     assert "Worst of 7 random states, seed 3." in page
     assert "On the ground: keeps 0.12 m from tipping" in page
-    bound = "slide_joint upper position limit bound from 0.1 s, at (0.10, 0.00) m, 0.17 s in all."
+    bound = "slide_joint upper position limit bound from 0.1 s, at (0.00, 0.02) m, 0.17 s in all."
     assert bound in page
     assert "Notes (1)" in page
 
@@ -99,22 +105,32 @@ def test_rms_lengths_come_from_paper(golden: Run) -> None:
 
 
 def test_headline_of_a_run(golden: Run) -> None:
-    run = replace(golden, certificate=CERTIFICATE)
+    run = beside_its_path(replace(golden, certificate=CERTIFICATE))
     page = headline(run, summarize(run))
     assert rows(page) == {
-        "Base, rms": "2.06 m", "End effector, rms": "314 mm", "Effort / limit": "80 %",
+        "Base, rms": "2.06 m", "Base off its path, rms": "20 mm", "End effector, rms": "314 mm",
+        "Effort / limit": "80 %",
     }  # fmt: skip
-    assert badges(page) == [("good", "dynamics verified"), ("good", "within limits")]
+    fine = [("good", "tracked"), ("good", "dynamics verified"), ("good", "within limits")]
+    assert badges(page) == fine
     tau = np.array(golden.tau)
     tau[2, 0] = -50.0
     broken = vary(golden, tau=tau, certificate={**CERTIFICATE, "passed": False})
     page = headline(broken, summarize(broken))
     assert rows(page)["Effort / limit"] == "125 %"
-    assert badges(page) == [("bad", "not equivalent"), ("bad", "limits broken")]
+    assert badges(page) == [
+        ("good", "tracked"), ("bad", "not equivalent"), ("bad", "limits broken"),
+    ]  # fmt: skip
+    lost = summarize(vary(golden, base=np.full((COUNT, 3), np.nan)))
+    assert badges(headline(broken, lost))[0] == ("bad", "diverging")
     page = panel(broken, summarize(broken), ())
     assert "left_wheel_joint: effort 50, allowed 40, from 0.20 s" in page
-    assert badges(page) == [("bad", "limits broken"), ("bad", "not equivalent")]
-    assert badges(headline(golden, summarize(golden))) == [("good", "within limits")]
+    assert badges(page) == [
+        ("good", "tracked"), ("bad", "limits broken"), ("bad", "not equivalent"),
+    ]  # fmt: skip
+    assert badges(headline(golden, summarize(golden))) == [fine[0], fine[2]]
+    perturbed = replace(golden, controller_model="another")
+    assert "The model follows itself" not in panel(perturbed, summarize(perturbed), ())
     arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
     assert not any(label.startswith("Base") for label in rows(headline(arm, summarize(arm))))
     late = vary(golden, t=golden.t + 3.0)
@@ -193,6 +209,7 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
         ("bad", "limits broken"),
         ("good", "within limits"),
     ]
+    assert [badges(cell) for cell in table["Outcome"]] == [[("good", "tracked")]] * 3
     assert table["Dynamics"][0] == "–"
     assert badges(table["Dynamics"][1]) == [("good", "verified")]
     arms = [vary(run, end_effector=None, ee=none, ee_ref=none) for run in runs]

@@ -23,9 +23,10 @@ from rpctl import (
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.summary import Violation, summarize
+from rpctl.simulation.texts import length
 from rpctl.view.pages.page import embed
 from rpctl.view.pages.report import write_report
-from rpctl.view.pages.summary_panel import legend, length, panel, setting_text, setting_texts
+from rpctl.view.pages.summary_panel import legend, panel, setting_text, setting_texts
 from tests.runs import vary
 from tests.view.samples import (
     BOX,

@@ -31,7 +31,7 @@ def write(robot: Robot, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def gripper(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    return rpctl.load(write_gripper(tmp_path_factory.mktemp("gripper")))
+    return rpctl.load(write_gripper(tmp_path_factory.mktemp("gripper")), free="*")
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ OTHERS = LawPair("kanayama", "paper")
 
 
 def figures(base: float, tip: float | None, *broken: str) -> Figures:
-    return Figures(base, 9.0, 9.0, tip, 9.0, 0.5, 0.1, broken, 1e-5, 1e-4)
+    return Figures(base, 9.0, 9.0, tip, 9.0, 0.5, 0.1, broken, 1e-5, 1e-4, "tracked")
 
 
 def test_picture_of_a_benchmark() -> None:

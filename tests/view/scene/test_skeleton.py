@@ -73,7 +73,7 @@ def test_what_hangs_on_a_joint_is_below_its_group(paper: Robot) -> None:
 
 
 def test_joints_tell_their_role_and_limits(tmp_path: Path) -> None:
-    robot = rpctl.load(write_gripper(tmp_path))
+    robot = rpctl.load(write_gripper(tmp_path), free="*")
     entries = {j["name"]: j for j in joints(robot, robot.configuration(joints={"lift_joint": 0.2}))}
     assert {name: joint["role"] for name, joint in entries.items()} == {
         "left_wheel_joint": "wheel",
@@ -91,7 +91,8 @@ def test_joints_tell_their_role_and_limits(tmp_path: Path) -> None:
 
 def test_joint_that_follows_tells_whom(tmp_path: Path) -> None:
     path = write_gripper(tmp_path)
-    free, locked = rpctl.load(path), rpctl.load(path, lock={"left_finger_joint": 0.4})
+    free = rpctl.load(path, free="*")
+    locked = rpctl.load(path, lock={"left_finger_joint": 0.4}, free="*")
     for robot in (free, locked):
         entries = joints(robot, robot.configuration())
         names = [joint["name"] for joint in entries]

@@ -1,0 +1,102 @@
+"""What ``rpctl track`` prints of a run: errors, outcome, efforts, limits, and its files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from rpctl.cli.terminal import console, format_limit, new_table
+from rpctl.simulation.outcome import LATE, TRACKED
+from rpctl.simulation.path_error import PathFigures
+from rpctl.simulation.summary import EffortPeak, Summary
+from rpctl.simulation.texts import lag
+
+if TYPE_CHECKING:
+    from rpctl.view.run_folder import RunFolder
+
+TIMES = ("rms", "final", "settled")  # what an error is told of
+
+
+def show_summary(written: RunFolder, folder: Path) -> None:
+    """Print the figures of merit of a run, and where its files lie."""
+    out, summary = console(), written.summary
+    out.print(_error_table(summary))
+    out.print()
+    _show_outcome(out, summary)
+    out.print()
+    out.print(_effort_table(summary.efforts))
+    out.print()
+    for broken in summary.limits_violated:
+        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
+                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
+                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
+    for bound in summary.limits_bound:
+        out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
+    ground = summary.ground
+    if ground.sentence is not None:
+        mark = "[yellow]ground[/]" if ground.could_slip else "ground"
+        mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
+        out.print(f"{mark} {escape(ground.sentence)}")
+    out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")
+    for note in written.notes:
+        out.print(f"[yellow]note[/] {escape(note)}")
+    size = f"{written.report_bytes / 1e6:.1f} MB"
+    out.print(f"report [bold]{escape(str(written.report))}[/], {size}   "
+              f"(rpctl view {escape(str(folder))})")  # fmt: skip
+
+
+def _error_table(summary: Summary) -> Table:
+    """Return the errors against time, and those from the reference's path."""
+    table = new_table("tracking error", ">rms", ">final", ">largest in 2nd half")
+
+    def add(label: str, figures: Sequence[float | None], unit: str = "mm") -> None:
+        known = [1e3 * figure for figure in figures if figure is not None]
+        if known:
+            table.add_row(escape(label), *(f"{figure:.3f} {unit}" for figure in known))
+
+    for label, key in (("base", "base"), ("end effector", "end_effector")):
+        add(
+            label, [getattr(summary, f"{each}_{key}_error") for each in ("rms", "final", "settled")]
+        )
+        path: PathFigures | None = getattr(summary, f"{key}_path")
+        if path is not None:
+            add("  off its path", (path.rms, path.final, path.settled))
+    for joint in summary.joint_errors:
+        unit = "mm" if joint.unit == "m" else "mrad"
+        add(joint.joint, (joint.rms, joint.final, joint.settled), unit)
+    return table
+
+
+def _show_outcome(out: Console, summary: Summary) -> None:
+    """Print what became of the run, how far it was behind, and what its numbers are worth."""
+    style = {TRACKED: "green", LATE: "yellow"}.get(summary.outcome, "bold red")
+    out.print(f"[{style}]{summary.outcome}[/] {escape(summary.outcome_sentence)}")
+    name, path = "base", summary.base_path
+    if summary.end_effector_path is not None and path.largest_lag == path.final_lag == 0.0:
+        name, path = "end effector", summary.end_effector_path  # of a base that stands
+    out.print(f"{name} behind its reference by {lag(path.largest_lag, path.largest_lag_distance)} "
+              f"at most, {lag(path.final_lag, path.final_lag_distance)} in the end")  # fmt: skip
+    if summary.nominal:
+        out.print("[dim]the model follows itself: the simulated robot is the one that the "
+                  "controller knows[/]")  # fmt: skip
+
+
+def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
+    table = new_table("effort", ">peak", ">limit", ">share")
+    for effort in efforts:
+        share, limit = effort.ratio, effort.limit
+        style = "bold red" if share > 1.0 else ""
+        table.add_row(
+            escape(effort.actuator),
+            f"{effort.peak:.4g}",
+            format_limit(limit, ""),
+            f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
+            style=style,
+        )
+    return table

@@ -1,0 +1,147 @@
+"""A reference from a plain function of time; its derivatives are taken here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from rpctl.arrays import Array
+from rpctl.errors import RpctlError, require_positive
+from rpctl.reference.motion import ReferenceState
+
+STEP_S = 0.01  # s; error of the first derivative ~ STEP⁶, rounding in the second ~ 1e-16 / STEP²
+REACH = 3  # steps to either side of the middle of a stencil
+NODES = np.arange(-REACH, REACH + 1.0)  # of a stencil, in steps
+TO_COEFFICIENTS = np.linalg.inv(np.vander(NODES, increasing=True))  # of the polynomial through them
+MIN_TANGENT_SPEED = 1e-6  # m/s; below, a path has no direction that could be a heading
+
+
+def as_reference(
+    function: Callable[[float], Sequence[float] | Array],
+    *,
+    joints: Sequence[float] | Array | None = None,
+    along_path: bool = False,
+    duration: float | None = None,
+) -> FunctionReference:
+    """Return the reference that a function of time describes.
+
+    The derivatives are those of the polynomial of sixth degree through seven values of the
+    function, 10 ms apart; between t = 0 and the end it is called nowhere else. They are good to
+    about 1e-9 where the function is smooth, and mean nothing where it jumps or bends sharply.
+
+    Args:
+        function: Of the time t (s), returns the pose of P and the arm's positions (3 + n_joints,):
+            x and y (m), heading (rad; it may jump by full turns), joints (rad or m).
+        joints: Positions (n_joints,) where the arm stays; the function returns no joints then.
+        along_path: Whether the heading is the direction of motion; the function leaves it out and
+            returns x and y, then the joints.
+        duration: s; afterwards the reference stands still where it is. None: it has no end.
+
+    Raises:
+        RpctlError: The duration is no positive number of at least 60 ms.
+    """
+    return FunctionReference(function, joints, along_path, duration)
+
+
+class FunctionReference:
+    """A :data:`Reference` that a function describes; see :func:`as_reference` for the arguments."""
+
+    def __init__(
+        self,
+        function: Callable[[float], Sequence[float] | Array],
+        joints: Sequence[float] | Array | None,
+        along_path: bool,
+        duration: float | None,
+    ) -> None:
+        if duration is not None:
+            require_positive("duration", duration)
+            if duration < 2 * REACH * STEP_S:
+                raise RpctlError(
+                    f"a reference of {duration:g} s is too short to differentiate; "
+                    f"give at least {2 * REACH * STEP_S:g} s"
+                )
+            self.duration = duration
+        self._end = np.inf if duration is None else duration
+        self._function = function
+        self._joints = None if joints is None else np.array(joints, dtype=float)
+        self._along_path = along_path
+        self.__name__ = str(getattr(function, "__name__", type(function).__name__))
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the reference at t, s.
+
+        Raises:
+            RpctlError: The function returns something else than it has to.
+        """
+        resting = t > self._end
+        values = self._derivatives(min(max(t, 0.0), self._end))
+        if resting:
+            values[1:] = 0.0
+        place = self._place(values, t, resting)
+        if self._joints is None:
+            joints = values[:, 2 if self._along_path else 3 :]
+        else:
+            joints = np.vstack([self._joints, *np.zeros((2, len(self._joints)))])
+        return ReferenceState(*place, *joints[:3])
+
+    def _derivatives(self, t: float) -> Array:
+        """Return what the function describes and its first three derivatives (4, n) at t."""
+        middle = min(max(t, REACH * STEP_S), self._end - REACH * STEP_S)
+        samples = np.array([self._sample(middle + step * STEP_S) for step in NODES])
+        if not self._along_path:
+            samples[:, 2] = np.unwrap(samples[:, 2])
+        coefficients, rows = TO_COEFFICIENTS @ samples, []
+        for order in range(4):
+            rows.append(polynomial.polyval((t - middle) / STEP_S, coefficients) / STEP_S**order)
+            coefficients = polynomial.polyder(coefficients)
+        return np.array(rows)
+
+    def _sample(self, t: float) -> Array:
+        """Return the function's values at one time, checked."""
+        least = 2 if self._along_path else 3
+        what = "x, y" if self._along_path else "x, y, heading"
+        what += ", then the arm's joints" if self._joints is None else ""
+        value = self._function(t)
+        try:
+            numbers = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.ndim != 1 or len(numbers) < least or not np.isfinite(numbers).all():
+            raise RpctlError(
+                f"the reference {self.__name__} returns {value!r} at t = {t:.4g} s; "
+                f"return finite numbers: {what}"
+            )
+        return numbers
+
+    def _place(self, values: Array, t: float, resting: bool) -> tuple[Array, Array, Array]:
+        """Return the pose of P (3,), its twist and the twist's derivative in the pose's axes."""
+        heading = self._heading(values, t, resting) if self._along_path else values[:3, 2]
+        cos, sin = np.cos(heading[0]), np.sin(heading[0])
+        to_axes = np.array([[cos, sin], [-sin, cos]])
+        forward, left = to_axes @ values[1, :2]
+        change = to_axes @ values[2, :2] + heading[1] * np.array([left, -forward])
+        return (
+            np.array([*values[0, :2], heading[0]]),
+            np.array([forward, left, heading[1]]),
+            np.array([*change, heading[2]]),
+        )
+
+    def _heading(self, values: Array, t: float, resting: bool) -> Array:
+        """Return the direction of motion and its first two derivatives (3,); rad."""
+        moving = self._derivatives(self._end) if resting else values
+        (x1, y1), (x2, y2), (x3, y3) = moving[1:, :2]
+        square = x1 * x1 + y1 * y1
+        if square < MIN_TANGENT_SPEED**2:
+            raise RpctlError(
+                f"the reference {self.__name__} stands still at t = {t:.4g} s, so it has no "
+                "direction of motion; return a heading, without along_path"
+            )
+        angle = np.arctan2(y1, x1)
+        if resting:
+            return np.array([angle, 0.0, 0.0])
+        cross = x1 * y2 - y1 * x2
+        rate = cross / square
+        change = (x1 * y3 - y1 * x3 - 2.0 * rate * (x1 * x2 + y1 * y2)) / square
+        return np.array([angle, rate, change])

@@ -1,0 +1,166 @@
+"""The home posture: given joint by joint, by a state of an SRDF, by a word, or chosen."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rpctl.description.records import Joint
+from rpctl.description.srdf import read_state
+from rpctl.errors import Finding, RpctlError, UnknownNameError, is_number
+from rpctl.robot.model import Robot
+from rpctl.robot.posture import find_posture, judge
+
+AUTO, ZERO = "auto", "zero"
+STATE = re.compile(r"(?P<path>.*\.srdf(?:\.xacro)?)(?::(?P<state>.*))?", re.IGNORECASE)
+BEYOND_LIMIT = 1e-9  # rad or m; a position this far outside is at the limit
+FORMS = f"NAME=POSITION, {AUTO}, {ZERO}, or a state of an SRDF, as robot.srdf:home"
+
+
+@dataclass
+class Wish:
+    """What was asked of the home posture, in order.
+
+    Attributes:
+        word: ``"auto"``, ``"zero"``, or empty for neither.
+        positions: Positions by joint, rad or m.
+        findings: What of a file could not be used.
+    """
+
+    word: str = ""
+    positions: dict[str, float] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+
+
+def with_home(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | None) -> Robot:
+    """Return a robot with its home posture set, and the findings about it.
+
+    Joints that nothing is said of are at 0, or the nearest position well inside their limits,
+    wherever the arm can work from there. A branch of the arm that is near a singular posture
+    there, whose joints turn about nearly one axis, or that reaches into the ground takes a posture
+    of its own; so does every branch for ``"auto"``, and none for ``"zero"``.
+
+    Args:
+        robot: The robot, at its default home.
+        home: Positions by joint (rad or m); or words: ``NAME=POSITION``, several by commas, a
+            state of an SRDF (``robot.srdf:home``), ``auto`` or ``zero``, the later ones over the
+            earlier ones; None for nothing.
+
+    Raises:
+        RpctlError: A word is none of these, a joint is none of the arm's, or a position is
+            outside the limits.
+        DescriptionError: The SRDF cannot be used.
+    """
+    wish = _wish(robot, home)
+    rest, named = robot.home, set(wish.positions)
+    posture, reasons = rest, tuple[str, ...]()
+    if robot.joints and wish.word != ZERO and not named.issuperset(robot.joint_names):
+        posture, reasons = find_posture(robot, rest, force=wish.word == AUTO)
+    findings = wish.findings
+    if reasons and wish.word != AUTO:
+        text = f"home is chosen: at zero, {'; '.join(reasons)}"
+        findings.append(Finding("info", None, f"{text}; --home sets it, --home {ZERO} keeps zero"))
+    if named:
+        posture = posture.copy()
+        for index, joint in enumerate(robot.joints):
+            posture[index] = wish.positions.get(joint.name, posture[index])
+        findings += [
+            Finding("info", None, f"at home, {reason}") for reason in judge(robot, posture)
+        ]
+    if np.array_equal(posture, rest):
+        return replace(robot, findings=(*robot.findings, *findings))
+    at_home = dict(zip(robot.joint_names, posture.tolist(), strict=True))
+    settings = replace(robot.loaded_with, home=at_home)
+    return replace(robot, loaded_with=settings, findings=(*robot.findings, *findings))
+
+
+def _wish(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | None) -> Wish:
+    """Return what was asked for, every joint and position checked."""
+    wish = Wish()
+    if isinstance(home, Mapping):
+        for name, position in home.items():
+            wish.positions[name] = _checked(robot, name, position)
+        return wish
+    for item in (home,) if isinstance(home, str) else home or ():
+        state = STATE.fullmatch(item)
+        if item in (AUTO, ZERO):
+            wish.word = item
+        elif state:
+            _add_state(wish, robot, state["path"], state["state"] or "")
+        else:
+            for pair in item.split(","):
+                name, position = _pair(pair)
+                wish.positions[name] = _checked(robot, name, position)
+    return wish
+
+
+def _pair(text: str) -> tuple[str, float]:
+    """Return the name and the position of ``NAME=POSITION``."""
+    name, given, position = text.strip().partition("=")
+    if not given:
+        raise RpctlError(f"home {text!r} is not known; give {FORMS}")
+    try:
+        return name.strip(), float(position)
+    except ValueError:
+        raise RpctlError(f"home {text!r}: {position!r} is not a number; write NAME=0.1") from None
+
+
+def _checked(robot: Robot, name: str, position: float) -> float:
+    """Return the position of a joint at home.
+
+    Raises:
+        RpctlError: The joint is none of the arm's, or the position is none of its.
+    """
+    if name in robot.locked:
+        text = f"home of {name}: this joint is frozen at {robot.locked[name]:g}"
+        raise RpctlError(f"{text}; --free {name} releases it, --lock {name}=POSITION moves it")
+    if name not in robot.joint_names:
+        raise UnknownNameError("joint at home", name, robot.joint_names)
+    if not is_number(position):
+        raise RpctlError(f"home of {name} is {position!r}; give a number, rad or m")
+    joint = robot.description.joint[name]
+    if _outside(joint, position):
+        limits = f"{joint.lower:g} to {joint.upper:g} {_unit(joint)}"
+        raise RpctlError(f"home of {name} is {position:g}, outside its limits; give {limits}")
+    return float(np.clip(position, joint.lower, joint.upper))
+
+
+def _add_state(wish: Wish, robot: Robot, path: str, state: str) -> None:
+    """Add the positions of an SRDF's state; what the arm has no use for is told."""
+    arm, known = {joint.name: joint for joint in robot.joints}, robot.description.joint
+    strange, still = [], []
+    for stated in read_state(path, state, robot.description.read_with):
+        joint = arm.get(stated.joint)
+        if joint is not None:
+            wish.positions[joint.name] = float(np.clip(stated.value, joint.lower, joint.upper))
+            if _outside(joint, stated.value):
+                text = (
+                    f'{path}:{stated.line}: state "{state}" puts {joint.name} at {stated.value:g}'
+                )
+                limits = f"{joint.lower:g} to {joint.upper:g} {_unit(joint)}"
+                wish.findings.append(
+                    Finding(
+                        "warning", None, f"{text}; its limits are {limits}, the nearer is taken"
+                    )
+                )
+        elif stated.joint not in known:
+            strange.append(f"{stated.joint} (line {stated.line})")
+        elif robot.locked.get(stated.joint, stated.value) != stated.value:
+            still.append(stated.joint)
+    if strange:
+        text = f'{path}: joints of state "{state}" that the robot does not have are left out'
+        wish.findings.append(Finding("warning", None, f"{text}: {', '.join(strange)}"))
+    if still:
+        text = f'{path}: frozen joints keep their positions, not those of state "{state}"'
+        wish.findings.append(Finding("info", None, f"{text}: {', '.join(still)}"))
+
+
+def _outside(joint: Joint, position: float) -> bool:
+    return not joint.lower - BEYOND_LIMIT <= position <= joint.upper + BEYOND_LIMIT
+
+
+def _unit(joint: Joint) -> str:
+    return "m" if joint.kind == "prismatic" else "rad"

@@ -1,0 +1,155 @@
+"""The outcome of a run in one word: tracked, late, stuck, diverging or collided.
+
+Each is told from what was logged: where a point of the robot was, where its reference was, and how
+far the point was from the reference's path (:mod:`rpctl.simulation.path_error`). Means are over the
+last quarter of the run unless said.
+
+- **collided**: the robot's body touched an obstacle that its law knows of;
+- **diverging**: the mean path error grew beyond what it was in the first half, or is not finite;
+- **stuck**: the point stands while its reference moves on or is elsewhere, or it moves along beside
+  the path and its error stays;
+- **late**: it is on its path, or comes nearer to it, and behind its reference;
+- **tracked**: it is at its reference, or comes nearer to it, or the run was too short to tell.
+
+The worst of base and end effector counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.simulation.obstacles import BODY_NAMES, run_obstacles, shape_text
+from rpctl.simulation.path_error import PathTrace, trace_path
+from rpctl.simulation.run import Run
+from rpctl.simulation.texts import length
+
+TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
+OUTCOMES = (TRACKED, LATE, STUCK, DIVERGING, COLLIDED)  # from good to bad
+SUCCESSES = (TRACKED, LATE)  # a law that slows down to keep limits is late, and does well
+
+ON_PATH_M = 0.05  # m: at its reference, or on its path; what is left beside a robot in a doorway
+LATE_S = 0.5  # s: more than the laws' horizons, .4 s, within which a lag is the law's own
+GROWTH_RATIO = 1.5  # of the largest path error of the first half: beyond it the error has grown
+FALL_RATIO = 0.9  # of the mean path error of the second quarter: below it the error falls
+STANDING_RATIO = 0.05  # of the way that there was to go: a point that moves less stands
+EVIDENCE_S = 2.0  # s: starting from rest takes about one, so a shorter run shows nothing steady
+TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straight lines, to 5 mm
+TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
+
+
+class Outcome(NamedTuple):
+    """What became of a run: one of ``OUTCOMES``, and why, in words."""
+
+    name: str
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class TracedPoint:
+    """A point of the robot that has a reference.
+
+    Attributes:
+        name: What it is called.
+        actual: Where it was (K, d), m.
+        reference: Where its reference was (K, d), m.
+        trace: Its motion beside the path of the reference.
+    """
+
+    name: str
+    actual: Array
+    reference: Array
+    trace: PathTrace
+
+
+def trace_point(name: str, t: Array, actual: Array, reference: Array) -> TracedPoint:
+    """Return a point of the robot beside the path of its reference.
+
+    Args:
+        name: What it is called.
+        t: Time (K,), s.
+        actual: Where it was (K, d), m.
+        reference: Where its reference was (K, d), m.
+    """
+    return TracedPoint(name, actual, reference, trace_path(t, actual, reference))
+
+
+def outcome(run: Run, points: Sequence[TracedPoint]) -> Outcome:
+    """Return the outcome of a run.
+
+    Args:
+        run: The run.
+        points: P first, and the end effector of a robot that has one.
+    """
+    collision = _collision(run)
+    if collision is not None:
+        return collision
+    turning = _on_the_spot(run, points[0])
+    found = [_outcome_of(run.t, point) for point in (*points, *turning)]
+    return max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of the worst
+
+
+def _collision(run: Run) -> Outcome | None:
+    """Return the outcome of a run that touched an obstacle: the one that it went deepest into."""
+    deepest, found = -TOUCH_M, None
+    for obstacle in run_obstacles(run):
+        if not obstacle.places(run).size:
+            continue  # the end effector's, of a robot without one
+        clearance = obstacle.clearance(run)
+        least = float(np.fmin.reduce(clearance))
+        if least < deepest:
+            when = float(run.t[int(np.argmax(clearance < -TOUCH_M))])
+            text = f"{BODY_NAMES[obstacle.body]} ran into the {shape_text(obstacle.shape)}"
+            text += f" at {when:.3g} s, {length(-least)} deep at worst"
+            deepest, found = least, Outcome(COLLIDED, text)
+    return found
+
+
+def _on_the_spot(run: Run, base: TracedPoint) -> list[TracedPoint]:
+    """Return the heading as a point that turns about P, where turning is all that is asked."""
+    if np.ptp(base.reference, axis=0).max() > ON_PATH_M:
+        return []
+    arms = (TURNING_ARM_M * run.log.base[:, 2:], TURNING_ARM_M * run.log.base_ref[:, 2:])
+    return [trace_point(f"heading, {TURNING_ARM_M:g} m from P,", run.t, *arms)]
+
+
+def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
+    """Return the outcome of one point."""
+    count, name, off = len(t), point.name, point.trace.error
+    ahead = np.linalg.norm(point.reference - point.actual, axis=1)
+    if not np.isfinite(off).all():
+        return Outcome(DIVERGING, f"{name} left the finite numbers")
+    last = slice(3 * count // 4, None)
+    error, beside = float(ahead[last].mean()), float(off[last].mean())
+    lag, gap = (
+        float(np.median(values[last])) for values in (point.trace.lag, point.trace.lag_distance)
+    )
+    start = float(off[: max(count // 2, 1)].max())
+    if beside > max(ON_PATH_M, GROWTH_RATIO * start):
+        return Outcome(DIVERGING, f"{name} is {length(beside)} off its path in the end, "
+                       f"and was {length(start)} at most in the first half")  # fmt: skip
+    if error <= ON_PATH_M:
+        return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
+    if t[-1] - t[0] < EVIDENCE_S:
+        return Outcome(TRACKED, f"too short a run to tell: {name} is {length(error)} from its "
+                       "reference in the end")  # fmt: skip
+    to_go = max(_reach(point.reference[last]), float(ahead[last].max()))
+    if _reach(point.actual[last]) <= STANDING_RATIO * to_go:
+        return Outcome(STUCK, f"{name} stands {length(error)} from its reference in the end")
+    falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
+    if beside > ON_PATH_M and not falls:
+        return Outcome(STUCK, f"{name} moves along {length(beside)} off its path in the end, "
+                       "and the error stays")  # fmt: skip
+    where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
+    when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
+    return Outcome(LATE if lag > LATE_S else TRACKED,
+                   f"{name} is {where}, {when} its reference in the end")  # fmt: skip
+
+
+def _reach(places: Array) -> float:
+    """Return how far (m) places (K, d) lead from the first of them."""
+    return float(np.linalg.norm(places - places[0], axis=1).max())

@@ -1,0 +1,78 @@
+"""A run as one flat table: a row a sample, a column a number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.simulation.facts import GroundFacts, RobotFacts
+from rpctl.simulation.log import Log
+
+POSE = ("x", "y", "theta")
+POINT = ("x", "y", "z")
+ERRORS = ("longitudinal", "lateral", "heading")
+
+
+def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array]:
+    """Return the columns (K,) of a run by name, in SI units.
+
+    ``t``; of P ``x``, ``y``, ``theta``; each joint's position by the joint's name (behind
+    ``joint_`` where that name is taken, as "x" is); both again with ``_ref``. Then, by prefix,
+    ``e_`` tracking errors, ``nu_``, ``nu_d_``, ``nu_ref_`` quasi-velocities, ``tau_`` efforts,
+    ``rate_`` rates of the actuators' joints, ``ee_`` the end effector, ``load_`` vertical forces of
+    the ground, and single figures by their name in the log.
+
+    Args:
+        log: The samples.
+        robot: Names of what they are of.
+        ground: Names of the contacts.
+    """
+    joints = robot.joint_names
+    groups: list[tuple[str, Iterable[str], Array, str]] = [
+        ("", POSE, log.base, ""),
+        ("", joints, log.joints, ""),
+        ("", POSE, log.base_ref, "_ref"),
+        ("", joints, log.joints_ref, "_ref"),
+        ("", robot.other_names, log.others, ""),
+        ("e_", (*ERRORS, *joints), log.e, ""),
+        ("nu_", robot.quasi_velocities, log.nu, ""),
+        ("nu_d_", robot.quasi_velocities, log.nu_d, ""),
+        ("nu_ref_", robot.quasi_velocities, log.nu_ref, ""),
+        ("tau_", robot.actuators, log.tau, ""),
+        ("rate_", robot.actuators, log.rates, ""),
+        ("ee_", POINT, log.ee, ""),
+        ("ee_", POINT, log.ee_ref, "_ref"),
+        ("load_", ground.contacts, log.contact_load, ""),
+        ("zmp_", ("x", "y"), log.zmp, ""),
+    ]
+    table = {"t": log.t}
+    for prefix, names, values, suffix in groups:
+        if values.shape[1]:  # what is not defined for a robot has no columns
+            for name, column in zip(names, values.T, strict=True):
+                label = f"{prefix}{name}{suffix}"
+                table[f"joint_{label}" if label in table else label] = column
+    for name in ("ee_angle", "tip_margin", "slip_ratio", "energy", "work"):
+        values = getattr(log, name)
+        if values.ndim == 1:
+            table[name] = values
+    return table
+
+
+def csv_text(table: Mapping[str, Array]) -> str:
+    """Return a table as CSV: a header and a row a sample; a number is as exact as it was.
+
+    Args:
+        table: Columns (K,) by name.
+    """
+    rows = np.column_stack(list(table.values())).tolist()
+    lines = (",".join(map(repr, row)) for row in rows)
+    return "\n".join((",".join(map(_quoted, table)), *lines, ""))
+
+
+def _quoted(name: str) -> str:
+    """Return a column's name as CSV has it."""
+    if any(character in name for character in ',"\n\r'):
+        return '"' + name.replace('"', '""') + '"'
+    return name

@@ -1,0 +1,152 @@
+"""What looks like a wheel and is none of the drive's: an error that names what would settle it."""
+
+from __future__ import annotations
+
+import pytest
+
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.urdf import read
+from rpctl.drive.leftovers import lock_option
+from tests import urdf
+from tests.drive.drive_cases import Files, axles, body, xml
+from tests.robots import write
+from tests.vehicles import Parts, rear_axle
+
+
+def base() -> Parts:
+    parts = body()
+    rear_axle(parts)
+    return parts
+
+
+def two_swivels() -> Parts:
+    parts = base()
+    parts.swivel("outer", "0.5 0 0.2", "continuous")
+    parts.link("inner_fork", 0.2)
+    parts.joint("inner", "continuous", ("outer_fork", "inner_fork"), "0 0 0", "0 0 1")
+    parts.wheel("third", "inner_fork", "0 0 -0.1")
+    return parts
+
+
+def tilted() -> Parts:
+    parts = base()
+    parts.wheel("front_wheel", "base", "0.5 0 0.1", axis="0 0.9848 0.1736")
+    return parts
+
+
+def limited() -> Parts:
+    parts = base()
+    parts.link("front_wheel_link", 1.0, urdf.shape('sphere radius="0.1"'))
+    parts.joint("front_wheel", "revolute", ("base", "front_wheel_link"), "0.5 0 0.1", "0 1 0")
+    return parts
+
+
+def moving() -> Parts:
+    parts = base()
+    parts.wheel("front_wheel", "base", "0.5 0 0.1")
+    parts.link("flap", 0.1)
+    parts.joint("flap_joint", "revolute", ("front_wheel_link", "flap"), "0 0.1 0", "0 1 0")
+    return parts
+
+
+def high() -> Parts:
+    parts = base()
+    parts.wheel("front_wheel", "base", "0.5 0 0.3")
+    return parts
+
+
+def idle_caster() -> Parts:
+    parts = base()
+    parts.swivel("front_caster", "0.5 0 0.1", "continuous")
+    return parts
+
+
+@pytest.mark.parametrize(
+    ("parts", "why", "ways"),
+    [
+        (two_swivels(), '"third" swivels about 2 upright axes', ("--lock outer", "--lock third")),
+        (tilted(), '"front_wheel" has an axle 10° off the level', ("level its <axis>",)),
+        (limited(), '"front_wheel" has limits', ('make it "continuous"', "--lock front_wheel")),
+        (moving(), '"front_wheel" moves other joints, "flap_joint"', ("--lock flap_joint",)),
+        (high(), '"front_wheel" ends 200 mm above the ground', ("--free front_wheel",)),
+        (idle_caster(), '"front_caster" is called a caster', ("--lock front_caster",)),
+    ],
+)
+def test_a_wheel_that_is_left_out_is_an_error(
+    files: Files, parts: Parts, why: str, ways: tuple[str, ...]
+) -> None:
+    refusal = files.refusal(parts)
+    assert refusal.startswith(f"{files.folder / 'robot.urdf'}:1: the differential drive leaves out")
+    assert why in refusal
+    for way in ways:
+        assert f"\n  {way}" in refusal
+
+
+@pytest.mark.parametrize("parts", [two_swivels(), tilted(), limited(), moving(), high()])
+def test_each_way_out_settles_it(files: Files, parts: Parts) -> None:
+    """The commands of the message load the robot, and no wheel is an arm's joint unless free."""
+    text, refusal = xml(parts), files.refusal(parts)
+    for line in refusal.splitlines()[1:]:
+        flag, _, name = line.split("  (")[0].strip().partition(" ")
+        if flag in ("--lock", "--free"):
+            key = flag.removeprefix("--")
+            robot = (
+                files.load(text, lock=[name]) if key == "lock" else files.load(text, free=[name])
+            )
+            assert len(robot.drive.wheels) >= 2
+            wheel = refusal.split('"')[1]
+            assert (wheel in robot.joint_names) == (key == "free")
+
+
+def test_wheels_that_mimic_others(files: Files) -> None:
+    """A rear wheel tied to the front one by a <mimic>: the ground would turn it, too."""
+    text = xml(axles(0.25, -0.25))
+    for side in ("left", "right"):
+        start = text.index(f'<joint name="axle1_{side}"')
+        end = text.index("</joint>", start)
+        text = f'{text[:end]}<mimic joint="axle0_{side}"/>{text[end:]}'
+    refusal = files.refusal(text)
+    assert '"axle1_left" mimics "axle0_left"; "axle1_right" mimics "axle0_right"' in refusal
+    assert "take its <mimic> out (line 1)" in refusal
+    drive = files.load(text, lock=["axle1_*"]).drive
+    assert (drive.type, len(drive.wheels)) == ("differential", 2)
+
+
+@pytest.mark.parametrize(("name", "height", "taken"), [("drum", 0.16, True), ("drum", 0.25, False)])
+def test_round_things_without_a_name_count_near_the_ground(
+    files: Files, name: str, height: float, taken: bool
+) -> None:
+    """A drum of R = 0.1 m that ends 60 mm above the ground may be a wheel; at 150 mm it is none."""
+    parts = base()
+    parts.wheel(name, "base", f"0.5 0 {height}")
+    if taken:
+        assert f'"{name}" ends 60 mm above the ground' in files.refusal(parts)
+    else:
+        assert files.load(parts).joint_names == (name,)
+
+
+def test_a_steering_wheel_is_no_wheel(files: Files) -> None:
+    """Its axle is as steep as a driver wants it, and it is far from the ground."""
+    parts = base()
+    parts.wheel("steering_wheel", "base", "0.5 0 0.9", axis="0.95 0 0.3")
+    assert files.load(parts).joint_names == ("steering_wheel",)
+
+
+@pytest.mark.parametrize(
+    ("names", "option"),
+    [
+        (("caster_joint_fl", "caster_joint_br"), "--lock 'caster_joint_*'"),
+        (("left_spring", "right_spring"), "--lock '*_spring'"),
+        (("front_left_wheel", "front_right_wheel"), "--lock 'front_*_wheel'"),
+        (("left_spring", "front_left_wheel"), "--lock left_spring --lock front_left_wheel"),
+        (("rear_wheel",), "--lock rear_wheel"),
+    ],
+)
+def test_one_pattern_names_the_joints_and_no_other(
+    files: Files, names: tuple[str, ...], option: str
+) -> None:
+    parts = body()
+    every = ("caster_joint_fl", "caster_joint_br", "left_spring", "right_spring", "front_box")
+    for name in (*every, "front_left_wheel", "front_right_wheel", "rear_wheel"):
+        parts.wheel(name, "base", "0 0 0.1")
+    assert lock_option(FrozenTree(read(write(files.folder, xml(parts)))), names) == option

@@ -1,0 +1,183 @@
+"""What plugins and controllers say of the wheels, beside what the geometry gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.drive.plugins import read_simulator_tags
+from rpctl.errors import Finding
+from tests import urdf
+from tests.drive.drive_cases import Files, axles, body, xml
+from tests.drive.test_parallel_wheels import plugin, with_plugin
+from tests.robots import write
+from tests.vehicles import rear_axle
+
+SIDES = """
+  left_wheel: ['axle0_left', 'axle1_left']
+  right_wheel: ['axle0_right', 'axle1_right']
+"""
+
+
+def told(robot: Robot) -> list[Finding]:
+    return [f for f in robot.findings if "plugin" in f.message or "controller" in f.message]
+
+
+def differential() -> str:
+    parts = body()
+    rear_axle(parts)
+    return xml(parts)
+
+
+def driven(inside: str, file: str = "libgazebo_ros_diff_drive.so") -> str:
+    return differential().replace("</robot>", "\n" + plugin(file, inside))
+
+
+@pytest.mark.parametrize(
+    ("inside", "message"),
+    [
+        ("<wheelDiameter>0.26</wheelDiameter>", "has wheels of radius 0.13 m, where"),
+        ("<wheel_radius>0.12</wheel_radius>", "has wheels of radius 0.12 m, where"),
+        ("<wheelSeparation>0.5</wheelSeparation>", "has the wheels 0.5 m apart, the geometry 0.6"),
+    ],
+)
+def test_lengths_that_differ_are_warned_of_with_their_line(
+    files: Files, inside: str, message: str
+) -> None:
+    (found,) = told(files.load(driven(inside)))
+    assert (found.severity, found.line) == ("warning", 2)
+    assert found.message.startswith('plugin "libgazebo_ros_diff_drive.so" ' + message)
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        "<wheelDiameter>0.201</wheelDiameter><wheelSeparation>0.604</wheelSeparation>",
+        "<wheel_radius>${radius}</wheel_radius><wheel_separation>-1</wheel_separation>",
+        "",
+    ],
+)
+def test_lengths_that_agree_or_are_none_are_not_told(files: Files, inside: str) -> None:
+    assert told(files.load(driven(inside), strict=True)) == []
+
+
+def test_only_the_wheels_that_a_plugin_names_are_compared(files: Files) -> None:
+    """Four wheels of two sizes; the plugin is right about those that it drives."""
+    parts = axles(0.25)
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        parts.wheel(f"small_{side}", "base", f"-0.25 {y} 0.08", r=0.08)
+    inside = "<left_joint>small_left</left_joint><wheel_radius>{}</wheel_radius>"
+    for radius, count in ((0.08, 0), (0.1, 1)):
+        text = with_plugin(parts, plugin("gz-sim-diff-drive", inside.format(radius)))
+        assert len(told(files.load(text, "skid-steer"))) == count
+
+
+@pytest.mark.parametrize("kind", ["mecanum-drive", "ackermann-steering"])
+def test_a_plugin_for_another_drive_is_warned_of(files: Files, kind: str) -> None:
+    text = driven("", f"gz-sim-{kind}-system")
+    (found,) = told(files.load(text))
+    assert found.severity == "warning"
+    assert "the wheels make a differential drive; say which it is with --drive" in found.message
+    assert "the wheels make a differential drive" in files.refusal(text, strict=True)
+
+
+def test_the_actuators_of_ros2_control(files: Files) -> None:
+    """Joints with a command interface have motors; one with a state interface has none."""
+    joint = '<joint name="{}"><{}_interface name="velocity"/></joint>'
+    control = '<ros2_control name="c" type="system">{}</ros2_control></robot>'
+    inside = joint.format("rear_left", "command") + joint.format("rear_right", "state")
+    text = differential().replace("</robot>", control.format(inside))
+    robot = files.load(text)
+    assert robot.actuators == ("rear_left",)
+    assert read_simulator_tags(robot.description).actuated == {"rear_left"}
+
+
+def workspace(folder: Path, control: str, package: str = "bot_control") -> Path:
+    """Return the URDF of a four-wheeled robot beside a package with a file of controllers."""
+    for name in ("bot_description", package):
+        (folder / name / "config").mkdir(parents=True)
+        write(folder / name, f"<package><name>{name}</name></package>", "package.xml")
+    write(folder / package / "config", control, "control.yaml")
+    return write(folder / "bot_description", xml(axles(0.25, -0.25)))
+
+
+@pytest.mark.parametrize(
+    ("control", "message"),
+    [
+        (
+            f'drive:\n  type: "diff_drive_controller/DiffDriveController"{SIDES}'
+            "  wheel_separation_multiplier: 1.5\n",
+            "has the wheels 0.9 m apart (0.6 times its multiplier 1.5), the geometry 0.6 m",
+        ),
+        (
+            "controller_manager:\n  ros__parameters:\n    base.type: diff_drive_controller/X\n"
+            "base:\n  ros__parameters:\n    left_wheel_names: [axle0_left]\n"
+            "    right_wheel_names: [axle0_right]\n    wheel_separation: 0.512\n",
+            "has the wheels 0.512 m apart, the geometry 0.6 m, which is taken",
+        ),
+    ],
+    ids=["ROS 1", "ROS 2"],
+)
+def test_a_controller_in_the_workspace_tells_its_separation(
+    tmp_path: Path, control: str, message: str
+) -> None:
+    """For a skid-steer drive this is tuned odometry: a remark, and how to take it."""
+    robot = rpctl.load(workspace(tmp_path, control), strict=True)
+    assert robot.drive.type == "skid-steer"
+    assert "is made for differential drives" in robot.drive.evidence[0]
+    (found,) = told(robot)
+    assert found.severity == "info"
+    assert "(bot_control/config/control.yaml:" in found.message
+    assert message in found.message
+    assert "a drive file with track = " in found.message
+
+
+MECANUM = "base:\n  type: mecanum_drive_controller/MecanumDriveController\n"
+
+
+def test_a_controller_tells_mecanum_wheels(tmp_path: Path) -> None:
+    joints = "  front_left_wheel_joint: axle0_left\n  wheel_separation_x: 0.5\n"
+    robot = rpctl.load(workspace(tmp_path, MECANUM + joints), strict=True)
+    assert robot.drive.type == "mecanum"
+
+
+@pytest.mark.parametrize(
+    ("control", "package"),
+    [
+        (MECANUM + "  front_left_wheel_joint: axle0_left\n", "other_control"),
+        (MECANUM + "  front_left_wheel_joint: of_another_robot\n", "bot_control"),
+        (MECANUM, "bot_control"),
+        (MECANUM + "  front_left_wheel_joint: [axle0_left\n", "bot_control"),
+        (
+            f"{MECANUM}  a_wheel: axle0_left\nother:\n  type: diff_drive_controller/X{SIDES}",
+            "bot_control",
+        ),
+    ],
+    ids=["of another robot", "of other joints", "of no joints", "no YAML", "of two kinds"],
+)
+def test_controllers_that_are_not_clearly_the_robots_tell_nothing(
+    tmp_path: Path, control: str, package: str
+) -> None:
+    drive = rpctl.load(workspace(tmp_path, control, package)).drive
+    assert drive.type == "skid-steer"
+    assert drive.doubts[0].startswith("4 parallel wheels are taken for ordinary ones")
+
+
+def test_a_file_of_parameters_that_the_robot_names_comes_first(tmp_path: Path) -> None:
+    path = workspace(tmp_path, f"base:\n  type: diff_drive_controller/X{SIDES}")
+    own = write(path.parent, MECANUM + "  front_left_wheel_joint: axle0_left\n", "own.yaml")
+    named = f"<parameters>{own}</parameters>"
+    text = path.read_text().replace("</robot>", plugin("libgz_ros2_control.so", named))
+    assert rpctl.load(write(path.parent, text)).drive.type == "mecanum"
+    outside = write(tmp_path, own.read_text(), "own.yaml")  # in no folder that the robot may use
+    far = text.replace(str(own), str(outside))
+    assert rpctl.load(write(path.parent, far)).drive.type == "skid-steer"
+
+
+def test_an_arms_plugin_is_none_of_a_base(files: Files) -> None:
+    arm = urdf.robot("arm", urdf.link("base", urdf.inertial(1, (1, 1, 1))))
+    text = arm.replace("</robot>", plugin("libgazebo_ros_diff_drive.so"))
+    assert told(files.load(text, "fixed")) == []

@@ -1,0 +1,122 @@
+"""A reference from a function of time: its derivatives are those of the function."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl.reference.function import as_reference
+from rpctl.reference.motion import ReferenceState
+
+RATE = 0.7
+
+
+def wave(t: float) -> list[float]:
+    """Return a pose that moves sideways, too, a heading that jumps by a turn, and one joint."""
+    heading = 3.0 + RATE * t
+    return [np.sin(t), 0.3 * t**3, np.angle(np.exp(1j * heading)), np.cos(2.0 * t)]
+
+
+def wave_state(t: float) -> ReferenceState:
+    """Return the same, differentiated by hand."""
+    heading = 3.0 + RATE * t
+    cos, sin = np.cos(heading), np.sin(heading)
+    velocity = np.array([np.cos(t), 0.9 * t**2])
+    acceleration = np.array([-np.sin(t), 1.8 * t])
+    axes = np.array([[cos, sin], [-sin, cos]])
+    turning = RATE * np.array([[-sin, cos], [-cos, -sin]])
+    return ReferenceState(
+        np.array([np.sin(t), 0.3 * t**3, heading]),
+        np.array([*axes @ velocity, RATE]),
+        np.array([*axes @ acceleration + turning @ velocity, 0.0]),
+        np.array([np.cos(2.0 * t)]),
+        np.array([-2.0 * np.sin(2.0 * t)]),
+        np.array([-4.0 * np.cos(2.0 * t)]),
+    )
+
+
+@pytest.mark.parametrize("t", [0.0, 0.004, 0.2, 1.37, 1.999, 2.0])
+def test_derivatives_are_the_functions(t: float) -> None:
+    found, expected = as_reference(wave, duration=2.0)(t), wave_state(t)
+    assert np.angle(np.exp(1j * (found.pose[2] - expected.pose[2]))) == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(found.pose[:2], expected.pose[:2], atol=1e-13)
+    for name in ("twist", "twist_dot", "joints", "joint_rates", "joint_accelerations"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=2e-8)
+
+
+def test_the_function_is_called_between_zero_and_its_end_only() -> None:
+    called = []
+
+    def line(t: float) -> tuple[float, float, float]:
+        called.append(t)
+        return t, 0.0, 0.0
+
+    reference = as_reference(line, duration=1.0)
+    for t in (-0.5, 0.0, 0.01, 0.5, 0.99, 1.0, 3.0):
+        reference(t)
+    assert 0.0 <= min(called) < 1e-12
+    assert 1.0 - 1e-12 < max(called) <= 1.0 + 1e-12
+
+
+def test_after_its_end_it_stands_still() -> None:
+    state = as_reference(wave, duration=2.0)(2.5)
+    np.testing.assert_allclose(state.pose[:2], [np.sin(2.0), 2.4], atol=1e-12)
+    for values in (state.twist, state.twist_dot, state.joint_rates, state.joint_accelerations):
+        assert not values.any()
+
+
+def test_heading_along_the_path() -> None:
+    def ellipse(t: float) -> tuple[float, float]:
+        return 2.0 * np.cos(t), np.sin(t)
+
+    reference = as_reference(ellipse, joints=[0.4], along_path=True)
+    for t in (0.0, 0.02, 0.9, 4.0):
+        state = reference(t)
+        velocity = np.array([-2.0 * np.sin(t), np.cos(t)])
+        speed = np.hypot(*velocity)
+        turning = 2.0 / speed**2  # (x' y'' - y' x'') / v² of this ellipse
+        v_dot = (velocity @ np.array([-2.0 * np.cos(t), -np.sin(t)])) / speed
+        turning_dot = -2.0 * turning * v_dot / speed
+        np.testing.assert_allclose(state.pose[2], np.arctan2(velocity[1], velocity[0]), atol=1e-9)
+        np.testing.assert_allclose(state.twist, [speed, 0.0, turning], atol=1e-8)
+        np.testing.assert_allclose(state.twist_dot, [v_dot, 0.0, turning_dot], atol=1e-6)
+        np.testing.assert_array_equal(state.joints, [0.4])
+        assert not state.joint_rates.any()
+        assert not state.joint_accelerations.any()
+
+
+def test_heading_along_the_path_stays_after_the_end() -> None:
+    state = as_reference(lambda t: (t, t), along_path=True, duration=1.0)(4.0)
+    np.testing.assert_allclose(state.pose, [1.0, 1.0, np.pi / 4], atol=1e-9)
+    assert not state.twist.any()
+
+
+def test_a_robot_tracks_a_function() -> None:
+    robot = rpctl.load("paper")
+
+    def circle(t: float) -> list[float]:
+        return [np.sin(0.5 * t), 1.0 - np.cos(0.5 * t), 0.5 * t, 0.3 * np.sin(t), 0.5]
+
+    run = rpctl.track(robot, as_reference(circle), 2.0, control_period=0.01)
+    assert run.config.run.reference == "circle"
+    assert rpctl.summarize(run).final_base_error < 5e-3  # it starts from rest
+    assert run.t[-1] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    "value", [None, (1.0, 2.0), (0.0, 0.0, float("nan")), "x, y", [[0.0], [1.0], [2.0]]]
+)
+def test_what_a_function_has_to_return_is_said(value: object) -> None:
+    with pytest.raises(rpctl.RpctlError, match="return finite numbers: x, y, heading, then"):
+        as_reference(lambda t: value)(0.3)  # type: ignore[arg-type, return-value]
+
+
+def test_a_path_that_stands_still_has_no_direction() -> None:
+    with pytest.raises(rpctl.RpctlError, match=r"stands still at t = 0\.5 s.*return a heading"):
+        as_reference(lambda t: (1.0, 2.0), along_path=True)(0.5)
+
+
+def test_a_reference_too_short_is_refused() -> None:
+    with pytest.raises(rpctl.RpctlError, match=r"at least 0\.06 s"):
+        as_reference(wave, duration=0.05)
