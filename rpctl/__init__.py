@@ -39,6 +39,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
     "load": "rpctl.robot.load",
+    "load_reference": "rpctl.reference.load",
     "scale_limits": "rpctl.robot.vary",
     "scale_masses": "rpctl.robot.vary",
     "set_limits": "rpctl.robot.vary",
@@ -78,6 +79,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.equivalence.verify import verify as verify
     from rpctl.errors import RpctlError as RpctlError
     from rpctl.reference.function import as_reference as as_reference
+    from rpctl.reference.load import load_reference as load_reference
     from rpctl.reference.motion import ReferenceState as ReferenceState
     from rpctl.robot.load import load as load
     from rpctl.robot.model import Robot as Robot

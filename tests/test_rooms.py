@@ -16,7 +16,7 @@ import rpctl
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
 ROOMS += ["equivalence", "derive", "reference", "control", "simulation", "study", "view", "cli"]
-VIEW = ["chart", "charts", "obstacles", "scene", "plots", "pages", "serve", "film"]
+VIEW = ["labels", "chart", "charts", "obstacles", "scene", "plots", "pages", "serve", "film"]
 VIEW += ["notebook", "run_folder"]
 FORWARDED = {  # methods of Robot that a lower room carries out, imported when they are called
     ("robot/model.py", "rpctl.dynamics.reduced.ReducedDynamics"),

@@ -17,8 +17,11 @@ from rich.table import Table
 
 from rpctl.cli.options import (
     JsonOption,
+    LapsOption,
     LoadOptions,
     RobotArgument,
+    SizeOption,
+    SpeedOption,
     default_folder,
     read_triple,
     split_names,
@@ -27,6 +30,7 @@ from rpctl.cli.terminal import console, new_table, print_json, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically
+from rpctl.reference.sizing import SizingRequest
 from rpctl.simulation.outcome import TRACKED
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
 from rpctl.study.scenarios import PAPER, SCENARIOS, LawPair, controllers, proposed
@@ -92,8 +96,13 @@ def compare_command(
     selection: GridOptions,
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Of each run, s; as long as the reference moves, or 20."),
+        typer.Option(
+            metavar="S", help="Of each run, s; as long as the laps take or the reference moves."
+        ),
     ] = None,
+    size: SizeOption = None,
+    speed: SpeedOption = None,
+    laps: LapsOption = None,
     initial_error: Annotated[
         str, typer.Option(metavar="X,Y,THETA", help="Tracking error at the start, m, m, rad.")
     ] = ",".join(map(str, INITIAL_ERROR)),
@@ -113,7 +122,7 @@ def compare_command(
     error = read_triple(initial_error)
     cells = selection.cells()
     loaded = options.load(robot)
-    bench = Benchmark(loaded, duration, error)
+    bench = Benchmark(loaded, duration, error, SizingRequest(size, speed, laps))
     with progress_bar("compare") as advance:
         rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
     if all(row.figures is None for row in rows):

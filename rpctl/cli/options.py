@@ -45,6 +45,29 @@ JsonOption = Annotated[
 ]
 
 
+SizeOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M",
+        help="Of a named reference, m: radius of the circle, half the length of eight and "
+        "waypoints, half the side of the square, length of the line; as fits the robot if not "
+        "given.",
+    ),
+]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M_PER_S",
+        help="Largest speed along a named reference, m/s (of a spin, rad/s); half of what the "
+        "robot's limits allow, or less, if not given.",
+    ),
+]
+LapsOption = Annotated[
+    float | None,
+    typer.Option(metavar="N", help="How many times circle, eight or spin; 1 if not given."),
+]
+
+
 @dataclass(frozen=True)
 class LoadOptions:
     """The options of every command that loads a robot; see ``rpctl.load``."""

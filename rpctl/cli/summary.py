@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.terminal import console, format_limit, new_table
+from rpctl.reference.sizing import Sizing
 from rpctl.simulation.outcome import LATE, TRACKED
 from rpctl.simulation.path_error import PathFigures
 from rpctl.simulation.summary import EffortPeak, Summary
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
 
 TIMES = ("rms", "final", "settled")  # what an error is told of
+
+
+def show_sizing(out: Console, sizing: Sizing | None) -> None:
+    """Print how large and fast a named reference is, why, and what was assumed."""
+    if sizing is None:
+        return
+    out.print(escape(sizing.sentence))
+    if sizing.assumed:
+        out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:

@@ -14,18 +14,20 @@ from rich.markup import escape
 from rpctl.cli.options import (
     CHECK_FAILED,
     JsonOption,
+    LapsOption,
     LoadOptions,
     RobotArgument,
+    SizeOption,
+    SpeedOption,
     default_folder,
     read_triple,
 )
-from rpctl.cli.summary import show_summary
+from rpctl.cli.summary import show_sizing, show_summary
 from rpctl.cli.terminal import console, print_json, progress_bar
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
@@ -67,8 +69,13 @@ class ConfigOptions:
     ] = None
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="How long, s; as long as the reference moves, or 20."),
+        typer.Option(
+            metavar="S", help="How long, s; as long as the laps take or the reference moves, or 20."
+        ),
     ] = None
+    size: SizeOption = None
+    speed: SpeedOption = None
+    laps: LapsOption = None
     initial_error: Annotated[
         str | None,
         typer.Option(
@@ -115,6 +122,9 @@ class ConfigOptions:
             duration=self.duration,
             initial_error=error,
             friction=self.friction,
+            size=self.size,
+            speed=self.speed,
+            laps=self.laps,
         )
 
     def _reference(self) -> str | None:
@@ -188,7 +198,7 @@ def track_command(
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
-    reference = load_reference(loaded, config.run.reference)
+    reference = config.run.load_reference(loaded)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
     folder = results.out or default_folder(f"{loaded.name}-{reference_label(config.run.reference)}")
@@ -197,6 +207,7 @@ def track_command(
     output.print(
         f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
+    show_sizing(output, getattr(reference, "sizing", None))
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))

@@ -4,94 +4,193 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rpctl.arrays import Array
+from rpctl.drive.steering import turning_radius
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
+from rpctl.reference.fitting import fit_arm, slow_down, usage_of
 from rpctl.reference.limits import steerable_radius
-from rpctl.reference.motion import ReferenceState
+from rpctl.reference.path_reference import PathReference
+from rpctl.reference.robot_length import robot_length
+from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, assumptions, reason
+from rpctl.reference.usage import Usage
 from rpctl.reference.waves import Waves, waves
 from rpctl.robot.model import Robot
 
-RAMP_TIME = 3.0  # s
-LAP_TIME = 20.0  # s; a closed path is run through once in this time, soft start included
+RAMP_TIME = 3.0  # s, of a path for a robot 1 m long
+LAP_TIME = 20.0  # s; such a path is run through once in this time, soft start included
 LAP_RATE = 2.0 * math.pi / (LAP_TIME - 0.5 * RAMP_TIME)
-LINE_RATE = 0.3  # m/s
-CURVATURE_SAMPLES = 101  # points at which a path's curvature is evaluated
-
-# Name: path, and its pace at full speed.
-BASE_PATHS: dict[str, tuple[Callable[[], paths.Path], float]] = {
-    "line": (lambda: paths.line(1.0), LINE_RATE),
-    "reverse": (lambda: paths.line(-1.0), LINE_RATE),
-    "spin": (paths.spin, LAP_RATE),
-    "circle": (paths.circle, LAP_RATE),
-    "eight": (paths.eight, LAP_RATE),
-}
+CURVATURE_SAMPLES = 101  # points at which a path's speed and curvature are evaluated
+LONGEST_DEFAULT = 120.0  # s; a longer lap is tracked so far unless the user says more
+SMALLEST_SHARE = 0.1  # of the robot's length: a path that shrinks for slow wheels stays larger
 
 
 @dataclass(frozen=True)
-class PathReference:
-    """A base path and an arm motion, both started softly from rest.
+class NamedPath:
+    """A path by its size, and what both are on a robot 1 m long.
 
     Attributes:
-        path: The base's path; None for a fixed base.
-        rate: Pace of the path, units of its parameter a second.
-        arm: The arm's motion.
-        ramp: Duration of the soft start, s.
+        make: Returns the path of a size (m).
+        size: m; None of a path without one.
+        speed: The largest along the path, m/s; of one that turns on the spot, rad/s.
+        closed: Whether it is closed, a lap each 2π of its parameter; else that is a length.
     """
 
-    path: paths.Path | None
-    rate: float
-    arm: Waves
-    ramp: float
+    make: Callable[[float], paths.Path]
+    size: float | None
+    speed: float
+    closed: bool = True
 
-    def __call__(self, t: float) -> ReferenceState:
-        """Return the reference at time ``t`` (s)."""
-        arm = self.arm(paths.ramped_time(t, 1.0, self.ramp))
-        if self.path is None:
-            return ReferenceState(np.zeros(3), np.zeros(3), np.zeros(3), *arm)
-        s, ds, dds = paths.ramped_time(t, self.rate, self.ramp)
-        point = self.path(s)
-        along, bend, twice = point.direction
-        return ReferenceState(
-            point.pose,
-            along * ds,
-            bend * ds**2 + along * dds,
-            *arm,
-            direction=np.array([along, bend * ds, twice * ds**2 + bend * dds]),
-        )
+    def comfortable_speed(self, stretch: float) -> float:
+        """Return the speed at ``stretch`` times the size: accelerations stay what they are."""
+        return self.speed * (stretch**-0.5 if self.size is None else stretch**0.5)
 
 
-def reference_by_name(robot: Robot, name: str) -> PathReference:
+BASE_PATHS: dict[str, NamedPath] = {
+    "line": NamedPath(lambda _: paths.line(1.0), 6.0, 0.3, closed=False),
+    "reverse": NamedPath(lambda _: paths.line(-1.0), 6.0, 0.3, closed=False),
+    "spin": NamedPath(lambda _: paths.spin(), None, LAP_RATE),
+    "circle": NamedPath(paths.circle, 1.0, LAP_RATE),
+    "eight": NamedPath(
+        lambda size: paths.eight(size, 0.5 * size), 1.5, 1.5 * math.sqrt(2.0) * LAP_RATE
+    ),
+}
+
+
+def reference_by_name(
+    robot: Robot,
+    name: str,
+    size: float | None = None,
+    speed: float | None = None,
+    laps: float | None = None,
+) -> PathReference:
     """Return one of the named references (``line``, ``reverse``, ``spin``, ``circle``, ``eight``).
 
-    The arm swings about its home posture; a fixed base moves its arm only. Circle and eight grow
-    where the robot cannot steer into them as they are.
+    The arm swings about its home posture; a fixed base moves its arm only. Size and speed follow
+    from the robot: its length, the bends that it can steer, and half of what wheels, swivels and
+    actuators allow; see :class:`~rpctl.reference.sizing.Sizing`. What is given is kept as it is.
+
+    Args:
+        robot: The robot.
+        name: Of the reference.
+        size: Radius of a circle, half the length of an eight, length of a line, m.
+        speed: The largest along the path, m/s; of a spin the turning rate, rad/s.
+        laps: How many times the path is run through; of a closed one.
 
     Raises:
         UnknownNameError: There is no such reference.
-        RpctlError: The base cannot follow it: one that steers does not turn on the spot.
+        RpctlError: The base cannot follow it: it does not turn on the spot, or not so sharply.
     """
     if name not in BASE_PATHS:
         raise UnknownNameError("reference", name, BASE_PATHS)
-    make, rate = BASE_PATHS[name]
+    shape, wish = BASE_PATHS[name], SizingRequest(size, speed, laps)
+    _require_sense(robot, name, wish)
+    dynamics, length = ReducedDynamics(robot), robot_length(robot)
+    arm, arm_note = fit_arm(dynamics, waves(robot, length))
     if not robot.drive.base_speeds:
-        return PathReference(None, rate, waves(robot), RAMP_TIME)
-    if name == "spin" and robot.drive.has_axle and robot.drive.steered:
+        ramp, lasts = (math.sqrt(length) * time for time in (RAMP_TIME, LAP_TIME))
+        sizing = Sizing(name, None, None, None, lasts, "", arm_note, assumptions(robot))
+        return PathReference(None, 0.0, arm, ramp, lasts, sizing)
+    chosen, paced, usage = _fit(dynamics, shape, wish, arm, length)
+    turns = 1.0 if laps is None else laps
+    lasts = _lap(shape, chosen) * turns / paced.rate + 0.5 * paced.ramp
+    lasts = lasts if laps is not None else min(lasts, LONGEST_DEFAULT)
+    sizing = Sizing(
+        name,
+        None if shape.size is None else chosen,
+        paced.rate * _top_speed(shape.make(chosen)),
+        turns if shape.closed else None,
+        lasts,
+        reason(usage, robot, given=speed is not None),
+        arm_note,
+        assumptions(robot),
+    )
+    return replace(paced, default_duration=lasts, sizing=sizing)
+
+
+def _require_sense(robot: Robot, name: str, wish: SizingRequest) -> None:
+    """Refuse what makes no sense for a robot and a reference."""
+    shape, drive = BASE_PATHS[name], robot.drive
+    if not drive.base_speeds:
+        wish.refuse(f"{robot.name} has a fixed base, so {name} moves its arm only", *WISHES)
+        return
+    if name == "spin" and drive.has_axle and drive.steered:
         raise RpctlError(
-            f"{robot.name} cannot follow a spin: a {robot.drive.type} base does not turn on the "
+            f"{robot.name} cannot follow a spin: a {drive.type} base does not turn on the "
             "spot; take line, reverse, circle or eight"
         )
-    growth = _growth(robot, make())
-    # As the size grows, the pace falls: the acceleration into the bends stays what it was.
-    path = paths.scaled(make(), growth)
-    return PathReference(path, rate / math.sqrt(growth), waves(robot), RAMP_TIME)
+    if shape.size is None:
+        wish.refuse(f"a {name} has no size; give its speed, rad/s", "size")
+    if not shape.closed:
+        wish.refuse(f"a {name} does not close; give its size, the length in m", "laps")
+    least = _least_size(shape, turning_radius(drive, robot.description.joint))
+    if wish.size is not None and wish.size < least:
+        raise RpctlError(
+            f"{robot.name} cannot steer along a {name} of {wish.size:g} m; "
+            f"{math.ceil(100.0 * least) / 100.0:g} m is the least size"
+        )
 
 
-def _growth(robot: Robot, path: paths.Path) -> float:
-    """Return the factor by which a closed path must grow for a robot to steer along it."""
-    along = (path(s).direction[0] for s in np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES))
-    bend = max(abs(turn) / abs(speed) if speed else 0.0 for speed, _, turn in along)
-    return max(1.0, bend * steerable_radius(robot))
+def _fit(
+    dynamics: ReducedDynamics, shape: NamedPath, wish: SizingRequest, arm: Waves, length: float
+) -> tuple[float, PathReference, Usage | None]:
+    """Return the size (m), the reference without its record, and what limits its pace, if any.
+
+    Where the limits make a lap take twice its usual time, it shrinks.
+    """
+    robot = dynamics.robot
+    least = _least_size(shape, steerable_radius(robot))
+    size = wish.size or (length if shape.size is None else max(shape.size * length, least))
+    fixed = wish.size is not None or wish.speed is not None or shape.size is None
+    while True:
+        reference, usage = _paced(dynamics, shape, size, wish, arm)
+        slow = _lap(shape, size) / reference.rate > 2.0 * LAP_TIME * math.sqrt(length)
+        if fixed or not slow or 0.5 * size < max(least, SMALLEST_SHARE * length):
+            return size, reference, usage
+        size *= 0.5
+
+
+def _paced(
+    dynamics: ReducedDynamics, shape: NamedPath, size: float, wish: SizingRequest, arm: Waves
+) -> tuple[PathReference, Usage | None]:
+    """Return a path of a size at the speed that is wished, or that the limits leave."""
+    stretch = size if shape.size is None else size / shape.size
+    comfort, path = shape.comfortable_speed(stretch), shape.make(size)
+    speed = wish.speed or comfort
+    rate, lap = speed / _top_speed(path), _lap(shape, size)
+    ramp = RAMP_TIME * math.sqrt(stretch) * max(1.0, speed / comfort)
+    ramp = min(ramp, lap * min(wish.laps or 1.0, 1.0) / rate)  # half of the way at most
+    reference = PathReference(path, rate, arm, ramp)
+    if wish.speed is not None:
+        return reference, usage_of(dynamics, reference, lap)
+    return slow_down(dynamics, reference, lap)
+
+
+def _lap(shape: NamedPath, size: float) -> float:
+    """Return by how much the path's parameter grows in a lap."""
+    return 2.0 * math.pi if shape.closed else size
+
+
+def _top_speed(path: paths.Path) -> float:
+    """Return the largest speed by the path's parameter, m; of a turn on the spot its rate, rad."""
+    moved, _, turned = _directions(path).T
+    return float(moved.max() if moved.any() else turned.max())
+
+
+def _least_size(shape: NamedPath, radius: float) -> float:
+    """Return the size (m) at which a path bends with this radius (m) where it is sharpest."""
+    if shape.size is None:
+        return 0.0
+    moved, _, turned = _directions(shape.make(1.0)).T
+    return float((turned / moved).max()) * radius
+
+
+def _directions(path: paths.Path) -> Array:
+    """Return the size of the direction of travel (CURVATURE_SAMPLES, 3) along a lap."""
+    places = np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES)
+    return np.abs([path(float(s)).direction[0] for s in places])

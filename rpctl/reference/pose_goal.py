@@ -18,7 +18,7 @@ from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import PathTime
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import Bound, time_law
-from rpctl.reference.timed_path import TimedPath, TimeLaw, along, constant, still
+from rpctl.reference.timed_path import Stretched, TimedPath, TimeLaw, along, constant, still
 from rpctl.robot.model import Robot
 
 GOAL = "goal"  # the first word of such a reference
@@ -150,24 +150,6 @@ class AtRest:
     def __call__(self, t: float) -> PathTime:
         """Return s = 0, at rest."""
         return PathTime(0.0, 0.0, 0.0)
-
-
-class Stretched:
-    """A time law run in another time, from rest to rest as before.
-
-    Args:
-        law: The time law.
-        duration: Its new duration, s.
-    """
-
-    def __init__(self, law: TimeLaw, duration: float) -> None:
-        self._law, self.duration = law, duration
-        self._pace = law.duration / duration
-
-    def __call__(self, t: float) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s)."""
-        s, rate, acceleration = self._law(self._pace * t)
-        return PathTime(s, self._pace * rate, self._pace**2 * acceleration)
 
 
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.interpolate import BSpline
 from rpctl.arrays import Array
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path, PathPoint, PathTime
+from rpctl.reference.sizing import Sizing
 from rpctl.reference.splines import Curves
 
 
@@ -36,12 +37,14 @@ class TimedPath:
         time_law: s(t).
         travel_direction: Direction of travel by s that does not vanish where the path stands
             still; None takes the path's own.
+        sizing: How large and fast it is, and why; None where a file says it.
     """
 
     path: Path = field(repr=False)
     arm: Curves = field(repr=False)
     time_law: TimeLaw = field(repr=False)
     travel_direction: Callable[[float], Array] | None = field(default=None, repr=False)
+    sizing: Sizing | None = None
 
     @property
     def duration(self) -> float:
@@ -66,6 +69,30 @@ class TimedPath:
             curve * ds**2 + slope * dds,
             np.array([toward, change * ds, twice * ds**2 + change * dds]),
         )
+
+
+class Stretched:
+    """A time law run in another time, from rest to rest as before.
+
+    Args:
+        law: The time law.
+        duration: Its new duration, s.
+    """
+
+    def __init__(self, law: TimeLaw, duration: float) -> None:
+        self._law, self.duration = law, duration
+        self._pace = law.duration / duration
+
+    def __call__(self, t: float) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s)."""
+        s, rate, acceleration = self._law(self._pace * t)
+        return PathTime(s, self._pace * rate, self._pace**2 * acceleration)
+
+
+def slowed(reference: TimedPath, factor: float) -> TimedPath:
+    """Return a reference that runs ``factor`` times slower."""
+    law = reference.time_law
+    return replace(reference, time_law=Stretched(law, factor * law.duration))
 
 
 def still(pose: Array) -> Path:

@@ -32,6 +32,8 @@ from rpctl.errors import RpctlError
 from rpctl.files import toml
 from rpctl.files.toml import Table
 from rpctl.files.writing import write_atomically
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.periods import CONTROL_PERIOD
@@ -74,6 +76,9 @@ class RunSettings:
         control_period: s.
         plant_step: s.
         friction: Coefficient between wheels and ground.
+        size: Of a named reference, m; None: as fits the robot.
+        speed: Of a named reference, m/s, of a spin rad/s; None: as fits the robot.
+        laps: How many times a named reference is gone through; None: once.
     """
 
     reference: str = "eight"
@@ -82,6 +87,17 @@ class RunSettings:
     control_period: float = CONTROL_PERIOD
     plant_step: float = 0.002
     friction: float = FRICTION
+    size: float | None = None
+    speed: float | None = None
+    laps: float | None = None
+
+    def load_reference(self, robot: Robot) -> Reference:
+        """Return the reference.
+
+        Raises:
+            RpctlError: There is none such, or the robot cannot follow it.
+        """
+        return load_reference(robot, self.reference, self.size, self.speed, self.laps)
 
 
 @dataclass(frozen=True)

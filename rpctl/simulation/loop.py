@@ -27,9 +27,10 @@ from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import DivergedError, RpctlError, require_positive
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
@@ -49,7 +50,6 @@ from rpctl.simulation.returned import (
 )
 from rpctl.simulation.run import Run
 
-DEFAULT_DURATION_S = 20.0  # s, of a reference without an end
 SETTLING_S = 1.0  # s, after the end of one that has it
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 MIN_SAMPLES = 2  # of a run: one moment is no motion
@@ -83,6 +83,9 @@ def track(
     plant: Plant | None = None,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
     name: str | None = None,
+    size: float | None = None,
+    speed: float | None = None,
+    laps: float | None = None,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -93,8 +96,8 @@ def track(
         robot: The robot.
         reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
             ``eight``, ``waypoints``, ``ee-square``), or a file: ``.csv`` or ``.toml``.
-        duration: s; None lasts a second longer than the reference moves, or 20 s if it has no end.
-            The run ends with the last whole control period within it.
+        duration: s; None lasts as long as the laps of a named reference, a second longer than one
+            that ends moves, or 20 s. The run ends with the last whole control period within it.
         initial_error: Tracking error (x1, x2, x3) of the base at the start: how far the reference
             is ahead (m), to the left (m) and turned to the left (rad), seen from the robot.
         kinematic: The kinematic law; None takes the unified one.
@@ -108,6 +111,10 @@ def track(
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
             is not counted as the simulation's.
         name: What the log calls the reference; None: its name or file, or else its type.
+        size: Of a named reference, m; None: as fits the robot. See
+            :func:`rpctl.reference.load.load_reference`, also for the two that follow.
+        speed: Of a named reference, m/s; of a spin rad/s.
+        laps: How many times it is gone through.
 
     Returns:
         What was logged.
@@ -130,12 +137,19 @@ def track(
             control_period,
             plant_step,
             friction,
+            size,
+            speed,
+            laps,
         ),
         plant=plant or Plant(),
     )
-    loaded = load_reference(robot, reference) if isinstance(reference, str) else reference
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
-    return simulate(robot, config, loaded, certificate, progress, watcher)
+    if isinstance(reference, str):
+        return simulate(robot, config, None, certificate, progress, watcher)
+    SizingRequest(size, speed, laps).refuse(
+        "the reference is a function, with its own pace", *WISHES
+    )
+    return simulate(robot, config, reference, certificate, progress, watcher)
 
 
 def simulate(
@@ -165,7 +179,7 @@ def simulate(
     """
     settings, plant, period = config.run, config.plant, config.run.control_period
     robot = config.limits.apply(robot)
-    reference = load_reference(robot, settings.reference) if reference is None else reference
+    reference = settings.load_reference(robot) if reference is None else reference
     duration = default_duration(reference) if settings.duration is None else settings.duration
     steps = whole_periods(duration, period)
     require_positive("plant_step", settings.plant_step)
@@ -186,6 +200,7 @@ def simulate(
             notes=notes + delay_note(plant.delay, period),
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
+            sizing=getattr(reference, "sizing", None),
         )
 
     try:
@@ -273,8 +288,15 @@ def _called(reference: Reference) -> str:
 
 
 def default_duration(reference: Reference) -> float:
-    """Return how long (s) to track a reference: a second longer than it moves, or 20 s."""
-    return float(getattr(reference, "duration", DEFAULT_DURATION_S - SETTLING_S) + SETTLING_S)
+    """Return how long (s) to track a reference if nobody says.
+
+    A named one says it; one with an end is tracked a second longer than it moves, others 20 s.
+    """
+    if hasattr(reference, "default_duration"):
+        return float(reference.default_duration)
+    if hasattr(reference, "duration"):
+        return float(reference.duration) + SETTLING_S
+    return DEFAULT_DURATION
 
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:

@@ -19,6 +19,7 @@ from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError, RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.libraries import library
+from rpctl.reference.sizing import Sizing
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 from rpctl.robot.payload import with_payload
@@ -59,6 +60,7 @@ class Run:
         notes: Where the configuration is not what was asked for, in sentences.
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
+        sizing: How large and fast its named reference is, and why; None of others.
     """
 
     log: Log
@@ -70,6 +72,7 @@ class Run:
     notes: tuple[str, ...]
     certificate: Mapping[str, Any] | None
     wall_time: float
+    sizing: Sizing | None = None
 
     def __repr__(self) -> str:
         return (
@@ -125,6 +128,7 @@ class Run:
             for entry, (record, name) in ENTRIES.items()
         }
         entries |= {"drive": asdict(self.robot.drive), "config": config_tables(self.config)}
+        entries["sizing"] = None if self.sizing is None else self.sizing.to_dict()
         arrays = {name: value for name, value in entries.items() if isinstance(value, np.ndarray)}
         meta = {name: value for name, value in entries.items() if name not in arrays}
         text = json.dumps({"schema": SCHEMA, **meta}, default=lambda number: number.tolist())
@@ -267,6 +271,7 @@ def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
     for name in OPTIONAL_ENTRIES:
         entries.setdefault(name, np.empty((np.size(entries.get("t", ())), 0)))
     entries = {**LATER_ENTRIES, **entries}
+    entries.setdefault("sizing", None)  # older files do not say it
     missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
     if missing or extra:
         listed = ", ".join(sorted(missing | extra))
@@ -281,8 +286,10 @@ def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
     try:
         values["robot"]["drive"] = Drive.from_dict(entries["drive"])
         values[None]["config"] = config_of(entries["config"])
+        if entries["sizing"] is not None:
+            values[None]["sizing"] = Sizing.from_dict(entries["sizing"])
     except (TypeError, KeyError, AttributeError, RpctlError) as error:
-        raise RunFileError(f"{path}: drive or configuration not known: {error}") from None
+        raise RunFileError(f"{path}: drive, configuration or sizing not known: {error}") from None
     records: dict[str, Any] = {name: kind(**values[name]) for name, kind in RECORDS.items()}
     return Run(**records, **values[None])
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.reference.sizing import Sizing
 from rpctl.simulation.outcome import SUCCESSES, outcome, trace_point
 from rpctl.simulation.path_error import PathFigures, path_figures
 from rpctl.simulation.plant import Plant
@@ -121,6 +122,7 @@ class Summary:
         constraint_residual: Largest entry of |A v|; m/s, rad/s.
         wall_time: What the simulation took, s.
         realtime_factor: Time simulated per time taken.
+        sizing: How large and fast the named reference is, and why; None of others.
     """
 
     outcome: str
@@ -148,6 +150,7 @@ class Summary:
     constraint_residual: float
     wall_time: float
     realtime_factor: float
+    sizing: Sizing | None = None
 
     @property
     def succeeded(self) -> bool:
@@ -162,6 +165,7 @@ class Summary:
                 found |= {"ground" if key == "sentence" else key: v for key, v in value.items()}
             else:
                 found[name] = value
+        found["sizing"] = None if self.sizing is None else self.sizing.to_dict()
         found["kinematic_report"] = self.kinematic_report or None
         found["limits_bound"] = [{**asdict(b), "told": b.sentence} for b in self.limits_bound]
         return found
@@ -212,6 +216,7 @@ def summarize(run: Run) -> Summary:
         constraint_residual=float(log.constraint_residual.max()),
         wall_time=run.wall_time,
         realtime_factor=duration / run.wall_time,
+        sizing=run.sizing,
     )
 
 

@@ -22,8 +22,8 @@ from rpctl.control.law import Law, Rest
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
+from rpctl.reference.sizing import SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
@@ -147,6 +147,7 @@ class Benchmark:
         duration: Of each run, s; None: as long as its reference moves. It ends with the last whole
             control period.
         initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
+        wish: Size, speed and laps of its named references; None: as fits the robot.
 
     Raises:
         RpctlError: The duration is not positive.
@@ -157,11 +158,13 @@ class Benchmark:
         robot: Robot,
         duration: float | None = None,
         initial_error: Sequence[float] = INITIAL_ERROR,
+        wish: SizingRequest | None = None,
     ) -> None:
         if duration is not None:
             duration = whole_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
         self.robot, self.duration = robot, duration
         self.initial_error = cast("tuple[float, float, float]", tuple(initial_error))
+        self.wish = wish or SizingRequest()
         self._references: dict[str, Reference] = {}
 
     def __call__(self, cell: Cell) -> Row:
@@ -183,7 +186,7 @@ class Benchmark:
         config = Config(
             kinematic=watch.time_law(kinematic_by_name(cell.controller.kinematic)),
             dynamic=watch.time_law(dynamic_by_name(cell.controller.dynamic)),
-            run=RunSettings(cell.reference, self.duration, error),
+            run=self._settings(cell.reference, error),
             plant=case.plant,
         )
         run = simulate(case.robot, config, reference)
@@ -191,8 +194,13 @@ class Benchmark:
 
     def _reference(self, name: str) -> Reference:
         if name not in self._references:
-            self._references[name] = load_reference(self.robot, name)
+            self._references[name] = self._settings(name).load_reference(self.robot)
         return self._references[name]
+
+    def _settings(
+        self, reference: str, error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> RunSettings:
+        return RunSettings(reference, self.duration, error, **asdict(self.wish))
 
 
 def figures(run: Run, call_seconds: Sequence[float]) -> Figures:

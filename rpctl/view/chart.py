@@ -60,6 +60,7 @@ class Panel:
         references: Whether references are drawn.
         span: Ends of the value axis in the chart's unit; None leaves them to matplotlib.
         more: Lines that only the panel has.
+        shared: What was left out of the names of its lines, for the title of its legend.
         wide: Whether it takes a row of its own.
     """
 
@@ -71,6 +72,7 @@ class Panel:
     references: bool = True
     span: tuple[float, float] | None = None
     more: tuple[Line, ...] = ()
+    shared: str = ""
     wide: bool = False
 
 
@@ -91,6 +93,7 @@ class Chart:
         note: What a reader must know beside the title.
         top: The page clips lines here; on paper they leave the panel.
         panel: How it is printed; None where only the page has it.
+        joints: Whether its lines are called after joints; legends shorten such names together.
     """
 
     title: str
@@ -101,6 +104,7 @@ class Chart:
     note: str = ""
     top: float = np.inf
     panel: Panel | None = None
+    joints: bool = False
 
 
 def decades(lines: Iterable[Line]) -> tuple[float, float]:

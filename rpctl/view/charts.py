@@ -10,6 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Chart, Line, Panel
+from rpctl.view.labels import shorten
 
 BASE_SPEED_LABELS = {
     "v": ("v", "m/s"),
@@ -50,11 +51,6 @@ def coloured_joints(run: Run) -> list[str]:
     return list(dict.fromkeys((*run.robot.actuators, *run.robot.joint_names)))
 
 
-def short_name(joint: str) -> str:
-    """Return a joint's name without its suffix ``_joint``."""
-    return joint.removesuffix("_joint")
-
-
 def grip_top(run: Run) -> float:
     """Return the upper end of the slip-ratio axis: the largest value, from 1 to GRIP_SHOWN_MAX.
 
@@ -93,13 +89,13 @@ def _tip_error(run: Run) -> list[Chart]:
 
 def _joint_errors(run: Run) -> Chart:
     lines = tuple(
-        Line(short_name(name), unit, error, _colour(run, name))
+        Line(name, unit, error, _colour(run, name))
         for name, unit, error in zip(
             run.robot.joint_names, run.robot.units, run.log.e[:, 3:].T, strict=True
         )
     )
     panel = Panel("joints", "Joint errors", _units(lines, " or "), legend="joints")
-    return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel)
+    return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel, joints=True)
 
 
 def _speeds(run: Run) -> list[Chart]:
@@ -117,12 +113,18 @@ def _speeds(run: Run) -> list[Chart]:
             group, colour, (label, unit) = base, len(base), BASE_SPEED_LABELS[name]
         else:
             group = arm if name in run.robot.joint_names else rest
-            colour, label, unit = _colour(run, name), short_name(name), f"{_unit(run, name)}/s"
+            colour, label, unit = _colour(run, name), name, f"{_unit(run, name)}/s"
         printed = f"{PRINTED_SYMBOLS.get(label, label)}, {unit}"
         group.append(Line(label, unit, actual, colour, reference=wanted, printed=printed))
-    joining = tuple(replace(line, colour=k) for k, line in enumerate(rest, len(base)))
+    short = shorten([line.label for line in rest])
+    joining = tuple(
+        replace(line, colour=k, printed=f"{name}, {line.unit}")
+        for k, (line, name) in enumerate(zip(rest, short.names, strict=True), len(base))
+    )
     unit = _units([*base, *joining], " or ")
-    base_panel = Panel("speeds", "Base speeds", unit, legend="own", more=joining)
+    base_panel = Panel(
+        "speeds", "Base speeds", unit, legend="own", more=joining, shared=short.shared
+    )
     arm_panel = Panel(
         "joint-speeds",
         "Joint speeds",
@@ -131,7 +133,14 @@ def _speeds(run: Run) -> list[Chart]:
         references=len(arm) <= MAX_JOINTS_WITH_REFERENCE,
     )
     return [
-        Chart(title, _units(lines), tuple(lines), note="dashed: reference", panel=panel)
+        Chart(
+            title,
+            _units(lines),
+            tuple(lines),
+            note="dashed: reference",
+            panel=panel,
+            joints=lines is not base,
+        )
         for title, lines, panel in (
             ("Base speeds", base, base_panel),
             ("Joint speeds", arm, arm_panel),
@@ -147,12 +156,12 @@ def _efforts(run: Run) -> list[Chart]:
     for name, tau, limit in zip(
         run.robot.actuators, run.tau.T, run.robot.effort_limits, strict=True
     ):
-        label, colour = short_name(name), _colour(run, name)
+        colour = _colour(run, name)
         unit = "N" if _unit(run, name) == "m" else "N·m"
         if np.isfinite(limit) and limit > 0.0:
-            limited.append(Line(label, unit, 100.0 * tau / limit, colour, 0.01 * limit))
+            limited.append(Line(name, unit, 100.0 * tau / limit, colour, 0.01 * limit))
         else:
-            free[unit].append(Line(label, unit, tau, colour))
+            free[unit].append(Line(name, unit, tau, colour))
     values = np.array([line.values for line in limited])
     ends = values.min(initial=-100.0), values.max(initial=100.0)
     panel = Panel(
@@ -164,11 +173,13 @@ def _efforts(run: Run) -> list[Chart]:
         span=(AXIS_ZOOM * float(ends[0]), AXIS_ZOOM * float(ends[1])),
     )
     limits, note = (-100.0, 100.0), "dashed: limits"
-    found = [Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel)]
+    found = [
+        Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel, joints=True)
+    ]
     for unit, lines in free.items():
         title = f"Efforts without limits, {unit}"
         panel = Panel("efforts", title, f"effort, {unit}", legend="joints")
-        found.append(Chart(title, unit, tuple(lines), panel=panel))
+        found.append(Chart(title, unit, tuple(lines), panel=panel, joints=True))
     return found
 
 
@@ -218,13 +229,13 @@ def _loads(run: Run) -> Chart:
     if run.log.load_range.size:
         bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
     lines = tuple(
-        Line(short_name(name), "N", load, k, band=band)
+        Line(name, "N", load, k, band=band)
         for k, (name, load, band) in enumerate(
             zip(run.ground.contacts, run.log.contact_load.T, bands, strict=False)
         )
     )
     note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
-    return Chart("Ground loads", "N", lines, note=note)
+    return Chart("Ground loads", "N", lines, note=note, joints=True)
 
 
 def _of_base(run: Run, name: str) -> bool:

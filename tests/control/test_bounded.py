@@ -29,6 +29,7 @@ from rpctl.control.law import Command
 from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
+from rpctl.reference.named import reference_by_name
 from rpctl.simulation.plant import advance
 
 PERIOD = 0.002
@@ -225,8 +226,9 @@ def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None
 
 def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     slow = scale_limits(paper, velocity=0.3)
-    apart = track(slow, "circle", 4.0, dynamic=BoundedDynamic(along=1.0))
-    kept = track(slow, "circle", 4.0, dynamic=BoundedDynamic())
+    circle = reference_by_name(paper, "circle")  # which is too fast for them
+    apart = track(slow, circle, 4.0, dynamic=BoundedDynamic(along=1.0))
+    kept = track(slow, circle, 4.0, dynamic=BoundedDynamic())
     assert curvature_error(kept) < 0.05 * curvature_error(apart)
     assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
@@ -253,12 +255,13 @@ def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
 
 def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
     hard = scale_limits(paper, effort=0.1, velocity=0.3)
-    broken = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5))).limits_violated
+    eight = reference_by_name(paper, "eight")
+    broken = summarize(track(hard, eight, 4.0, (0.5, 0.3, 0.5))).limits_violated
     assert {(b.joint, b.limit) for b in broken} >= {
         ("wheel_right_joint", "effort"),
         ("wheel_right_joint", "velocity"),
     }
-    told = summarize(track(hard, "eight", 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
+    told = summarize(track(hard, eight, 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
     assert told.limits_violated == ()
     assert {b.limit for b in told.limits_bound} >= {"effort", "velocity"}
 

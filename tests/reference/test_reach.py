@@ -16,7 +16,8 @@ from rpctl.reference.base_parametrisation import DrivingBase
 from rpctl.reference.end_effector_plan import END_EFFECTOR_TOLERANCE, plan_reach
 from rpctl.reference.goal import Goal, polyline
 from rpctl.reference.limits import Limits, wheel_rates
-from rpctl.reference.load import along_goal, load_reference
+from rpctl.reference.load import load_reference
+from rpctl.reference.planned import along_goal
 from rpctl.reference.splines import clamped_knots
 from rpctl.reference.timed_path import TimedPath, along
 from tests.grids import every

@@ -13,7 +13,8 @@ from rpctl import Robot
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.reference.curve import Waypoint, curve_through
 from rpctl.reference.limits import Limits, wheel_rates
-from rpctl.reference.load import SLALOM, along_waypoints, load_reference
+from rpctl.reference.load import load_reference
+from rpctl.reference.planned import SLALOM, along_waypoints
 from rpctl.reference.timed_path import TimedPath, along
 from tests.reference.differences import check_derivatives, check_rest
 

@@ -64,7 +64,7 @@ def test_speeds_are_told_by_name(paper_run: Run) -> None:
     (vy,) = chart(run, "Base speeds").lines
     assert (vy.label, vy.unit) == ("vy", "m/s")
     (steering,) = chart(run, "Other speeds").lines
-    assert (steering.label, steering.unit) == ("front_steering", "rad/s")
+    assert (steering.label, steering.unit) == ("front_steering_joint", "rad/s")
     np.testing.assert_array_equal(steering.values, run.nu[:, 1])
     units = dict(zip(run.robot.joint_names, run.robot.units, strict=True))
     shown_units = [line.unit for line in chart(run, "Joint speeds").lines]

@@ -48,6 +48,13 @@ function element(kind, className, text) {
   return made;
 }
 
+/* An element whose text breaks after the separators of names, too. */
+function nameElement(kind, className, text) {
+  const made = element(kind, className);
+  for (const word of text.split(/(?<=[_\-/.:])/)) made.append(word, document.createElement("wbr"));
+  return made;
+}
+
 function makeCharts(data, host, seek) {
   const x = floats(data.plots.x), end = x[x.length - 1];
   let colours = {}, now = 0, read = 0, hovered = null, zooming = false;
@@ -259,8 +266,8 @@ function makeCharts(data, host, seek) {
         button.setAttribute("aria-pressed", String(line.shown));
         swatch.style.color = `var(--c${line.colour % PALETTE})`;
         if (line.colour >= PALETTE) swatch.style.borderTopStyle = "dashed";
-        const name = element("span", "label", line.label);
-        name.title = line.label;
+        const name = nameElement("span", "label", line.label);
+        name.title = (variant.names || "…").replace("…", line.label);
         button.append(swatch, name, element("b"));
         button.addEventListener("click", () => {
           const on = button.getAttribute("aria-pressed") !== "true";
@@ -271,7 +278,8 @@ function makeCharts(data, host, seek) {
         button.addEventListener("mouseleave", () => u.setSeries(null, { focus: true }));
         return button;
       });
-      keys.replaceChildren(...buttons);
+      keys.replaceChildren(...(variant.names ? [nameElement("span", "names", variant.names)] : []),
+        ...buttons);
     }
 
     function linesOf(i) {

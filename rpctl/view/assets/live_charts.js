@@ -44,7 +44,7 @@ function makeLiveCharts(charts, host) {
     return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   }
 
-  function makeChart({ title, unit, limits, lines: names }) {
+  function makeChart({ title, unit, limits, lines: names, names: shared }) {
     const made = (kind, parent, className, text) => {
       const element = document.createElement(kind);
       element.className = className;
@@ -59,6 +59,7 @@ function makeLiveCharts(charts, host) {
     const plot = made("div", card, "plot", ""), keys = made("div", card, "keys", "");
     plot.setAttribute("role", "img");
     plot.setAttribute("aria-label", `Plot over time: ${title}`);
+    if (shared) made("span", keys, "names", shared);
     const values = names.map((name, i) => {
       const key = made("span", keys, "key", "");
       made("i", key, "", "").style.color = `var(--c${i % PALETTE})`;

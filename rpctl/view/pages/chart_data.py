@@ -14,6 +14,7 @@ from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Chart, Line, decades
 from rpctl.view.charts import charts
+from rpctl.view.labels import shorten
 
 MAX_POINTS = 2000  # of one line: a screen has no more columns
 SAME_TIME_S = 1e-9  # s: times that differ by less are the same
@@ -90,9 +91,18 @@ def _by_line(
             lines = tuple(
                 replace(line, label=names[k], colour=k, shown=True) for _, line, k in found
             )
-            chart = replace(found[0][0], unit=_axis_unit(found[0][0], lines[0]), lines=lines)
+            unit = _axis_unit(found[0][0], lines[0])
+            chart = replace(found[0][0], unit=unit, lines=lines, joints=False)
             variants.append((label, chart, [thins[k] for _, _, k in found]))
-        result.append((title, variants[0][1].note, variants))
+        note = variants[0][1].note
+        if next(iter(kinds.values()))[0][0].joints:
+            short = shorten(list(kinds))
+            variants = [
+                (name, chart, thinned)
+                for name, (_, chart, thinned) in zip(short.names, variants, strict=True)
+            ]
+            note = "; ".join(filter(None, [note, short.shared]))
+        result.append((title, note, variants))
     return result
 
 
@@ -107,6 +117,12 @@ def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
     entry: dict[str, Any] = {"unit": chart.unit, "limits": list(chart.limits)}
     if chart.errors:
         entry["decades"] = list(decades(lines))
+    if chart.joints:
+        short = shorten([line.label for line in lines])
+        lines = tuple(
+            replace(line, label=name) for line, name in zip(lines, short.names, strict=True)
+        )
+        entry["names"] = short.shared
     entry["lines"] = [_line(line, thin) for line, thin in zip(lines, thins, strict=True)]
     return entry
 

@@ -15,7 +15,14 @@ from rpctl.simulation.run import Run
 from rpctl.view.chart import Panel
 from rpctl.view.charts import coloured_joints
 from rpctl.view.plots.panels import PanelChart, draw_panel, find_panels
-from rpctl.view.plots.style import PAPER, add_legend, joint_legend, style_axes
+from rpctl.view.plots.style import (
+    PAPER,
+    add_legend,
+    joint_legend,
+    joint_names,
+    legend_columns,
+    style_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +105,10 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
         if panel.wide:
             heights[row] = WIDE_ROW_HEIGHT_IN
     legend = coloured_joints(run) if any(panel.legend == "joints" for panel, _ in shown) else []
-    strip = LEGEND_ROW_IN * -(-len(legend) // (3 * columns))
+    names, title = joint_names(legend)
+    legend_width = legend_columns(names, width, 3 * columns)
+    rows = -(-len(names) // legend_width) + bool(title)
+    strip = LEGEND_ROW_IN * rows * max((name.count("\n") + 1 for name in names), default=0)
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, wspace=0.02, hspace=0.02)
     figure = Figure((width, sum(heights) + strip), dpi=DPI, layout=layout)
     figure.set_facecolor(PAPER)
@@ -108,8 +118,8 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
         number = f"({letter})  " if len(shown) > 1 else ""
         style_axes(axes, number + panel.title)
         draw_panel(axes, run, panel, chart)
-        add_legend(axes, below=panel.wide and columns == 1)
-    joint_legend(figure, legend, 3 * columns)
+        add_legend(axes, below=panel.wide and columns == 1, title=panel.shared)
+    joint_legend(figure, legend, legend_width)
     return figure
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rpctl.arrays import Array
-from rpctl.view.charts import short_name
+from rpctl.view.labels import fold, shorten
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +26,10 @@ BASE, TIP = CYCLE[:2]
 DESIRED = "#5c6470"
 BASE_OBSTACLE, TIP_OBSTACLE = "#b0325f", "#9a6a00"
 TEXT_PT, SMALL_PT = 7.5, 6.5  # pt
+LEGEND_PT = SMALL_PT - 0.5  # pt
+COLUMN_GAP_IN = 5.0 * LEGEND_PT / 72.0  # inches: a legend's line, and what is between its columns
+PT_PER_IN = 72.0
+MAX_NAME_LENGTH = 34  # characters in one line of a legend: they fit into a column of a page
 LINE_WIDTH_PT, JOINT_WIDTH_PT, THIN_JOINT_WIDTH_PT = 1.1, 1.0, 0.8  # pt
 MAX_WIDE_JOINTS = 8  # the lines of more joints than this are thin
 DESIRED_STYLE: dict[str, Any] = {"color": DESIRED, "lw": 0.8, "ls": (0, (3, 3)), "zorder": 3}
@@ -73,10 +77,17 @@ def style_axes(axes: Axes, title: str) -> None:
         spine.set(visible=side in ("left", "bottom"), color=FAINT, linewidth=0.8)
 
 
-def add_legend(axes: Axes, below: bool = False) -> None:
-    """Add the legend of a panel whose lines have names of their own, in it or below it."""
+def add_legend(axes: Axes, below: bool = False, title: str = "") -> None:
+    """Add the legend of a panel whose lines have names of their own, in it or below it.
+
+    Args:
+        axes: The panel's axes.
+        below: Whether it stands below the panel.
+        title: What its names share.
+    """
     axes.minorticks_off()
-    entries = len(axes.get_legend_handles_labels()[0])
+    handles, names = axes.get_legend_handles_labels()
+    entries = len(handles)
     if not entries:
         return
     place: dict[str, Any] = {}
@@ -87,8 +98,12 @@ def add_legend(axes: Axes, below: bool = False) -> None:
             "ncols": 3 if entries <= 6 else 2,
         }
     legend = axes.legend(
+        handles,
+        [fold(name, MAX_NAME_LENGTH) for name in names],
         **place,
-        fontsize=SMALL_PT - 0.5,
+        title=_plain(title),
+        title_fontsize=LEGEND_PT,
+        fontsize=LEGEND_PT,
         labelcolor=INK,
         facecolor=PAPER,
         edgecolor="none",
@@ -100,29 +115,63 @@ def add_legend(axes: Axes, below: bool = False) -> None:
     legend.set_zorder(5)
 
 
+def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
+    """Return how many columns of a legend fit side by side.
+
+    Args:
+        labels: Its names.
+        width: Of the figure, inches.
+        most: Columns that are wanted.
+    """
+    column = max(map(text_width, labels), default=0.0) + COLUMN_GAP_IN
+    return max(1, min(most, len(labels), int(width / column)))
+
+
+def text_width(text: str, size: float = LEGEND_PT) -> float:
+    """Return the width of the widest line of a text of a size (pt), inches."""
+    from matplotlib.textpath import TextPath
+
+    lines = [TextPath((0.0, 0.0), line, size=size) for line in _plain(text).split("\n") if line]
+    return max((float(line.get_extents().x1) for line in lines), default=0.0) / PT_PER_IN
+
+
+def joint_names(joints: Sequence[str]) -> tuple[list[str], str]:
+    """Return the joints' names as a legend has them, and the title that says what they share."""
+    short = shorten(joints)
+    return [fold(name, MAX_NAME_LENGTH) for name in short.names], short.shared
+
+
 def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
     """Add the legend of joints, common to all panels, below them.
 
     Args:
         figure: The figure.
         joints: The joints in the order of their colours.
-        columns: Most names in a row.
+        columns: Names in a row.
     """
     from matplotlib.lines import Line2D
 
-    handles = []
-    for colour, joint in enumerate(joints):
-        name = short_name(joint).replace("$", r"\$")  # a dollar would start a formula
-        handles.append(Line2D([], [], label=name, **line_style(colour, joints=len(joints))))
+    names, title = joint_names(joints)
+    handles = [
+        Line2D([], [], label=_plain(name), **line_style(colour, joints=len(joints)))
+        for colour, name in enumerate(names)
+    ]
     if handles:
         figure.legend(
             handles=handles,
             loc="outside lower center",
-            ncols=min(columns, len(handles)),
-            fontsize=SMALL_PT - 0.5,
+            ncols=columns,
+            title=_plain(title),
+            title_fontsize=LEGEND_PT,
+            fontsize=LEGEND_PT,
             labelcolor=INK,
             frameon=False,
             handlelength=2.4,
             columnspacing=1.4,
             labelspacing=0.3,
         )
+
+
+def _plain(text: str) -> str:
+    """Return a text in which a dollar starts no formula."""
+    return text.replace("$", r"\$")

@@ -11,6 +11,7 @@ from rpctl.arrays import Array
 from rpctl.reference.motion import end_effector_reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop import WatchedSample
+from rpctl.view.labels import shorten
 
 MILLI = 1e3  # errors are shown in mm and mrad
 PERCENT = 100.0
@@ -36,7 +37,7 @@ class LiveFigures:
 
     def charts(self) -> list[dict[str, Any]]:
         """Return the charts for the page: title, unit, limits and the names of the lines."""
-        names = [self._robot.actuators[i].removesuffix("_joint") for i in self._shown]
+        short = shorten([self._robot.actuators[i] for i in self._shown])
         limits = [-PERCENT, PERCENT] if self._percent else []
         unit = "% of limit" if self._percent else "N·m or N, no limits"
         return [
@@ -46,7 +47,13 @@ class LiveFigures:
                 "limits": [],
                 "lines": self._error_names(),
             },
-            {"title": "Efforts", "unit": unit, "limits": limits, "lines": names},
+            {
+                "title": "Efforts",
+                "unit": unit,
+                "limits": limits,
+                "lines": list(short.names),
+                "names": short.shared,
+            },
         ]
 
     def add(self, sample: WatchedSample) -> None:

@@ -60,9 +60,10 @@ def faster(robot: Robot, name: str, rate: float) -> Reference:
 @pytest.mark.parametrize("name", ["paper", "mixed_chain"])
 def test_no_limit_is_broken(name: str) -> None:
     """With limits halved, from a start that asks the paper's law for more than there is."""
-    robot = limited(rpctl.load(name), effort=0.5, speed=0.5)
+    usual = rpctl.load(name)
+    robot, eight = limited(usual, effort=0.5, speed=0.5), reference_by_name(usual, "eight")
     horizon, paper = (
-        summarize(track(robot, "eight", 4.0, law, OFF)) for law in (Horizon(), PaperKinematic())
+        summarize(track(robot, eight, 4.0, law, OFF)) for law in (Horizon(), PaperKinematic())
     )
     assert paper.limits_violated
     assert not horizon.limits_violated
@@ -142,8 +143,9 @@ def test_the_base_stops_before_a_wall(paper: Robot) -> None:
 
 @pytest.mark.parametrize("obstacle", cells((PILLAR, WALL), {PILLAR}, {WALL}))
 def test_the_end_effector_keeps_clear(paper: Robot, obstacle: Disc | HalfPlane) -> None:
+    quick = reference_by_name(paper, "eight", speed=0.72)
     free, kept = (
-        track(paper, "eight", 4.0, Horizon(end_effector_obstacles=obstacles))
+        track(paper, quick, 4.0, Horizon(end_effector_obstacles=obstacles))
         for obstacles in ((), (obstacle,))
     )
     assert obstacle.distance(free.log.ee[:, :2]).min() < 0.05 - 0.03

@@ -20,7 +20,8 @@ from rpctl.drive.steering import turning_radius
 from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
 from rpctl.reference.motion import Reference
-from rpctl.reference.named import RAMP_TIME, PathReference, reference_by_name
+from rpctl.reference.named import RAMP_TIME, reference_by_name
+from rpctl.reference.path_reference import PathReference
 from rpctl.reference.quasi_velocities import reference_rates, steering
 from rpctl.reference.waves import waves
 from tests.grids import cells

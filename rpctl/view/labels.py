@@ -1,0 +1,85 @@
+"""Names as legends show them: without what they share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+
+SEPARATORS = "_/.: -"
+SUFFIX = "_joint"
+FITTING_LENGTH = 14  # characters of a name that fits into every legend; such names stay whole
+ELLIPSIS = "…"
+
+
+@dataclass(frozen=True)
+class ShortNames:
+    """Names without what they share.
+
+    Attributes:
+        names: The short names, in the order of the names, and as distinct as they are.
+        shared: What was left out around each, such as ``"arm_…_joint"``, for a legend to say once;
+            empty where all names begin as they did.
+    """
+
+    names: tuple[str, ...]
+    shared: str = ""
+
+
+def shorten(names: Sequence[str]) -> ShortNames:
+    """Return names without their suffix ``_joint`` and without the words that all begin with.
+
+    The suffix is dropped where the names stay distinct without it. The prefix is dropped where
+    there are two names or more, one of which is too long for a legend; it ends at a separator. A
+    name keeps a letter, as a bare number names nothing.
+
+    Args:
+        names: Of one legend.
+    """
+    stems = [_without_suffix(name) for name in names]
+    if len(set(stems)) < len(set(names)):
+        stems = list(names)
+    prefix = _common_words(stems)
+    if not prefix or max(map(len, stems)) <= FITTING_LENGTH:
+        return ShortNames(tuple(stems))
+    suffixed = all(stem != name for stem, name in zip(stems, names, strict=True))
+    return ShortNames(
+        tuple(stem.removeprefix(prefix) for stem in stems),
+        f"{prefix}{ELLIPSIS}{SUFFIX if suffixed else ''}",
+    )
+
+
+def fold(name: str, length: int) -> str:
+    """Return a name in lines of at most ``length`` characters, broken at separators if it can."""
+    lines = [""]
+    for word in re.findall(f"[^{SEPARATORS}]*[{SEPARATORS}]?", name):
+        if lines[-1] and len(lines[-1]) + len(word) > length:
+            lines.append("")
+        lines[-1] += word
+        while len(lines[-1]) > length:
+            lines[-1:] = [lines[-1][:length], lines[-1][length:]]
+    return "\n".join(line.strip() for line in lines)
+
+
+def _common_words(names: Sequence[str]) -> str:
+    """Return the longest prefix of all names that may go; empty where there is none."""
+    if len(set(names)) < 2:
+        return ""
+    first, last = min(names), max(names)  # what these two share, all share
+    pairs = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    ends = [k + 1 for k, (sign, _) in enumerate(pairs) if sign in SEPARATORS]
+    for end in reversed(ends):
+        if all(_says_something(name[end:]) for name in names):
+            return first[:end]
+    return ""
+
+
+def _without_suffix(name: str) -> str:
+    stem = name.removesuffix(SUFFIX)
+    return stem if _says_something(stem) else name
+
+
+def _says_something(name: str) -> bool:
+    """Return whether a name has a letter: a bare number names nothing."""
+    return any(map(str.isalpha, name))

@@ -1,0 +1,365 @@
+"""Default references: by the robot's size, within half of its limits, and told why."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.arrays import Array
+from rpctl.errors import RpctlError
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import BASE_PATHS, LAP_RATE, reference_by_name
+from rpctl.reference.path_reference import PathReference
+from rpctl.reference.quasi_velocities import steering
+from rpctl.reference.robot_length import robot_length
+from rpctl.reference.sizing import Sizing
+from rpctl.reference.timed_path import TimedPath
+from rpctl.robot.vary import set_limits
+from rpctl.simulation.loop import default_duration
+from rpctl.simulation.run import Run
+from tests import urdf
+from tests.control.tight_limits import limited
+from tests.robots import SET_A, platform, write
+from tests.vehicles import KINDS, vehicle
+
+HALF = 0.5  # of each limit
+SAMPLED = 1.02  # limits are kept at samples of a lap, and exceeded by 2 % at most between them
+CLOSED = ("circle", "eight")
+
+
+def times(reference: Reference, count: int = 600) -> Array:
+    return np.linspace(0.0, default_duration(reference), count)
+
+
+def sizing(reference: Reference) -> Sizing:
+    assert isinstance(reference, PathReference | TimedPath)
+    assert reference.sizing is not None
+    return reference.sizing
+
+
+def scaled_platform(folder: Path, scale: float, **limits: float) -> Robot:
+    """Return the platform of the paper ``scale`` times as large and of as much density."""
+    power = {"m_c": 3, "m_w": 3, "I_c": 5, "I_s": 5, "I_d": 5, "d": 1, "b": 1, "r": 1}
+    sizes = {key: value * scale ** power[key] for key, value in SET_A.items()}
+    text = platform(sizes).replace('z="0.2"', f'z="{0.2 * scale}"')
+    robot = rpctl.load(write(folder, text.replace('length="0.04"', f'length="{0.04 * scale}"')))
+    return set_limits(
+        robot,
+        **{key: {"*_joint": value} for key, value in limits.items()},
+    )
+
+
+def wheel_speeds(reference: Reference, scale: float = 1.0) -> Array:
+    """Return the rates (K, 2) of the platform's wheels, by hand: (v ± b ω)/r."""
+    laps = np.linspace(0.0, 3.0 * default_duration(reference), 900)
+    twists = np.array([reference(t).twist for t in laps.tolist()])
+    sides = np.array([1.0, -1.0]) * SET_A["b"] * scale
+    return (twists[:, :1] + twists[:, 2:] * sides) / (SET_A["r"] * scale)
+
+
+@pytest.mark.parametrize("name", [*BASE_PATHS, "waypoints"])
+@pytest.mark.parametrize("limit", [0.2, 2.0, 200.0])
+def test_wheels_take_half_of_their_speed(tmp_path: Path, name: str, limit: float) -> None:
+    """Wherever the limit binds it is met, else another pace is faster; both wheels count."""
+    robot = scaled_platform(tmp_path, 1.0, velocity=limit)
+    reference = load_reference(robot, name)
+    fastest = float(np.abs(wheel_speeds(reference)).max())
+    assert fastest <= HALF * limit * SAMPLED
+    bound = "joint's" in sizing(reference).reason
+    assert bound == (limit < 200.0)
+    if bound:
+        assert fastest == pytest.approx(HALF * limit, rel=SAMPLED - 1.0)
+        assert f"half of what left_joint's {limit:g} rad/s allow".replace("left_joint", "") in (
+            sizing(reference).reason.replace("left_joint", "").replace("right_joint", "")
+        )
+
+
+@pytest.mark.parametrize("scale", [1 / 30, 20.0])
+@pytest.mark.parametrize("name", [*BASE_PATHS, "waypoints"])
+def test_sizes_follow_the_robot(tmp_path: Path, name: str, scale: float) -> None:
+    """The paper's robot and others of its shape, 5 cm and 30 m wide, take like paths."""
+    small, paper = scaled_platform(tmp_path, scale), scaled_platform(tmp_path, 1.0)
+    ours, usual = (sizing(load_reference(each, name)) for each in (small, paper))
+    factor = float(f"{scale:.1g}")
+    if usual.size is not None:
+        assert ours.size == pytest.approx(usual.size * factor)
+    assert ours.speed is not None
+    assert usual.speed is not None
+    pace = factor ** (-0.5 if name == "spin" else 0.5)
+    assert ours.speed == pytest.approx(usual.speed * pace, rel=0.02)
+    if name not in ("waypoints", *CLOSED, "spin"):
+        assert ours.laps is None
+    # A time law's knots do not scale: what they smooth is more of a small robot's waypoints.
+    lasts = min(usual.duration * math.sqrt(factor), 120.0)
+    assert ours.duration == pytest.approx(lasts, rel=0.2 if name == "waypoints" else 0.02)
+
+
+def test_the_papers_robot_is_a_metre_long(paper: Robot, tiago: Robot) -> None:
+    assert robot_length(paper) == robot_length(tiago) == 1.0
+    circle = sizing(load_reference(paper, "circle"))
+    assert (circle.size, circle.laps) == (1.0, 1.0)
+    assert circle.duration == pytest.approx(20.0)
+    assert circle.speed == pytest.approx(LAP_RATE)
+    eight = sizing(load_reference(tiago, "eight"))
+    assert eight.size == 1.5
+    assert eight.speed == pytest.approx(0.5, rel=0.01)  # wheels: 10.15 rad/s, 98.5 mm
+    assert eight.sentence.startswith("eight of 1.5 m at 0.5 m/s, 1 lap in 28.")
+    assert eight.sentence.endswith("_joint's 10.2 rad/s allow")
+
+
+def test_an_arm_longer_than_the_base_counts(tmp_path: Path) -> None:
+    """0.9 m from the first joint to the tip, on half a track of 0.075 m."""
+    assert robot_length(arm_on_wheels(tmp_path, 0.1, reach=0.9)) == 0.9
+    assert robot_length(scaled_platform(tmp_path, 0.1)) == 0.1
+
+
+def test_a_slow_robot_drives_a_smaller_path_in_time(tmp_path: Path) -> None:
+    robot = scaled_platform(tmp_path, 1.0, velocity=0.5)
+    circle = sizing(load_reference(robot, "circle"))
+    assert circle.size is not None
+    assert circle.size < 1.0
+    line = sizing(load_reference(robot, "line"))
+    assert line.size == 1.5
+    assert line.duration == pytest.approx(1.5 / (0.25 * 0.15) + 0.75, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["line", "eight"])
+def test_weak_wheels_start_slowly(tmp_path: Path, name: str) -> None:
+    """τ = ½ r (m + 2 I/r²) a along a line: the soft start takes half of the wheels' effort."""
+    limit, m, r = 0.05, SET_A["m_c"] + 2 * SET_A["m_w"], SET_A["r"]
+    robot = scaled_platform(tmp_path, 1.0, effort=limit)
+    reference = reference_by_name(robot, name)
+    states = [reference(float(t)) for t in times(reference)]
+    found = max(
+        0.5 * r * (m + 2 * SET_A["I_s"] / r**2) * abs(state.twist_dot[0]) for state in states
+    )
+    assert found <= HALF * limit * SAMPLED
+    assert found > 0.6 * HALF * limit or name != "line"
+    assert "half of what holding leaves of" in sizing(reference).reason
+    assert "0.05 N m" in sizing(reference).reason
+
+
+def arm_on_wheels(
+    folder: Path,
+    scale: float,
+    reach: float = 0.5,
+    effort: float = 100.0,
+    speed: float = 2.0,
+    upright: bool = False,
+) -> Robot:
+    """Return a platform with an arm of 2 kg on one joint across it, level or upright at home."""
+    place = (0, 0, 0.5) if upright else (0.5, 0, 0)
+    ends, limit = ("base", "arm"), urdf.limit(-2.0, 2.0, effort, speed)
+    parts = [
+        urdf.link("arm", urdf.inertial(2.0, (0.01, 0.01, 0.01), xyz=place)),
+        urdf.joint("arm_joint", "revolute", ends, "0 0 0.5", "0 1 0", limit),
+        urdf.link("tip"),
+        urdf.joint("tip_joint", "fixed", ("arm", "tip"), (reach, 0, 0)),
+    ]
+    sizes = {key: v * (scale if key in "dbr" else 1.0) for key, v in SET_A.items()}
+    text = platform(sizes, extra="\n".join(parts))
+    return rpctl.load(write(folder, text, "arm.urdf"), end_effector="tip")
+
+
+def test_an_arm_swings_at_half_its_speed(tmp_path: Path) -> None:
+    reference = reference_by_name(arm_on_wheels(tmp_path, 1.0, speed=0.1), "circle")
+    rates = [abs(reference(float(t)).joint_rates[0]) for t in times(reference)]
+    assert max(rates) == pytest.approx(HALF * 0.1, rel=0.01)
+
+
+def test_a_weak_arm_swings_less(tmp_path: Path) -> None:
+    """Upright at home nothing holds it; swung, τ = I θ̈ − m g c sin θ, half of 2 N m at most."""
+    strong, weak = (
+        reference_by_name(arm_on_wheels(tmp_path, 1.0, effort=effort, upright=True), "circle")
+        for effort in (100.0, 2.0)
+    )
+    angle, bend = (
+        np.array([getattr(weak(float(t)), name)[0] for t in np.linspace(0.0, 60.0, 900)])
+        for name in ("joints", "joint_accelerations")
+    )
+    most = np.abs((0.01 + 2.0 * 0.5**2) * bend - 2.0 * 9.81 * 0.5 * np.sin(angle)).max()
+    assert 0.8 * HALF * 2.0 < most <= HALF * 2.0 * SAMPLED  # swings are reduced by factors of 0.8
+    assert weak.arm.amplitude[0] < strong.arm.amplitude[0] == 0.4
+    assert sizing(weak).arm == "21 % of its swing for arm_joint's 2 N m"
+    assert sizing(strong).arm == ""
+
+
+def test_what_is_too_weak_to_hold_still_is_told_and_stops_nothing(tmp_path: Path) -> None:
+    reference = reference_by_name(arm_on_wheels(tmp_path, 1.0, effort=5.0), "circle")
+    told = "holding still takes 196 % of arm_joint's 5 N m"
+    assert told in sizing(reference).sentence
+    assert reference.arm.amplitude[0] > 0.3
+    assert sizing(reference).speed == pytest.approx(LAP_RATE)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", CLOSED)
+def test_every_drive_keeps_half_of_every_limit(tmp_path: Path, kind: str, name: str) -> None:
+    """Steering rates by differences of angles, wheels by the speed of the ground below them."""
+    fastest = 0.8
+    robot = rpctl.load(write(tmp_path, vehicle(kind)))
+    robot = set_limits(robot, velocity={"*": fastest})
+    reference = reference_by_name(robot, name)
+    at, step = times(reference, 150), 1e-5
+    rates = [
+        (steering(robot, reference(t + step))[0] - steering(robot, reference(t - step))[0])
+        / (2.0 * step)
+        for t in at[1:].tolist()
+    ]
+    turned = np.abs(np.array(rates)).max(initial=0.0)
+    assert turned <= HALF * fastest * SAMPLED
+    speeds = []
+    for t in at.tolist():
+        v, left, omega = robot.root_velocity @ reference(t).twist
+        for swivel in robot.drive.swivels:
+            (x, y) = swivel.pivot
+            place = math.hypot(v - omega * y, left + omega * x)
+            wheels = [robot.drive.wheels[i] for i in robot.drive.carried(swivel)]
+            speeds += [place / wheel.radius for wheel in wheels if not wheel.lateral]
+        speeds.append(0.0 if kind == "omni" else abs(reference(t).twist[0]) / 0.12)
+    assert max(speeds) <= HALF * fastest * SAMPLED
+    assert "0.8 rad/s allow" in sizing(reference).reason
+
+
+def test_casters_may_swing_round(tmp_path: Path) -> None:
+    """A caster behind a base in reverse turns round at V/k; its limit counts for that."""
+    robot = rpctl.load(write(tmp_path, vehicle("casters")))
+    slow = set_limits(robot, velocity={"caster_0": 1.0})
+    found = sizing(reference_by_name(slow, "reverse"))
+    assert found.speed == pytest.approx(HALF * 1.0 * 0.06)
+    assert "caster_0's 1 rad/s" in found.reason
+    wheel = set_limits(robot, velocity={"caster_0_roller": 1.0})
+    speed = sizing(reference_by_name(wheel, "reverse")).speed
+    assert speed == pytest.approx(HALF * 0.05 / (1.0 + 0.004 / 0.06))
+
+
+def test_a_car_with_tight_steering_takes_a_wide_circle(tmp_path: Path) -> None:
+    text = vehicle("bicycle").replace('lower="-1.2" upper="1.2"', 'lower="-0.1" upper="0.1"')
+    robot = rpctl.load(write(tmp_path, text))
+    least = 0.8 / math.tan(0.1)
+    for name in (*CLOSED, "waypoints"):
+        reference = load_reference(robot, name)
+        turns = [reference(float(t)).twist for t in times(reference)[5:-5]]
+        assert max(abs(w / v) for v, _, w in turns if v > 1e-3) <= 1.0 / least
+        assert max(abs(steering(robot, reference(float(t)))[0, 0]) for t in times(reference)) < 0.1
+    with pytest.raises(RpctlError, match=r"cannot steer along a circle of 2 m; 7\.98 m is the"):
+        load_reference(robot, "circle", size=2.0)
+    assert sizing(load_reference(robot, "circle", size=8.0)).size == 8.0
+
+
+def test_laps_end_where_they_began(paper: Robot) -> None:
+    for name in CLOSED:
+        for laps in (1.0, 2.0):
+            reference = reference_by_name(paper, name, laps=laps)
+            end = reference(default_duration(reference)).pose
+            assert end[:2] == pytest.approx(reference(0.0).pose[:2], abs=1e-9)
+            assert sizing(reference).laps == laps
+    turned = reference_by_name(paper, "spin", laps=2.5)
+    assert turned(default_duration(turned)).pose[2] == pytest.approx(5.0 * math.pi)
+    line = reference_by_name(paper, "line", size=2.0)
+    assert line(default_duration(line)).pose[0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("name", [*BASE_PATHS, "waypoints"])
+def test_what_is_given_is_kept(tmp_path: Path, name: str) -> None:
+    """It is told how much of the limits that takes."""
+    robot, size = scaled_platform(tmp_path, 1.0, velocity=12.0), None if name == "spin" else 3.0
+    speed = 0.4 if name == "waypoints" else 2.5
+    reference = load_reference(robot, name, size, speed)
+    found = sizing(reference)
+    assert found.size == size
+    assert found.speed == pytest.approx(speed, rel=0.1 if name == "waypoints" else 1e-9)
+    fastest = float(np.abs(wheel_speeds(reference)).max())
+    told = float(found.reason.removeprefix("as given, ").split(" %")[0])
+    assert told == pytest.approx(100.0 * fastest / 12.0, rel=0.03, abs=1.0)
+    if name == "circle":
+        assert isinstance(reference, PathReference)
+        middle = 0.5 * (default_duration(reference) + 0.5 * reference.ramp)
+        assert reference(middle).pose[:2] == pytest.approx([0.0, 6.0], abs=1e-6)
+
+
+def test_a_robot_without_limits_is_told_what_was_assumed(tmp_path: Path, paper: Robot) -> None:
+    bare = sizing(load_reference(scaled_platform(tmp_path, 1.0), "eight"))
+    assert bare.assumed == (
+        "the URDF has no velocity limit of left_joint, right_joint and no effort limit of "
+        "left_joint, right_joint; there, size alone sets the pace"
+    )
+    assert bare.reason == "a pace for a robot of its size"
+    assert sizing(load_reference(paper, "eight")).assumed == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "wish", "why"),
+    [
+        ("spin", {"size": 1.0}, "size = 1: a spin has no size"),
+        ("line", {"laps": 2.0}, "laps = 2: a line does not close"),
+        ("waypoints", {"laps": 2.0}, "laps = 2: waypoints do not close"),
+        ("ee-square", {"laps": 2.0}, "laps = 2: ee-square"),
+        ("circle", {"size": -1.0}, "size is -1; give a positive number"),
+        ("circle", {"speed": math.nan}, "speed is nan; give a positive number"),
+        ("some.csv", {"speed": 1.0}, r"speed = 1: some\.csv has its own"),
+    ],
+)
+def test_wishes_without_sense_are_refused(
+    paper: Robot, name: str, wish: dict[str, float], why: str
+) -> None:
+    with pytest.raises(RpctlError, match=why):
+        load_reference(paper, name, **wish)
+
+
+def test_a_fixed_base_has_no_path_to_size() -> None:
+    panda = rpctl.load("panda")
+    for wish in ("size", "speed", "laps"):
+        with pytest.raises(RpctlError, match=f"{wish} = 2: panda has a fixed base"):
+            load_reference(panda, "circle", **{wish: 2.0})
+    told = sizing(load_reference(panda, "circle"))
+    assert (told.size, told.speed) == (None, None)
+    assert told.sentence == "the arm's motion alone: its base is fixed"
+
+
+def test_a_function_has_its_own_pace(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match="speed = 1: the reference is a function"):
+        rpctl.track(paper, reference_by_name(paper, "line"), 0.01, speed=1.0)
+
+
+def test_a_run_keeps_its_sizing(paper: Robot, tmp_path: Path) -> None:
+    run = rpctl.track(paper, "circle", 0.02, size=2.0, speed=0.3, laps=3.0)
+    assert run.sizing == sizing(load_reference(paper, "circle", 2.0, 0.3, 3.0))
+    assert (run.config.run.size, run.config.run.speed, run.config.run.laps) == (2.0, 0.3, 3.0)
+    back = Run.load(run.save(tmp_path / "run.npz"))
+    assert back.sizing == run.sizing
+    assert back.config.run == run.config.run
+    told = rpctl.summarize(back).to_dict()["sizing"]
+    assert told["sentence"] == run.sizing.sentence
+    assert (told["size"], told["laps"]) == (2.0, 3.0)
+    own = rpctl.track(paper, lambda t: reference_by_name(paper, "line")(t), 0.02)
+    assert own.sizing is None
+    assert rpctl.summarize(own).to_dict()["sizing"] is None
+
+
+def test_mimics_of_an_arm_keep_their_limits(tmp_path: Path) -> None:
+    """A finger that mimics by −2 and may move 0.3 rad leaves its leader 0.15 of that, less room."""
+    limits = urdf.limit(-2.0, 2.0, 100.0, 2.0), urdf.limit(-0.3, 0.3, 100.0, 2.0)
+    mimic = '<mimic joint="lead" multiplier="-2"/>'
+    parts = [
+        urdf.link("one", urdf.inertial(1.0, (0.1, 0.1, 0.1))),
+        urdf.joint("lead", "revolute", ("base", "one"), "0 0 0.5", "0 0 1", limits[0]),
+        urdf.link("two", urdf.inertial(1.0, (0.1, 0.1, 0.1))),
+        urdf.joint("follow", "revolute", ("one", "two"), "0.3 0 0", "0 0 1", limits[1] + mimic),
+    ]
+    robot = rpctl.load(write(tmp_path, platform(SET_A, extra="\n".join(parts))))
+    assert reference_by_name(robot, "line").arm.amplitude == pytest.approx([0.8 * 0.15])
+
+
+def test_tighter_limits_make_it_slower(paper: Robot) -> None:
+    usual, found = (
+        sizing(reference_by_name(each, "eight")) for each in (paper, limited(paper, speed=0.9))
+    )
+    assert usual.speed is not None
+    assert found.speed == pytest.approx(0.9 * usual.speed)
