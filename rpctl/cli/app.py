@@ -79,7 +79,7 @@ COMMANDS = {
     ),
     "robots": LazyCommand(
         "rpctl.cli.sources:robots_command",
-        "List the catalogue: the project's own robots and those of example-robot-data.",
+        "List the robots that have names: the project's own, and those of other packages.",
         "rpctl robots --json",
     ),
 }

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
 from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.terminal import console, format_limit, new_table, print_json
 from rpctl.description.condense import condense
+from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -23,14 +27,36 @@ MAX_LISTED_NAMES = 8  # names that a line lists
 
 
 def inspect_command(
-    robot: RobotArgument, options: LoadOptions, as_json: JsonOption = False
+    robot: RobotArgument,
+    options: LoadOptions,
+    list_xacro_args: Annotated[
+        bool,
+        typer.Option("--xacro-args", help="List the arguments that its xacro declares, no more."),
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
+    if list_xacro_args:
+        show_arguments(options.arguments(robot), as_json)
+        return
     loaded = options.load(robot)
     if as_json:
         print_json(facts(loaded))
     else:
         show_robot(loaded)
+
+
+def show_arguments(arguments: Sequence[XacroArgument], as_json: bool) -> None:
+    """Print arguments of xacro with their defaults, and where they are declared."""
+    if as_json:
+        print_json([asdict(each) for each in arguments])
+        return
+    table = new_table("argument", "default", "declared at")
+    for each in arguments:
+        default = "(none)" if each.default is None else each.default or '""'
+        place = f"{Path(each.file).name}:{each.line}"
+        table.add_row(escape(each.name), escape(default), escape(place))
+    console().print(table if arguments else "its file declares no arguments")
 
 
 def show_robot(robot: Robot) -> None:

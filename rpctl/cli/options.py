@@ -12,8 +12,11 @@ import typer
 
 import rpctl
 from rpctl.cli.words import XACRO_OPTION, read_words
+from rpctl.description.expansion import list_arguments
+from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
+from rpctl.robot.names import find_source
 
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 
@@ -28,8 +31,15 @@ PackageDirOption = Annotated[
     typer.Option(
         "--package-dir",
         metavar="DIR",
-        help="Where package:// and $(find ...) look: a package, or a folder that holds some. "
-        "Repeatable.",
+        help="Where package:// and $(find ...) look: a package, or a folder that holds some at any "
+        "depth, as ~/ws/src. Repeatable.",
+    ),
+]
+IgnoreOption = Annotated[
+    bool,
+    typer.Option(
+        "--ignore-missing-packages",
+        help="Leave out what a .xacro includes from packages that are not found.",
     ),
 ]
 XacroArgsOption = Annotated[
@@ -100,13 +110,7 @@ class LoadOptions:
         ),
     ] = False
     package_dir: PackageDirOption = None
-    ignore_missing_packages: Annotated[
-        bool,
-        typer.Option(
-            "--ignore-missing-packages",
-            help="Leave out what a .xacro includes from packages that are not found.",
-        ),
-    ] = False
+    ignore_missing_packages: IgnoreOption = False
     xacro_args: XacroArgsOption = None
     end_effector: Annotated[
         str | None, typer.Option(metavar="LINK", help="The link to track; else the arm's last.")
@@ -127,6 +131,18 @@ class LoadOptions:
             "are. Repeatable.",
         ),
     ] = None
+
+    def arguments(self, source: str) -> tuple[XacroArgument, ...]:
+        """Return the arguments that the xacro of a robot declares.
+
+        Raises:
+            RpctlError: An option is wrong, or there is no such robot.
+        """
+        found, words = find_source(source), read_words(self.xacro_args)
+        ignore = self.ignore_missing_packages
+        return list_arguments(
+            found.path, found.read_settings(self.package_dir or (), words, ignore)
+        )
 
     def load(self, source: str) -> rpctl.Robot:
         """Load the robot that is called ``source``.

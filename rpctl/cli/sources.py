@@ -2,48 +2,74 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from rpctl.cli.options import JsonOption, PackageDirOption, XacroArgsOption
+from rpctl.cli.options import IgnoreOption, JsonOption, PackageDirOption, XacroArgsOption
 from rpctl.cli.terminal import console, new_table, print_json
 from rpctl.cli.words import read_words
 from rpctl.description.expansion import expand
-from rpctl.description.read_settings import read_settings
 from rpctl.errors import format_finding
-from rpctl.robot.catalog import ENTRIES
+from rpctl.robot.catalog import ENTRIES, Entry
+from rpctl.robot.names import find_source
+from rpctl.robot.robot_descriptions import PACKAGE, PublicRobot, cache_folder, list_robots
 
 
 def expand_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .xacro file. It is evaluated.")],
+    robot: Annotated[
+        str, typer.Argument(metavar="FILE", help="A .xacro file, or a name. It is evaluated.")
+    ],
     package_dir: PackageDirOption = None,
+    ignore_missing_packages: IgnoreOption = False,
     words: XacroArgsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
-    expansion = expand(file, read_settings(package_dir or (), read_words(words)))
+    found = find_source(robot)
+    settings = found.read_settings(package_dir or (), read_words(words), ignore_missing_packages)
+    expansion = expand(found.path, settings)
     for finding in expansion.findings:
-        typer.echo(format_finding(str(file), finding), err=True)
+        typer.echo(format_finding(str(found.path), finding), err=True)
     if as_json:
-        print_json({"file": str(file), "text": expansion.text})
+        print_json({"file": str(found.path), "text": expansion.text})
     else:
         typer.echo(expansion.text, nl=False)
 
 
 def robots_command(as_json: JsonOption = False) -> None:
-    """List the catalogue: the project's own robots and those of example-robot-data."""
+    """List the robots that have names: the project's own, and those of other packages."""
+    public = list_robots()
+    cached = [robot for robot in public if robot.cached]
     if as_json:
-        print_json(
-            [
-                {"name": e.name, "base": e.base, "summary": e.summary, "file": str(e.path)}
-                for e in ENTRIES
-            ]
-        )
+        print_json([*map(_own, ENTRIES), *map(_public, cached)])
         return
     table = new_table("name", "base", "what it is")
-    for entry in ENTRIES:
-        table.add_row(entry.name, entry.base, escape(entry.summary))
+    for each in (*map(_own, ENTRIES), *map(_public, cached)):
+        table.add_row(each["name"], each["base"], escape(each["summary"]))
     console().print(table)
+    missing = [robot.name for robot in public if robot.wheeled and not robot.cached]
+    if missing:
+        console().print(
+            f"[dim]of {PACKAGE}, not in its cache ({escape(str(cache_folder()))}), with wheels: "
+            f"{escape(', '.join(missing))}; `python -m {PACKAGE} pull NAME` downloads one[/]"
+        )
+
+
+def _own(entry: Entry) -> dict[str, str]:
+    return {
+        "name": entry.name,
+        "base": entry.base,
+        "summary": entry.summary,
+        "file": str(entry.path),
+    }
+
+
+def _public(robot: PublicRobot) -> dict[str, str]:
+    return {
+        "name": robot.name,
+        "base": "wheeled" if robot.wheeled else "fixed",
+        "summary": f"{robot.robot}, {', '.join(robot.tags)} ({PACKAGE})",
+        "file": str(robot.file),
+    }

@@ -39,6 +39,8 @@ def show_summary(written: RunFolder, folder: Path) -> None:
     out.print(_error_table(summary))
     out.print()
     _show_outcome(out, summary)
+    if written.perturbed is not None:
+        out.print(escape(f"expect, {written.perturbed['sentence']}"))
     out.print()
     out.print(_effort_table(summary.efforts))
     out.print()
@@ -88,7 +90,7 @@ def _show_outcome(out: Console, summary: Summary) -> None:
     style = {TRACKED: "green", LATE: "yellow"}.get(summary.outcome, "bold red")
     out.print(f"[{style}]{summary.outcome}[/] {escape(summary.outcome_sentence)}")
     name, path = "base", summary.base_path
-    if summary.end_effector_path is not None and path.largest_lag == path.final_lag == 0.0:
+    if summary.end_effector_path is not None and not path.length:
         name, path = "end effector", summary.end_effector_path  # of a base that stands
     out.print(f"{name} behind its reference by {lag(path.largest_lag, path.largest_lag_distance)} "
               f"at most, {lag(path.final_lag, path.final_lag_distance)} in the end")  # fmt: skip

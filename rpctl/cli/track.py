@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,8 +32,10 @@ from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
+from rpctl.simulation.expectation import expect
 from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -156,6 +158,18 @@ class ResultOptions:
         bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
     ] = False
 
+    perturbed: Annotated[
+        bool,
+        typer.Option(
+            help="Tell what to expect with 10 % more mass, wheel friction and a delay: another "
+            "run, a third as long; not where the configuration has a [plant] of its own.",
+        ),
+    ] = True
+
+    def perturbs(self, config: Config) -> bool:
+        """Return whether to tell what to expect: not where the user has set a plant himself."""
+        return self.perturbed and config.plant == Plant()
+
     def require_browser(self) -> None:
         """Refuse a picture that could not be drawn, before the simulation.
 
@@ -226,6 +240,8 @@ def track_command(
             raise
         if page is not None:
             page.end("Simulated")
+        if results.perturbs(config):
+            run = _with_expectation(run, loaded, config, reference)
         written = results.write(run, folder)
         if page is not None:
             page.finish(written.report)
@@ -235,6 +251,13 @@ def track_command(
         show_summary(written, folder)
     if not written.summary.succeeded or (certificate is not None and not certificate.passed):
         raise typer.Exit(CHECK_FAILED)
+
+
+def _with_expectation(run: Run, robot: Robot, config: Config, reference: Reference) -> Run:
+    """Return a run that tells what became of it with a perturbed plant; it cannot fail it."""
+    with progress_bar("perturb"):
+        expected = expect(robot, config, reference)
+    return replace(run, perturbed=None if expected is None else expected.to_dict())
 
 
 def _keep(run: Run, page: Broadcast, results: ResultOptions, folder: Path) -> None:

@@ -86,9 +86,11 @@ def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
             missing, or arguments; or it takes too long, or too much memory.
     """
     answer = _ask(path, settings)
-    if any(use != "text" for *_, use in answer.get("wants", ())):
-        forget()  # somebody may put the packages there before the next try
-    refuse_faults(path, answer, settings)
+    try:
+        refuse_faults(path, answer, settings)
+    finally:
+        if answer["wants"]:
+            forget()  # somebody may put the packages there before the next try
     return Expansion(answer["text"], findings_of(path, answer))
 
 

@@ -92,8 +92,8 @@ class MeshPaths:
         if folders is None:
             folders = self._packages[package] = self._known.find(package)
         if not folders:
-            forget()  # somebody may put it there before the next try
             fault = f'package "{package}" was not found; {DECLARE}{self._known.remark}'
+            forget()  # somebody may put it there before the next try
             raise MeshError(fault)
         return [(f"{folder}/{rest}", folder) for folder in folders]
 

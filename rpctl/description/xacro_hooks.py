@@ -132,7 +132,8 @@ class Hooks:
         try:
             self.xacro.abs_filename_spec(str(self.xacro.eval_text(spec, symbols)))
         except NotFoundError as error:
-            self._want(str(error), self.lines(re.escape(spec))[0], "include")
+            if element.getAttribute("optional").lower() not in ("true", "1"):
+                self._want(str(error), self.lines(re.escape(spec))[0], "include")
             self.xacro.remove_previous_comments(element)
             self.xacro.replace_node(element, by=None)
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from glob import escape
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from rpctl.drive.plugins import (
 MAX_FILES = 100  # that are read
 MAX_FILE_BYTES = 2**17  # of one; the largest public ones have a tenth
 MAX_DEPTH = 20  # of tables in tables
+FLAGS = ("true", "false")
 PARAMETERS = "ros__parameters"  # the table of a node's parameters in ROS 2
 
 
@@ -79,7 +81,7 @@ def _neighbours(path: Path) -> Iterator[Path]:
     if package is None:
         return
     robot = package.name.removesuffix("_description")
-    for folder in sorted(package.parent.glob(f"{robot}_*")):
+    for folder in sorted(package.parent.glob(f"{escape(robot)}_*")):
         if (folder / MANIFEST).is_file():
             yield from sorted((*folder.glob("config/*.yaml"), *folder.glob("config/*/*.yaml")))
 
@@ -117,7 +119,7 @@ def _wheel_joints(entry: _Entry) -> list[str]:
     if "wheel" not in key or "multiplier" in key or "separation" in key or "radius" in key:
         return []
     texts = entry.value if isinstance(entry.value, list) else [entry.value]
-    return [text for text in texts if read_number(text) is None]
+    return [text for text in texts if read_number(text) is None and text.lower() not in FLAGS]
 
 
 def _number(values: dict[str, _Entry], key: str) -> float | None:

@@ -120,7 +120,8 @@ def gather_evidence(
     _require_swivels(tree.description, spec, {swivel.joint.name for swivel in swivels})
     held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
     lines, balls = _split_balls(held)
-    leftovers = find_leftovers(tree, grounded, free)
+    driven = tuple(dict.fromkeys(name for control in tags.controls for name in control.joints))
+    leftovers = find_leftovers(tree, grounded, free, driven)
     return Evidence(tree, grounded, lines, balls, tuple(swivels), tags, spec, leftovers)
 
 

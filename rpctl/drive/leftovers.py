@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import takewhile
@@ -37,18 +37,23 @@ class Leftover:
 
 
 def find_leftovers(
-    tree: FrozenTree, grounded: GroundedWheels, free: Collection[str]
+    tree: FrozenTree,
+    grounded: GroundedWheels,
+    free: Collection[str],
+    driven: Collection[str] = (),
 ) -> tuple[Leftover, ...]:
     """Return the joints that look like wheels and were not taken, in file order.
 
     What is called a wheel counts wherever it is, but for steering wheels, which are not level and
     high up; other round things, if they end on the ground, and what the root link or a strut
-    holds, if it ends near it. Rollers are of their wheels.
+    holds, if it ends near it. So does what a plugin or a controller drives as a wheel. Rollers are
+    of their wheels.
 
     Args:
         tree: The robot.
         grounded: The wheels that were taken.
         free: Joints that the user wants free: they are no wheels.
+        driven: Joints that plugins and controllers of the base drive as wheels.
     """
     taken = {wheel.joint.name for wheel in grounded.wheels}
     taken |= {wheel.swivel.name for wheel in grounded.wheels if wheel.swivel is not None}
@@ -65,7 +70,9 @@ def find_leftovers(
     usual = max((wheel.radius or 0.0 for wheel in grounded.wheels), default=None)
     found = [_leftover(tree, each, ground, usual) for each in like]
     found += _idle_casters(tree, taken, free) if taken else []
-    return tuple(each for each in found if each is not None)
+    left = [each for each in found if each is not None]
+    known = taken | {*free} | {each.joint.name for each in left}
+    return (*left, *_driven(tree, [name for name in driven if name not in known]))
 
 
 def _leftover(
@@ -77,7 +84,7 @@ def _leftover(
     """
     joint = like.joint
     above = tree.free_joints(joint.parent)
-    moving = [carrier for carrier in above if not tree.is_upright(carrier)]
+    moving = _tilting(tree, joint)
     like = like if like.radius is not None else replace(like, radius=usual)
     if not tree.is_level(joint) and not like.is_near(ground):
         return None
@@ -131,6 +138,22 @@ def _idle_casters(
     ]
 
 
+def _driven(tree: FrozenTree, names: Sequence[str]) -> list[Leftover]:
+    """Return the joints of these names that turn; something drives them as wheels."""
+    joints = [tree.description.joint[n] for n in names if n in tree.description.joint]
+    why = "is driven as a wheel by a plugin or a controller, and does not stand as one"
+    return [
+        Leftover(joint, why, hold=tuple(c.name for c in _tilting(tree, joint)))
+        for joint in joints
+        if tree.is_free(joint) and joint.kind != "prismatic"
+    ]
+
+
+def _tilting(tree: FrozenTree, joint: Joint) -> list[Joint]:
+    """Return the free joints above one that are no swivels."""
+    return [carrier for carrier in tree.free_joints(joint.parent) if not tree.is_upright(carrier)]
+
+
 def _is_strut(moving: Sequence[Joint]) -> bool:
     return len(moving) == 1 and moving[0].kind == "prismatic"
 
@@ -179,13 +202,24 @@ def option(tree: FrozenTree, flag: str, names: Sequence[str]) -> str:
         names: The joints.
     """
     moving = {joint.name for joint in tree.description.joints if joint.moving}
-    start, end = _start(names), _start([name[::-1] for name in names])[::-1]
-    start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
-    for pattern in (f"{start}*", f"*{end}", f"{start}*{end}"):
+    for pattern in _patterns(names) if len(names) > 1 else ():
         fits = {name for name in moving if fnmatchcase(name, pattern)}
-        if len(names) > 1 and len(pattern) > MIN_LETTERS and fits == set(names):
+        if len(pattern) > MIN_LETTERS and fits == set(names):
             return f"{flag} '{pattern}'"
     return " ".join(f"{flag} {name}" for name in names)
+
+
+def _patterns(names: Sequence[str]) -> Iterator[str]:
+    """Yield patterns that fit all names: of the words in front, behind, at both ends, inside."""
+    start, end = _start(names), _start([name[::-1] for name in names])[::-1]
+    start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
+    yield from (f"{start}*", f"*{end}", f"{start}*{end}")
+    words = names[0].split("_") if len(names) > 2 else []  # of two, names are clearer
+    runs = [words[i:j] for i in range(len(words)) for j in range(i + 1, len(words) + 1)]
+    for run in sorted(runs, key=len, reverse=True):
+        inside = "_".join(run)
+        if all(inside in name for name in names):
+            yield f"*{inside}*"
 
 
 def _start(names: Sequence[str]) -> str:

@@ -122,7 +122,10 @@ def _control(plugin: Any) -> Iterator[BaseControl]:
         label=f'plugin "{name}"',
         line=plugin.sourceline,
         joints=tuple(
-            text for key, texts in values.items() if JOINT_TAG.fullmatch(key) for text in texts
+            text
+            for key, texts in values.items()
+            if JOINT_TAG.fullmatch(key) and "steer" not in key
+            for text in texts
         ),
         radius=0.5 * diameter if radius is None and diameter is not None else radius,
         separation=_first(values, "wheelseparation"),

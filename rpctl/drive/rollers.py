@@ -23,14 +23,12 @@ def has_mecanum_rollers(tree: FrozenTree, wheel: WheelCandidate) -> bool:
 
 
 def contact_roller(tree: FrozenTree, wheel: WheelCandidate) -> Array | None:
-    """Return the direction (2,) of the roller on the ground, of a mecanum wheel with rollers.
+    """Return a vector (2,) along the roller on the ground, of a mecanum wheel with rollers.
 
-    It is that of the lowest one, in the root link's frame.
+    It is the lowest one's; in the root link's frame, of no certain length and way.
     """
     if not has_mecanum_rollers(tree, wheel):
         return None
     rollers = rollers_of(tree, wheel.joint)
     lowest = min(rollers, key=lambda roller: float(tree.pose(roller.child)[2, 3]))
-    along = tree.axis(lowest)[:2]
-    length = float(np.linalg.norm(along))
-    return along / length if length > 0.0 else None
+    return np.asarray(tree.axis(lowest)[:2])

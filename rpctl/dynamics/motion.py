@@ -10,17 +10,36 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 
+FRICTION_RATE = 0.05  # rad/s or m/s: a joint that is slower has less than its dry friction
+
 
 class Step(NamedTuple):
-    """State after a step, and the work that the actuators did in it."""
+    """State after a step, and the work that the efforts did in it."""
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
     work: float  # J
 
 
-def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
-    """Advance M ν̇ + h = B τ by ``dt`` (s) under a constant τ.
+def friction_efforts(friction: Array, rates: Array) -> Array:
+    """Return the efforts (n_act,) of dry friction: −f q̇/√(q̇² + ε²), smooth where q̇ changes sign.
+
+    Args:
+        friction: Its size f of each actuator's joint (n_act,), N·m or N.
+        rates: Rates q̇ of these joints (n_act,), rad/s or m/s.
+    """
+    return np.asarray(-friction * rates / np.sqrt(rates**2 + FRICTION_RATE**2))
+
+
+def rk4_step(
+    dynamics: ReducedDynamics,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    dt: float,
+    friction: Array | None = None,
+) -> Step:
+    """Advance M ν̇ + h = B τ by ``dt`` (s) under a constant τ, and dry friction if any.
 
     A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
     root, so q stays on the manifold and the order is that of the classical method.
@@ -31,17 +50,19 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
         nu: Quasi-velocities (dof,).
         tau: Actuator efforts (n_act,), N·m or N.
         dt: Step, s.
+        friction: Dry friction of each actuator's joint (n_act,), N·m or N; None: none.
 
     Returns:
-        The state after ``dt`` and the work done.
+        The state after ``dt`` and the work done by τ and friction.
     """
     model = dynamics.robot.model
 
     def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
         place = pin.integrate(model, q, slide)
         at = dynamics.at(place)
-        power = float((at.B @ tau) @ speed)
-        return _dexpinv(slide, at.S @ speed), dynamics.forward(place, speed, tau), power
+        push = tau if friction is None else tau + friction_efforts(friction, at.B.T @ speed)
+        power = float((at.B @ push) @ speed)
+        return _dexpinv(slide, at.S @ speed), dynamics.forward(place, speed, push), power
 
     v1, a1, p1 = stage(np.zeros(model.nv), nu)
     v2, a2, p2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from rpctl.equivalence.contact.record import ContactTrial
@@ -27,6 +28,7 @@ class Certificate:
         idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
             comparison here can tell.
         contact: The trial on the ground, where it was asked for and could be made.
+        loaded_with: The arguments with which :func:`rpctl.load` gives this robot.
     """
 
     robot: str
@@ -39,6 +41,7 @@ class Certificate:
     shared: tuple[str, ...] = ()
     idealised: tuple[str, ...] = ()
     contact: ContactTrial | None = None
+    loaded_with: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -73,4 +76,5 @@ class Certificate:
             "shared": list(self.shared),
             "idealised": list(self.idealised),
             "contact": None if self.contact is None else self.contact.to_dict(),
+            "loaded_with": dict(self.loaded_with),
         }

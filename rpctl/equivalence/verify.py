@@ -19,7 +19,7 @@ from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.robot.facts import idealisations
+from rpctl.robot.facts import idealisations, load_arguments
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -89,6 +89,7 @@ def verify(
         declared=declared,
         shared=shared(robot, reading),
         idealised=tuple(each.sentence for each in idealisations(robot)),
+        loaded_with=load_arguments(robot),
     )
     return _with_contact_trial(robot, certificate) if contact else certificate
 

@@ -9,13 +9,13 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.robot.branch import METRES_PER_RADIAN, rate_columns
 from rpctl.robot.model import Robot
 
 POSTURE_DRAWS = 1500  # random postures among which the most comfortable one is taken
 SEED = 0  # of these draws: the same robot has the same posture every time
 DRAWN_RANGE = 0.7  # of each joint's range, about its middle: where postures are drawn from
 HEIGHT_TOLERANCE = 0.08  # m; standard deviation of a comfortable end effector's height
-METRES_PER_RADIAN = 0.3  # m/rad: weight of an angle relative to a distance
 IK_STEPS = 12  # of Newton's method; it starts near and needs three
 MAX_IK_STEP = 0.2  # of half a joint's range: the longest of these steps
 IK_TOLERANCE = 1e-10  # m: below, it has converged
@@ -50,13 +50,7 @@ class Arm:
         self.lower = np.maximum([j.lower for j in used], self.home - span)
         self.upper = np.minimum([j.upper for j in used], self.home + span)
         self.velocity = np.array([joint.velocity for joint in used])
-        self._columns = np.zeros((robot.nv, len(used)))
-        for column, joint in enumerate(used):
-            self._columns[robot.velocity_index(joint.name), column] = 1.0
-            for other in robot.mimics:
-                if other.mimic is not None and other.mimic.joint == joint.name:
-                    row = robot.velocity_index(other.name)
-                    self._columns[row, column] = other.mimic.multiplier
+        self._columns = rate_columns(robot, [joint.name for joint in used])
 
     @property
     def half_range(self) -> Array:

@@ -19,33 +19,49 @@ SMALL = 0.02  # m; a box of half these edges is no obstacle
 MIN_EXTENT = 0.05  # m; how far any link reaches about its centre of mass
 
 
-class Boxes:
-    """Boxes at fixed places in the world."""
+class LinkBoxes:
+    """Boxes about some links, as functions of the joints' poses."""
 
-    def __init__(self, poses: Array, halves: Array) -> None:
+    def __init__(self, robot: Robot, links: Iterable[str], grow: float) -> None:
         """See the class.
 
         Args:
-            poses: Of their centres and axes (n, 4, 4), m.
-            halves: Half their edges (n, 3), m.
+            robot: The robot.
+            links: Names of the links; small boxes are left out.
+            grow: How far the boxes reach beyond the links, m.
         """
-        axes, self._halves = poses[:, :3, :3], halves.reshape(-1)
-        self._turn = np.moveaxis(axes, 0, 1).reshape(3, -1)
-        self._offset = np.einsum("nij,ni->nj", axes, poses[:, :3, 3]).reshape(-1)
-        reach = np.abs(axes[:, 0]) * halves
-        self.front = float((poses[:, 0, 3] + reach.sum(axis=1)).max(initial=0.0))
+        groups: dict[int, list[tuple[Array, Array]]] = {}
+        for name in links:
+            joint, pose = _on_joint(robot, name)
+            for origin, half in link_boxes(robot.description, name):
+                if half.max() > SMALL:
+                    groups.setdefault(joint, []).append((pose @ origin, half + grow))
+        self._groups = [(joint, *_stacked(boxes)) for joint, boxes in groups.items()]
 
-    def depth(self, points: Array) -> float:
-        """Return how deep the deepest of some points (k, 3) is in one of the boxes, m; at least 0.
+    def depth(self, data: pin.Data, points: Array) -> float:
+        """Return how deep the deepest of some points is in one of the boxes, m; at least 0.
 
         Args:
-            points: In the world, m.
+            data: The joints' poses.
+            points: In the world (k, 3), m.
         """
-        if not len(self._halves) or not len(points):
-            return 0.0
-        inside = self._halves - np.abs(points @ self._turn - self._offset)
-        nearest = np.minimum(np.minimum(inside[:, ::3], inside[:, 1::3]), inside[:, 2::3])
-        return max(0.0, float(nearest.max()))
+        deepest = 0.0
+        for joint, turn, offset, halves in self._groups:
+            pose = data.oMi[joint]
+            local = (points - pose.translation) @ pose.rotation
+            inside = halves - np.abs(local @ turn - offset)  # (k, 3 n): each box's x, y and z
+            nearest = np.minimum(np.minimum(inside[:, ::3], inside[:, 1::3]), inside[:, 2::3])
+            deepest = max(deepest, float(nearest.max()))
+        return deepest
+
+
+def _stacked(boxes: list[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
+    """Return the axes (3, 3 n), places along them (3 n,) and half edges (3 n,) of boxes."""
+    poses = np.array([pose for pose, _ in boxes])
+    halves = np.array([half for _, half in boxes])
+    axes = poses[:, :3, :3]
+    offset = np.einsum("nij,ni->nj", axes, poses[:, :3, 3])
+    return np.moveaxis(axes, 0, 1).reshape(3, -1), offset.reshape(-1), halves.reshape(-1)
 
 
 def link_boxes(description: Description, name: str) -> list[tuple[Array, Array]]:
@@ -61,7 +77,7 @@ def link_boxes(description: Description, name: str) -> list[tuple[Array, Array]]
     link = description.link[name]
     shapes = link.collisions or link.visuals
     boxes = [(s.origin, _half_edges(s)) for s in shapes if s.kind != "mesh"]
-    if link.mass and len(boxes) < max(len(shapes), 1):
+    if link.mass and len(boxes) < len(shapes):
         ends = [joint.origin[:3, 3] - link.com for joint in description.child_joints[name]]
         extent = max(MIN_EXTENT, *(float(np.linalg.norm(end)) for end in (link.com, *ends)))
         pose, half = _inertia_box(link.mass, link.com, link.inertia)
@@ -111,26 +127,6 @@ class LinkPoints:
                 for joint, points in self._groups
             ]
         )
-
-
-def boxes_in_world(robot: Robot, data: pin.Data, links: Iterable[str], grow: float) -> Boxes:
-    """Return the boxes of some links in the world, for the joints' poses in ``data``.
-
-    Args:
-        robot: The robot.
-        data: Of the robot's model, after forward kinematics.
-        links: Their names.
-        grow: How far the boxes reach beyond the links, m.
-    """
-    found = []
-    for name in links:
-        joint, pose = _on_joint(robot, name)
-        for origin, half in link_boxes(robot.description, name):
-            if half.max() > SMALL:
-                found.append((data.oMi[joint].homogeneous @ pose @ origin, half + grow))
-    poses = np.array([pose for pose, _ in found]).reshape(-1, 4, 4)
-    halves = np.array([half for _, half in found]).reshape(-1, 3)
-    return Boxes(poses, halves)
 
 
 def _on_joint(robot: Robot, link: str) -> tuple[int, Array]:

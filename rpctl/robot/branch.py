@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +12,7 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Description
-from rpctl.robot.boxes import Boxes, LinkPoints, boxes_in_world
+from rpctl.robot.boxes import LinkBoxes, LinkPoints
 from rpctl.robot.model import Robot
 
 METRES_PER_RADIAN = 0.3  # m/rad: weight of an angle relative to a distance
@@ -72,13 +73,9 @@ class Branch:
             for j in robot.mimics
             if j.mimic is not None and j.mimic.joint in names
         ]
-        self._columns = np.zeros((robot.nv, len(names)))
-        for column, name in enumerate(names):
-            self._columns[robot.velocity_index(name), column] = 1.0
-        for joint in robot.mimics:
-            if joint.mimic is not None and joint.mimic.joint in names:
-                row, column = robot.velocity_index(joint.name), names.index(joint.mimic.joint)
-                self._columns[row, column] = joint.mimic.multiplier
+        self._columns = rate_columns(robot, names)
+        pin.forwardKinematics(robot.model, self._data, self._q)
+        self._front, self._mount = self._find_front(), self._find_mount()
 
     def measure(self, positions: Array, with_clearance: bool = True) -> Measures:
         """Return how well the branch stands.
@@ -105,7 +102,7 @@ class Branch:
         if with_clearance:
             points = self._moved(data)
             height = float(points[:, 2].min()) - self.robot.drive.ground
-            depth = self._rest.depth(self._outer(data))
+            depth = self._rest.depth(data, self._outer(data))
         at = pin.updateFramePlacement(model, data, self._frame).translation
         x, y, z = at - self._mount
         bearing = math.atan2(math.hypot(y, z), x)
@@ -123,34 +120,44 @@ class Branch:
         return LinkPoints(self.robot, links_below(self.robot.description, self._name(middle)))
 
     @cached_property
-    def _rest(self) -> Boxes:
-        """The links that the branch does not move and, before its middle, the fixed half."""
+    def _rest(self) -> LinkBoxes:
+        """Boxes of the links that stay, or that move with the first joints only."""
         first = max(0, (len(self.joints) - 1) // 2 - 2)
         moved = set(links_below(self.robot.description, self._name(first)))
-        return self._boxes([n for n in self.robot.description.link if n not in moved])
+        others = [name for name in self.robot.description.link if name not in moved]
+        return LinkBoxes(self.robot, others, GROWTH)
 
-    @cached_property
-    def _front(self) -> float:
-        """How far ahead of P the foremost point of the base is, m."""
+    def _find_front(self) -> float:
+        """Return how far ahead of P the foremost point of the base is, m."""
         description = self.robot.description
         links = [name for name, _ in self.robot.tree.rigid_links(description.root)]
         wheels = [description.joint[w.joint].child for w in self.robot.drive.wheels]
-        return self._boxes([*links, *wheels]).front
+        return float(LinkPoints(self.robot, [*links, *wheels])(self._data)[:, 0].max())
 
-    def _boxes(self, links: list[str]) -> Boxes:
-        pin.forwardKinematics(self.robot.model, self._data, self._q)
-        return boxes_in_world(self.robot, self._data, links, GROWTH)
-
-    @cached_property
-    def _mount(self) -> Array:
-        """Where the first joint that turns lies, or the first one at all (3,), m."""
-        pin.forwardKinematics(self.robot.model, self._data, self._q)
+    def _find_mount(self) -> Array:
+        """Return where the first joint that turns lies, or the first one at all (3,), m."""
         turning = (i for i in self.joints if self.robot.joints[i].kind != "prismatic")
         name = self.robot.joints[next(turning, self.joints[0])].name
         return np.array(self._data.oMi[self.robot.model.getJointId(name)].translation)
 
     def _name(self, index: int) -> str:
         return self.robot.joints[self.joints[index]].name
+
+
+def rate_columns(robot: Robot, names: Sequence[str]) -> Array:
+    """Return v (nv, n) for a unit rate of each of some joints, mimics following.
+
+    Args:
+        robot: The robot.
+        names: Names of joints of its arm.
+    """
+    columns = np.zeros((robot.nv, len(names)))
+    for column, name in enumerate(names):
+        columns[robot.velocity_index(name), column] = 1.0
+        for joint in robot.mimics:
+            if joint.mimic is not None and joint.mimic.joint == name:
+                columns[robot.velocity_index(joint.name), column] = joint.mimic.multiplier
+    return columns
 
 
 def links_below(description: Description, joint: str) -> list[str]:

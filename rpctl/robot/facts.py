@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from rpctl.description.records import Joint
+from rpctl.drive.drive import Drive
 from rpctl.robot.idealised import Idealisation, joint_idealisations
 from rpctl.robot.idealised_wheels import wheel_idealisations
 from rpctl.robot.model import Robot
@@ -39,6 +40,27 @@ def facts(robot: Robot) -> dict[str, Any]:
         "end_effector": robot.end_effector,
         "idealised": [asdict(each) for each in idealisations(robot)],
         "findings": [asdict(finding) for finding in robot.findings],
+    }
+
+
+def load_arguments(robot: Robot) -> dict[str, Any]:
+    """Return the arguments with which :func:`rpctl.load` gives the same robot, as plain values.
+
+    A drive that was given as such is the mapping that :meth:`rpctl.drive.drive.Drive.from_dict`
+    takes.
+    """
+    drive, reading = robot.loaded_with.drive, robot.description.read_with
+    return {
+        "source": robot.source,
+        "drive": asdict(drive) if isinstance(drive, Drive) else drive,
+        "lock": dict(robot.locked),
+        "density": robot.loaded_with.density,
+        "end_effector": robot.end_effector,
+        "package_dirs": [str(folder) for folder in reading.package_dirs],
+        "xacro_args": dict(reading.xacro_args),
+        "ignore_missing_packages": reading.ignore_missing_packages,
+        "home": dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
+        "free": list(robot.loaded_with.free),
     }
 
 

@@ -11,7 +11,6 @@ from rpctl.description.density import fill
 from rpctl.description.expansion import lines_explained
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.mesh_checks import check_meshes
-from rpctl.description.read_settings import read_settings
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf import read
 from rpctl.drive.controller_files import read_controls
@@ -22,13 +21,13 @@ from rpctl.drive.plugins import SimulatorTags
 from rpctl.drive.suspensions import hold_passive
 from rpctl.drive.vendor import vendor_findings
 from rpctl.errors import DescriptionError, Finding, UnknownNameError
-from rpctl.robot import catalog
 from rpctl.robot.build import build, check
 from rpctl.robot.end_effector import find_end_effector
 from rpctl.robot.grippers import find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
+from rpctl.robot.names import find_source
 
 
 def load(
@@ -48,7 +47,8 @@ def load(
 
     Args:
         source: A URDF path, a .xacro that becomes one (it is evaluated, so trust it), or a
-            catalogue name (``rpctl robots``).
+            name (``rpctl robots``): of the catalogue, or of robot_descriptions
+            (``"fetch_description"``) if that package is installed and its cache filled.
         drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
             drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
@@ -59,8 +59,8 @@ def load(
             before its gripper.
         strict: Whether warnings are errors, and so are assumptions about the drive.
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
-            ``$(find ...)`` look first; ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the folders above
-            the file come after them.
+            ``$(find ...)`` look first, at any depth (``~/ws/src``); the workspace around the file,
+            ROS_PACKAGE_PATH and AMENT_PREFIX_PATH come after them.
         xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name.
         ignore_missing_packages: Whether what a .xacro includes from packages that are not found
             is left out.
@@ -70,7 +70,8 @@ def load(
             position well inside their limits; where the arm is near a singular posture there, it
             takes one to work from.
         free: Name patterns of joints that are frozen by default and that are to move: those of
-            grippers and of passive suspensions, and those that the catalogue freezes.
+            grippers and of passive suspensions, and those that the catalogue freezes; and joints
+            that look like wheels and are an arm's.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -78,16 +79,17 @@ def load(
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
-    path, entry = _resolve(source)
-    settings = read_settings(package_dirs, xacro_args, ignore_missing_packages)
+    found = find_source(source)
+    path = found.path
+    settings = found.read_settings(package_dirs, xacro_args, ignore_missing_packages)
     free = (free,) if isinstance(free, str) else tuple(free)
+    asked = drive if drive is None or isinstance(drive, Drive) else str(drive)
     with lines_explained(path):
         description = read(path, settings)
         if density is not None:
             description = fill(description, density)
-        defaults = entry.lock if entry else ()
-        tree = FrozenTree(description, _locked(description, defaults, lock, free))
-        given = _given(entry.drive if drive is None and entry else drive)
+        tree = FrozenTree(description, _locked(description, found.lock, lock, free))
+        given = _given(found.drive if drive is None else drive)
         tags, released = read_controls(description), _released(description, free)
         tree, held = hold_passive(tree, given.type, tags, released)
         grippers = find_grippers(tree)
@@ -107,8 +109,8 @@ def load(
         elif end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
         robot = Robot(
-            name=entry.name if entry else description.name,
-            source=entry.name if entry else str(path.resolve()),
+            name=found.name or description.name,
+            source=found.name or str(path.resolve()),
             description=description,
             model=model,
             drive=drive,
@@ -116,7 +118,7 @@ def load(
             joints=joints,
             end_effector=end_effector,
             findings=(*findings, *held, *frozen, *differences, *choice),
-            loaded_with=LoadSettings(density, free=free),
+            loaded_with=LoadSettings(density, free=free, drive=asked),
         )
         at_home = with_home(robot, home)
         if strict:
@@ -183,17 +185,6 @@ def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:
     doubts = [replace(f, severity="error") for f in findings if f.severity == "warning"]
     if doubts:
         raise DescriptionError(path, doubts)
-
-
-def _resolve(source: str | Path) -> tuple[Path, catalog.Entry | None]:
-    """Return the file of a path or a catalogue name; a bare word is a name if it can be one."""
-    path = Path(source)
-    if isinstance(source, Path) or path.suffix or "/" in source:
-        return path, None
-    if path.is_file() and source not in catalog.names():
-        return path, None
-    entry = catalog.find(source)
-    return entry.path, entry
 
 
 def _locked(

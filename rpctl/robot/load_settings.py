@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from rpctl.drive.drive import Drive
+
 
 class Payload(NamedTuple):
     """A load fixed to a link; see :func:`rpctl.with_payload`."""
@@ -28,10 +30,12 @@ class LoadSettings:
         home: Positions of the arm's joints at home (rad or m), by name, where they were given
             or chosen; none where they follow from the limits.
         free: Patterns of joints that are not frozen by default.
+        drive: What was said of the drive: the drive, its type or a file; None: nothing.
         payloads: Loads that it carries besides, in the order in which they were put on.
     """
 
     density: float | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] = ()
+    drive: Drive | str | None = None
     payloads: tuple[Payload, ...] = ()

@@ -40,7 +40,7 @@ class Scale:
     Attributes:
         rank: Directions in which its end can be moved.
         manipulability: Largest product of the singular values of these.
-        lightness: Largest scaled eigenvalue of the inertia.
+        lightness: Largest of the smallest eigenvalues of the inertia, scaled.
     """
 
     rank: int

@@ -13,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command, Limit
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.load_ranges import find_ranges
+from rpctl.dynamics.motion import friction_efforts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState, end_effector_reference
 from rpctl.reference.quasi_velocities import reference_rates, steering
@@ -110,10 +111,18 @@ class Recorder:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
         bias: Efforts (n_act,) that push besides the controller's, N·m or N.
+        friction: Dry friction of the actuators' joints (n_act,), N·m or N; None: none.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None, bias: Array) -> None:
-        self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
+    def __init__(
+        self,
+        dynamics: ReducedDynamics,
+        contacts: Contacts | None,
+        bias: Array,
+        friction: Array | None = None,
+    ) -> None:
+        self._dynamics, self._contacts = dynamics, contacts
+        self._bias, self._friction = bias, friction
         self._data = dynamics.robot.model.createData()
         self._steered, self._others = steered_joints(dynamics.robot), other_joints(dynamics.robot)
         self._other_indices = [dynamics.robot.velocity_index(name) for name in self._others]
@@ -155,15 +164,18 @@ class Recorder:
         dynamics, robot = self._dynamics, self._dynamics.robot
         at = dynamics.at(q)
         v = at.S @ nu
-        reaction = None
+        reaction, rates = None, at.B.T @ nu
         if self._contacts is not None:
-            reaction = ground_reaction(dynamics, self._contacts, q, nu, tau + self._bias)
+            push = tau + self._bias
+            if self._friction is not None:
+                push = push + friction_efforts(self._friction, rates)
+            reaction = ground_reaction(dynamics, self._contacts, q, nu, push)
         row = {
             "t": t,
             "q": q,
             "nu": nu,
             "tau": tau,
-            "rates": at.B.T @ nu,
+            "rates": rates,
             "nu_d": command.nu_d,
             "nu_ref": reference_rates(robot, state).nu,
             "base": robot.base_pose(q),

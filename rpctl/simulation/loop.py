@@ -186,8 +186,8 @@ def simulate(
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
-    recorder = Recorder(dynamics, contacts, plant.bias(robot))
-    loop = _Loop()
+    recorder = Recorder(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    loop = LoopRecord()
 
     def run(log: Log, notes: tuple[str, ...]) -> Run:
         return Run(
@@ -204,7 +204,7 @@ def simulate(
         )
 
     try:
-        _close_loop(dynamics, config, reference, steps, recorder, loop, progress, watch)
+        close_loop(dynamics, config, reference, steps, recorder, loop, progress, watch)
     except BaseException as error:
         if ended is not None and (count := recorder.finite_count()) >= MIN_SAMPLES:
             log = recorder.log(count)
@@ -221,7 +221,7 @@ def _end_note(error: BaseException, t: float, duration: float) -> str:
 
 
 @dataclass
-class _Loop:
+class LoopRecord:
     """What a closed loop leaves beside its log.
 
     Attributes:
@@ -233,19 +233,34 @@ class _Loop:
     wall_time: float = 0.0
 
 
-def _close_loop(
+def close_loop(
     dynamics: ReducedDynamics,
     config: Config,
     reference: Reference,
     steps: int,
-    recorder: Recorder,
-    loop: _Loop,
-    progress: Callable[[int, int], object] | None,
-    watch: Watcher | None,
+    recorder: Recorder | None,
+    loop: LoopRecord,
+    progress: Callable[[int, int], object] | None = None,
+    watch: Watcher | None = None,
 ) -> None:
-    """Close the loop for a number of control periods; every sample goes to the recorder."""
+    """Close the loop for a number of control periods.
+
+    Args:
+        dynamics: Of the simulated robot.
+        config: Laws, circumstances and plant; its limits are the robot's already.
+        reference: What is tracked.
+        steps: Number of control periods.
+        recorder: Gets every sample; None keeps no log, which takes half of the time.
+        loop: Filled when the loop ends, early or not.
+        progress: Called with the samples done and their total.
+        watch: Called with every sample.
+
+    Raises:
+        DivergedError: The motion left the finite numbers.
+    """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    controller_dynamics, bias = plant.controller_dynamics(dynamics), plant.bias(robot)
+    controller_dynamics = plant.controller_dynamics(dynamics)
+    bias, friction = plant.bias(robot), plant.friction(robot)
     first = require_state(robot, reference(0.0), 0.0)
     q, nu, work = _start(robot, first, config.run.initial_error), np.zeros(robot.dof), 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
@@ -262,7 +277,8 @@ def _close_loop(
             efforts = require_efforts(robot, dynamic(controller_dynamics, q, nu, command))
             sent.append(efforts.tau)
             tau = sent.popleft()
-            recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
+            if recorder is not None:
+                recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
@@ -273,7 +289,9 @@ def _close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done = advance(dynamics, q, nu, tau + bias, period, config.run.plant_step)
+                q, nu, done = advance(
+                    dynamics, q, nu, tau + bias, period, config.run.plant_step, friction
+                )
                 work += done
             if progress is not None:
                 progress(k, steps)

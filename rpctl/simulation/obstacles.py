@@ -15,7 +15,6 @@ from rpctl.simulation.run import Run
 
 BASE, TIP = "base", "tip"  # the body that avoids an obstacle, named as the scene's paths
 OBSTACLE_SETTINGS = {"base_obstacles": BASE, "end_effector_obstacles": TIP}  # settings of laws
-BODY_NAMES = {BASE: "base", TIP: "end effector"}
 RADIUS_SETTINGS = {BASE: "base_radius", TIP: "end_effector_radius"}
 NEGLIGIBLE = 1e-9  # of a normal: a component that a reader need not see
 
@@ -34,13 +33,9 @@ class AvoidedObstacle:
     shape: Disc | HalfPlane
     radius: float = field(compare=False)
 
-    def places(self, run: Run) -> Array:
-        """Return where the body was in a run (K, 2), m; (K, 0) of a robot without it."""
-        return (run.log.base if self.body == BASE else run.log.ee)[:, :2]
-
-    def clearance(self, run: Run) -> Array:
-        """Return how far the body was from the obstacle in a run (K,), m; negative inside."""
-        return np.asarray(self.shape.distance(self.places(run)) - self.radius)
+    def clearance(self, places: Array) -> Array:
+        """Return how far a body at places (K, 2 or more), m, is from it (K,), m."""
+        return np.asarray(self.shape.distance(places[:, :2]) - self.radius)
 
 
 def run_obstacles(run: Run) -> tuple[AvoidedObstacle, ...]:

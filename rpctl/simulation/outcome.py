@@ -16,16 +16,15 @@ The worst of base and end effector counts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.obstacles import BODY_NAMES, run_obstacles, shape_text
+from rpctl.simulation.obstacles import BASE, TIP, AvoidedObstacle, shape_text
 from rpctl.simulation.path_error import PathTrace, trace_path
-from rpctl.simulation.run import Run
 from rpctl.simulation.texts import length
 
 TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
@@ -40,6 +39,12 @@ STANDING_RATIO = 0.05  # of the way that there was to go: a point that moves les
 EVIDENCE_S = 2.0  # s: starting from rest takes about one, so a shorter run shows nothing steady
 TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straight lines, to 5 mm
 TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
+HEADING = "heading"  # beside BASE and TIP
+POINT_NAMES = {
+    BASE: "base",
+    TIP: "end effector",
+    HEADING: f"heading, {TURNING_ARM_M:g} m from P,",
+}
 
 
 class Outcome(NamedTuple):
@@ -66,55 +71,63 @@ class TracedPoint:
     trace: PathTrace
 
 
-def trace_point(name: str, t: Array, actual: Array, reference: Array) -> TracedPoint:
-    """Return a point of the robot beside the path of its reference.
+def trace_points(
+    t: Array, base: Array, base_ref: Array, ee: Array, ee_ref: Array
+) -> dict[str, TracedPoint]:
+    """Return the points of a robot that have a reference, by name: P and the end effector.
+
+    Where all that is asked of the base is to turn on the spot, its heading counts too, as a point
+    that turns about P.
 
     Args:
-        name: What it is called.
         t: Time (K,), s.
-        actual: Where it was (K, d), m.
-        reference: Where its reference was (K, d), m.
+        base: Pose of P (K, 3): x, y in m, heading in rad.
+        base_ref: Its reference (K, 3).
+        ee: Position of the end effector (K, 3), m; (K, 0) where there is none.
+        ee_ref: Its reference, likewise.
     """
-    return TracedPoint(name, actual, reference, trace_path(t, actual, reference))
+    moved = {BASE: (base[:, :2], base_ref[:, :2])}
+    if ee.shape[1]:
+        moved[TIP] = ee, ee_ref
+    if np.ptp(base_ref[:, :2], axis=0).max() <= ON_PATH_M:
+        moved[HEADING] = TURNING_ARM_M * base[:, 2:], TURNING_ARM_M * base_ref[:, 2:]
+    return {key: TracedPoint(POINT_NAMES[key], *pair, trace_path(t, *pair))
+            for key, pair in moved.items()}  # fmt: skip
 
 
-def outcome(run: Run, points: Sequence[TracedPoint]) -> Outcome:
-    """Return the outcome of a run.
+def outcome(
+    t: Array, points: Mapping[str, TracedPoint], obstacles: Iterable[AvoidedObstacle] = ()
+) -> Outcome:
+    """Return the outcome of a motion.
 
     Args:
-        run: The run.
-        points: P first, and the end effector of a robot that has one.
+        t: Time (K,), s.
+        points: The points of the robot that have a reference.
+        obstacles: What they should keep clear of.
     """
-    collision = _collision(run)
+    collision = _collision(t, points, obstacles)
     if collision is not None:
         return collision
-    turning = _on_the_spot(run, points[0])
-    found = [_outcome_of(run.t, point) for point in (*points, *turning)]
+    found = [_outcome_of(t, point) for point in points.values()]
     return max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of the worst
 
 
-def _collision(run: Run) -> Outcome | None:
-    """Return the outcome of a run that touched an obstacle: the one that it went deepest into."""
+def _collision(
+    t: Array, points: Mapping[str, TracedPoint], obstacles: Iterable[AvoidedObstacle]
+) -> Outcome | None:
+    """Return the outcome of a motion into an obstacle: that which it went deepest into."""
     deepest, found = -TOUCH_M, None
-    for obstacle in run_obstacles(run):
-        if not obstacle.places(run).size:
+    for obstacle in obstacles:
+        if obstacle.body not in points:
             continue  # the end effector's, of a robot without one
-        clearance = obstacle.clearance(run)
+        clearance = obstacle.clearance(points[obstacle.body].actual)
         least = float(np.fmin.reduce(clearance))
         if least < deepest:
-            when = float(run.t[int(np.argmax(clearance < -TOUCH_M))])
-            text = f"{BODY_NAMES[obstacle.body]} ran into the {shape_text(obstacle.shape)}"
+            when = float(t[int(np.argmax(clearance < -TOUCH_M))])
+            text = f"{POINT_NAMES[obstacle.body]} ran into the {shape_text(obstacle.shape)}"
             text += f" at {when:.3g} s, {length(-least)} deep at worst"
             deepest, found = least, Outcome(COLLIDED, text)
     return found
-
-
-def _on_the_spot(run: Run, base: TracedPoint) -> list[TracedPoint]:
-    """Return the heading as a point that turns about P, where turning is all that is asked."""
-    if np.ptp(base.reference, axis=0).max() > ON_PATH_M:
-        return []
-    arms = (TURNING_ARM_M * run.log.base[:, 2:], TURNING_ARM_M * run.log.base_ref[:, 2:])
-    return [trace_point(f"heading, {TURNING_ARM_M:g} m from P,", run.t, *arms)]
 
 
 def _outcome_of(t: Array, point: TracedPoint) -> Outcome:

@@ -28,12 +28,14 @@ class PathTrace:
         lag: How long the reference takes from there to where it is now (K,), s; negative ahead of
             it. Time in which it stands does not count.
         lag_distance: How far that is along the path (K,), m.
+        length: Length of the path, m.
     """
 
     error: Array
     lateral: Array
     lag: Array
     lag_distance: Array
+    length: float
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class PathFigures:
         final_lag_distance: How far that is along the path, m.
         largest_lag: The largest lag, s; 0 if the reference was never behind.
         largest_lag_distance: The largest lag along the path, m.
+        length: Length of the path, m.
     """
 
     rms: float
@@ -61,6 +64,7 @@ class PathFigures:
     final_lag_distance: float
     largest_lag: float
     largest_lag_distance: float
+    length: float
 
 
 def path_figures(trace: PathTrace, planar: bool) -> PathFigures:
@@ -80,6 +84,7 @@ def path_figures(trace: PathTrace, planar: bool) -> PathFigures:
         final_lag_distance=float(trace.lag_distance[-1]),
         largest_lag=float(trace.lag.max(initial=0.0)),
         largest_lag_distance=float(trace.lag_distance.max(initial=0.0)),
+        length=trace.length,
     )
 
 
@@ -118,6 +123,7 @@ def trace_path(t: Array, actual: Array, reference: Array) -> PathTrace:
         lateral=_lateral(actual, _along(arc, reference, places), sides, arc, places) + bad,
         lag=clock - np.interp(places, arc, clock) + bad,
         lag_distance=arc - places + bad,
+        length=float(arc[-1]),
     )
 
 

@@ -27,11 +27,13 @@ class Plant:
         delay: Time from a measurement to the efforts it leads to, s; the nearest whole number of
             control periods is simulated, halves up, and logged.
         controller_model: The robot that the controller computes with; None: the simulated one.
+        joint_friction: Dry friction (N·m or N) by actuator, which opposes its joint's motion.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
     delay: float = 0.0
     controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
+    joint_friction: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -40,6 +42,11 @@ class Plant:
         for name, bias in self.tau_bias.items():
             if not math.isfinite(bias):
                 raise RpctlError(f"tau_bias of {name} is {bias:g}; give a finite effort")
+        for name, friction in self.joint_friction.items():
+            if not (math.isfinite(friction) and friction >= 0.0):
+                raise RpctlError(
+                    f"joint_friction of {name} is {friction:g}; give an effort of 0 or more"
+                )
 
     def bias(self, robot: Robot) -> Array:
         """Return the efforts (n_act,) that push besides the controller's.
@@ -47,10 +54,15 @@ class Plant:
         Raises:
             UnknownNameError: One is of no actuator.
         """
-        for name in self.tau_bias:
-            if name not in robot.actuators:
-                raise UnknownNameError("actuator", name, robot.actuators)
-        return np.array([self.tau_bias.get(name, 0.0) for name in robot.actuators])
+        return _by_actuator(robot, self.tau_bias)
+
+    def friction(self, robot: Robot) -> Array | None:
+        """Return the dry friction (n_act,) of the actuators' joints, or None where there is none.
+
+        Raises:
+            UnknownNameError: One is of no actuator.
+        """
+        return _by_actuator(robot, self.joint_friction) if self.joint_friction else None
 
     def controller_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics that the controller computes with.
@@ -73,8 +85,22 @@ class Plant:
         return deque([hold] * delay_periods(self.delay, control_period))
 
 
+def _by_actuator(robot: Robot, efforts: Mapping[str, float]) -> Array:
+    """Return efforts (n_act,) given by the names of actuators; 0 of the others."""
+    for name in efforts:
+        if name not in robot.actuators:
+            raise UnknownNameError("actuator", name, robot.actuators)
+    return np.array([efforts.get(name, 0.0) for name in robot.actuators])
+
+
 def advance(
-    dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, duration: float, longest: float
+    dynamics: ReducedDynamics,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    duration: float,
+    longest: float,
+    friction: Array | None = None,
 ) -> Step:
     """Advance the robot by ``duration`` (s) under a constant τ, in equal steps.
 
@@ -85,6 +111,7 @@ def advance(
         tau: Actuator efforts (n_act,).
         duration: How far, s.
         longest: Longest step, s.
+        friction: Dry friction of the actuators' joints (n_act,), N·m or N; None: none.
 
     Raises:
         DivergedError: The state left the finite numbers.
@@ -93,7 +120,7 @@ def advance(
     work = 0.0
     try:
         for _ in range(steps):
-            q, nu, done = rk4_step(dynamics, q, nu, tau, duration / steps)
+            q, nu, done = rk4_step(dynamics, q, nu, tau, duration / steps, friction)
             work += done
     except RpctlError as error:
         raise DivergedError(f"the motion diverged: {error}") from error

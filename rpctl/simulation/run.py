@@ -61,6 +61,7 @@ class Run:
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
         sizing: How large and fast its named reference is, and why; None of others.
+        perturbed: What became of the run with a perturbed plant, as a dict, or None.
     """
 
     log: Log
@@ -73,6 +74,7 @@ class Run:
     certificate: Mapping[str, Any] | None
     wall_time: float
     sizing: Sizing | None = None
+    perturbed: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         return (
@@ -271,7 +273,8 @@ def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
     for name in OPTIONAL_ENTRIES:
         entries.setdefault(name, np.empty((np.size(entries.get("t", ())), 0)))
     entries = {**LATER_ENTRIES, **entries}
-    entries.setdefault("sizing", None)  # older files do not say it
+    for name in ("sizing", "perturbed"):  # older files do not say them
+        entries.setdefault(name, None)
     missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
     if missing or extra:
         listed = ", ".join(sorted(missing | extra))

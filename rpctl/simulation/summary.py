@@ -10,7 +10,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.outcome import SUCCESSES, outcome, trace_point
+from rpctl.simulation.obstacles import BASE, TIP, run_obstacles
+from rpctl.simulation.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -176,10 +177,9 @@ def summarize(run: Run) -> Summary:
     log, robot = run.log, run.robot
     base = np.hypot(log.e[:, 0], log.e[:, 1])
     arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
-    points = [trace_point("base", run.t, log.base[:, :2], log.base_ref[:, :2])]
-    if arm is not None:
-        points.append(trace_point("end effector", run.t, log.ee, log.ee_ref))
-    name, sentence = outcome(run, points)
+    points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
+    name, sentence = outcome(run.t, points, run_obstacles(run))
+    paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     half = len(run.t) // 2
     tau = np.abs(run.tau).max(axis=0)
     limited = np.isfinite(robot.effort_limits)
@@ -194,12 +194,12 @@ def summarize(run: Run) -> Summary:
         final_base_error=float(base[-1]),
         settled_base_error=float(base[half:].max()),
         final_lateral_error=float(abs(log.e[-1, 1])),
-        base_path=path_figures(points[0].trace, planar=True),
+        base_path=paths[BASE],
         joint_errors=_joint_errors(run, half),
         rms_end_effector_error=None if arm is None else _rms(arm),
         final_end_effector_error=None if arm is None else float(arm[-1]),
         settled_end_effector_error=None if arm is None else float(arm[half:].max()),
-        end_effector_path=None if arm is None else path_figures(points[1].trace, planar=False),
+        end_effector_path=paths.get(TIP),
         efforts=tuple(
             EffortPeak(name, peak, limit, peak / limit)
             for name, peak, limit in zip(

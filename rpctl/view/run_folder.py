@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -41,17 +41,20 @@ class RunFolder:
         report: The report.
         report_bytes: Its size.
         notes: What could not be done, in sentences.
+        perturbed: What became of the run with a perturbed plant, or None.
     """
 
     summary: Summary
     report: Path
     report_bytes: int
     notes: tuple[str, ...]
+    perturbed: Mapping[str, Any] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as ``summary.json`` says it."""
         return {
             **self.summary.to_dict(),
+            "perturbed": self.perturbed,
             "report": str(self.report),
             "report_bytes": self.report_bytes,
             "notes": self.notes,
@@ -82,7 +85,8 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> Ru
     save_tracking_figure(run, folder / FIGURE_FILE)
     report = folder / REPORT_FILE
     scene = _write_sized(run, robot, summary, report, megabytes)
-    written = RunFolder(summary, report, report.stat().st_size, tuple(scene.notes))
+    size, notes = report.stat().st_size, tuple(scene.notes)
+    written = RunFolder(summary, report, size, notes, run.perturbed)
     write_atomically(folder / SUMMARY_FILE, (to_json(written.to_dict()) + "\n").encode())
     return written
 

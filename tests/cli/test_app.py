@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from rpctl import Plant, Run, summarize
 from rpctl.cli.app import COMMANDS, app, load_command
 from rpctl.cli.options import LoadOptions
+from rpctl.cli.track import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.simulation.config import Config
 from rpctl.view.film.browser import BROWSER_NAMES
+from rpctl.view.run_folder import RunFolder
 from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
@@ -208,6 +212,47 @@ def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     assert {broken["limit"] for broken in output["limits_violated"]} >= {"effort"}
 
 
+def test_track_tells_what_to_expect(tmp_path: Path) -> None:
+    """Beside the nominal run, of which it says that the model follows itself."""
+    config = tmp_path / "coarse.toml"
+    config.write_text("[run]\nduration = 12.06\ncontrol_period = 0.02\nplant_step = 0.02\n")
+    words = ("track", "paper", "--samples", "0", "--config", str(config))
+    code, out, _ = run(*words, "--out", str(tmp_path / "run"))
+    output = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert (code, output["outcome"], output["nominal"]) == (0, "tracked", True)
+    assert output["perturbed"]["duration"] == pytest.approx(4.02)
+    assert output["perturbed"]["base_path"]["rms"] > 10.0 * output["base_path"]["rms"]
+    text = " ".join(out.split())
+    assert "the model follows itself" in text
+    assert f"expect, {output['perturbed']['sentence']}" in text
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert f"Expect, {output['perturbed']['sentence']}." in page
+    assert "The model follows itself" in page
+
+
+def test_what_to_expect_is_left_out_where_somebody_chose_a_plant() -> None:
+    bias, slow = Plant(tau_bias={"a": 1.0}), Plant(delay=0.01)
+    assert ResultOptions().perturbs(Config())
+    assert not ResultOptions(perturbed=False).perturbs(Config())
+    assert not any(ResultOptions().perturbs(Config(plant=plant)) for plant in (bias, slow))
+
+
+@pytest.mark.parametrize(
+    ("outcome", "exit_code"),
+    [("tracked", 0), ("late", 0), ("stuck", 1), ("diverging", 1), ("collided", 1)],
+)
+def test_the_outcome_decides_the_exit_code(
+    outcome: str, exit_code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(self: ResultOptions, done: Run, folder: Path) -> RunFolder:
+        summary = replace(summarize(done), outcome=outcome)
+        return RunFolder(summary, folder / "report.html", 0, ())
+
+    monkeypatch.setattr(ResultOptions, "write", write)
+    words = ("track", "paper", "--duration", "0.02", "--samples", "0", "--out", str(tmp_path))
+    assert run_json(*words, code=exit_code)["outcome"] == outcome
+
+
 @pytest.mark.parametrize("dynamic", cells(("bounded", "integral"), slow={"bounded", "integral"}))
 def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
     words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
@@ -345,7 +390,7 @@ def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
     loading = [field.name for field in fields(LoadOptions)]
-    assert names == ["robot", *loading, "as_json"]
+    assert names == ["robot", *loading, "list_xacro_args", "as_json"]
 
 
 def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:

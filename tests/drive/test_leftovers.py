@@ -132,21 +132,22 @@ def test_a_steering_wheel_is_no_wheel(files: Files) -> None:
     assert files.load(parts).joint_names == ("steering_wheel",)
 
 
-@pytest.mark.parametrize(
-    ("names", "option"),
-    [
-        (("caster_joint_fl", "caster_joint_br"), "--lock 'caster_joint_*'"),
-        (("left_spring", "right_spring"), "--lock '*_spring'"),
-        (("front_left_wheel", "front_right_wheel"), "--lock 'front_*_wheel'"),
-        (("left_spring", "front_left_wheel"), "--lock left_spring --lock front_left_wheel"),
-        (("rear_wheel",), "--lock rear_wheel"),
-    ],
-)
+PATTERNS = [
+    (("caster_joint_fl", "caster_joint_br"), "--lock 'caster_joint_*'"),
+    (("left_spring", "right_spring"), "--lock '*_spring'"),
+    (("front_left_wheel", "front_right_wheel"), "--lock 'front_*_wheel'"),
+    (("left_spring", "front_left_wheel"), "--lock left_spring --lock front_left_wheel"),
+    (("rear_wheel",), "--lock rear_wheel"),
+    (("a_r_passive_z", "a_l_passive_x", "a_l_passive_y"), "--lock '*passive*'"),
+]
+
+
+@pytest.mark.parametrize(("names", "option"), PATTERNS)
 def test_one_pattern_names_the_joints_and_no_other(
     files: Files, names: tuple[str, ...], option: str
 ) -> None:
     parts = body()
-    every = ("caster_joint_fl", "caster_joint_br", "left_spring", "right_spring", "front_box")
-    for name in (*every, "front_left_wheel", "front_right_wheel", "rear_wheel"):
+    every = {name for names, _ in PATTERNS for name in names} | {"front_box", "a_box_z"}
+    for name in sorted(every):
         parts.wheel(name, "base", "0 0 0.1")
     assert lock_option(FrozenTree(read(write(files.folder, xml(parts)))), names) == option

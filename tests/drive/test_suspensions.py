@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+import trimesh
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
@@ -55,8 +58,20 @@ def test_struts_are_held_at_rest_and_told(files: Files) -> None:
     left, right = infos(robot)
     assert (left.severity, left.line) == ("info", 1)
     assert left.message.startswith('"left_spring" is a passive suspension of left_roll; ')
-    assert "--lock left_spring=POSITION" in left.message
+    assert "at rest (0 m), --lock left_spring=POSITION" in left.message
     assert right.message.startswith('"right_spring"')
+
+
+def test_wheels_that_only_a_mesh_draws_hang_on_struts_too(files: Files) -> None:
+    """Of a disc; a plate of the same height is no wheel, and what carries it no suspension."""
+    flat = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # turns z to −y
+    trimesh.creation.cylinder(0.1, 0.04, transform=flat).export(files.folder / "disc.stl")
+    trimesh.creation.box((0.02, 0.04, 0.2)).export(files.folder / "plate.stl")
+    text = re.sub(r"<collision><origin rpy.*?</collision>", "<visual><geometry>"
+                  '<mesh filename="disc.stl"/></geometry></visual>', xml(struts()))  # fmt: skip
+    assert set(files.load(text).locked) == {"left_spring", "right_spring"}
+    plates = files.load(text.replace("disc.stl", "plate.stl"))
+    assert (plates.drive.type, plates.locked) == ("fixed", {})
 
 
 def test_rest_is_the_position_inside_the_limits_that_is_nearest_to_zero(files: Files) -> None:
@@ -91,9 +106,11 @@ def test_a_rocker_across_is_held_and_its_wheels_are_the_drives(files: Files) -> 
     robot = files.load(parts, strict=True)
     assert (robot.drive.type, len(robot.drive.wheels)) == ("mecanum", 4)
     assert robot.end_effector is None
-    assert [f.message.partition(";")[0] for f in infos(robot)] == [
-        '"front_rocker" is a passive suspension of front_left_mecanum, front_right_mecanum'
-    ]
+    (told,) = infos(robot)
+    assert told.message.startswith(
+        '"front_rocker" is a passive suspension of front_left_mecanum, front_right_mecanum; '
+    )
+    assert "at rest (0 rad)" in told.message
     S = ReducedDynamics(robot).basis(robot.configuration())
     assert np.ptp([abs(S[robot.velocity_index(w.joint), 0]) for w in robot.drive.wheels]) < 1e-12
 
@@ -190,6 +207,11 @@ def with_rollers(angle: float) -> str:
         for side, y in SIDES:
             name = f"{place}_{side}"
             parts.wheel(name, "base", f"{x} {y} 0.1", r=0.08)
+            rim = f"{name}_link"
+            if place == "rear":  # rollers on a link that is fixed to the wheel's
+                rim = f"{name}_rim"
+                parts.link(rim, 0.1)
+                parts.joint(f"{name}_bolts", "fixed", (f"{name}_link", rim), "0 0 0", "0 0 1")
             hand = 1.0 if name in ("front_left", "rear_right") else -1.0
             for k in range(8):
                 turn = 2.0 * np.pi * k / 8
@@ -198,7 +220,7 @@ def with_rollers(angle: float) -> str:
                 axis = np.cos(angle) * np.array([0.0, 1.0, 0.0]) - hand * np.sin(angle) * around
                 place_text, axis_text = (" ".join(map(str, v)) for v in (0.085 * out, axis))
                 parts.link(f"{name}_barrel_{k}", 0.05, urdf.shape('sphere radius="0.015"'))
-                ends = (f"{name}_link", f"{name}_barrel_{k}")
+                ends = (rim, f"{name}_barrel_{k}")
                 parts.joint(f"{name}_spin_{k}", "continuous", ends, place_text, axis_text)
     return xml(parts)
 
@@ -217,6 +239,18 @@ def test_rollers_are_held_and_tell_mecanum_wheels(files: Files) -> None:
     named = files.load(xml(body_of_four("mecanum")))
     for wheel, other in zip(robot.drive.wheels, named.drive.wheels, strict=True):
         assert wheel.direction == pytest.approx(other.direction)
+
+
+@pytest.mark.parametrize(("count", "rollers"), [(3, True), (2, False)])
+def test_three_joints_on_a_wheel_are_rollers(files: Files, count: int, rollers: bool) -> None:
+    parts = body()
+    rear_axle(parts)
+    for k in range(count):
+        parts.link(f"part_{k}", 0.05, urdf.shape('sphere radius="0.01"'))
+        ends = ("rear_left_link", f"part_{k}")
+        parts.joint(f"joint_{k}", "continuous", ends, f"{0.09 - 0.05 * k} 0 0", "0 1 0")
+    robot = files.load(parts, free=[] if rollers else ["rear_left"])
+    assert len(robot.locked) == (count if rollers else 0)
 
 
 def test_rollers_the_other_way_round_are_taken_as_they_are(files: Files) -> None:

@@ -75,6 +75,20 @@ def test_only_the_wheels_that_a_plugin_names_are_compared(files: Files) -> None:
         assert len(told(files.load(text, "skid-steer"))) == count
 
 
+def test_a_joint_that_a_plugin_drives_as_a_wheel_is_none_of_an_arm(files: Files) -> None:
+    """Two drums high above the ground: the file is wrong about where they are."""
+    parts = body()
+    rear_axle(parts)
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        parts.wheel(f"{side}_drum", "base", f"0.4 {y} 0.7")
+    inside = "<left_joint>left_drum</left_joint><right_joint>right_drum</right_joint>"
+    inside += "<steering_wheel_joint>rear_left</steering_wheel_joint>"
+    text = with_plugin(parts, plugin("libgazebo_ros_diff_drive.so", inside))
+    assert '"left_drum", "right_drum" is driven as a wheel by a plugin' in files.refusal(text)
+    assert files.load(text, free=["*_drum"]).joint_names == ("left_drum", "right_drum")
+    assert files.load(parts).joint_names == ("left_drum", "right_drum")
+
+
 @pytest.mark.parametrize("kind", ["mecanum-drive", "ackermann-steering"])
 def test_a_plugin_for_another_drive_is_warned_of(files: Files, kind: str) -> None:
     text = driven("", f"gz-sim-{kind}-system")
@@ -140,6 +154,7 @@ MECANUM = "base:\n  type: mecanum_drive_controller/MecanumDriveController\n"
 
 def test_a_controller_tells_mecanum_wheels(tmp_path: Path) -> None:
     joints = "  front_left_wheel_joint: axle0_left\n  wheel_separation_x: 0.5\n"
+    joints += "  publish_wheel_data: true\n"
     robot = rpctl.load(workspace(tmp_path, MECANUM + joints), strict=True)
     assert robot.drive.type == "mecanum"
 

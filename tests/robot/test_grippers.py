@@ -216,7 +216,7 @@ def test_the_arm_of_most_joints_is_taken_and_others_are_told(tmp_path: Path) -> 
     longer = load(tmp_path, torso, left, arm("r_", AXES[:4], "torso"))
     assert longer.end_effector == "r_palm"
     (message,) = [f.message for f in longer.findings if "end effector" in f.message]
-    assert "l_palm" in message
+    assert message.count("l_palm") == 1
     assert "--end-effector" in message
     assert load(tmp_path, torso, left, arm("r_", base="torso")).end_effector == "l_palm"
     head = load(tmp_path, arm(), limb("pan", "base", "0 0 1", BEND, "revolute"))

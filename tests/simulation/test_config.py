@@ -35,7 +35,7 @@ FULL = Config(
     IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
     RunSettings("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
     LimitOverrides(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
-    Plant({"wheel_left_joint": 0.5}, delay=0.008),
+    Plant({"wheel_left_joint": 0.5}, delay=0.008, joint_friction={"wheel_right_joint": 0.25}),
 )
 
 

@@ -146,6 +146,7 @@ def test_points_between_the_samples_count() -> None:
     np.testing.assert_allclose(trace.lateral, [-0.3, 0.4])
     np.testing.assert_allclose(trace.lag, [0.0, 3.0])
     np.testing.assert_allclose(trace.lag_distance, [0.0, 1.5])
+    assert trace.length == 2.0
 
 
 def test_beyond_its_ends_the_path_is_as_far_as_its_end() -> None:
@@ -178,7 +179,7 @@ def test_what_is_not_finite_is_not_on_the_path() -> None:
     actual = np.array(reference)
     actual[1, 0] = np.nan
     trace = trace_path(np.arange(4.0), actual, reference)
-    for array in vars(trace).values():
+    for array in (trace.error, trace.lateral, trace.lag, trace.lag_distance):
         assert np.isnan(array[1])
     np.testing.assert_allclose(trace.error[[0, 2, 3]], 0.0, atol=1e-12)
 
@@ -186,7 +187,8 @@ def test_what_is_not_finite_is_not_on_the_path() -> None:
 def test_figures_are_of_the_halves_they_say() -> None:
     error = np.array([0.9, 0.1, 0.3, 0.2])
     lag = np.array([-0.1, 0.4, 0.2, -0.3])
-    found = path_figures(PathTrace(error, 0.5 * error, lag, 2.0 * lag), planar=True)
+    found = path_figures(PathTrace(error, 0.5 * error, lag, 2.0 * lag, 7.0), planar=True)
+    assert found.length == 7.0
     assert found.rms == pytest.approx(math.sqrt((0.81 + 0.01 + 0.09 + 0.04) / 4.0))
     assert (found.final, found.settled) == (0.2, 0.3)
     assert found.mean_lateral == pytest.approx(0.125)

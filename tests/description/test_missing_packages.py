@@ -1,0 +1,184 @@
+"""Missing packages: all told in one message with the lines that want them, or left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rpctl
+from rpctl.description.expansion import expand
+from rpctl.description.expansion_messages import ExpansionError
+from rpctl.description.read_settings import read_settings
+from rpctl.errors import RpctlError
+from rpctl.robot.facts import load_arguments
+from tests.workspaces import fixed, link, package, write, xacro
+
+pytest.importorskip("xacro")
+
+LENIENT = read_settings(ignore_missing_packages=True)
+
+
+def include(name: str) -> str:
+    return f'<xacro:include filename="{name}"/>'
+
+
+def husky(folder: Path) -> Path:
+    """Return a robot that lacks a laser's package, a camera's behind a found one, and a mesh's."""
+    bot = package(folder / "src" / "bot")
+    mount = package(folder / "src" / "repo" / "mount")
+    xacro(
+        mount / "urdf" / "mount.xacro", include("$(find camera)/urdf/camera.xacro"),
+        '<xacro:macro name="mount" params="parent">', link("mount", "2"),
+        fixed("mount_joint", "${parent}", "mount"),
+        '<xacro:camera parent="mount"/>', "</xacro:macro>",
+    )  # fmt: skip
+    return xacro(
+        bot / "urdf" / "bot.urdf.xacro", include("$(find laser)/laser.xacro"),
+        include("package://mount/urdf/mount.xacro"), include("$(find laser)/other.xacro"),
+        link("base", "5"), '<xacro:laser parent="base"><origin xyz="0 0 1"/></xacro:laser>',
+        '<xacro:mount parent="base"/>', fixed("tip_joint", "laser", "tip"), link("tip"),
+        fixed("end_joint", "tip", "end"), link("end"), fixed("to_laser", "base", "laser"),
+        '<gazebo><p>$(find control)/c.yaml</p></gazebo>',
+    )  # fmt: skip
+
+
+def test_all_are_told_at_once_with_the_lines_that_want_them(tmp_path: Path) -> None:
+    path = husky(tmp_path)
+    mount = tmp_path / "src" / "repo" / "mount" / "urdf" / "mount.xacro"
+    with pytest.raises(ExpansionError) as caught:
+        rpctl.load(path)
+    assert str(caught.value).splitlines() == [
+        f"{path}: error: 3 packages were not found: laser, camera, control; declare a folder above "
+        "them with --package-dir or in ROS_PACKAGE_PATH, or leave out what comes from them with "
+        "--ignore-missing-packages",
+        f'{path}:2: info: needs package "laser"',
+        f'{path}:4: info: needs package "laser"',
+        f'{mount}:2: info: needs package "camera"',
+        f'{path}:13: info: names package "control"',
+    ]
+
+
+def test_a_folder_above_them_is_all_that_is_needed(tmp_path: Path) -> None:
+    path = husky(tmp_path / "ws")
+    far = tmp_path / "far" / "src"
+    body = link("laser", "0.5"), '<xacro:insert_block name="place"/>'
+    macro = '<xacro:macro name="laser" params="parent *place">', *body, "</xacro:macro>"
+    xacro(package(far / "repo" / "laser") / "laser.xacro", *macro)
+    xacro(far / "repo" / "laser" / "other.xacro")
+    lens = '<xacro:macro name="camera" params="parent">', link("camera", "0.25")
+    joint = fixed("camera_joint", "${parent}", "camera"), "</xacro:macro>"
+    xacro(package(far / "deep" / "er" / "camera") / "urdf" / "camera.xacro", *lens, *joint)
+    robot = rpctl.load(path, "fixed", package_dirs=[far])
+    assert robot.mass == pytest.approx(5.0 + 2.0 + 0.5 + 0.25 + 1.0 + 1.0)
+
+
+def test_what_comes_from_them_is_left_out_and_told(tmp_path: Path) -> None:
+    path = husky(tmp_path)
+    robot = rpctl.load(path, "fixed", ignore_missing_packages=True)
+    assert {each.name for each in robot.description.links} == {"base", "mount"}
+    assert robot.mass == pytest.approx(7.0)
+    told = [f.message for f in robot.findings if "left out" in f.message]
+    assert told == [
+        'left out, for package "laser" was not found: the includes of bot.urdf.xacro:2, '
+        "bot.urdf.xacro:4",
+        'left out, for package "camera" was not found: the includes of mount.xacro:2',
+        "left out: <xacro:laser>, a macro that was not found (bot.urdf.xacro:6)",
+        "left out: <xacro:camera>, a macro that was not found (mount.xacro:6)",
+        'left out: tip, end, which hang on the missing link "laser"',
+        'left out: joint "to_laser", whose link "laser" is missing',
+    ]
+    assert 'package "control" was not found; only texts name it (bot.urdf.xacro:13)' in [
+        f.message for f in robot.findings
+    ]
+    with pytest.raises(RpctlError, match="error: left out: <xacro:laser>"):
+        rpctl.load(path, "fixed", ignore_missing_packages=True, strict=True)
+
+
+def test_they_are_left_out_again(tmp_path: Path) -> None:
+    robot = rpctl.load(husky(tmp_path), "fixed", ignore_missing_packages=True)
+    assert robot.description.read_with.ignore_missing_packages
+    assert rpctl.load(**load_arguments(robot)).mass == robot.mass
+
+
+def test_without_a_left_out_include_nothing_is_forgiven(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", link("base"), '<xacro:leg side="1"/>')
+    with pytest.raises(ExpansionError, match="unknown macro name: xacro:leg"):
+        expand(path, LENIENT)
+    path = xacro(tmp_path / "s.urdf.xacro", link("base"), fixed("j", "base", "nobody"))
+    assert "nobody" in expand(path, LENIENT).text
+
+
+def test_files_that_must_be_read_are_needed_all_the_same(tmp_path: Path) -> None:
+    path = xacro(
+        tmp_path / "r.urdf.xacro", include("$(find laser)/laser.xacro"),
+        "<xacro:property name=\"m\" value=\"${xacro.load_yaml('$(find sizes)/m.yaml')}\"/>",
+        link("base", "${m['base']}"),
+    )  # fmt: skip
+    with pytest.raises(ExpansionError, match="2 packages were not found: laser, sizes"):
+        expand(path)
+    with pytest.raises(ExpansionError, match=r"\(without laser, sizes, not found\)"):
+        expand(path, LENIENT)
+
+
+def test_an_optional_include_is_optional(tmp_path: Path) -> None:
+    optional = '<xacro:include filename="$(find laser)/l.xacro" optional="true"/>'
+    path = xacro(tmp_path / "r.urdf.xacro", optional, link("base"))
+    assert '<link name="base">' in expand(path).text
+
+
+def test_meshes_are_named_by_their_package(tmp_path: Path) -> None:
+    mesh = '<link name="{}"><visual><geometry><mesh filename="file://$(find {})/m/{}.stl"/>' \
+        "</geometry></visual></link>"  # fmt: skip
+    texts = set()
+    for name in ("one", "two"):
+        package(tmp_path / name / "src" / "bot")
+        path = xacro(
+            tmp_path / name / "src" / "bot" / "r.urdf.xacro",
+            mesh.format("a", "bot", "a"), mesh.format("b", "nobody", "b"),
+        )  # fmt: skip
+        texts.add(expand(path).text)
+    (text,) = texts  # wherever the workspace lies
+    assert '"package://bot/m/a.stl"' in text
+    assert '"package://nobody/m/b.stl"' in text
+
+
+def test_a_urdf_that_holds_xacro_is_expanded_and_told(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf", '<xacro:property name="m" value="4"/>', link("base", "${m}"))
+    robot = rpctl.load(path, "fixed")
+    assert robot.mass == 4.0
+    assert robot.description.expanded
+    note = robot.findings[-1].message
+    assert note.startswith("it holds xacro and was expanded, though not called .xacro; lines are")
+    commented = link("base").replace("<link", "<!-- <xacro:leg/> $(find a) --><link")
+    plain = rpctl.load(write(tmp_path / "p.urdf", f'<robot name="r">{commented}</robot>'), "fixed")
+    assert not plain.description.expanded
+
+
+def test_xacro_from_before_jade_is_told(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", link("base", "${m}"), '<property name="m" value="4"/>')
+    with pytest.raises(ExpansionError, match=r"r.urdf.xacro:3: error: this is xacro from before"):
+        expand(path)
+
+
+def test_an_undeclared_prefix_and_the_folder_of_a_file(tmp_path: Path) -> None:
+    write(tmp_path / "sub" / "m.yaml", "m: 4")
+    part = '<robot><xacro:property name="f" value="$(dirname)/m.yaml" lazy_eval="false"/></robot>'
+    write(tmp_path / "sub" / "part.xacro", part)
+    path = xacro(
+        tmp_path / "r.urdf.xacro", include("sub/part.xacro"),
+        link("base", "${xacro.load_yaml(f)['m']}"),
+    )  # fmt: skip
+    found = expand(path)
+    assert '<mass value="4"/>' in found.text
+    assert [f.message for f in found.findings] == [
+        "part.xacro does not declare the prefix xacro; add "
+        'xmlns:xacro="http://www.ros.org/wiki/xacro" to <robot>'
+    ]
+
+
+def test_the_environment_may_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", link("base", "$(optenv BOT_MASS 3)"))
+    assert '<mass value="3"/>' in expand(path).text
+    monkeypatch.setenv("BOT_MASS", "5")
+    assert '<mass value="5"/>' in expand(path).text

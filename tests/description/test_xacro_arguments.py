@@ -1,0 +1,170 @@
+"""Arguments of xacro: given in words or in Python, listed, and told when missing or unknown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl.cli.app import app
+from rpctl.description.expansion import expand, list_arguments
+from rpctl.description.expansion_messages import ExpansionError, XacroArgument
+from rpctl.description.read_settings import read_settings
+from rpctl.errors import DescriptionError
+from tests.workspaces import link, package, write, xacro
+
+pytest.importorskip("xacro")
+
+MASS = '<xacro:arg name="mass" default="3"/>'
+USE = link("base", "$(arg mass)")
+
+
+def call(*words: object) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.stdout, result.stderr
+
+
+def mass(*words: object) -> float:
+    code, out, err = call("inspect", "--drive", "fixed", "--json", *words)
+    assert code == 0, err
+    return float(json.loads(out)["mass"])
+
+
+def test_words_stand_anywhere(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", MASS, USE)
+    assert mass(path) == 3.0
+    assert mass(path, "mass:=7") == mass("mass:=7", path) == mass("--xacro-arg", "mass:=7", path)
+    assert mass("mass:=6", "--strict", path, "mass:=8") == 8.0
+    code, out, _ = call("expand", "mass:=2.5", path)
+    assert code == 0
+    assert '<mass value="2.5"/>' in out
+    robot = rpctl.load(path, drive="fixed", xacro_args={"mass": 9})
+    assert robot.mass == 9.0
+
+
+def test_the_value_of_an_option_is_no_argument(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", MASS, USE)
+    code, _, err = call("inspect", "--density", "mass:=7", path)
+    assert code == 2
+    assert "'--density'" in err
+    code, _, err = call("expand", "--xacro-arg", "mass", path)
+    assert (code, err) == (2, "--xacro-arg mass: write NAME:=VALUE, as arm:=true\n")
+
+
+def test_truth_values_are_xacros(tmp_path: Path) -> None:
+    path = xacro(
+        tmp_path / "r.urdf.xacro", '<xacro:arg name="tall" default="false"/>',
+        '<xacro:if value="$(arg tall)">', link("base", "5"), "</xacro:if>",
+        '<xacro:unless value="$(arg tall)">', link("base", "4"), "</xacro:unless>",
+    )  # fmt: skip
+    for tall, expected in ((True, 5.0), (False, 4.0), ("true", 5.0)):
+        assert rpctl.load(path, "fixed", xacro_args={"tall": tall}).mass == expected
+
+
+def test_a_missing_argument_lists_those_declared(tmp_path: Path) -> None:
+    part = xacro(tmp_path / "part.xacro", '<xacro:arg name="b" default="$(arg a)/x"/>')
+    path = xacro(
+        tmp_path / "r.urdf.xacro", '<xacro:arg name="a" default="1"/>',
+        '<xacro:include filename="part.xacro"/>', link("base", "$(arg sise)"),
+        '<xacro:arg name="size" default="2"/>',
+    )  # fmt: skip
+    with pytest.raises(ExpansionError) as caught:
+        rpctl.load(path)
+    assert str(caught.value).splitlines() == [
+        f'{path}:4: error: xacro: argument "sise" has no value; add sise:=VALUE; did you mean '
+        "size?",
+        f'{path}:2: info: declares a, which is "1" by default',
+        f'{path}:5: info: declares size, which is "2" by default',
+        f'{part}:2: info: declares b, which is "$(arg a)/x" by default',
+    ]
+
+
+def test_an_argument_used_too_early_is_told_with_its_default(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", USE, MASS)
+    fault = r'xacro:2: error: xacro: argument "mass" is used before it is declared; add mass:=3\n'
+    with pytest.raises(ExpansionError, match=fault):
+        rpctl.load(path)
+    assert mass(path, "mass:=3") == 3.0
+
+
+def test_a_default_that_names_no_file_is_told(tmp_path: Path) -> None:
+    write(tmp_path / "ur5.yaml", "m: 4")
+    lines = ('<xacro:arg name="type" default="ur5x"/>', '<xacro:arg name="b" default="1"/>')
+    load = "<xacro:property name=\"m\" value=\"${xacro.load_yaml('$(arg type).yaml')['m']}\"/>"
+    path = xacro(tmp_path / "r.urdf.xacro", *lines, load, link("base", "${m}"))
+    with pytest.raises(ExpansionError) as caught:
+        rpctl.load(path)
+    fault, *hints = str(caught.value).splitlines()
+    assert "ur5x.yaml: No such file or directory" in fault
+    assert hints == [f'{path}:2: info: declares type, which is "ur5x" by default']
+    assert mass(path, "type:=ur5") == 4.0
+
+
+def test_an_argument_that_nobody_declares_is_an_error(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", MASS, USE)
+    with pytest.raises(ExpansionError) as caught:
+        rpctl.load(path, xacro_args={"mas": 1})
+    assert str(caught.value).splitlines() == [
+        f'{path}: error: no file declares the argument "mas"; did you mean mass?',
+        f'{path}:2: info: declares mass, which is "3" by default',
+    ]
+    undeclared = xacro(tmp_path / "u.urdf.xacro", USE)
+    assert mass(undeclared, "mass:=5") == 5.0
+    plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
+    with pytest.raises(DescriptionError, match="holds no xacro and takes no arguments; leave out"):
+        rpctl.load(plain, xacro_args={"mass": 1})
+
+
+def test_arguments_of_includes_not_reached_are_declared_all_the_same(tmp_path: Path) -> None:
+    package(tmp_path / "src" / "parts")
+    part = xacro(tmp_path / "src" / "parts" / "arm.xacro", '<xacro:arg name="reach" default="1"/>')
+    path = xacro(
+        tmp_path / "src" / "bot" / "r.urdf.xacro", MASS, '<xacro:if value="$(eval mass == 4)">',
+        '<xacro:include filename="$(find parts)/arm.xacro"/>', "</xacro:if>", USE,
+    )  # fmt: skip
+    expected = (XacroArgument("mass", "3", str(path), 2), XacroArgument("reach", "1", str(part), 2))
+    assert list_arguments(path) == expected
+    assert "mass" in expand(path, read_settings(xacro_args={"reach": 2})).text
+
+
+def test_inspect_lists_the_arguments(tmp_path: Path) -> None:
+    part = xacro(tmp_path / "part.xacro", '<xacro:arg name="b" default=""/>')
+    include = '<xacro:include filename="part.xacro"/>'
+    path = xacro(tmp_path / "r.urdf.xacro", include, MASS, link("base", "$(arg nobody)"))
+    code, out, _ = call("inspect", path, "--xacro-args", "--json")
+    assert code == 0
+    assert json.loads(out) == [
+        {"name": "mass", "default": "3", "file": str(path), "line": 3},
+        {"name": "b", "default": "", "file": str(part), "line": 2},
+    ]
+    code, out, _ = call("inspect", path, "--xacro-args")
+    assert code == 0
+    assert [line.split() for line in out.splitlines() if ":" in line] == [
+        ["mass", "3", "r.urdf.xacro:3"], ["b", '""', "part.xacro:2"]
+    ]  # fmt: skip
+    plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
+    code, out, _ = call("inspect", plain, "--xacro-args", "--json")
+    assert (code, json.loads(out)) == (0, [])
+
+
+def test_runs_and_certificates_keep_them(tmp_path: Path) -> None:
+    path = xacro(tmp_path / "r.urdf.xacro", MASS, link("world"),
+        '<joint name="j" type="revolute"><parent link="world"/><child link="base"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>',
+        USE)  # fmt: skip
+    robot = rpctl.load(path, "fixed", xacro_args={"mass": 7}, home={"j": 0.25})
+    run = rpctl.track(robot, duration=0.02)
+    again = rpctl.Run.load(run.save(tmp_path / "run.npz"))
+    assert again.robot.xacro_args == {"mass": "7"}
+    reloaded = again.load_robot()
+    assert reloaded.mass == robot.mass == 8.0
+    assert reloaded.home == pytest.approx([0.25])
+    certificate = rpctl.verify(robot, samples=1, engines=())
+    assert "the expansion of the xacro with mass:=7" in certificate.shared
+    kept = json.loads(json.dumps(certificate.to_dict()))["loaded_with"]
+    assert kept["xacro_args"] == {"mass": "7"}
+    same = rpctl.load(**kept)
+    assert (same.mass, same.drive, same.home.tolist()) == (robot.mass, robot.drive, [0.25])
