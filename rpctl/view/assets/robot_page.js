@@ -52,7 +52,7 @@
     for (const [role, title] of [["arm", "Joints"], ["wheel", "Wheels"], ["other", "Other joints"],
       ["mimic", "Joints that follow others"]]) {
       const members = data.joints.map((joint, i) => [joint, i]).filter(([j]) => j.role === role);
-      if (members.length) section(title);
+      if (members.length) section(title, data.names.shared[role]);
       for (const [joint, i] of members) {
         const unit = joint.slides ? "m" : "rad", get = () => values[i];
         const set = role === "mimic" ? null : (value) => turn(i, value);
@@ -60,7 +60,7 @@
       }
     }
     const locked = Object.entries(data.locked);
-    if (locked.length) section("Locked");
+    if (locked.length) section("Locked", data.names.shared.locked);
     for (const [name, { position, unit }] of locked)
       made.push(row(name, null, unit, () => position, null));
     return made;
@@ -78,9 +78,11 @@
     return [lower ?? upper - 2 * reach, upper ?? lower + 2 * reach];
   }
 
-  function section(title) {
+  /* A heading; what its rows' names share is said there once. */
+  function section(title, shared = "") {
     const heading = document.createElement("h2");
     heading.textContent = title;
+    if (shared) heading.append(Object.assign(document.createElement("small"), { textContent: ` ${shared}` }));
     $("sliders").append(heading);
   }
 
@@ -93,7 +95,8 @@
     };
     const box = make("div", $("sliders"), "row"), head = make("div", box, "head");
     const title = make(limits ? "label" : "span", head, "name"), out = make("output", head);
-    title.textContent = name;
+    title.textContent = data.names.short[name] ?? name;
+    title.title = name;
     if (note) make("div", box, "follows").textContent = note;
     let slider = null;
     if (limits) {
@@ -102,6 +105,7 @@
       [slider.min, slider.max] = limits;
       slider.disabled = watching || !set;
       title.htmlFor = slider.id;
+      slider.setAttribute("aria-label", name);
       slider.addEventListener("input", () => { set(Number(slider.value)); show(); });
     }
     const update = () => {
