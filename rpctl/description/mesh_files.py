@@ -89,7 +89,12 @@ def _load(content: bytes, kind: str, path: Path) -> Any:
         def keys(self) -> list[str]:
             return []
 
-    return trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=Materials())
+    quiet = trimesh.util.log  # it prints tracebacks of textures, which are left out
+    before, quiet.disabled = quiet.disabled, True
+    try:
+        return trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=Materials())
+    finally:
+        quiet.disabled = before
 
 
 def _surfaces(scene: Any, kind: str) -> tuple[Surface, ...]:

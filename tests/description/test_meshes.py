@@ -163,6 +163,22 @@ def test_dae_is_in_metres_with_its_colour_and_no_texture(tmp_path: Path) -> None
     assert surface.rgba == pytest.approx((1.0, 0.5, 0.0, 1.0), abs=0.01)
 
 
+def test_dae_with_a_bump_map_is_read_without_a_word(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The map is no file of ours to open; that it is left out is no error."""
+    sampler = (
+        '<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>'
+        '<newparam sid="n"><sampler2D><source>f</source></sampler2D></newparam>'
+    )
+    bump = '<extra><technique profile="x"><bump><texture texture="n" texcoord="t"/></bump>'
+    text = TEAPOT.format(doctype="").replace("<profile_COMMON>", f"<profile_COMMON>{sampler}")
+    text = text.replace("</lambert>", f"</lambert>{bump}</technique></extra>")
+    (tmp_path / "a.dae").write_text(text)
+    assert read(tmp_path / "a.dae")
+    assert caplog.text == ""
+
+
 def test_dae_with_entities_is_refused(tmp_path: Path) -> None:
     doctype = '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]>'
     for encoding in ("utf-8", "utf-16"):

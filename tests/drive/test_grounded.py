@@ -142,6 +142,7 @@ REFUSED: dict[str, list[Parts | str]] = {
     "tricycle": [two_wheels(), vehicle("bicycle"), vehicle("car-like")],
     "car-like": [two_wheels(), tricycle(), vehicle("bicycle"), vehicle("steered")],
     "steered": [two_wheels(), tricycle(), vehicle("car-like")],
+    "powered-casters": [two_wheels(), vehicle("casters"), vehicle("steered"), vehicle("twin")],
 }
 
 

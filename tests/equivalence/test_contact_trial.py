@@ -78,6 +78,10 @@ def reversed_trail(robot: Robot) -> Robot:
     return swivels(robot, lambda swivel: dataclasses.replace(swivel, trail=-swivel.trail))
 
 
+def longer(robot: Robot) -> Robot:
+    return swivels(robot, lambda swivel: dataclasses.replace(swivel, trail=1.1 * swivel.trail))
+
+
 def upside_down(robot: Robot) -> Robot:
     return swivels(robot, lambda swivel: dataclasses.replace(swivel, sign=-swivel.sign))
 
@@ -140,7 +144,7 @@ def test_a_reversed_caster_is_noticed() -> None:
     "name",
     [
         *("mixed_chain", "skid_steer", "mecanum", "car", "tricycle", "swerve", "twin_casters"),
-        *("casters", "omni", "tiago", "tiago_no_hand", "tiago_dual", "tiago_pro"),
+        *("casters", "caster_drive", "omni", "tiago", "tiago_no_hand", "tiago_dual", "tiago_pro"),
     ],
 )
 def test_every_wheeled_robot_of_the_catalogue_agrees(name: str) -> None:
@@ -166,6 +170,9 @@ def test_every_wheeled_robot_of_the_catalogue_agrees(name: str) -> None:
         ("tiago", shifted, "heading"),
         ("mecanum", larger, "path"),
         ("omni", aside, "heading"),
+        ("caster_drive", larger, "path"),
+        ("caster_drive", longer, "path"),
+        ("caster_drive", upside_down, "casters"),
     ],
 )
 def test_a_wrong_model_of_any_drive_is_noticed(

@@ -50,7 +50,7 @@
     for (const [role, title] of [["arm", "Joints"], ["wheel", "Wheels"], ["other", "Other joints"],
       ["mimic", "Joints that follow others"]]) {
       const members = data.joints.map((joint, i) => [joint, i]).filter(([j]) => j.role === role);
-      if (members.length) section(title);
+      if (members.length) section(title, data.names.shared[role]);
       for (const [joint, i] of members) {
         const unit = joint.slides ? "m" : "rad", get = () => values[i];
         const set = role === "mimic" ? null : (value) => turn(i, value);
@@ -58,7 +58,7 @@
       }
     }
     const locked = Object.entries(data.locked);
-    if (locked.length) section("Locked");
+    if (locked.length) section("Locked", data.names.shared.locked);
     for (const [name, { position, unit }] of locked)
       made.push(row(name, null, unit, () => position, null));
     return made;
@@ -76,9 +76,11 @@
     return [lower ?? upper - 2 * reach, upper ?? lower + 2 * reach];
   }
 
-  function section(title) {
+  /* A heading; what its rows' names share is said there once. */
+  function section(title, shared = "") {
     const heading = document.createElement("h2");
     heading.textContent = title;
+    if (shared) heading.append(Object.assign(document.createElement("small"), { textContent: ` ${shared}` }));
     $("sliders").append(heading);
   }
 
@@ -91,7 +93,8 @@
     };
     const box = make("div", $("sliders"), "row"), head = make("div", box, "head");
     const title = make(limits ? "label" : "span", head, "name"), out = make("output", head);
-    title.textContent = name;
+    title.textContent = data.names.short[name] ?? name;
+    title.title = name;
     if (note) make("div", box, "follows").textContent = note;
     let slider = null;
     if (limits) {
@@ -100,6 +103,7 @@
       [slider.min, slider.max] = limits;
       slider.disabled = watching || !set;
       title.htmlFor = slider.id;
+      slider.setAttribute("aria-label", name);
       slider.addEventListener("input", () => { set(Number(slider.value)); show(); });
     }
     const update = () => {

@@ -7,7 +7,7 @@ simulation that sends its motion; its sliders then follow.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from string import Template
@@ -19,6 +19,7 @@ from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import AvoidedObstacle
+from rpctl.view.labels import shorten
 from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
 from rpctl.view.scene import materials, obstacle_shapes, stand_ins, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
@@ -77,6 +78,7 @@ def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
         subtitle=escape(_subtitle(robot)),
         notes=_notes(bodies),
         stand_ins=_stand_ins(bodies),
+        named=_named(robot),
         data=embed(_data(robot, bodies, motion)),
         meshcat=meshcat,
         script=script,
@@ -108,6 +110,29 @@ def _stand_ins(bodies: Bodies) -> str:
     )
 
 
+def _named(robot: Robot) -> str:
+    """Return what the names of the wheels share, as the scene leaves it out."""
+    shared = shorten([wheel.joint for wheel in robot.drive.wheels]).shared
+    return f"<small>wheels: {escape(shared)}</small>" if shared else ""
+
+
+def _names(entries: Sequence[Mapping[str, Any]], locked: Iterable[str]) -> dict[str, Any]:
+    """Return the rows' names without what those under one heading share, and what that is."""
+    roles: dict[str, list[str]] = {"locked": list(locked)}
+    for entry in entries:
+        roles.setdefault(str(entry["role"]), []).append(str(entry["name"]))
+    found = {role: (names, shorten(names)) for role, names in roles.items()}
+    return {
+        "shared": {role: short.shared for role, (_, short) in found.items()},
+        "short": {
+            name: label
+            for names, short in found.values()
+            for name, label in zip(names, short.names, strict=True)
+            if short.shared
+        },
+    }
+
+
 def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, Any]:
     q = robot.configuration_at(np.zeros(3), robot.home) if motion is None else motion.start
     box = _box(robot, bodies, q)
@@ -119,11 +144,13 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
     markers = build_markers(robot, size)
+    rows, locked = joints(robot, q), _locked(robot)
     return {
         "name": robot.name,
         "commands": _commands(robot, bodies, markers, shown, box, motion),
-        "joints": joints(robot, q),
-        "locked": _locked(robot),
+        "joints": rows,
+        "locked": locked,
+        "names": _names(rows, locked),
         "labels": markers.labels,
         "masses": markers.masses,
         "wheels": markers.wheels,
