@@ -66,7 +66,8 @@ SETTLED = 2e-3  # m: the base's error after 12 s
 SPUN = 1e-2  # m: the same where it turns on the spot, which mends what lies beside it slowly
 FOLLOWED = 5e-4  # m: the end effector's error of an arm that starts on its reference
 SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors alone are too weak
-    "pr2": {"r_shoulder_lift_joint", "l_shoulder_lift_joint"}
+    "pr2": {"r_shoulder_lift_joint", "l_shoulder_lift_joint"},
+    "baxter": {"left_s1", "right_s1"},
 }
 REPORT_SIZE = 500_000  # bytes: the viewer alone is larger
 
