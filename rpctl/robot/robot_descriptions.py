@@ -22,7 +22,7 @@ PACKAGE = "robot_descriptions"
 SUFFIX = "_description"
 CACHE_VARIABLE, COMMIT_VARIABLE = "ROBOT_DESCRIPTIONS_CACHE", "ROBOT_DESCRIPTION_COMMIT"
 WHEELED_TAGS = {"wheeled", "mobile_manipulator"}
-INSTALL = f"pip install {PACKAGE}, then `python -m {PACKAGE} pull NAME` downloads one"
+INSTALL = f"pip install 'rpctl[robots]', then `python -m {PACKAGE} pull NAME` downloads one"
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,16 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl import Run
 from rpctl.robot.model import Robot
 from rpctl.view.labels import FITTING_LENGTH, ShortNames, fold, shorten
 from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.report import write_report
+from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.plots.figures import tracking_figure
 from rpctl.view.plots.style import joint_names, legend_columns, text_width
 from rpctl.view.serve.live_figures import LiveFigures
 from tests.runs import vary
 from tests.view.chromium import CLIPPED, opened
+from tests.view.readers import embedded
+from tests.view.samples import write_gripper
 
 ARM = tuple(
     f"summit_xl_arm_{part}_joint"
@@ -95,12 +100,41 @@ def test_charts_say_once_what_their_names_share(long_run: Run) -> None:
     assert labels == ["shoulder_pan", "elbow", "wrist_1", "wrist_2"]
     assert compared["Efforts"]["note"] == "dashed: limits; summit_xl_arm_…_joint"
     assert [line["label"] for line in compared["Efforts"]["variants"][0]["lines"]] == ["one", "two"]
+    runs = chart_data([long_run] * 2, ["summit_xl_of_monday", "summit_xl_of_friday"])["charts"]
+    variant = next(chart for chart in runs if chart["title"] == "Base error")["variants"][0]
+    assert [line["label"] for line in variant["lines"]] == ["monday", "friday"]
+    assert variant["names"] == "summit_xl_of_…"
 
 
 def test_live_charts_say_it_too(paper: Robot) -> None:
     _, efforts = LiveFigures(paper).charts()
     short = shorten(paper.actuators)
     assert (tuple(efforts["lines"]), efforts["names"]) == (short.names, short.shared)
+
+
+@pytest.mark.parametrize("long", [True, False])
+def test_page_of_a_robot_says_once_what_its_names_share(tmp_path: Path, long: bool) -> None:
+    path = write_gripper(tmp_path)
+    if long:
+        text = path.read_text(encoding="utf-8")
+        path.write_text(re.sub("(left|right)_wheel", r"summit_xl_\1_wheel", text), encoding="utf-8")
+    page = robot_page(rpctl.load(path))
+    data = embedded(page)
+    wheels = [label["text"] for label in data["labels"] if label["node"].startswith("contact-")]
+    frames = {label["text"] for label in data["labels"] if label["layer"] == "frame"}
+    assert frames >= {"lift", "left_finger"}
+    assert {joint["name"] for joint in data["joints"]} >= {"lift_joint"}  # the names stay whole
+    if not long:
+        assert wheels == ["left_wheel_joint", "right_wheel_joint", "P"]
+        assert data["names"]["short"] == {}
+        assert "<small>wheels:" not in page
+        return
+    assert wheels == ["left_wheel", "right_wheel", "P"]
+    assert data["names"]["shared"]["wheel"] == "summit_xl_…_joint"
+    assert data["names"]["short"] == {
+        f"summit_xl_{side}_wheel_joint": f"{side}_wheel" for side in ("left", "right")
+    }
+    assert "<small>wheels: summit_xl_…_joint</small>" in page
 
 
 @pytest.mark.parametrize("column", [False, True])

@@ -8,7 +8,7 @@
   const KEY = `rpctl ${data.name}`;
   const wrap = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 
-  let scene = null;
+  let scene = null, goal = null;
   const base = [...data.start], values = data.joints.map((joint) => joint.position);
   const wheels = data.wheels.map((w) => data.joints.findIndex((joint) => joint.name === w.joint));
 
@@ -29,8 +29,10 @@
   if (!watching) recall();
   show();
   if (scene) scene.camera(data.area ? "area" : "robot");
-  window.rpctl.ready = scene !== null;
-  if (data.live) makeLive(data, { show: follow, ghost, extend, clear });
+  const kinematics = makeKinematics(data.joints, data.goal && data.goal.hand);
+  const live = data.live && makeLive(data, { show: follow, ghost, extend, clear, begin });
+  goal = data.goal && makeGoal(data, { base, values, show, busy }, scene, kinematics, live);
+  Object.assign(window.rpctl, { kinematics, goal, ready: scene !== null });
 
   // ---- rows -----------------------------------------------------------------------------
 
@@ -50,7 +52,7 @@
     for (const [role, title] of [["arm", "Joints"], ["wheel", "Wheels"], ["other", "Other joints"],
       ["mimic", "Joints that follow others"]]) {
       const members = data.joints.map((joint, i) => [joint, i]).filter(([j]) => j.role === role);
-      if (members.length) section(title);
+      if (members.length) section(title, data.names.shared[role]);
       for (const [joint, i] of members) {
         const unit = joint.slides ? "m" : "rad", get = () => values[i];
         const set = role === "mimic" ? null : (value) => turn(i, value);
@@ -58,7 +60,7 @@
       }
     }
     const locked = Object.entries(data.locked);
-    if (locked.length) section("Locked");
+    if (locked.length) section("Locked", data.names.shared.locked);
     for (const [name, { position, unit }] of locked)
       made.push(row(name, null, unit, () => position, null));
     return made;
@@ -76,9 +78,11 @@
     return [lower ?? upper - 2 * reach, upper ?? lower + 2 * reach];
   }
 
-  function section(title) {
+  /* A heading; what its rows' names share is said there once. */
+  function section(title, shared = "") {
     const heading = document.createElement("h2");
     heading.textContent = title;
+    if (shared) heading.append(Object.assign(document.createElement("small"), { textContent: ` ${shared}` }));
     $("sliders").append(heading);
   }
 
@@ -91,7 +95,8 @@
     };
     const box = make("div", $("sliders"), "row"), head = make("div", box, "head");
     const title = make(limits ? "label" : "span", head, "name"), out = make("output", head);
-    title.textContent = name;
+    title.textContent = data.names.short[name] ?? name;
+    title.title = name;
     if (note) make("div", box, "follows").textContent = note;
     let slider = null;
     if (limits) {
@@ -100,6 +105,7 @@
       [slider.min, slider.max] = limits;
       slider.disabled = watching || !set;
       title.htmlFor = slider.id;
+      slider.setAttribute("aria-label", name);
       slider.addEventListener("input", () => { set(Number(slider.value)); show(); });
     }
     const update = () => {
@@ -118,6 +124,7 @@
   function show() {
     for (const each of rows) each.update();
     if (scene) scene.pose(base, values);
+    if (goal) goal.refresh();
     if (!watching) remember();
   }
 
@@ -200,6 +207,17 @@
     base.splice(0, 3, ...pose);
     values.splice(0, values.length, ...positions);
     show();
+  }
+
+  function begin() {
+    if (goal) goal.begin();
+    if (scene) scene.reveal("reference", true);
+  }
+
+  /* A motion is shown: nothing else moves the robot meanwhile. */
+  function busy(on) {
+    $("sliders").inert = on;
+    for (const button of $("buttons").children) button.disabled = on;
   }
 
   function ghost(pose, positions) { if (scene) scene.pose(pose, positions, "reference"); }

@@ -17,6 +17,7 @@ from rpctl.dynamics.rolling import contact_point
 from rpctl.libraries import library
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
+from rpctl.view.labels import shorten
 from rpctl.view.scene import threejs
 
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
@@ -72,12 +73,14 @@ def build_markers(robot: Robot, size: float) -> Markers:
     indices = range(ROOT_JOINT, robot.model.njoints)
     joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
     markers = Markers(joint_nodes, [], [], [], _geometries(), _materials())
+    links = _names([link.name for link in robot.description.links])
+    wheels = _names([wheel.joint for wheel in robot.drive.wheels])
     for index, link in enumerate(robot.description.links):
         frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
         pose = frame.placement.homogeneous
         axes = _mesh("axes", "axes", _scaled(FRAME_AXIS_RATIO * size))
         _attach(markers, frame.parentJoint, f"frame-{index}", pose, [axes])
-        markers.labels.append(_label(f"frame-{index}", link.name, 0.0))
+        markers.labels.append(_label(f"frame-{index}", links[link.name], 0.0))
         if link.mass:
             centre = pose @ _translated(link.com)
             ball = _mesh("ball", "mass", _scaled(max(_ball_radius(link.mass), MIN_BALL_RADIUS_M)))
@@ -85,7 +88,7 @@ def build_markers(robot: Robot, size: float) -> Markers:
             markers.labels.append(_label(f"mass-{index}", f"{link.mass:.3g} kg", link.mass))
             markers.masses.append({"node": f"mass-{index}", "mass": link.mass})
     for index, wheel in enumerate(robot.drive.wheels):
-        _attach_wheel(robot, markers, index, wheel)
+        _attach_wheel(robot, markers, index, wheel, wheels[wheel.joint])
     if robot.drive.wheels:
         _attach_point(robot, markers, size)
     markers.labels.append(_label("mass-all", f"{robot.mass:.4g} kg in all", robot.mass))
@@ -100,7 +103,7 @@ def total_mass_marker(mass: float) -> threejs.Json:
     return threejs.node("Group", "mass-all", children=shapes)
 
 
-def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> None:
+def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel, text: str) -> None:
     """Attach a wheel's contact to the link that carries the wheel, so that it does not turn."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.configuration())
@@ -119,7 +122,7 @@ def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel) -> N
             shapes.append(_mesh("bar", "roller", bar))
     name = f"contact-{index}"
     _attach(markers, carrier, name, data.oMi[carrier].inverse().homogeneous @ contact, shapes)
-    markers.labels.append(_label(name, wheel.joint, CONTACT_RANK))
+    markers.labels.append(_label(name, text, CONTACT_RANK))
     entry = {"node": name, "joint": wheel.joint, "radius": wheel.radius}
     entry |= {"axle": (contact[:3, :3].T @ axle).tolist(), "along": along.tolist()}
     markers.wheels.append(entry)
@@ -160,6 +163,12 @@ def _attach(
 ) -> None:
     group = threejs.node("Group", name, children=list(shapes), **threejs.fixed_matrix(pose))
     markers.joint_nodes[joint].append(group)
+
+
+def _names(names: Sequence[str]) -> dict[str, str]:
+    """Return the names as labels: shorter where they are long and begin with the same words."""
+    short = shorten(names)
+    return dict(zip(names, short.names if short.shared else names, strict=True))
 
 
 def _label(name: str, text: str, rank: float) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from rpctl.view.scene.placed_shapes import (
 )
 
 MIN_EDGE_RATIO = 0.02  # of the robot's size: a thinner box would not be seen
-MAX_EDGE_RATIO = 2.0  # of the robot's size: no body is so large, its inertia is not in earnest
+MAX_EDGE_RATIO = 1.2  # of the robot's size: no body is so large, its inertia is not in earnest
 MARKER_RATIO = 0.03  # of the robot's size: radius of the marker of a link without inertia
 MIN_SIZE_M = 0.05  # m: size of a robot that is a point
 ALIGNED = 1e-3  # of the largest moment: products below it leave the axes as they are

@@ -8,6 +8,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import lxml.html
 import numpy as np
 import pytest
 
@@ -26,6 +27,7 @@ from rpctl.simulation.summary import Violation, summarize
 from rpctl.simulation.texts import length
 from rpctl.view.pages.page import embed
 from rpctl.view.pages.report import write_report
+from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.pages.summary_panel import legend, panel, setting_text, setting_texts
 from tests.runs import vary
 from tests.view.samples import (
@@ -80,6 +82,15 @@ def test_nothing_is_fetched(page: str) -> None:
     _, meshcat, uplot, _ = Tags(page).scripts
     own = page.replace(meshcat, "").replace(uplot, "")
     assert not re.findall(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", own)
+
+
+def test_no_control_lies_over_the_scene(page: str, paper: Robot) -> None:
+    for text, camera in ((page, "camera-home"), (robot_page(paper), "camera-robot")):
+        tree = lxml.html.fromstring(text)
+        (scene,) = tree.find_class("view")
+        assert scene.get_element_by_id("scene") is not None
+        assert tree.get_element_by_id(camera) is not None
+        assert not scene.xpath(".//button | .//input | .//select | .//label | .//ul")
 
 
 def test_only_the_scripts_of_the_report_may_run(page: str) -> None:
