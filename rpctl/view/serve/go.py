@@ -17,8 +17,9 @@ from rpctl.errors import RpctlError, UnknownNameError, is_number
 from rpctl.reference.goal_paths import seen_from
 from rpctl.reference.pose_goal import MAX_DISTANCE, PoseGoal, to_goal
 from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop import WatchedSample, default_duration, simulate
+from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
 from rpctl.view.pages.robot_page import GoalService, robot_page

@@ -15,7 +15,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
-from rpctl.simulation.loop import WatchedSample
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve.events import Stream

@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.reference.motion import end_effector_reference
 from rpctl.robot.model import Robot
-from rpctl.simulation.loop import WatchedSample
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.view.labels import shorten
 
 MILLI = 1e3  # errors are shown in mm and mrad
