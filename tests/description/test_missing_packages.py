@@ -54,8 +54,8 @@ def test_all_are_told_at_once_with_the_lines_that_want_them(tmp_path: Path) -> N
         rpctl.load(path)
     assert str(caught.value).splitlines() == [
         f"{path}: error: 4 packages were not found: laser, camera, control, hulls; declare a "
-        "folder above them with --package-dir or in ROS_PACKAGE_PATH, or leave out what comes from them with "
-        "--ignore-missing-packages",
+        "folder above them with --package-dir or in ROS_PACKAGE_PATH, or leave out what comes "
+        "from them with --ignore-missing-packages",
         f'{path}:2: info: needs package "laser"',
         f'{path}:4: info: needs package "laser"',
         f'{mount}:2: info: needs package "camera"',
