@@ -14,7 +14,7 @@ from rpctl.cli.app import app
 from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.errors import RpctlError
 from rpctl.reference.named import BASE_PATHS
-from rpctl.robot.catalog import ENTRIES
+from rpctl.robot.catalog import ENTRIES, names
 from tests.grids import cells
 
 ROBOTS = {  # quasi-velocities, drive
@@ -103,6 +103,18 @@ def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: P
     report = tmp_path / "report.html"
     assert summary["report"] == str(report)
     assert report.stat().st_size > REPORT_SIZE
+
+
+@pytest.mark.parametrize("name", cells(names(), slow=set(OWN)))
+def test_plain_track_keeps_every_limit(name: str) -> None:
+    """The default reference fits the robot, whichever it is."""
+    run = rpctl.track(rpctl.load(name))
+    summary = rpctl.summarize(run)
+    assert {limit.joint for limit in summary.limits_violated} == SPRUNG.get(name, set())
+    assert summary.succeeded != (name in SPRUNG)
+    assert summary.outcome == "tracked"
+    assert summary.sizing is not None
+    assert run.t[-1] == pytest.approx(summary.sizing.duration, abs=0.01)
 
 
 def test_the_casters_of_tiago_dual_roll_along() -> None:

@@ -238,6 +238,8 @@ def track_command(
             if page is not None and ended:
                 _keep(ended[0], page, results, folder)
             raise
+        if page is not None:
+            page.end("Simulated")
         if results.perturbs(config):
             run = _with_expectation(run, loaded, config, reference)
         written = results.write(run, folder)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.terminal import print_json, progress_bar
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
+from rpctl.robot.model import Robot
 from rpctl.view.chart import PANELS
 
 DEFAULT_FIGURE = "figure.pdf"
@@ -87,36 +89,59 @@ def view_command(
 
     Or write the page, a film or a picture.
     """
-    from rpctl.view.serve.live import serve
+    from rpctl.view.run_folder import is_run, report_source
 
     if film.write(what):
         return
-    page = _page(what, options)
-    if html is not None:
-        typer.echo(f"wrote {write_atomically(html, page())}")
-        return
-    serve(page, lambda url: typer.echo(f"{url}  (Ctrl-C ends it)"))
-
-
-def _page(what: list[str], options: LoadOptions) -> Callable[[], bytes]:
-    """Return what makes the page of a robot or of runs; a robot is loaded anew each time."""
-    from rpctl.view.pages.robot_page import robot_page
-    from rpctl.view.run_folder import is_run, report_source
-
     if len(what) > 1 or is_run(what[0]):
-        return report_source([Path(each) for each in what], options.package_dir or ())
-    _require_robot(what[0], options)  # faults of a later edit are told by the page
-    return lambda: robot_page(options.load(what[0])).encode()
+        from rpctl.view.serve.live import serve
+
+        report = report_source([Path(each) for each in what], options.package_dir or ())
+        _write_or(html, report, lambda: serve(report, _say))
+        return
+    from rpctl.view.pages.robot_page import robot_page
+    from rpctl.view.serve.go import GoServer
+
+    robot = _load(what[0], options)  # faults of a later edit are told by the page
+    server = GoServer(lambda: options.load(what[0]), f"rpctl track {_words(what[0], options)}")
+    _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(_say))
 
 
-def _require_robot(name: str, options: LoadOptions) -> None:
-    """Load a robot, so that its faults are told; what is neither a robot nor a run is called so.
+def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], object]) -> None:
+    """Write a page if there is a file to write, else serve it."""
+    if html is None:
+        serve()
+    else:
+        typer.echo(f"wrote {write_atomically(html, page())}")
+
+
+def _say(url: str) -> None:
+    typer.echo(f"{url}  (Ctrl-C ends it)")
+
+
+def _words(robot: str, options: LoadOptions) -> str:
+    """Return the words of a command line that load a robot as these options do."""
+    words = [robot]
+    for item in fields(options):
+        value, name = getattr(options, item.name), f"--{item.name.replace('_', '-')}"
+        if item.name == "xacro_args":
+            words += value or ()
+        elif value is True:
+            words.append(name)
+        elif value is not None and value is not False:
+            for each in value if isinstance(value, list) else [value]:
+                words += [name, str(each)]
+    return shlex.join(words)
+
+
+def _load(name: str, options: LoadOptions) -> Robot:
+    """Load a robot; what is neither a robot nor a run is called so.
 
     Raises:
         RpctlError: It cannot be loaded.
     """
     try:
-        options.load(name)
+        return options.load(name)
     except RpctlError as error:
         if Path(name).is_dir():
             raise RpctlError(

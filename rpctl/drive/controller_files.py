@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.description.package_index import MANIFEST
-from rpctl.description.packages import find_packages, inside
+from rpctl.description.packages import find_packages
 from rpctl.description.records import Description
 from rpctl.drive.plugins import (
     BaseControl,
@@ -56,7 +56,7 @@ def find_controllers(description: Description, named: Sequence[Path]) -> tuple[B
         named: Files of parameters that its plugins name.
     """
     packages = find_packages(description.path, description.read_with.package_dirs)
-    own = [path for path in named if inside(os.path.realpath(path), packages.roots)]
+    own = [path for path in named if packages.allow(os.path.realpath(path))]
     controllers = _of_robot(description, own)
     if controllers:
         return controllers

@@ -105,7 +105,7 @@ def kind_of(text: str) -> str | None:
 def _has_spring(gazebo: Any) -> bool:
     """Return whether a <gazebo> element gives its joint a spring."""
     stiffness = [gazebo.findtext(tag) for tag in ("springStiffness", ".//spring_stiffness")]
-    return any(value is not None and (read_number(value) or 0.0) > 0.0 for value in stiffness)
+    return any(read_number(value) is not None for value in stiffness)
 
 
 def _control(plugin: Any) -> Iterator[BaseControl]:
@@ -137,7 +137,7 @@ def _values(plugin: Any) -> dict[str, list[str]]:
     values: dict[str, list[str]] = {}
     for element in plugin.iter("*"):
         text = (element.text or "").strip()
-        if text and len(element) == 0:
+        if text:
             values.setdefault(element.tag.replace("_", "").lower(), []).append(text)
     return values
 

@@ -1,4 +1,4 @@
-"""Passive joints of wheels, which the planar model holds at rest: suspensions, rockers, rollers."""
+"""Joints that the planar model holds at rest: passive suspensions, rollers, steering wheels."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class HeldJoint:
         joint: The joint.
         position: Where, rad or m: at 0, or the nearest to it inside the limits.
         wheels: The wheels that it carries, or the wheel whose roller it is.
-        roller: Whether it is a roller's.
+        what: ``"suspension"``, ``"roller"`` or ``"steering wheel"``.
     """
 
     joint: Joint
     position: float
-    wheels: tuple[str, ...]
-    roller: bool = False
+    wheels: tuple[str, ...] = ()
+    what: str = "suspension"
 
 
 def hold_passive(
@@ -64,7 +64,7 @@ def find_held(
     strut slides about upright and a rocker turns about a level axis; nothing drives it, it carries
     wheels on the ground and no arm, and its travel is small or springs oppose it. Where that is
     not clear it is left free. The rollers of a wheel turn with the contact, which the drive's
-    rows of rolling describe.
+    rows of rolling describe. A driver's steering wheel moves none of the robot's.
 
     Args:
         tree: The robot.
@@ -89,9 +89,14 @@ def find_held(
     return (
         *(_at_rest(tree, name, carried[name], held) for name in carried if name in held),
         *(
-            HeldJoint(tree.description.joint[name], 0.0, (wheel,), roller=True)
+            HeldJoint(tree.description.joint[name], 0.0, (wheel,), "roller")
             for name, wheel in rollers.items()
             if name not in free
+        ),
+        *(
+            HeldJoint(joint, _nearest_to_zero(joint), what="steering wheel")
+            for joint in _steering_wheels(tree, wheels, ground)
+            if joint.name not in free
         ),
     )
 
@@ -107,11 +112,25 @@ def _wheels(tree: FrozenTree) -> list[WheelLike]:
     ]
 
 
+def _steering_wheels(tree: FrozenTree, wheels: list[WheelLike], ground: float) -> Iterator[Joint]:
+    """Yield the joints of steering wheels: so called, and higher than any wheel on the ground."""
+    top = ground + 2.0 * max((w.radius for w in wheels if w.radius and w.round), default=math.nan)
+    for joint in tree.description.joints:
+        named = "steeringwheel" in f"{joint.name} {joint.child}".lower().replace("_", "")
+        turns = tree.is_free(joint) and joint.kind != "prismatic" and not tree.is_upright(joint)
+        high = float(tree.frame(joint)[2, 3]) > top
+        if named and turns and high and not moved_below(tree, joint.child):
+            yield joint
+
+
 def held_findings(held: tuple[HeldJoint, ...]) -> tuple[Finding, ...]:
     """Return what is held, and how to have it otherwise, in findings."""
     findings = []
     for each in held:
-        if not each.roller:
+        if each.what == "steering wheel":
+            text = f'"{each.joint.name}" turns a steering wheel, which is held; --free lets it turn'
+            findings.append(Finding("info", each.joint.line, text))
+        if each.what == "suspension":
             unit = "m" if each.joint.kind == "prismatic" else "rad"
             text = (
                 f'"{each.joint.name}" is a passive suspension of {_listed(each.wheels)}; '
@@ -119,7 +138,7 @@ def held_findings(held: tuple[HeldJoint, ...]) -> tuple[Finding, ...]:
                 f"--lock {each.joint.name}=POSITION holds it elsewhere"
             )
             findings.append(Finding("info", each.joint.line, text))
-    rollers = [each for each in held if each.roller]
+    rollers = [each for each in held if each.what == "roller"]
     if rollers:
         wheels = tuple(dict.fromkeys(name for each in rollers for name in each.wheels))
         text = (

@@ -26,12 +26,12 @@ from rpctl.reference.usage import (
 )
 from rpctl.reference.waves import Waves
 
-STEP = 0.8  # factor by which a motion is reduced until its efforts fit
-MAX_STEPS = 24  # of these: to half a percent
+STEP = 0.8  # factor by which an arm's motion is reduced until its efforts fit
+MAX_STEPS = 24  # of reducing swings, to half a percent, and of slowing down
 LAP_SAMPLES, RAMP_SAMPLES = 72, 7  # times at which a lap and its soft start are looked at
 ARM_PERIODS = 5.0  # of its slowest wave: an arm's waves meet in most ways within it
 TIMED_SAMPLES = 200  # times at which a planned reference is looked at
-MAX_TIMED_STEPS = 6  # of these on a planned reference, whose posture may leave little of a limit
+MAX_TIMED_STEPS = 6  # of slowing down a planned reference: its posture may leave little of a limit
 MOVING_SHARE = 0.5 * LIMIT_SHARE  # of what holding leaves: what an arm's accelerations may take
 
 
@@ -118,7 +118,7 @@ def slow_down(
         effort = _effort(dynamics, samples)
         if effort is None or effort.ratio <= LIMIT_SHARE:
             break
-        reference, bound = replace(reference, rate=STEP * reference.rate), effort
+        reference, bound = replace(reference, rate=_slower(effort) * reference.rate), effort
         samples = _lap_samples(dynamics, reference, lap)
     return reference, bound
 
@@ -136,9 +136,17 @@ def slow_down_timed(
         effort = _effort(dynamics, samples)
         if effort is None or effort.ratio <= LIMIT_SHARE:
             break
-        reference, bound = slowed(reference, 1.0 / STEP), effort
+        reference, bound = slowed(reference, 1.0 / _slower(effort)), effort
         samples = _timed_samples(dynamics, reference)
     return reference, bound
+
+
+def _slower(effort: Usage) -> float:
+    """Return a factor of the pace that brings an effort down to its share, or nearer to it.
+
+    What motion takes falls with the pace or with its square: by the root no step goes too far.
+    """
+    return min(0.97, math.sqrt(LIMIT_SHARE / effort.ratio))
 
 
 def usage_of(dynamics: ReducedDynamics, reference: PathReference, lap: float) -> Usage | None:

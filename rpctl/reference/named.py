@@ -27,7 +27,9 @@ LAP_TIME = 20.0  # s; such a path is run through once in this time, soft start i
 LAP_RATE = 2.0 * math.pi / (LAP_TIME - 0.5 * RAMP_TIME)
 CURVATURE_SAMPLES = 101  # points at which a path's speed and curvature are evaluated
 LONGEST_DEFAULT = 120.0  # s; a longer lap is tracked so far unless the user says more
-SMALLEST_SHARE = 0.1  # of the robot's length: a path that shrinks for slow wheels stays larger
+SMALLEST_SHARE = 0.25  # of the robot's length: a path that shrinks for slow wheels stays larger
+
+WORTH_SHRINKING = 0.75  # of a lap's time: a path of half the size must take less
 
 
 @dataclass(frozen=True)
@@ -141,18 +143,23 @@ def _fit(
 ) -> tuple[float, PathReference, Usage | None]:
     """Return the size (m), the reference without its record, and what limits its pace, if any.
 
-    Where the limits make a lap take twice its usual time, it shrinks.
+    Where the limits make a lap take twice its usual time, it shrinks as long as that helps: wheels
+    that are busy turning the base gain nothing by tighter bends.
     """
     robot = dynamics.robot
     least = _least_size(shape, steerable_radius(robot))
     size = wish.size or (length if shape.size is None else max(shape.size * length, least))
     fixed = wish.size is not None or wish.speed is not None or shape.size is None
-    while True:
-        reference, usage = _paced(dynamics, shape, size, wish, arm)
-        slow = _lap(shape, size) / reference.rate > 2.0 * LAP_TIME * math.sqrt(length)
-        if fixed or not slow or 0.5 * size < max(least, SMALLEST_SHARE * length):
-            return size, reference, usage
-        size *= 0.5
+    reference, usage = _paced(dynamics, shape, size, wish, arm)
+    time = _lap(shape, size) / reference.rate
+    while not fixed and time > 2.0 * LAP_TIME * max(1.0, math.sqrt(length)):
+        half, before = 0.5 * size, time
+        smaller = _paced(dynamics, shape, half, wish, arm)
+        time = _lap(shape, half) / smaller[0].rate
+        if half < max(least, SMALLEST_SHARE * length) or time > WORTH_SHRINKING * before:
+            break
+        size, (reference, usage) = half, smaller
+    return size, reference, usage
 
 
 def _paced(

@@ -4,35 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
+from rpctl.drive.drive import Drive
 from rpctl.errors import Finding
-from rpctl.robot.grippers import Gripper
+from rpctl.robot.grippers import Gripper, is_endless, name_words
+
+WHEEL_WORDS = {"wheel", "caster", "castor", "tire", "tyre", "steer", "steering"}
+WHEEL_HEIGHT = 1.5  # of the drive's largest radius: an axle above it is no wheel's
 
 
 def find_end_effector(
-    description: Description,
-    joints: tuple[Joint, ...],
-    rolling: Iterable[str],
-    grippers: Iterable[Gripper],
+    tree: FrozenTree, drive: Drive, joints: tuple[Joint, ...], grippers: Iterable[Gripper]
 ) -> tuple[str | None, tuple[Finding, ...]]:
     """Return the end effector, None for a robot without an arm, and what to tell of the choice.
 
     It is on the arm of most joints, of equals the file's first: the palm of a gripper that the
-    arm's last joint carries, else the last link before a fork. Joints that carry a wheel are no
-    arm.
+    arm's last joint carries, else the last link before a fork. Joints of wheels, also of those
+    that the drive leaves out, and joints that carry one are no arm.
 
     Args:
-        description: The robot.
+        tree: The robot, with its locked joints.
+        drive: Its drive.
         joints: Its free joints that are no wheels, swivels or mimics, in file order.
-        rolling: Names of the joints of wheels and swivels.
         grippers: Its grippers, frozen or not.
     """
-    rolling, grippers = set(rolling), tuple(grippers)
+    description, grippers = tree.description, tuple(grippers)
     fingers = {name for gripper in grippers for name in gripper.joints}
-    holding_wheels = {
-        above.name for name in rolling for above in description.chain(description.joint[name].child)
-    }
-    arm = [j for j in joints if j.name not in fingers | holding_wheels]
+    rolling = [description.joint[wheel.joint] for wheel in drive.wheels]
+    rolling += [joint for joint in joints if _looks_like_a_wheel(tree, drive, joint)]
+    holding = {above.name for joint in rolling for above in description.chain(joint.child)}
+    arm = [j for j in joints if j.name not in fingers | holding]
     if not arm:
         return None, ()
     names = {joint.name for joint in arm}
@@ -44,6 +46,16 @@ def find_end_effector(
     palms = {gripper.palm for gripper in grippers}
     chosen = _last_link(description, last, palms)
     return chosen, _tell_others(chosen, last, chains, description, palms)
+
+
+def _looks_like_a_wheel(tree: FrozenTree, drive: Drive, joint: Joint) -> bool:
+    """Return whether a joint is called a wheel, or turns one at the height of the drive's."""
+    words = name_words(joint.name) | name_words(joint.child)
+    if words & WHEEL_WORDS:
+        return True
+    radius = max((wheel.radius for wheel in drive.wheels), default=0.0)
+    height = float(tree.frame(joint)[2, 3]) - drive.ground
+    return is_endless(joint) and tree.is_level(joint) and height < WHEEL_HEIGHT * radius
 
 
 def _last_link(description: Description, last: Joint, palms: set[str]) -> str:

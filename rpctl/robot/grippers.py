@@ -140,12 +140,12 @@ def _is_short(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a branch can be a finger: short, light, and nothing in it turns for ever."""
     description = tree.description
     below = list(_below(description, joint))
-    if any(_is_endless(each) for each in below):
+    if any(is_endless(each) for each in below):
         return False
     return _is_small(tree, joint)
 
 
-def _is_endless(joint: Joint) -> bool:
+def is_endless(joint: Joint) -> bool:
     """Return whether a joint of its own turns without limits, as wheels do."""
     unlimited = math.isinf(joint.lower) or math.isinf(joint.upper)
     return joint.mimic is None and joint.kind != "prismatic" and unlimited
@@ -237,13 +237,13 @@ def _is_named_finger(tree: FrozenTree, joint: Joint) -> bool:
 
 
 def _has_finger_name(joint: Joint) -> bool:
-    words, link_words = _words(joint.name), _words(joint.child)
+    words, link_words = name_words(joint.name), name_words(joint.child)
     if words & WRIST_WORDS:
         return False
     return bool(words & JOINT_WORDS or link_words & LINK_WORDS)
 
 
-def _words(name: str) -> set[str]:
+def name_words(name: str) -> set[str]:
     """Return the words of a name in lower case, without the s of a plural."""
     words = {word.lower() for word in WORD.findall(name)}
     return words | {word.removesuffix("s") for word in words}

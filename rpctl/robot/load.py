@@ -105,7 +105,7 @@ def load(
         model, joints = build(tree), _arm_joints(tree, drive)
         choice: tuple[Finding, ...] = ()
         if end_effector is None:
-            end_effector, choice = find_end_effector(description, joints, _rolling(drive), grippers)
+            end_effector, choice = find_end_effector(tree, drive, joints, grippers)
         elif end_effector not in description.link:
             raise UnknownNameError("link", end_effector, description.link)
         robot = Robot(

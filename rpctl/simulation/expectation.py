@@ -19,10 +19,11 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference, end_effector_reference
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
+from rpctl.simulation.closed_loop import LoopRecord, WatchedSample, close_loop
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop import LoopRecord, WatchedSample, close_loop, default_duration
+from rpctl.simulation.loop import default_duration
 from rpctl.simulation.obstacles import BASE, TIP, find_obstacles
-from rpctl.simulation.outcome import DIVERGING, SUCCESSES, outcome, trace_points
+from rpctl.simulation.outcome import DIVERGING, STUCK, SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
 from rpctl.simulation.periods import delay_periods, whole_periods
 from rpctl.simulation.plant import Plant
@@ -79,7 +80,8 @@ class Expectation:
         elif tip is not None:  # of a base that stands, or turns on the spot
             errors, main = f"{length(tip.rms)} rms at the end effector", tip
         behind = lag(main.largest_lag, main.largest_lag_distance)
-        tail = "" if self.outcome in SUCCESSES else f"; {self.outcome}"
+        word = "the error stays" if self.outcome == STUCK else self.outcome
+        tail = "" if self.outcome in SUCCESSES else f"; {word}"
         return f"{head}: path error {errors}, {behind} behind at most{tail}"
 
     def to_dict(self) -> dict[str, Any]:

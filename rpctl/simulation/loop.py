@@ -1,37 +1,28 @@
-"""The closed loop: reference → tracking error → kinematic law → dynamic law → plant → Run."""
+"""A run: the closed loop from configuration to log, for as long as the reference asks."""
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, cast
-
-import numpy as np
+from typing import cast
 
 from rpctl.arrays import Array
 from rpctl.control.dynamic import PaperDynamic
-from rpctl.control.error import tracking_error
 from rpctl.control.law import (
     DynamicFunction,
     DynamicLaw,
     KinematicFunction,
     KinematicLaw,
-    Rest,
-    as_controller,
-    as_law,
 )
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
-from rpctl.errors import DivergedError, RpctlError, require_positive
+from rpctl.errors import require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
-from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
 from rpctl.simulation.log import Log, Recorder
@@ -40,32 +31,15 @@ from rpctl.simulation.periods import (
     duration_note,
     whole_periods,
 )
-from rpctl.simulation.plant import Plant, advance
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.returned import (
     require_callable,
-    require_command,
-    require_efforts,
-    require_state,
 )
 from rpctl.simulation.run import Run
 
 SETTLING_S = 1.0  # s, after the end of one that has it
-DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 MIN_SAMPLES = 2  # of a run: one moment is no motion
-
-
-class WatchedSample(NamedTuple):
-    """What a watcher of the loop is shown of a sample."""
-
-    t: float  # s
-    q: Array  # (nq,)
-    e: Array  # (3 + n_joints,) tracking error
-    tau: Array  # (n_act,) efforts from now on, N·m or N
-    state: ReferenceState
-
-
-Watcher = Callable[[WatchedSample], object]
 
 
 def track(
@@ -220,86 +194,6 @@ def _end_note(error: BaseException, t: float, duration: float) -> str:
     return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
 
 
-@dataclass
-class LoopRecord:
-    """What a closed loop leaves beside its log.
-
-    Attributes:
-        report: Of the kinematic law.
-        wall_time: s, without what watched it.
-    """
-
-    report: dict[str, float] = field(default_factory=dict)
-    wall_time: float = 0.0
-
-
-def close_loop(
-    dynamics: ReducedDynamics,
-    config: Config,
-    reference: Reference,
-    steps: int,
-    recorder: Recorder | None,
-    loop: LoopRecord,
-    progress: Callable[[int, int], object] | None = None,
-    watch: Watcher | None = None,
-) -> None:
-    """Close the loop for a number of control periods.
-
-    Args:
-        dynamics: Of the simulated robot.
-        config: Laws, circumstances and plant; its limits are the robot's already.
-        reference: What is tracked.
-        steps: Number of control periods.
-        recorder: Gets every sample; None keeps no log, which takes half of the time.
-        loop: Filled when the loop ends, early or not.
-        progress: Called with the samples done and their total.
-        watch: Called with every sample.
-
-    Raises:
-        DivergedError: The motion left the finite numbers.
-    """
-    robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    controller_dynamics = plant.controller_dynamics(dynamics)
-    bias, friction = plant.bias(robot), plant.friction(robot)
-    first = require_state(robot, reference(0.0), 0.0)
-    q, nu, work = _start(robot, first, config.run.initial_error), np.zeros(robot.dof), 0.0
-    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
-    dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
-    started_at = time.perf_counter()
-    sent = plant.pipeline(rest.tau, period)
-    try:
-        for k in range(steps + 1):
-            t = k * period
-            state = require_state(robot, reference(t), t)
-            e = tracking_error(robot, state, q)
-            command = require_command(robot, kinematic(controller_dynamics, reference, t, q, nu))
-            efforts = require_efforts(robot, dynamic(controller_dynamics, q, nu, command))
-            sent.append(efforts.tau)
-            tau = sent.popleft()
-            if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
-            if not np.abs(nu).max() < DIVERGED_SPEED:
-                raise DivergedError(
-                    f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
-                    "the horizons"
-                )
-            if watch is not None:
-                shown = time.perf_counter()
-                watch(WatchedSample(t, q, e, tau, state))
-                started_at += time.perf_counter() - shown
-            if k < steps:
-                q, nu, done = advance(
-                    dynamics, q, nu, tau + bias, period, config.run.plant_step, friction
-                )
-                work += done
-            if progress is not None:
-                progress(k, steps)
-    finally:
-        loop.wall_time = time.perf_counter() - started_at
-        loop.report = kinematic.report()
-
-
 def _called(reference: Reference) -> str:
     """Return what a log calls a reference of the user's."""
     return str(getattr(reference, "__name__", type(reference).__name__))
@@ -315,16 +209,3 @@ def default_duration(reference: Reference) -> float:
     if hasattr(reference, "duration"):
         return float(reference.duration) + SETTLING_S
     return DEFAULT_DURATION
-
-
-def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:
-    """Return q (nq,) that has the tracking error asked for, arm on its reference."""
-    if len(initial_error) != 3 or not all(map(math.isfinite, initial_error)):
-        raise RpctlError(f"initial error {initial_error}: give three finite numbers X,Y,THETA")
-    x1, x2, x3 = initial_error
-    if not robot.drive.base_speeds and any(initial_error):
-        raise RpctlError(f"{robot.name} has a fixed base: it starts without a base error")
-    theta = state.pose[2] - x3
-    cos, sin = math.cos(theta), math.sin(theta)
-    x, y = state.pose[0] - cos * x1 + sin * x2, state.pose[1] - sin * x1 - cos * x2
-    return configuration_along(robot, state, np.array([x, y, theta]))

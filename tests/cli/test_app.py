@@ -286,7 +286,7 @@ def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
         (("track", "paper", "--duration", "-1"), "duration is -1; give a positive number"),
         (("track", "paper", "--duration", "x"), "--duration"),
         (("track", "paper", "--max-megabytes", "0"), "--max-megabytes"),
-        (("view", "nothing"), "robot 'nothing' is not known"),
+        (("view", "nothing"), "robot or run 'nothing' is not known"),
         (("view", "nothing.npz"), "No such file"),
         (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
         (("view", "nothing.npz", "--png", "a.png"), "No such file"),

@@ -125,11 +125,19 @@ def test_round_things_without_a_name_count_near_the_ground(
         assert files.load(parts).joint_names == (name,)
 
 
-def test_a_steering_wheel_is_no_wheel(files: Files) -> None:
-    """Its axle is as steep as a driver wants it, and it is far from the ground."""
+@pytest.mark.parametrize("axis", ["0.96 0 0.28", "1 0 0"])
+def test_a_steering_wheel_is_held(files: Files, axis: str) -> None:
+    """It moves none of the robot's wheels, and is no arm; one near the ground is a wheel."""
     parts = base()
-    parts.wheel("steering_wheel", "base", "0.5 0 0.9", axis="0.95 0 0.3")
-    assert files.load(parts).joint_names == ("steering_wheel",)
+    parts.wheel("turn", "base", "0.5 0 0.9", axis=axis)
+    text = xml(parts).replace("turn_link", "steering_wheel")
+    robot = files.load(text, strict=True)
+    assert (robot.joint_names, dict(robot.locked)) == ((), {"turn": 0.0})
+    (told,) = (f for f in robot.findings if "steering wheel" in f.message)
+    assert told.message == '"turn" turns a steering wheel, which is held; --free lets it turn'
+    assert files.load(text, free=["turn"]).joint_names == ("turn",)
+    low = text.replace("0.5 0 0.9", "0.5 0 0.19")
+    assert '"turn"' in files.refusal(low)
 
 
 PATTERNS = [

@@ -157,6 +157,11 @@ def test_what_shows_that_a_rocker_is_passive(files: Files, evidence: str) -> Non
     assert files.load(held).locked == {"front_rocker": 0.0}
 
 
+def test_a_spring_of_no_stiffness_is_none(files: Files) -> None:
+    slack = '<gazebo reference="front_rocker"><springStiffness>0</springStiffness></gazebo></robot>'
+    assert "--lock front_rocker" in files.refusal(xml(on_rocker(WIDE)).replace("</robot>", slack))
+
+
 def test_a_rocker_with_a_motor_is_asked_about(files: Files) -> None:
     narrow = urdf.limit(-0.1, 0.1, 9, 9)
     text = xml(on_rocker(narrow))

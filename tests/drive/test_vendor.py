@@ -82,7 +82,10 @@ def test_a_joint_that_a_plugin_drives_as_a_wheel_is_none_of_an_arm(files: Files)
     for side, y in (("left", 0.3), ("right", -0.3)):
         parts.wheel(f"{side}_drum", "base", f"0.4 {y} 0.7")
     inside = "<left_joint>left_drum</left_joint><right_joint>right_drum</right_joint>"
-    inside += "<steering_wheel_joint>rear_left</steering_wheel_joint>"
+    steering = inside.replace("left_joint", "steering_wheel_joint")
+    steering = steering.replace("right_joint", "steering_joint")
+    turned = files.load(with_plugin(parts, plugin("libx_diff_drive.so", steering)))
+    assert turned.joint_names == ("left_drum", "right_drum")
     text = with_plugin(parts, plugin("libgazebo_ros_diff_drive.so", inside))
     assert '"left_drum", "right_drum" is driven as a wheel by a plugin' in files.refusal(text)
     assert files.load(text, free=["*_drum"]).joint_names == ("left_drum", "right_drum")
@@ -119,24 +122,26 @@ def workspace(folder: Path, control: str, package: str = "bot_control") -> Path:
 
 
 @pytest.mark.parametrize(
-    ("control", "message"),
+    ("control", "message", "line"),
     [
         (
             f'drive:\n  type: "diff_drive_controller/DiffDriveController"{SIDES}'
             "  wheel_separation_multiplier: 1.5\n",
             "has the wheels 0.9 m apart (0.6 times its multiplier 1.5), the geometry 0.6 m",
+            3,
         ),
         (
             "controller_manager:\n  ros__parameters:\n    base.type: diff_drive_controller/X\n"
             "base:\n  ros__parameters:\n    left_wheel_names: [axle0_left]\n"
             "    right_wheel_names: [axle0_right]\n    wheel_separation: 0.512\n",
             "has the wheels 0.512 m apart, the geometry 0.6 m, which is taken",
+            6,
         ),
     ],
     ids=["ROS 1", "ROS 2"],
 )
 def test_a_controller_in_the_workspace_tells_its_separation(
-    tmp_path: Path, control: str, message: str
+    tmp_path: Path, control: str, message: str, line: int
 ) -> None:
     """For a skid-steer drive this is tuned odometry: a remark, and how to take it."""
     robot = rpctl.load(workspace(tmp_path, control), strict=True)
@@ -144,7 +149,7 @@ def test_a_controller_in_the_workspace_tells_its_separation(
     assert "is made for differential drives" in robot.drive.evidence[0]
     (found,) = told(robot)
     assert found.severity == "info"
-    assert "(bot_control/config/control.yaml:" in found.message
+    assert f"(bot_control/config/control.yaml:{line})" in found.message
     assert message in found.message
     assert "a drive file with track = " in found.message
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +26,14 @@ from rpctl.simulation.loop import default_duration
 from rpctl.simulation.run import Run
 from tests import urdf
 from tests.control.tight_limits import limited
+from tests.grids import every
 from tests.robots import SET_A, platform, write
 from tests.vehicles import KINDS, vehicle
 
 HALF = 0.5  # of each limit
 SAMPLED = 1.02  # limits are kept at samples of a lap, and exceeded by 2 % at most between them
 CLOSED = ("circle", "eight")
+NAMES = (*BASE_PATHS, "waypoints")
 
 
 def times(reference: Reference, count: int = 600) -> Array:
@@ -63,8 +66,7 @@ def wheel_speeds(reference: Reference, scale: float = 1.0) -> Array:
     return (twists[:, :1] + twists[:, 2:] * sides) / (SET_A["r"] * scale)
 
 
-@pytest.mark.parametrize("name", [*BASE_PATHS, "waypoints"])
-@pytest.mark.parametrize("limit", [0.2, 2.0, 200.0])
+@pytest.mark.parametrize(("limit", "name"), every(2, product([0.2, 2.0, 200.0], NAMES[1:])))
 def test_wheels_take_half_of_their_speed(tmp_path: Path, name: str, limit: float) -> None:
     """Wherever the limit binds it is met, else another pace is faster; both wheels count."""
     robot = scaled_platform(tmp_path, 1.0, velocity=limit)
@@ -80,8 +82,7 @@ def test_wheels_take_half_of_their_speed(tmp_path: Path, name: str, limit: float
         )
 
 
-@pytest.mark.parametrize("scale", [1 / 30, 20.0])
-@pytest.mark.parametrize("name", [*BASE_PATHS, "waypoints"])
+@pytest.mark.parametrize(("scale", "name"), every(3, product([1 / 30, 20.0], NAMES)))
 def test_sizes_follow_the_robot(tmp_path: Path, name: str, scale: float) -> None:
     """The paper's robot and others of its shape, 5 cm and 30 m wide, take like paths."""
     small, paper = scaled_platform(tmp_path, scale), scaled_platform(tmp_path, 1.0)
@@ -93,8 +94,6 @@ def test_sizes_follow_the_robot(tmp_path: Path, name: str, scale: float) -> None
     assert usual.speed is not None
     pace = factor ** (-0.5 if name == "spin" else 0.5)
     assert ours.speed == pytest.approx(usual.speed * pace, rel=0.02)
-    if name not in ("waypoints", *CLOSED, "spin"):
-        assert ours.laps is None
     # A time law's knots do not scale: what they smooth is more of a small robot's waypoints.
     lasts = min(usual.duration * math.sqrt(factor), 120.0)
     assert ours.duration == pytest.approx(lasts, rel=0.2 if name == "waypoints" else 0.02)
@@ -140,7 +139,7 @@ def test_weak_wheels_start_slowly(tmp_path: Path, name: str) -> None:
         0.5 * r * (m + 2 * SET_A["I_s"] / r**2) * abs(state.twist_dot[0]) for state in states
     )
     assert found <= HALF * limit * SAMPLED
-    assert found > 0.6 * HALF * limit or name != "line"
+    assert found > 0.9 * HALF * limit or name != "line"
     assert "half of what holding leaves of" in sizing(reference).reason
     assert "0.05 N m" in sizing(reference).reason
 
@@ -198,8 +197,7 @@ def test_what_is_too_weak_to_hold_still_is_told_and_stops_nothing(tmp_path: Path
     assert sizing(reference).speed == pytest.approx(LAP_RATE)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize(("name", "kind"), every(2, product(CLOSED, KINDS)))
 def test_every_drive_keeps_half_of_every_limit(tmp_path: Path, kind: str, name: str) -> None:
     """Steering rates by differences of angles, wheels by the speed of the ground below them."""
     fastest = 0.8
@@ -266,7 +264,7 @@ def test_laps_end_where_they_began(paper: Robot) -> None:
     assert line(default_duration(line)).pose[0] == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("name", [*BASE_PATHS, "waypoints"])
+@pytest.mark.parametrize("name", every(2, NAMES))
 def test_what_is_given_is_kept(tmp_path: Path, name: str) -> None:
     """It is told how much of the limits that takes."""
     robot, size = scaled_platform(tmp_path, 1.0, velocity=12.0), None if name == "spin" else 3.0

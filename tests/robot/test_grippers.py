@@ -10,6 +10,8 @@ import pytest
 
 import rpctl
 from rpctl import Robot
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.urdf import read
 from rpctl.errors import UnknownNameError
 from rpctl.robot.end_effector import find_end_effector
 from tests import urdf
@@ -224,12 +226,19 @@ def test_the_arm_of_most_joints_is_taken_and_others_are_told(tmp_path: Path) -> 
     assert not any("end effector" in finding.message for finding in head.findings)
 
 
-def test_a_joint_that_holds_a_wheel_is_no_arm(tmp_path: Path) -> None:
-    """As the rocker of a front axle: it would be the longest chain of a base without an arm."""
-    robot = load(tmp_path, arm())
-    described, joints = robot.description, robot.joints
-    assert find_end_effector(described, joints[:2], ["rod_3_joint"], ()) == (None, ())
-    assert find_end_effector(described, joints, [], ()) == ("palm", ())
+def test_wheels_that_the_drive_leaves_out_are_no_end_effector(tmp_path: Path) -> None:
+    """A third wheel by its name or at the others' height; with it, the rocker that holds it."""
+    rocker = limb("rocker", "base", "0 1 0", BEND, "revolute", "0.4 0 0.1")
+    ends = {}
+    for name, height in (("front_wheel", 0.9), ("front", 0.05), ("flail", 0.9)):
+        wheel = limb(name, "rocker", "0 1 0", "", "continuous", f"0.1 0 {height - 0.1}")
+        path = tmp_path / f"{name}.urdf"
+        path.write_text(platform(SET_A, extra=rocker + wheel), encoding="utf-8")
+        tree = FrozenTree(read(path))
+        drive = rpctl.load(_mobile(tmp_path)).drive
+        joints = tuple(tree.description.joint[f"{each}_joint"] for each in ("rocker", name))
+        ends[name] = find_end_effector(tree, drive, joints, ())[0]
+    assert ends == {"front_wheel": None, "front": None, "flail": "flail"}
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,9 @@ from rpctl.control.law import Command, Efforts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation import log
+from rpctl.simulation.closed_loop import WatchedSample, Watcher
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import WatchedSample, Watcher, simulate
+from rpctl.simulation.loop import simulate
 from rpctl.simulation.run import ARRAY_ENTRIES
 
 SETTINGS = Config(run=RunSettings("eight", 0.03, (0.1, -0.2, 0.3)))

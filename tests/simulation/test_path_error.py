@@ -149,6 +149,15 @@ def test_points_between_the_samples_count() -> None:
     assert trace.length == 2.0
 
 
+def test_a_robot_that_is_behind_and_drives_back_leaves_its_place() -> None:
+    """From 1 m to .6 m, on a side of 2 m whose end the reference has reached."""
+    reference = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
+    actual = np.array([[0.0, 0.0], [1.0, 0.0], [0.6, 0.0]])
+    trace = trace_path(np.arange(3.0), actual, reference)
+    np.testing.assert_allclose(trace.error, [0.0, 0.0, 0.4])
+    np.testing.assert_allclose(trace.lag_distance, [0.0, 1.0, 1.0])
+
+
 def test_beyond_its_ends_the_path_is_as_far_as_its_end() -> None:
     reference = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     actual = np.array([[-0.3, 0.4], [1.3, 0.4], [1.0, 0.25]])

@@ -31,13 +31,17 @@ def test_steps_are_equal_and_no_longer_than_the_longest(
     """0.3 is a hair more than three times 0.1: that hair takes no step of its own."""
     taken: list[float] = []
 
-    def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    def step(
+        dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float, friction: Array
+    ) -> Step:
         taken.append(dt)
+        np.testing.assert_array_equal(friction, resisting)
         return Step(q + 1.0, nu + 2.0, 0.5)
 
     monkeypatch.setattr(plant, "rk4_step", step)
     q, nu, tau = np.zeros((3, 4))
-    done = advance(ReducedDynamics(paper), q, nu, tau, duration, longest)
+    resisting = np.arange(4.0)
+    done = advance(ReducedDynamics(paper), q, nu, tau, duration, longest, resisting)
     assert taken == [duration / steps] * steps
     assert done.work == 0.5 * steps
     np.testing.assert_array_equal([done.q, done.nu], [[steps] * 4, [2 * steps] * 4])

@@ -8,6 +8,7 @@ function makeLive(data, page) {
   let finish = () => {};
   curves.begin(duration ?? 1);
   $("stop").addEventListener("click", () => { $("stop").disabled = true; post(stop, null); });
+  if (data.live.go) $("stop").textContent = "Stop";
   if (duration !== null) running(true);
   listen();
   return { post, say, begin, running, onEnd: (then) => { finish = then; }, time: () => time };

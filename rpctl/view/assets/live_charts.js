@@ -81,7 +81,7 @@ function makeLiveCharts(charts, host) {
       axes: [
         { ...axis(), size: 24, gap: 3, space: 60, values: (_, splits) => splits.map(
           (t, i) => `${Number(t.toFixed(4))}${i === splits.length - 1 ? " s" : ""}`) },
-        { ...axis(), size: 46, gap: 4, space: 26, values: (_, splits) => splits.map(plain) },
+        { ...axis(), size: 46, gap: 4, space: 20, values: (_, splits) => splits.map(plain) },
       ],
       hooks: { drawAxes: [dashes] },
     }, [[], ...lines], plot);
@@ -91,8 +91,13 @@ function makeLiveCharts(charts, host) {
     function refresh() {
       u.setData([x, ...lines]);
       lines.forEach((line, i) => {
-        values[i].textContent = line.length ? line[line.length - 1].toFixed(1).replace("-", "−") : "";
+        values[i].textContent = line.length ? told(line[line.length - 1]) : "";
       });
+    }
+
+    function told(value) {
+      const text = value.toFixed(Math.abs(value) < 9.995 ? 2 : Math.abs(value) < 99.95 ? 1 : 0);
+      return text.replace(/^-(?=[0.]*$)/, "").replace("-", "−");
     }
 
     function reach(_, low, high) {

@@ -8,7 +8,7 @@
   const KEY = `rpctl ${data.name}`;
   const wrap = (angle) => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 
-  let scene = null;
+  let scene = null, goal = null;
   const base = [...data.start], values = data.joints.map((joint) => joint.position);
   const wheels = data.wheels.map((w) => data.joints.findIndex((joint) => joint.name === w.joint));
 
@@ -29,8 +29,10 @@
   if (!watching) recall();
   show();
   if (scene) scene.camera(data.area ? "area" : "robot");
-  window.rpctl.ready = scene !== null;
-  if (data.live) makeLive(data, { show: follow, ghost, extend, clear });
+  const kinematics = makeKinematics(data.joints, data.goal && data.goal.hand);
+  const live = data.live && makeLive(data, { show: follow, ghost, extend, clear, begin });
+  goal = data.goal && makeGoal(data, { base, values, show, busy }, scene, kinematics, live);
+  Object.assign(window.rpctl, { kinematics, goal, ready: scene !== null });
 
   // ---- rows -----------------------------------------------------------------------------
 
@@ -122,6 +124,7 @@
   function show() {
     for (const each of rows) each.update();
     if (scene) scene.pose(base, values);
+    if (goal) goal.refresh();
     if (!watching) remember();
   }
 
@@ -204,6 +207,17 @@
     base.splice(0, 3, ...pose);
     values.splice(0, values.length, ...positions);
     show();
+  }
+
+  function begin() {
+    if (goal) goal.begin();
+    if (scene) scene.reveal("reference", true);
+  }
+
+  /* A motion is shown: nothing else moves the robot meanwhile. */
+  function busy(on) {
+    $("sliders").inert = on;
+    for (const button of $("buttons").children) button.disabled = on;
   }
 
   function ghost(pose, positions) { if (scene) scene.pose(pose, positions, "reference"); }

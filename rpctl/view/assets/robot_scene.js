@@ -197,6 +197,12 @@ function makeScene(data) {
     for (let k = 0; k < trail.points.length; k++) stretch(k);
   }
 
+  /* Show or hide a skeleton. */
+  function reveal(who, on) {
+    skeletons[who].root.visible = on;
+    viewer.set_dirty();
+  }
+
   function clear() {
     Object.assign(trail, { points: [], least: data.trail / 2 });
     trail.mesh.geometry.setDrawRange(0, 0);
@@ -273,6 +279,12 @@ function makeScene(data) {
     viewer.set_dirty();
   }
 
+  /* Look at a box from the side, whatever the robot does. */
+  function look(box) {
+    press(null);
+    aim(box, [0.75, -1, 0.65]);
+  }
+
   function press(name) {
     mode = name;
     for (const each of ["area", "robot", "top"])
@@ -284,5 +296,5 @@ function makeScene(data) {
   $("camera-area").hidden = !data.area;
   $("layer-contact").parentElement.hidden = layers.contact.length === 0;
 
-  return { viewer, pose, ground, camera, extend, clear, node };
+  return { viewer, pose, ground, camera, extend, clear, reveal, look, node };
 }

@@ -7,9 +7,11 @@ simulation that sends its motion; its sliders then follow.
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from string import Template
 from typing import Any
 
@@ -26,12 +28,20 @@ from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
 from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
 from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, joint_poses
-from rpctl.view.scene.skeleton import joints, skeleton
+from rpctl.view.scene.skeleton import hand, joints, skeleton
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
 REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
-SCRIPTS = ("robot_scene.js", "live_charts.js", "live.js", "robot_page.js")
-STYLES = ("palette.css", "uplot/uPlot.min.css", "robot.css", "live.css")
+SCRIPTS = (
+    "robot_scene.js",
+    "kinematics.js",
+    "handles.js",
+    "goal.js",
+    "live_charts.js",
+    "live.js",
+    "robot_page.js",
+)
+STYLES = ("palette.css", "uplot/uPlot.min.css", "robot.css", "live.css", "goal.css")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,29 +67,61 @@ class LiveMotion:
     charts: Sequence[Mapping[str, Any]] = ()
 
 
-def robot_page(robot: Robot, motion: LiveMotion | None = None) -> str:
-    """Return the page of a robot as HTML; only a live page fetches anything, its motion.
+@dataclass(frozen=True)
+class GoalService:
+    """A server that moves the robot to the goal that its page sets.
+
+    Attributes:
+        stream: Path of the events with the motion on the page's own server.
+        go: Path of the same server where the page asks for a motion.
+        stop: Path where it asks to end one.
+        laws: Names of the kinematic laws to choose from, the default one first.
+        charts: The charts of what is sent, as of :class:`LiveMotion`.
+    """
+
+    stream: str
+    go: str
+    stop: str
+    laws: Sequence[str]
+    charts: Sequence[Mapping[str, Any]]
+
+
+def robot_page(
+    robot: Robot,
+    motion: LiveMotion | None = None,
+    command: str | None = None,
+    service: GoalService | None = None,
+) -> str:
+    """Return the page of a robot as HTML; it fetches nothing but the motion that a server sends.
 
     Args:
         robot: The robot.
-        motion: The motion that it will be sent; None for sliders that move the robot.
+        motion: The motion that it will be sent; None for sliders and handles that move the robot.
+        command: The words that a command to go to a goal begins with; None: ``rpctl track`` and
+            the name of the robot's file, or of its entry in the catalogue.
+        service: What moves the robot to a goal; None: the page shows the command that does.
 
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
+    command = command or f"rpctl track {shlex.quote(Path(robot.source).name)}"
+    served = motion is not None or service is not None
     bodies = build_bodies(robot)
     meshcat, script = meshcat_script(), "\n".join(map(asset, SCRIPTS))
-    if motion is not None:
+    if served:
         meshcat = f"{meshcat}\n;{uplot_script()}"
+    data = _data(robot, bodies, motion)
+    data["goal"] = None if motion is not None else _goal(robot, command, service)
+    data["live"] = _live(motion or service)
     return Template(asset("robot.html")).substitute(
-        policy=policy(meshcat, script) + ("; connect-src 'self'" if motion else ""),
+        policy=policy(meshcat, script) + ("; connect-src 'self'" if served else ""),
         css="".join(map(asset, STYLES)),
         name=escape(robot.name),
         subtitle=escape(_subtitle(robot)),
         notes=_notes(bodies),
         stand_ins=_stand_ins(bodies),
         named=_named(robot),
-        data=embed(_data(robot, bodies, motion)),
+        data=embed(data),
         meshcat=meshcat,
         script=script,
     )
@@ -161,16 +203,30 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
         "trail": trails.trail_width(*shown),
-        "live": None if motion is None else _live(motion),
     }
 
 
-def _live(motion: LiveMotion) -> dict[str, Any]:
+def _live(server: LiveMotion | GoalService | None) -> dict[str, Any] | None:
+    """Return what the page needs to know of the server that sends it a motion."""
+    if server is None:
+        return None
     return {
-        "stream": motion.stream,
-        "stop": motion.stop,
-        "duration": motion.duration,
-        "charts": list(motion.charts),
+        "stream": server.stream,
+        "stop": server.stop,
+        "go": server.go if isinstance(server, GoalService) else None,
+        "duration": server.duration if isinstance(server, LiveMotion) else None,
+        "charts": list(server.charts),
+    }
+
+
+def _goal(robot: Robot, command: str, service: GoalService | None) -> dict[str, Any]:
+    """Return what the page needs to know to set a goal."""
+    return {
+        "hand": hand(robot),
+        "moves": bool(robot.drive.base_speeds),
+        "heading": robot.drive.heading,
+        "command": command,
+        "laws": [] if service is None else list(service.laws),
     }
 
 
@@ -194,6 +250,7 @@ def _commands(
     figures = [
         total_mass_marker(robot.mass),
         skeleton(robot, ACTUAL, lambda j: materials.solid(bodies, j) + markers.joint_nodes[j]),
+        skeleton(robot, REFERENCE, lambda j: materials.ghost(bodies, j)),
     ]
     if motion is not None:
         desired = np.column_stack([motion.desired[:, :2], np.full(len(motion.desired), ground)])
@@ -201,7 +258,6 @@ def _commands(
         size = float(box[1, 2]) - ground
         commands += obstacle_shapes.commands(motion.obstacles, lower, upper, ground, size)
         commands.append(trails.trails_command(paths, lower, upper))
-        figures.append(skeleton(robot, REFERENCE, lambda j: materials.ghost(bodies, j)))
     drawn = threejs.set_object(
         ROBOTS_PATH,
         threejs.node("Group", "robots", children=figures),

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT
@@ -46,10 +47,12 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
         q: Configuration (nq,) at which it stands.
 
     Returns:
-        ``name``, ``node`` (its index), ``slides``, ``axis``, ``role`` (``"wheel"``, ``"arm"``,
-        ``"mimic"`` or ``"other"``), ``position``, ``lower`` and ``upper`` (rad or m, None where
-        there is none) and, of a mimic joint, ``mimic`` (``follows``: index in this list or None
-        where the joint that it follows is locked; ``multiplier``; ``offset``).
+        ``name``, ``node`` (its index), ``parent`` (index in this list, −1 for the root link),
+        ``place`` (its fixed placement there, see :func:`pose`), ``slides``, ``axis``, ``role``
+        (``"wheel"``, ``"arm"``, ``"mimic"`` or ``"other"``), ``position``, ``lower`` and
+        ``upper`` (rad or m, None where there is none) and, of a mimic joint, ``mimic``
+        (``follows``: index in this list or None where the joint that it follows is locked;
+        ``multiplier``; ``offset``).
     """
     names = list(robot.moving_joint_names)
     wheels, arm = {w.joint for w in robot.drive.wheels}, set(robot.joint_names)
@@ -61,6 +64,8 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
         entry: dict[str, Any] = {
             "name": name,
             "node": ROOT_JOINT + 1 + number,
+            "parent": robot.model.parents[ROOT_JOINT + 1 + number] - ROOT_JOINT - 1,
+            "place": pose(robot.model.jointPlacements[ROOT_JOINT + 1 + number]),
             "slides": joint.kind == "prismatic",
             "axis": joint.axis.tolist(),
             "role": "mimic" if name in mimics else role,
@@ -78,3 +83,20 @@ def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
             }
         entries.append(entry)
     return entries
+
+
+def hand(robot: Robot) -> dict[str, Any] | None:
+    """Return the page's data of the end effector: its joint in :func:`joints`, its place there.
+
+    None for a robot without an arm.
+    """
+    if robot.end_effector is None:
+        return None
+    frame = robot.model.frames[robot.model.getFrameId(robot.end_effector, pin.FrameType.BODY)]
+    joint = frame.parentJoint - ROOT_JOINT - 1
+    return {"link": robot.end_effector, "joint": joint, "place": pose(frame.placement)}
+
+
+def pose(place: pin.SE3) -> dict[str, list[float]]:
+    """Return a placement for the page: ``R``, its rotation row after row, and ``p``, m."""
+    return {"R": place.rotation.ravel().tolist(), "p": place.translation.tolist()}

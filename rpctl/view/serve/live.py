@@ -15,7 +15,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
-from rpctl.simulation.loop import WatchedSample
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve.events import Stream
@@ -59,6 +59,7 @@ class Broadcast:
         stream: What the page listens to.
         duration: Of the simulation, s.
         stop: Whether it is to end before; None: never.
+        awaits: Whether it waits for a page at first.
     """
 
     def __init__(
@@ -68,11 +69,12 @@ class Broadcast:
         stream: Stream,
         duration: float,
         stop: StopRequest | None = None,
+        awaits: bool = True,
     ) -> None:
         self._robot, self._server, self._stream = robot, server, stream
         self._duration, self._stop = duration, stop or StopRequest()
         self._figures = LiveFigures(robot)
-        self._started, self._next = False, 0.0
+        self._started, self._awaits, self._next = False, awaits, 0.0
         self._origin: float | None = None
 
     def __call__(self, sample: WatchedSample) -> None:
@@ -84,14 +86,15 @@ class Broadcast:
         if not self._started:
             self._started = True
             self._stop.begin()
-            self._await_page()
+            if self._awaits:
+                self._await_page()
         self._figures.add(sample)
         last = sample.t >= self._duration - TIME_TOLERANCE_S
         if last or sample.t >= self._next:
             self._send(sample)
             self._hold_to_real_time(sample.t)
         if last:
-            self.end("Simulated")
+            self._stop.running = False
         if self._stop.asked:
             raise KeyboardInterrupt
 

@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.reference.motion import end_effector_reference
 from rpctl.robot.model import Robot
-from rpctl.simulation.loop import WatchedSample
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.view.labels import shorten
 
 MILLI = 1e3  # errors are shown in mm and mrad
@@ -41,7 +41,12 @@ class LiveFigures:
         limits = [-PERCENT, PERCENT] if self._percent else []
         unit = "% of limit" if self._percent else "N·m or N, no limits"
         return [
-            {"title": "Errors", "unit": "mm, mrad", "limits": [], "lines": self._error_names()},
+            {
+                "title": "Errors",
+                "unit": "mm, heading mrad",
+                "limits": [],
+                "lines": self._error_names(),
+            },
             {
                 "title": "Efforts",
                 "unit": unit,
@@ -66,8 +71,8 @@ class LiveFigures:
         return taken
 
     def _error_names(self) -> list[str]:
-        base = ["base, mm", "heading, mrad"] if self._robot.drive.base_speeds else []
-        return [*base, *(["end effector, mm"] if self._robot.end_effector is not None else [])]
+        base = ["base", "heading"] if self._robot.drive.base_speeds else []
+        return [*base, *(["end effector"] if self._robot.end_effector is not None else [])]
 
     def _sample_errors(self, sample: WatchedSample) -> Array:
         errors = []

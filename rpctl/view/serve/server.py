@@ -126,7 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _act(self, action: Action, sent: bytes) -> None:
         try:
-            asked = json.loads(sent, parse_constant=_refuse_constant)
+            asked = json.loads(sent, parse_int=float, parse_constant=_refuse_constant)
         except (ValueError, RecursionError):
             self._send_text("this is no JSON", HTTPStatus.BAD_REQUEST)
             return

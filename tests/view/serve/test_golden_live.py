@@ -7,7 +7,7 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
-from rpctl.simulation.loop import WatchedSample
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve.events import Stream
 from rpctl.view.serve.live import Broadcast, broadcast

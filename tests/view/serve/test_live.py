@@ -24,9 +24,10 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation import loop
+from rpctl.simulation import closed_loop
+from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.simulation.config import Config, RunSettings, write_config
-from rpctl.simulation.loop import WatchedSample, simulate
+from rpctl.simulation.loop import simulate
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.scene import obstacle_shapes
 from rpctl.view.serve import events as streams
@@ -315,7 +316,7 @@ def test_what_a_watcher_takes_is_not_counted_as_simulation(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [100.0]
-    monkeypatch.setattr(loop, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(closed_loop, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
 
     def watch(t: float, q: object, state: object) -> None:
         clock[0] += 0.25

@@ -1,0 +1,207 @@
+"""The page of a robot that goes to the goals set there, until Ctrl-C."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.errors import RpctlError, UnknownNameError, is_number
+from rpctl.reference.goal_paths import seen_from
+from rpctl.reference.pose_goal import MAX_DISTANCE, PoseGoal, to_goal
+from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import WatchedSample
+from rpctl.simulation.config import Config
+from rpctl.simulation.loop import default_duration, simulate
+from rpctl.simulation.run import Run
+from rpctl.simulation.summary import summarize
+from rpctl.view.pages.robot_page import GoalService, robot_page
+from rpctl.view.serve.events import Stream
+from rpctl.view.serve.live import STOP, Broadcast
+from rpctl.view.serve.live_figures import LiveFigures
+from rpctl.view.serve.server import EVENTS, Action, PageServer
+from rpctl.view.serve.stopping import StopRequest, signals
+
+GO = "/go"  # where the page asks for a motion
+LOOK_S = 0.1  # s; as often the server looks whether it is to end
+REACHED_M, REACHED_RAD = 0.02, 0.02  # a goal as near as that is called reached
+KEYS = ("start", "posture", "goal", "arm", "kinematic")
+LIMIT_TOLERANCE = 1e-9  # rad or m; a posture is written in decimals
+
+
+@dataclass(frozen=True, eq=False)
+class GoRequest:
+    """A motion that a page asks for.
+
+    Attributes:
+        start: Pose of P (3,) where it begins: x, y in m, heading in rad.
+        posture: Positions of the arm there (n_joints,), rad or m.
+        goal: Where it is to end.
+        kinematic: Name of the kinematic law.
+    """
+
+    start: Array
+    posture: Array
+    goal: PoseGoal
+    kinematic: str
+
+
+def read_request(robot: Robot, asked: Any) -> GoRequest:
+    """Return what a page asks for, every number checked.
+
+    Args:
+        robot: The robot that the page shows.
+        asked: The JSON that it sent.
+
+    Raises:
+        RpctlError: It is of another form, a number is none or too large, or a joint is not known
+            or beyond its limits.
+    """
+    if not isinstance(asked, dict) or set(asked) != set(KEYS):
+        raise RpctlError(f"a motion is asked for by {', '.join(KEYS)}")
+    start = _pose("start", asked["start"])
+    goal = None if asked["goal"] is None else _pose("goal", asked["goal"])
+    given = _positions(robot, asked["posture"])
+    if set(given) != set(robot.joint_names):
+        raise RpctlError(f"posture: give all joints of the arm, {', '.join(robot.joint_names)}")
+    for joint in robot.joints:
+        room = LIMIT_TOLERANCE
+        if not joint.lower - room <= given[joint.name] <= joint.upper + room:
+            raise RpctlError(f"{joint.name} begins at {given[joint.name]:.6g}, beyond its limits")
+    law = str(asked["kinematic"])
+    if law not in KINEMATIC_LAWS:
+        raise UnknownNameError("kinematic law", law, KINEMATIC_LAWS)
+    posture = np.array([given[name] for name in robot.joint_names])
+    arm = _positions(robot, asked["arm"])
+    return GoRequest(np.array(start), posture, PoseGoal(goal, arm), law)
+
+
+def _pose(name: str, values: Any) -> tuple[float, float, float]:
+    fine = isinstance(values, list) and len(values) == 3 and all(map(is_number, values))
+    if not fine or max(map(abs, values)) > MAX_DISTANCE:
+        raise RpctlError(f"{name}: give x, y (m) and heading (rad), below {MAX_DISTANCE:g}")
+    x, y, heading = map(float, values)
+    return x, y, heading
+
+
+def _positions(robot: Robot, values: Any) -> Mapping[str, float]:
+    if not isinstance(values, dict) or not all(map(is_number, values.values())):
+        raise RpctlError("joints: give a position, rad or m, for each by name")
+    for name in values:
+        if name not in robot.joint_names:
+            raise UnknownNameError("joint of the arm", name, robot.joint_names)
+    return {name: float(value) for name, value in values.items()}
+
+
+class GoServer:
+    """Serves a robot's page, and simulates the motions that it asks for, one at a time.
+
+    Args:
+        load: Loads the robot; called for every request of the page.
+        command: The words that a command to go to a goal begins with.
+    """
+
+    def __init__(self, load: Callable[[], Robot], command: str | None = None) -> None:
+        self._load, self._command = load, command
+        self._robot: Robot | None = None  # the one that the page shows
+        self._asked: queue.Queue[tuple[Robot, GoRequest]] = queue.Queue()
+        self._busy = threading.Lock()
+        self._done, self._stop = threading.Event(), StopRequest()
+        self._stream = Stream()
+
+    def run(self, ready: Callable[[str], object] = print) -> None:
+        """Serve until Ctrl-C or SIGTERM; called from the main thread.
+
+        Args:
+            ready: Called with the URL once the page is served.
+        """
+        actions: dict[str, Action] = {GO: self._ask, STOP: self._stop.ask}
+        with signals(self._end), PageServer(self._page, self._stream, actions) as server:
+            ready(server.url)
+            while not self._done.is_set():
+                try:
+                    robot, request = self._asked.get(timeout=LOOK_S)
+                except queue.Empty:
+                    continue
+                self._go(robot, request, server)
+
+    def _end(self, number: int, frame: object) -> None:
+        if self._done.is_set():
+            raise KeyboardInterrupt  # a law that does not return is left at the second one
+        self._done.set()
+        self._stop.ask()
+
+    def _page(self) -> bytes:
+        robot = self._load()
+        service = GoalService(EVENTS, GO, STOP, _laws(), LiveFigures(robot).charts())
+        page = robot_page(robot, command=self._command, service=service).encode()
+        self._robot = robot
+        return page
+
+    def _ask(self, asked: Any) -> None:
+        """Take a page's request; the main thread simulates it."""
+        robot = self._robot
+        if robot is None:
+            raise RpctlError("no page has shown the robot yet")
+        request = read_request(robot, asked)
+        if not self._busy.acquire(blocking=False):
+            raise RpctlError("the robot is on its way already; stop it first")
+        self._asked.put((robot, request))
+
+    def _go(self, robot: Robot, request: GoRequest, server: PageServer) -> None:
+        """Simulate a motion; pages are sent it, and how it ended."""
+        self._stream.forget()
+        try:
+            text, bad = self._simulate(robot, request, server), False
+        except KeyboardInterrupt:
+            text, bad = "Stopped.", False
+        except RpctlError as error:
+            text, bad = str(error), True
+        finally:
+            self._stop.running = False
+            self._busy.release()
+        self._stream.send("end", {"text": text, "bad": bad})
+
+    def _simulate(self, robot: Robot, request: GoRequest, server: PageServer) -> str:
+        """Return how near a motion came to its goal, in a sentence."""
+        reference = to_goal(robot, request.goal, request.start, request.posture)
+        config = Config().with_laws(request.kinematic, None).with_run(reference=str(request.goal))
+        duration = default_duration(reference)
+        self._stream.send("begin", {"duration": duration})
+        show = Broadcast(robot, server, self._stream, duration, self._stop, awaits=False)
+
+        def watch(sample: WatchedSample) -> None:
+            if self._done.is_set():
+                raise KeyboardInterrupt
+            show(sample)
+
+        return ending(simulate(robot, config, reference, watch=watch), request)
+
+
+def ending(run: Run, request: GoRequest) -> str:
+    """Return how near a run came to the goal that was asked for, in a sentence."""
+    pose = request.start if request.goal.pose is None else np.array(request.goal.pose)
+    x, y, turn = seen_from(run.log.base[-1], pose)
+    distance, turn = math.hypot(x, y), abs(turn)
+    near = distance < REACHED_M and turn < REACHED_RAD
+    words = [f"{1e3 * distance:.1f} mm and {1e3 * turn:.1f} mrad from the goal"]
+    if run.log.ee.size:
+        gap = 1e3 * float(np.linalg.norm(run.log.ee_ref[-1] - run.log.ee[-1]))
+        words.append(f"the end effector {gap:.1f} mm")
+    broken = summarize(run).limits_violated
+    if broken:
+        words.append(f"{broken[0].joint} broke its limit of {broken[0].limit}")
+    return f"{'Reached' if near else 'Not reached'} in {run.t[-1]:.1f} s: {'; '.join(words)}."
+
+
+def _laws() -> list[str]:
+    """Return the names of the kinematic laws, the default one first."""
+    default = "unified"
+    return [default, *(name for name in KINEMATIC_LAWS if name != default)]
