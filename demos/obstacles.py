@@ -32,7 +32,7 @@ def main() -> None:
     together = rpctl.Horizon(base_obstacles=(*pillars, wall), base_radius=BASE + MARGIN)
     robot, runs = rpctl.load("tiago"), []
     for name, law in (("together", together), ("hand first", rpctl.EndEffector(together))):
-        run = rpctl.track(robot, "eight", 20.0, kinematic=law, dynamic=rpctl.IntegralDynamic())
+        run = rpctl.track(robot, "eight", kinematic=law, dynamic=rpctl.IntegralDynamic())
         summary, driven = rpctl.summarize(run), clearances(run.log.base)
         rms = summary.rms_end_effector_error or math.nan  # nan without an end effector
         print(f"{name:10} hand {1e3 * rms:3.0f} mm rms off its path")

@@ -7,7 +7,7 @@ N = l₁ × l₂, and every further wheel has to head along the velocity that N 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -191,15 +191,35 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     """
     if not (drive.has_axle and drive.steered):
         return 0.0
+    return _tightest_bend(drive, joints, drive.steered)
+
+
+def heading_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
+    """Return the radius (m) of the tightest bend along which a base can head, P on it.
+
+    That of :func:`turning_radius`; a base whose wheels all steer can turn more sharply, too, but
+    then a wheel inside of the bend turns past a right angle, and counts from behind. 0 where
+    nothing steers.
+
+    Args:
+        drive: The drive.
+        joints: Joints by name.
+    """
+    swivels = [swivel for swivel in drive.swivels if swivel.role != "caster"]
+    return _tightest_bend(drive, joints, drive.steered if drive.has_axle else swivels)
+
+
+def _tightest_bend(drive: Drive, joints: Mapping[str, Joint], swivels: Sequence[Swivel]) -> float:
+    """Return the radius (m) of P's tightest bend within the limits of swivels; 0 without any."""
     ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
     left = np.array([-ahead[1], ahead[0]])
     radii = []
-    for swivel in drive.steered:
+    for swivel in swivels:
         joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
         turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
         limit = min(float(np.abs(turn).min()), MAX_STEERING)
         radii.append(abs(float(reach @ ahead)) / math.tan(limit) + abs(float(reach @ left)))
-    return max(radii)
+    return max(radii, default=0.0)
 
 
 class SteeringLimits(NamedTuple):

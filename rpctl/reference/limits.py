@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.steering import turning_radius
+from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, is_number
 from rpctl.reference.time_law import Bound
@@ -96,6 +96,14 @@ class Limits:
 def steerable_radius(robot: Robot) -> float:
     """Return the least radius (m) of a path for a robot, with room for corrections."""
     return TURNING_RADIUS_FACTOR * turning_radius(robot.drive, robot.description.joint)
+
+
+def comfortable_radius(robot: Robot) -> float:
+    """Return the least radius (m) of a path on which no wheel of a robot turns past its steering.
+
+    It is that of :func:`steerable_radius`, and counts bases whose wheels all steer.
+    """
+    return TURNING_RADIUS_FACTOR * heading_radius(robot.drive, robot.description.joint)
 
 
 def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:

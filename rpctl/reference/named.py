@@ -14,7 +14,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
 from rpctl.reference.fitting import fit_arm, slow_down, usage_of
-from rpctl.reference.limits import steerable_radius
+from rpctl.reference.limits import comfortable_radius
 from rpctl.reference.path_reference import PathReference
 from rpctl.reference.robot_length import robot_length
 from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, assumptions, reason
@@ -147,7 +147,7 @@ def _fit(
     that are busy turning the base gain nothing by tighter bends.
     """
     robot = dynamics.robot
-    least = _least_size(shape, steerable_radius(robot))
+    least = _least_size(shape, comfortable_radius(robot))
     size = wish.size or (length if shape.size is None else max(shape.size * length, least))
     fixed = wish.size is not None or wish.speed is not None or shape.size is None
     reference, usage = _paced(dynamics, shape, size, wish, arm)

@@ -17,7 +17,7 @@ from rpctl.reference.curve import Waypoint, curve_through
 from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.fitting import slow_down_timed, too_weak, usage_of_timed
 from rpctl.reference.goal import Goal, polyline
-from rpctl.reference.limits import Limits, arm_bounds
+from rpctl.reference.limits import Limits, arm_bounds, comfortable_radius
 from rpctl.reference.robot_length import robot_length
 from rpctl.reference.sizing import Sizing, SizingRequest, assumptions, reason
 from rpctl.reference.splines import Curves
@@ -50,7 +50,7 @@ def slalom(robot: Robot, wish: SizingRequest) -> TimedPath:
     """
     wish.refuse("waypoints do not close; give their size, half their length in m", "laps")
     _require_base(robot)
-    least = SLALOM_SIZE / SLALOM_RADIUS * Limits().steerable(robot).turning_radius
+    least = SLALOM_SIZE / SLALOM_RADIUS * comfortable_radius(robot)
     size = wish.size or max(SLALOM_SIZE * robot_length(robot), least)
     scale = size / SLALOM_SIZE
     limits = _paced(Limits().steerable(robot), scale, wish.speed)

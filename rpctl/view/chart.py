@@ -93,7 +93,7 @@ class Chart:
         note: What a reader must know beside the title.
         top: The page clips lines here; on paper they leave the panel.
         panel: How it is printed; None where only the page has it.
-        joints: Whether its lines are called after joints; legends shorten such names together.
+        named: Whether its lines are called after joints or runs: legends shorten names together.
     """
 
     title: str
@@ -104,7 +104,7 @@ class Chart:
     note: str = ""
     top: float = np.inf
     panel: Panel | None = None
-    joints: bool = False
+    named: bool = False
 
 
 def decades(lines: Iterable[Line]) -> tuple[float, float]:

@@ -95,7 +95,7 @@ def _joint_errors(run: Run) -> Chart:
         )
     )
     panel = Panel("joints", "Joint errors", _units(lines, " or "), legend="joints")
-    return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel, joints=True)
+    return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel, named=True)
 
 
 def _speeds(run: Run) -> list[Chart]:
@@ -139,7 +139,7 @@ def _speeds(run: Run) -> list[Chart]:
             tuple(lines),
             note="dashed: reference",
             panel=panel,
-            joints=lines is not base,
+            named=lines is not base,
         )
         for title, lines, panel in (
             ("Base speeds", base, base_panel),
@@ -174,12 +174,12 @@ def _efforts(run: Run) -> list[Chart]:
     )
     limits, note = (-100.0, 100.0), "dashed: limits"
     found = [
-        Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel, joints=True)
+        Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel, named=True)
     ]
     for unit, lines in free.items():
         title = f"Efforts without limits, {unit}"
         panel = Panel("efforts", title, f"effort, {unit}", legend="joints")
-        found.append(Chart(title, unit, tuple(lines), panel=panel, joints=True))
+        found.append(Chart(title, unit, tuple(lines), panel=panel, named=True))
     return found
 
 
@@ -235,7 +235,7 @@ def _loads(run: Run) -> Chart:
         )
     )
     note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
-    return Chart("Ground loads", "N", lines, note=note, joints=True)
+    return Chart("Ground loads", "N", lines, note=note, named=True)
 
 
 def _of_base(run: Run, name: str) -> bool:

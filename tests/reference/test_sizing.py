@@ -225,6 +225,19 @@ def test_every_drive_keeps_half_of_every_limit(tmp_path: Path, kind: str, name: 
     assert "0.8 rad/s allow" in sizing(reference).reason
 
 
+@pytest.mark.parametrize("kind", ["steered", "twin"])
+@pytest.mark.parametrize("name", [*CLOSED, "waypoints"])
+def test_no_wheel_of_a_swerve_turns_past_a_right_angle(
+    tmp_path: Path, kind: str, name: str
+) -> None:
+    """Where a bend is tighter than the base is wide, its inner wheels would flip."""
+    robot = rpctl.load(write(tmp_path, vehicle(kind)))
+    reference = load_reference(robot, name)
+    angles = np.array([steering(robot, reference(float(t)))[0] for t in times(reference, 200)])
+    assert np.abs(angles).max() < 1.3
+    assert np.abs(np.diff(angles, axis=0)).max() < 0.3
+
+
 def test_casters_may_swing_round(tmp_path: Path) -> None:
     """A caster behind a base in reverse turns round at V/k; its limit counts for that."""
     robot = rpctl.load(write(tmp_path, vehicle("casters")))

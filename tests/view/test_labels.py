@@ -100,6 +100,10 @@ def test_charts_say_once_what_their_names_share(long_run: Run) -> None:
     assert labels == ["shoulder_pan", "elbow", "wrist_1", "wrist_2"]
     assert compared["Efforts"]["note"] == "dashed: limits; summit_xl_arm_…_joint"
     assert [line["label"] for line in compared["Efforts"]["variants"][0]["lines"]] == ["one", "two"]
+    runs = chart_data([long_run] * 2, ["summit_xl_of_monday", "summit_xl_of_friday"])["charts"]
+    variant = next(chart for chart in runs if chart["title"] == "Base error")["variants"][0]
+    assert [line["label"] for line in variant["lines"]] == ["monday", "friday"]
+    assert variant["names"] == "summit_xl_of_…"
 
 
 def test_live_charts_say_it_too(paper: Robot) -> None:

@@ -92,10 +92,10 @@ def _by_line(
                 replace(line, label=names[k], colour=k, shown=True) for _, line, k in found
             )
             unit = _axis_unit(found[0][0], lines[0])
-            chart = replace(found[0][0], unit=unit, lines=lines, joints=False)
+            chart = replace(found[0][0], unit=unit, lines=lines, named=True)
             variants.append((label, chart, [thins[k] for _, _, k in found]))
         note = variants[0][1].note
-        if next(iter(kinds.values()))[0][0].joints:
+        if next(iter(kinds.values()))[0][0].named:
             short = shorten(list(kinds))
             variants = [
                 (name, chart, thinned)
@@ -117,7 +117,7 @@ def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
     entry: dict[str, Any] = {"unit": chart.unit, "limits": list(chart.limits)}
     if chart.errors:
         entry["decades"] = list(decades(lines))
-    if chart.joints:
+    if chart.named:
         short = shorten([line.label for line in lines])
         lines = tuple(
             replace(line, label=name) for line, name in zip(lines, short.names, strict=True)

@@ -120,7 +120,7 @@ def effort_key(run: Run) -> str:
         "limit or peak": "of each joint's effort limit; without one, of its largest effort",
     }[full]
     return (
-        f'<li class="key" data-key="effort" title="{title}" hidden><i class="effort"></i>'
+        f'<li class="ramp" data-key="effort" title="{title}" hidden><i class="effort"></i>'
         f"<span><b>0</b><b>50 %</b><b>{full}</b></span></li>"
     )
 

@@ -9,13 +9,21 @@ from rpctl.study.benchmark import Row
 from rpctl.study.scenarios import PAPER, LawPair
 from rpctl.study.verdicts import group_rows
 from rpctl.view.plots import style
-from rpctl.view.plots.style import SMALL_PT, TEXT_PT
+from rpctl.view.plots.style import (
+    COLUMN_GAP_IN,
+    SMALL_PT,
+    TEXT_PT,
+    legend_columns,
+    text_width,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LABELS_WIDTH_IN, PANEL_WIDTH_IN = 1.55, 0.92  # widths, inches
+LABELS_WIDTH_IN, PANEL_WIDTH_IN = 1.55, 0.92  # widths, inches; of longer labels it is more
+LAW_PT, LAW_GAP_IN = SMALL_PT - 1.2, 0.15  # of a law's name: its size, and the gap around it
+LEGEND_ROW_IN = 0.14  # inches
 LINE_HEIGHT_IN, GAP_IN, HEAD_IN, FOOT_IN = 0.115, 0.16, 0.52, 0.62  # heights, inches
 MM_PER_M = 1e3  # mm of a m
 AXIS_MARGIN_RATIO = 1.6  # times the extreme errors: where the axis ends
@@ -40,8 +48,14 @@ def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
     references = list(dict.fromkeys(row.cell.reference for row in rows))
     laws = list(dict.fromkeys(row.cell.controller for row in rows))
     panel_height = LINE_HEIGHT_IN * (len(laws) + 1)
-    width = LABELS_WIDTH_IN + PANEL_WIDTH_IN * len(references) + 0.15
-    height = HEAD_IN + (panel_height + GAP_IN) * len(scenarios) + FOOT_IN
+    looks = _looks(proposed)
+    law_width = LAW_GAP_IN + max(text_width(str(law), LAW_PT) for law in laws)
+    labels_width = max(LABELS_WIDTH_IN, law_width)
+    widest_key = COLUMN_GAP_IN + max(text_width(label, SMALL_PT) for label in looks)
+    width = max(labels_width + PANEL_WIDTH_IN * len(references) + 0.15, widest_key)
+    columns = legend_columns(list(looks), width, len(looks), SMALL_PT)
+    more = LEGEND_ROW_IN * (-(-len(looks) // columns) - 1)  # rows of the legend
+    height = HEAD_IN + (panel_height + GAP_IN) * len(scenarios) + FOOT_IN + more
     figure = Figure((width, height))
     figure.set_facecolor(style.PAPER)
     colours = {PAPER: style.TIP, proposed: style.BASE}
@@ -49,7 +63,7 @@ def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
     spans = {name: _span([r for r in rows if r.cell.reference == name]) for name in references}
     for i, scenario in enumerate(scenarios):
         for j, reference in enumerate(references):
-            left = LABELS_WIDTH_IN + j * PANEL_WIDTH_IN + 0.04
+            left = labels_width + j * PANEL_WIDTH_IN + 0.04
             bottom = height - HEAD_IN - (i + 1) * panel_height - i * GAP_IN
             size = (PANEL_WIDTH_IN - 0.08) / width, panel_height / height
             axes = figure.add_axes((left / width, bottom / height, *size))
@@ -58,13 +72,13 @@ def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
             if i == 0:
                 axes.set_title(reference, pad=5, **TITLE_STYLE)
             if j == 0:
-                _names(axes, scenario, laws, colours)
-    middle = LABELS_WIDTH_IN + 0.5 * PANEL_WIDTH_IN * len(references)
-    figure.text(middle / width, 0.36 / height, "rms error, mm (logarithmic)", ha="center",
+                _names(axes, scenario, laws, colours, labels_width)
+    middle = labels_width + 0.5 * PANEL_WIDTH_IN * len(references)
+    figure.text(middle / width, (0.36 + more) / height, "rms error, mm (logarithmic)", ha="center",
                 fontsize=SMALL_PT, color=style.INK)  # fmt: skip
     heading = {**TITLE_STYLE, "fontsize": TEXT_PT + 1}
     figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", **heading)
-    _legend(figure, height, proposed)
+    _legend(figure, height, looks, columns)
     return figure
 
 
@@ -128,22 +142,23 @@ def _mark(axes: Axes, row: Row, line: int, colour: str, span: tuple[float, float
         axes.plot([span[0] * AXIS_MARGIN_RATIO**0.35], [line], **BROKEN_LIMIT_STYLE)
 
 
-def _names(axes: Axes, scenario: str, laws: Sequence[LawPair], colours: Colours) -> None:
+def _names(
+    axes: Axes, scenario: str, laws: Sequence[LawPair], colours: Colours, width: float
+) -> None:
     """Write the scenario and the names of its lines left of a panel."""
     for line, law in enumerate(laws):
         axes.annotate(str(law), (0, line), (-4, 0), ("axes fraction", "data"), "offset points",
-                      ha="right", va="center", fontsize=SMALL_PT - 1.2,
+                      ha="right", va="center", fontsize=LAW_PT,
                       color=style.INK if law in colours else style.DESIRED)  # fmt: skip
-    left = -LABELS_WIDTH_IN * 72 + 4
+    left = -width * style.PT_PER_IN + 4
     axes.annotate(scenario, (0, 1), (left, 1), "axes fraction", "offset points", ha="left",
                   va="bottom", **TITLE_STYLE)  # fmt: skip
 
 
-def _legend(figure: Figure, height: float, proposed: LawPair) -> None:
-    from matplotlib.lines import Line2D
-
+def _looks(proposed: LawPair) -> dict[str, dict[str, Any]]:
+    """Return how the marks of the legend look, by their labels."""
     ring = {"marker": "o", "mfc": style.PAPER, "color": style.INK, "ms": 3.4, "ls": ""}
-    looks: dict[str, dict[str, Any]] = {
+    return {
         f"{proposed} (rpctl's)": {"marker": "o", "color": style.BASE, "ms": 3.6},
         f"{PAPER} (the paper's)": {"marker": "o", "color": style.TIP, "ms": 3.6},
         "others": {"marker": "o", "color": GREY, "ms": 3.6},
@@ -152,7 +167,12 @@ def _legend(figure: Figure, height: float, proposed: LawPair) -> None:
         "did not run": {"marker": "x", "color": GREY, "ms": 3.6, "ls": ""},
         "broke a limit": BROKEN_LIMIT_STYLE,
     }
+
+
+def _legend(figure: Figure, height: float, looks: dict[str, dict[str, Any]], columns: int) -> None:
+    from matplotlib.lines import Line2D
+
     handles = [Line2D([], [], label=label, lw=0.8, **look) for label, look in looks.items()]
     figure.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.04 / height),
-                  ncols=len(handles), fontsize=SMALL_PT, labelcolor=style.INK, frameon=False,
+                  ncols=columns, fontsize=SMALL_PT, labelcolor=style.INK, frameon=False,
                   handlelength=1.6, columnspacing=1.4)  # fmt: skip

@@ -115,15 +115,16 @@ def add_legend(axes: Axes, below: bool = False, title: str = "") -> None:
     legend.set_zorder(5)
 
 
-def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
+def legend_columns(labels: Sequence[str], width: float, most: int, size: float = LEGEND_PT) -> int:
     """Return how many columns of a legend fit side by side.
 
     Args:
         labels: Its names.
         width: Of the figure, inches.
         most: Columns that are wanted.
+        size: Of the text, pt.
     """
-    column = max(map(text_width, labels), default=0.0) + COLUMN_GAP_IN
+    column = max((text_width(label, size) for label in labels), default=0.0) + COLUMN_GAP_IN
     return max(1, min(most, len(labels), int(width / column)))
 
 

@@ -184,7 +184,7 @@ def test_scale_of_efforts_is_hidden_until_efforts_are_shown(
     golden: Run, limits: tuple[float, ...], end: str
 ) -> None:
     page = legend(vary(golden, effort_limits=limits))
-    (scale,) = re.findall(r'<li class="key" data-key="effort"(.*?)</li>', page)
+    (scale,) = re.findall(r'<li class="ramp" data-key="effort"(.*?)</li>', page)
     assert "hidden>" in scale
     assert re.findall(r"<b>(.*?)</b>", scale) == ["0", "50 %", end]
 

@@ -123,3 +123,24 @@ def test_panels_of_a_benchmark_do_not_overlap() -> None:
     assert "3" not in [text.get_text() for text in axes.get_xticklabels()]
     nothing = [Row(Cell("nominal", "line", PROPOSED), None, "it cannot")]
     assert study_figure(nothing, "a robot", PROPOSED).axes[0].get_xlim() == (1.0, 10.0)
+
+
+@pytest.mark.parametrize("references", [1, 2, 8])
+def test_names_of_laws_and_the_legend_are_whole(references: int) -> None:
+    long = LawPair("a_law_of_somebody_with_a_very_long_name", "and_another_one_for_the_dynamics")
+    rows = [
+        Row(Cell("nominal", f"path {k}", law), figures(0.004, 0.02), None)
+        for k in range(references)
+        for law in (PAPER, PROPOSED, long)
+    ]
+    figure = study_figure(rows, "a robot", PROPOSED)
+    figure.draw_without_rendering()
+    width, height = figure.get_size_inches() * figure.dpi
+    (legend,) = figure.legends
+    names = [text for axes in figure.axes for text in axes.texts]
+    assert str(long) in [name.get_text() for name in names]
+    for box in (legend.get_window_extent(), *(name.get_window_extent() for name in names)):
+        assert 0 <= box.x0 < box.x1 <= width
+        assert 0 <= box.y0 < box.y1 <= height
+    (label,) = (text for text in figure.texts if text.get_text().startswith("rms error"))
+    assert label.get_window_extent().y0 >= legend.get_window_extent().y1
