@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from rpctl.errors import Finding, RpctlError, format_finding
 WARNING_PREFIX = "warning: "  # how xacro begins one; the lines after it tell the place
 RUN_IT = "correct it, or run `xacro` on the file yourself"
 IGNORE = "or leave out what comes from them with --ignore-missing-packages"
+MAX_CHOICES = 20  # values of an argument that a message lists
+MAX_LISTED = 1000  # names in a folder that are looked at
 OLD_XACRO = "this is xacro from before ROS Jade, whose own elements had no prefix"
 
 Answer = Mapping[str, Any]  # of the process that expands
@@ -110,6 +113,10 @@ def findings_of(path: Path, answer: Answer) -> tuple[Finding, ...]:
     warnings = [Finding("warning", None, text) for text in said]
     texts = [w for w in answer["wants"] if w[3] == "text"]
     notes = [
+        f'argument "{name}" is used before it is declared; its default is taken'
+        for name in answer["early"]
+    ]
+    notes += [
         f'package "{package}" was not found; only texts name it ({_places(places, path)})'
         for package, places in _by_package(texts).items()
     ]
@@ -156,12 +163,9 @@ def _missing_packages(path: Path, answer: Answer, settings: ReadSettings) -> lis
 def _missing_argument(path: Path, answer: Answer) -> list[str]:
     """Return the lines of the message on an argument that nobody gives, with those declared."""
     name, declared = answer["argument"], declared_arguments(answer)
-    own = next((each for each in declared if each.name == name), None)
-    value, why = "VALUE", "has no value"
-    if own is not None and own.default:
-        why, value = "is used before it is declared", own.default
-    hint = _nearest(name, [each.name for each in declared]) if own is None else ""
-    fault = f'xacro: argument "{excerpt(name)}" {why}; add {name}:={excerpt(value)}{hint}'
+    names = [each.name for each in declared]
+    hint = _nearest(name, names) if name not in names else ", for it is declared too late"
+    fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{hint}'
     place = str(answer.get("file") or path)
     lines = [format_finding(place, Finding("error", answer["line"], fault))]
     return lines + _listed(declared)
@@ -208,14 +212,42 @@ def _fault(path: Path, answer: Answer) -> list[str]:
     fault = f"xacro: {answer['error']}{within}{after}; {RUN_IT}"
     place = str(answer.get("file") or path)
     lines = [format_finding(place, Finding("error", answer.get("line"), fault))]
-    return lines + _listed(_choosing(answer))
+    return lines + _choosing(answer)
 
 
-def _choosing(answer: Answer) -> list[XacroArgument]:
-    """Return the arguments whose defaults are part of the path of a file that is not there."""
-    parts = Path(answer.get("no_file", "")).parts
-    words = {word for part in parts for word in (part, part.partition(".")[0])}
-    return [each for each in declared_arguments(answer) if each.default in words]
+def _choosing(answer: Answer) -> list[str]:
+    """Return lines on the arguments whose defaults are part of the path of a missing file."""
+    path = Path(answer.get("no_file", ""))
+    lines = []
+    for each in declared_arguments(answer):
+        at = next((k for k, part in enumerate(path.parts) if _stem(part) == each.default), None)
+        if at is not None:
+            (line,), choices = _listed([each]), _choices(path, at)
+            lines.append(line + (f"; there are {', '.join(choices)}" if choices else ""))
+    return lines
+
+
+def _choices(path: Path, at: int) -> list[str]:
+    """Return what a part of a path may be so that there is a file, at most MAX_CHOICES of it.
+
+    Args:
+        path: The path, where there is none.
+        at: Index of the part.
+    """
+    folder, rest = Path(*path.parts[:at]), path.parts[at + 1 :]
+    try:
+        names = sorted(each.name for each in islice(folder.iterdir(), MAX_LISTED))
+    except OSError:
+        return []
+    if rest:
+        return [name for name in names if Path(folder, name, *rest).is_file()][:MAX_CHOICES]
+    alike = [name for name in names if Path(name).suffixes == path.suffixes]
+    return [_stem(name) for name in alike][:MAX_CHOICES]
+
+
+def _stem(name: str) -> str:
+    """Return a file's name up to its first dot."""
+    return name.partition(".")[0]
 
 
 def _nearest(name: str, names: Iterable[str]) -> str:

@@ -23,7 +23,7 @@ from xml.parsers.expat import ExpatError
 from rpctl.description.packages import DECLARE, Packages, inside
 from rpctl.description.xacro_cleaning import drop_dangling, name_packages
 from rpctl.description.xacro_hooks import Arguments, Hooks, NotFoundError, read_bytes
-from rpctl.description.xacro_scan import scan_all
+from rpctl.description.xacro_scan import FileScan, constant_defaults, scan_all
 
 READ_EVENTS = ("open", "os.listdir", "os.scandir")  # audit events whose first argument is a path
 FORBIDDEN_EVENTS = (  # beginnings of the events by which code reaches out of its process
@@ -84,8 +84,12 @@ def _expand(file: str, packages: Packages, given: dict[str, str], lenient: bool)
         roots.extend(folders[:1])
         return folders
 
-    arguments, hooks = Arguments(given), Hooks(xacro, find)
+    def scans() -> dict[str, FileScan]:
+        return scan_all([file, *hooks.files], hooks.find_all, read_bytes)
+
+    hooks = Hooks(xacro, find)
     hooks.install()
+    arguments = Arguments(given, lambda: constant_defaults(scans()))
     sys.addaudithook(_confinement(roots))
     answer: dict[str, Any] = {"dropped": []}
     try:
@@ -101,13 +105,16 @@ def _expand(file: str, packages: Packages, given: dict[str, str], lenient: bool)
         answer |= {"error": f"not well-formed XML: {reason}", "line": error.lineno} | _place(xacro)
     except Exception as error:  # expressions fail in every way there is
         answer |= _reason(error, hooks) | _place(xacro)
-    scans = scan_all([file, *hooks.files], hooks.find_all, read_bytes)
+    if hooks.lacks_includes and not lenient:
+        hooks.want_meshes()
+    said = scans()
     return answer | {
         "wants": hooks.wants,
         "left_out": hooks.left_out,
         "undeclared": hooks.undeclared,
-        "arguments": [(n, d, f, line) for f, s in scans.items() for n, d, line in s.arguments],
-        "old": [(f, *scan.old_element) for f, scan in scans.items() if scan.old_element],
+        "arguments": [(n, d, f, line) for f, s in said.items() for n, d, line in s.arguments],
+        "old": [(f, *scan.old_element) for f, scan in said.items() if scan.old_element],
+        "early": sorted(arguments.early),
         "unused": [name for name in given if name not in arguments.used],
     }
 

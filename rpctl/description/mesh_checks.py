@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import mmap
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rpctl.description.findings import excerpt
-from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.mesh_paths import MeshError, MeshPaths, MissingPackageError
 from rpctl.description.records import Description
 from rpctl.errors import Finding
 
@@ -19,7 +20,7 @@ def check_meshes(description: Description) -> list[Finding]:
     """Return a warning for each mesh that is missing, refused, or names a texture out of reach.
 
     Meshes do not change a robot's dynamics, so none of these is an error. Several meshes with one
-    fault, such as a package that is not there, share one warning at the first one's line.
+    fault share one warning at the first one's line, and so do all packages that are not there.
     """
     first: dict[str, int] = {}
     for link in description.links:
@@ -30,17 +31,44 @@ def check_meshes(description: Description) -> list[Finding]:
         return []
     paths = description.mesh_paths
     faults: dict[str, list[str]] = {}
+    missing: dict[str, MissingPackageError] = {}
     for mesh in first:
         try:
             fault = _texture_fault(paths.resolve(mesh), paths)
         except MeshError as error:
             fault = str(error)
+            if isinstance(error, MissingPackageError):
+                missing[fault] = error
         if fault:
             faults.setdefault(fault, []).append(mesh)
-    return [
+    joined = []
+    if len(missing) > 1:
+        wanted = {error.package: faults.pop(fault) for fault, error in missing.items()}
+        joined = [_missing_packages(wanted, first, next(iter(missing.values())).fix)]
+    return joined + [
         Finding("warning", first[meshes[0]], f"{_listed(meshes)}: {fault}")
         for fault, meshes in faults.items()
     ]
+
+
+def _missing_packages(
+    wanted: Mapping[str, Sequence[str]], lines: Mapping[str, int], fix: str
+) -> Finding:
+    """Return the warning that names all packages that were not found.
+
+    Args:
+        wanted: The meshes of each package.
+        lines: The line of each mesh.
+        fix: What to do.
+    """
+    said = []
+    for package, meshes in wanted.items():
+        more = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
+        said.append(f"{package} (line {lines[meshes[0]]}{more})")
+    line = min(lines[meshes[0]] for meshes in wanted.values())
+    fix = fix.replace("above it", "above them")
+    text = f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}"
+    return Finding("warning", line, text)
 
 
 def _listed(meshes: list[str]) -> str:

@@ -19,6 +19,19 @@ class MeshError(RpctlError):
     """A mesh that was refused, was not found, or could not be read."""
 
 
+class MissingPackageError(MeshError):
+    """A package that was not found.
+
+    Attributes:
+        package: Its name.
+        fix: What to do.
+    """
+
+    def __init__(self, package: str, fix: str) -> None:
+        super().__init__(f'package "{package}" was not found; {fix}')
+        self.package, self.fix = package, fix
+
+
 class MeshPaths:
     """Finds the files that one URDF names.
 
@@ -92,9 +105,9 @@ class MeshPaths:
         if folders is None:
             folders = self._packages[package] = self._known.find(package)
         if not folders:
-            fault = f'package "{package}" was not found; {DECLARE}{self._known.remark}'
+            fix = DECLARE + self._known.remark
             forget()  # somebody may put it there before the next try
-            raise MeshError(fault)
+            raise MissingPackageError(package, fix)
         return [(f"{folder}/{rest}", folder) for folder in folders]
 
     def _real(self, path: str) -> str:

@@ -15,6 +15,7 @@ from xml.dom import expatbuilder
 from xml.parsers.expat import ExpatError
 
 PACKAGE = "package://"
+MESH_PACKAGE = re.compile(r"<mesh\b[^>]*[\"']package://([\w.-]+)/")
 NAME = re.compile(r"[\w.-]*[\w-][\w.-]*")  # of a package: no path
 
 
@@ -23,11 +24,24 @@ class NotFoundError(Exception):
 
 
 class Arguments(dict[str, str]):
-    """Values of arguments that remember which of them were looked up."""
+    """Values of arguments that remember which of them were looked up.
 
-    def __init__(self, given: dict[str, str]) -> None:
+    Attributes:
+        used: Names that were looked up.
+        early: Names that were, before their declaration was reached.
+    """
+
+    def __init__(self, given: dict[str, str], defaults: Callable[[], dict[str, str]]) -> None:
+        """Keep the values that are given.
+
+        Args:
+            given: Values by name.
+            defaults: Returns defaults that are declared somewhere, without variables.
+        """
         super().__init__(given)
+        self._defaults = defaults
         self.used: set[str] = set()
+        self.early: set[str] = set()
 
     def __contains__(self, name: object) -> bool:
         self.used.add(str(name))
@@ -35,6 +49,9 @@ class Arguments(dict[str, str]):
 
     def __getitem__(self, name: str) -> str:
         self.used.add(name)
+        if not super().__contains__(name) and name in (declared := self._defaults()):
+            self.early.add(name)
+            return declared[name]
         return super().__getitem__(name)
 
 
@@ -103,6 +120,14 @@ class Hooks:
         for line in self.lines(pattern):
             self._want(name, line, "text")
         return PACKAGE + name
+
+    def want_meshes(self) -> None:
+        """Note the packages of meshes in the files that were read that are not found, either."""
+        for file in dict.fromkeys(self.files):
+            for line, text in enumerate(read_text(file).split("\n"), 1):
+                for name in MESH_PACKAGE.findall(text):
+                    if not self.find_all(name):
+                        self.wants.append((name, file, line, "text"))
 
     def abs_filename_spec(self, spec: str) -> str:
         """Return the path of a file that is to be read; ``package://`` is looked up.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,6 +75,16 @@ def scan_all(
             path = _included(file, spec, find)
             if path is not None:
                 queue.append(os.path.normpath(path))
+    return found
+
+
+def constant_defaults(scans: Mapping[str, FileScan]) -> dict[str, str]:
+    """Return the defaults without variables that files declare, by argument; the first counts."""
+    found: dict[str, str] = {}
+    for each in scans.values():
+        for name, default, _ in each.arguments:
+            if default is not None and "$" not in default:
+                found.setdefault(name, default)
     return found
 
 

@@ -15,7 +15,7 @@ from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.goal_paths import Leg, legs_between
 from rpctl.reference.limits import SPEED_RISE_TIME, Limits
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.paths import PathTime
+from rpctl.reference.paths import Path, PathTime
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import Bound, time_law
 from rpctl.reference.timed_path import Stretched, TimedPath, TimeLaw, along, constant, still
@@ -26,6 +26,8 @@ MAX_DISTANCE = 1e4  # m: no goal is farther
 POINTS = 301  # of a path, where limits are checked
 ARM_SPEED = {"prismatic": 0.2, "other": 0.6}  # m/s, rad/s: an arm moves no faster on its way,
 ARM_SPEED_RATIO = 0.5  # nor faster than this part of the joint's velocity limit
+STEERING_SPEED = 0.5  # rad/s; wheels steer no faster on the way
+MAX_STEERING_TURNS = 100.0  # rad in the time of the path, at the fastest; beyond, it is a jump
 HOW = "write goal X,Y,THETA JOINT=POSITION ..., as goal 1.5,0.5,1.57 (m and rad)"
 
 
@@ -155,8 +157,40 @@ class AtRest:
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:
     path, end = leg
     s = np.linspace(0.0, end, POINTS)
-    timing = time_law(s, limits.base(robot, along(path, s)))
+    timing = time_law(s, [*limits.base(robot, along(path, s)), *_steering_bounds(robot, path, s)])
     return TimedPath(path, constant(robot.home, 0.0, end), timing)
+
+
+def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
+    """Return the bounds that the joints which steer set to a path at points (N,).
+
+    A wheel heads along the velocity c of its pivot, φ = arg c; so φ' = Im(c̄ c') / |c|², and
+    φ'' = (Im(c̄ c'') − 2 φ' Re(c̄ c')) / |c|².
+
+    Raises:
+        RpctlError: A pivot would stand on the centre of rotation: its wheel turned in no time.
+    """
+    drive = robot.drive
+    twists = np.array([path(x).direction @ robot.root_velocity.T for x in s])  # (N, 3, 3)
+    bounds = []
+    for swivel in (each for each in drive.swivels if drive.steered and each.role != "caster"):
+        x, y = swivel.pivot
+        along = (twists[:, :, 0] - y * twists[:, :, 2]) + 1j * (
+            twists[:, :, 1] + x * twists[:, :, 2]
+        )
+        c, c1, c2 = along.T
+        square = np.maximum(np.abs(c) ** 2, np.finfo(float).tiny)
+        slope = (c.conj() * c1).imag / square
+        bend = ((c.conj() * c2).imag - 2.0 * slope * (c.conj() * c1).real) / square
+        if np.abs(slope).max() * s[-1] > MAX_STEERING_TURNS:
+            raise RpctlError(
+                f"on the way to the goal {robot.name} turns about {swivel.joint}, which would have "
+                "to steer in no time; set another heading, or go there and turn afterwards"
+            )
+        limit = robot.description.joint[swivel.joint].velocity
+        speed = min(STEERING_SPEED, ARM_SPEED_RATIO * limit)
+        bounds.append(Bound(slope, bend, speed, speed / SPEED_RISE_TIME))
+    return bounds
 
 
 def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:

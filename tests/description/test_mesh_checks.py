@@ -103,6 +103,20 @@ def test_textures_are_found_wherever_they_are_named(image: str, tmp_path: Path) 
     assert rpctl.load(path).findings == ()
 
 
+def test_all_missing_packages_are_told_in_one_warning(tmp_path: Path) -> None:
+    path = with_mesh(tmp_path, "package://b/0.stl")
+    visual = '<visual><geometry><mesh filename="package://{}/1.stl"/></geometry></visual>\n'
+    more = visual.format("a") + visual.format("b")
+    path.write_text(path.read_text().replace("<visual>", f"{more}<visual>", 1))
+    (finding,) = rpctl.load(path).findings
+    line = path.read_text().partition("package://a/")[0].count("\n") + 1
+    assert finding.line == line
+    assert finding.message == (
+        f"2 packages of meshes were not found: a (line {line}), b (line {line + 1} and 1 more); "
+        "declare a folder above them with --package-dir or in ROS_PACKAGE_PATH"
+    )
+
+
 def test_one_fault_of_many_meshes_is_told_once(tmp_path: Path) -> None:
     path = with_mesh(tmp_path, "package://nobody/0.stl")
     visual = '<visual><geometry><mesh filename="package://nobody/{}.stl"/></geometry></visual>'

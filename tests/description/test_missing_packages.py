@@ -40,6 +40,10 @@ def husky(folder: Path) -> Path:
         '<xacro:mount parent="base"/>', fixed("tip_joint", "laser", "tip"), link("tip"),
         fixed("end_joint", "tip", "end"), link("end"), fixed("to_laser", "base", "laser"),
         '<gazebo><p>$(find control)/c.yaml</p></gazebo>',
+        '<transmission name="gone"><joint name="to_laser"/></transmission>',
+        '<transmission name="kept"><joint name="mount_joint"/></transmission>',
+        '<link name="hull"><visual><geometry><mesh filename="package://hulls/h.stl"/></geometry>',
+        "</visual></link>", fixed("hull_joint", "base", "hull"),
     )  # fmt: skip
 
 
@@ -49,13 +53,14 @@ def test_all_are_told_at_once_with_the_lines_that_want_them(tmp_path: Path) -> N
     with pytest.raises(ExpansionError) as caught:
         rpctl.load(path)
     assert str(caught.value).splitlines() == [
-        f"{path}: error: 3 packages were not found: laser, camera, control; declare a folder above "
-        "them with --package-dir or in ROS_PACKAGE_PATH, or leave out what comes from them with "
-        "--ignore-missing-packages",
+        f"{path}: error: 4 packages were not found: laser, camera, control, hulls; declare a "
+        "folder above them with --package-dir or in ROS_PACKAGE_PATH, or leave out what comes "
+        "from them with --ignore-missing-packages",
         f'{path}:2: info: needs package "laser"',
         f'{path}:4: info: needs package "laser"',
         f'{mount}:2: info: needs package "camera"',
         f'{path}:13: info: names package "control"',
+        f'{path}:16: info: names package "hulls"',
     ]
 
 
@@ -76,7 +81,7 @@ def test_a_folder_above_them_is_all_that_is_needed(tmp_path: Path) -> None:
 def test_what_comes_from_them_is_left_out_and_told(tmp_path: Path) -> None:
     path = husky(tmp_path)
     robot = rpctl.load(path, "fixed", ignore_missing_packages=True)
-    assert {each.name for each in robot.description.links} == {"base", "mount"}
+    assert {each.name for each in robot.description.links} == {"base", "mount", "hull"}
     assert robot.mass == pytest.approx(7.0)
     told = [f.message for f in robot.findings if "left out" in f.message]
     assert told == [
@@ -87,6 +92,7 @@ def test_what_comes_from_them_is_left_out_and_told(tmp_path: Path) -> None:
         "left out: <xacro:camera>, a macro that was not found (mount.xacro:6)",
         'left out: tip, end, which hang on the missing link "laser"',
         'left out: joint "to_laser", whose link "laser" is missing',
+        'left out: transmission "gone"',
     ]
     assert 'package "control" was not found; only texts name it (bot.urdf.xacro:13)' in [
         f.message for f in robot.findings

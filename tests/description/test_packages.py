@@ -93,6 +93,13 @@ def test_what_is_declared_comes_before_what_lies_around(tmp_path: Path) -> None:
     assert find_packages(urdf, [tmp_path / "far"]).find("parts") == (str(far), str(around))
 
 
+def test_a_path_is_no_name(tmp_path: Path) -> None:
+    package(tmp_path / "src" / "a" / "b")
+    packages = find_packages(tmp_path / "src" / "bot" / "r.urdf", [tmp_path / "src"])
+    for name in ("", ".", "..", "a/b", "../src", "b\0"):
+        assert packages.find(name) == ()
+
+
 def test_a_folder_of_the_name_yields_to_a_package(tmp_path: Path) -> None:
     bare = tmp_path / "src" / "parts"
     bare.mkdir(parents=True)
@@ -116,6 +123,8 @@ def test_meshes_by_path_may_lie_in_fellow_packages_only(tmp_path: Path) -> None:
     [
         (["ws/.catkin_workspace", "ws/src/repo/.git/"], "ws/src"),
         (["ws/build/", "ws/install/", "ws/src/repo/.git/"], "ws/src"),
+        (["ws/.catkin_workspace", ".git/"], "ws/src"),
+        (["ws/build/", "ws/install/", ".git/"], "ws/src"),
         (["ws/build/", "ws/.git/"], "ws"),
         (["ws/src/repo/.git/"], "ws/src"),
         (["ws/src/repo/.git/", "ws/.git/"], "ws"),

@@ -81,16 +81,24 @@ def test_a_missing_argument_lists_those_declared(tmp_path: Path) -> None:
     ]
 
 
-def test_an_argument_used_too_early_is_told_with_its_default(tmp_path: Path) -> None:
+def test_an_argument_used_too_early_has_its_default(tmp_path: Path) -> None:
     path = xacro(tmp_path / "r.urdf.xacro", USE, MASS)
-    fault = r'xacro:2: error: xacro: argument "mass" is used before it is declared; add mass:=3\n'
+    found = expand(path)
+    assert '<mass value="3"/>' in found.text
+    note = 'argument "mass" is used before it is declared; its default is taken'
+    assert [f.message for f in found.findings] == [note]
+    assert mass(path, "mass:=4") == 4.0
+    late = '<xacro:arg name="mass" default="$(arg other)"/>'
+    path = xacro(tmp_path / "s.urdf.xacro", USE, late)
+    fault = r'xacro:2: error: xacro: argument "mass" has no value; add mass:=VALUE, for it is decl'
     with pytest.raises(ExpansionError, match=fault):
-        rpctl.load(path)
-    assert mass(path, "mass:=3") == 3.0
+        expand(path)
 
 
 def test_a_default_that_names_no_file_is_told(tmp_path: Path) -> None:
     write(tmp_path / "ur5.yaml", "m: 4")
+    write(tmp_path / "ur10.yaml", "m: 5")
+    write(tmp_path / "notes.txt", "")
     lines = ('<xacro:arg name="type" default="ur5x"/>', '<xacro:arg name="b" default="1"/>')
     load = "<xacro:property name=\"m\" value=\"${xacro.load_yaml('$(arg type).yaml')['m']}\"/>"
     path = xacro(tmp_path / "r.urdf.xacro", *lines, load, link("base", "${m}"))
@@ -98,7 +106,8 @@ def test_a_default_that_names_no_file_is_told(tmp_path: Path) -> None:
         rpctl.load(path)
     fault, *hints = str(caught.value).splitlines()
     assert "ur5x.yaml: No such file or directory" in fault
-    assert hints == [f'{path}:2: info: declares type, which is "ur5x" by default']
+    declared = f'{path}:2: info: declares type, which is "ur5x" by default'
+    assert hints == [f"{declared}; there are ur10, ur5"]
     assert mass(path, "type:=ur5") == 4.0
 
 

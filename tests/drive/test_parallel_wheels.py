@@ -130,18 +130,18 @@ def test_a_file_that_says_two_things_is_asked_about(files: Files) -> None:
     assert files.load(text, "mecanum").drive.type == "mecanum"
 
 
-def on_swivels(robot: str, driven: bool = True) -> str:
-    """Return four wheels below the axes of four swivels, all with motors, and an arm joint."""
+def on_swivels(robot: str, trail: float = 0.0) -> str:
+    """Return four wheels on four swivels that they trail (m), all with motors, and an arm joint."""
     parts = body(0.35)
     names = []
     for place, (x, y) in {"fl": (1, 1), "fr": (1, -1), "bl": (-1, 1), "br": (-1, -1)}.items():
         name = f"caster_joint_{place}"
         parts.swivel(name, f"{0.228 * x} {0.158 * y} 0.1", "continuous")
-        parts.wheel(f"wheel_joint_{place}", f"{name}_fork", "0 0 0")
+        parts.wheel(f"wheel_joint_{place}", f"{name}_fork", f"{-trail} 0 0")
         names += [name, f"wheel_joint_{place}"]
     parts.link("arm", 1.0)
     parts.joint("arm_joint_1", "revolute", ("base", "arm"), "0.1 0 0.5", "0 0 1")
-    motors = "".join(map(TRANSMISSION.format, names)) * driven
+    motors = "".join(map(TRANSMISSION.format, names))
     return xml(parts).replace("</robot>", motors + "</robot>").replace("wild", robot)
 
 
@@ -158,6 +158,16 @@ def test_swivels_under_mecanum_wheels_lead_to_the_command(files: Files, robot: s
     assert rates == pytest.approx([1.0, 5.0, 5.0, 1.0])  # (vx ∓ vy) / r
     assert rpctl.verify(base, samples=1).passed
     assert files.load(text, "steered").drive.type == "steered"
+
+
+def test_powered_casters_under_mecanum_wheels_lead_to_the_command(files: Files) -> None:
+    text = on_swivels("mecanum_base", trail=0.03)
+    assert (
+        "\n  --lock 'caster_joint_*' --drive mecanum\n  --drive powered-casters"
+        in files.refusal(text)
+    )
+    assert files.load(text, "powered-casters").drive.type == "powered-casters"
+    assert files.load(on_swivels("x", trail=0.03)).drive.type == "powered-casters"
 
 
 def test_a_mecanum_drive_that_still_swivels_is_told_what_to_lock(files: Files) -> None:

@@ -17,6 +17,7 @@ from rpctl.reference.goal_paths import legs_between, seen_from
 from rpctl.reference.limits import Limits, steerable_radius
 from rpctl.reference.load import load_reference
 from rpctl.reference.pose_goal import PoseGoal, goal_of_words, read_goal, to_goal
+from rpctl.simulation.config import LimitOverrides
 
 URDF = Path(__file__).parents[2] / "urdf"
 START = np.array([0.4, -0.7, 2.5])
@@ -77,6 +78,27 @@ def test_a_robot_drives_backwards_only_where_that_spares_a_turn() -> None:
     assert [leg[0] for leg in speeds[3] if leg[0]] == [1.0]
 
 
+def test_wheels_steer_no_faster_than_is_comfortable() -> None:
+    """All four, by differences of the angles along which their pivots move; one is nearly still."""
+    robot = rpctl.load(URDF / "swerve.urdf")
+    reference = to_goal(robot, PoseGoal((0.5, -0.5, 1.0)))
+    times = np.linspace(0.02, 0.98, 400) * reference.duration
+    fastest = []
+    for swivel in robot.drive.swivels:
+        x, y = swivel.pivot
+        twists = np.array([reference(t).twist for t in times]) @ robot.root_velocity.T
+        angles = np.unwrap(
+            np.arctan2(twists[:, 1] + x * twists[:, 2], twists[:, 0] - y * twists[:, 2])
+        )
+        fastest.append(float(np.abs(np.gradient(angles, times)).max()))
+    assert 0.3 < max(fastest) <= 0.5 * 1.02
+    x, y = robot.drive.swivels[0].pivot  # halfway of the next one it stands still
+    way = np.array([math.cos(0.75), math.sin(0.75)]) * 1.5
+    about = [way[0] * y + way[1] * x, way[1] * y - way[0] * x]
+    with pytest.raises(RpctlError, match="steer in no time"):
+        to_goal(robot, PoseGoal((about[0], about[1], 1.5)))
+
+
 def test_arm_goes_straight_to_its_goal_and_arrives_with_the_base(paper: Robot) -> None:
     posture = np.array([0.1, 0.2])
     goal = PoseGoal((2.0, 0.0, 0.0), {"arm_revolute_joint": 0.9})
@@ -97,10 +119,20 @@ def test_arm_goes_straight_to_its_goal_and_arrives_with_the_base(paper: Robot) -
             assert rate == pytest.approx(state.joint_rates, abs=1e-7)
             bend = (after.joint_rates - before.joint_rates) / (2 * step)
             assert bend == pytest.approx(state.joint_accelerations, abs=1e-5)
-    limits = [joint.velocity for joint in paper.joints]
-    rates = [alone(t).joint_rates for t in np.linspace(0.0, alone.duration, 200)]
-    assert (np.abs(rates).max(axis=0) <= np.minimum(0.6, 0.5 * np.array(limits)) * 1.001).all()
-    assert np.abs(rates).max() > 0.2
+
+
+@pytest.mark.parametrize(("limit", "speed"), [(10.0, 0.6), (0.5, 0.25)])
+def test_arm_moves_comfortably_or_as_slowly_as_its_joint(
+    paper: Robot, limit: float, speed: float
+) -> None:
+    """0.6 rad/s or half the joint's limit, reached in half a second or more."""
+    robot = LimitOverrides(velocity={"arm_revolute_joint": limit}).apply(paper)
+    motion = to_goal(robot, PoseGoal(None, {"arm_revolute_joint": 1.5}))
+    states = [motion(t) for t in np.linspace(0.0, motion.duration, 300)]
+    rate = max(abs(state.joint_rates[0]) for state in states)
+    acceleration = max(abs(state.joint_accelerations[0]) for state in states)
+    assert 0.95 * speed < rate <= 1.001 * speed
+    assert 0.7 * speed / 0.5 < acceleration <= 1.001 * speed / 0.5
 
 
 @pytest.mark.parametrize(

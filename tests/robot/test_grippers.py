@@ -143,6 +143,15 @@ def test_arms_are_no_grippers(name: str, tmp_path: Path) -> None:
     assert not told(robot)
 
 
+def test_slides_without_limits_mirror_only_one_another(tmp_path: Path) -> None:
+    endless = limb("l", "palm", "0 1 0", "", xyz=LEFT), limb("r", "palm", "0 -1 0", "", xyz=RIGHT)
+    assert set(load(tmp_path, arm(), *endless).locked) == {"l_joint", "r_joint"}
+    assert load(tmp_path, arm(), endless[0], SLIDES[1]).locked == {}
+    assert load(tmp_path, arm(), SLIDES[0], endless[1]).locked == {}
+    along = limb("r", "palm", "0 1 0", "", xyz=RIGHT)
+    assert load(tmp_path, arm(), endless[0], along).locked == {}
+
+
 def test_the_paper_s_arm_stays(paper: Robot) -> None:
     assert paper.locked == {}
     assert paper.dof == 4

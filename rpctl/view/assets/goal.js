@@ -21,6 +21,7 @@ function makeGoal(data, page, scene, kinematics, live) {
   $("goal-toggle").addEventListener("click", () => turn(!on));
   $("goal-go").addEventListener("click", go);
   $("goal-copy").addEventListener("click", copy);
+  $("goal-law").addEventListener("change", () => show(false));
   ["x", "y", "heading"].forEach((name, i) => $(`goal-${name}`).addEventListener("input", (event) => {
     const value = event.target.valueAsNumber;
     if (!Number.isFinite(value)) return;
@@ -192,6 +193,8 @@ function makeGoal(data, page, scene, kinematics, live) {
     }
     for (const i of arms)
       if (Math.abs(values[i] - page.values[i]) > SAME) option("--arm-goal", i, values);
+    const law = $("goal-law").value;
+    if (live && law !== laws[0]) found.push(`--kinematic ${law}`);
     return found;
   }
 

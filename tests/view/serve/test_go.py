@@ -168,6 +168,10 @@ def test_go_is_watched_in_the_page(browser: Any, paper: Robot, tmp_path: Path) -
     with command("view", "paper", folder=tmp_path) as (_, url), opened(browser, url, url) as page:
         page.get_by_role("button", name="Set a goal").click()
         page.get_by_label("x, m").fill("0.4")
+        page.get_by_label("Kinematic law").select_option("kanayama")
+        assert page.locator("#goal-command").inner_text().endswith("--kinematic kanayama")
+        page.get_by_label("Kinematic law").select_option("unified")
+        assert "--kinematic" not in page.locator("#goal-command").inner_text()
         page.evaluate("rpctl.goal.drag('hand', [1.3, 0.3, 0.7])")
         page.get_by_role("button", name="Go", exact=True).click()
         wait(page, "rpctl.time > 0.5")

@@ -174,6 +174,21 @@ def test_events_come_in_order_to_all_and_again_to_one_who_comes_back() -> None:
             answer.close()
 
 
+def test_events_that_are_forgotten_come_to_nobody_who_is_late() -> None:
+    """Numbers go on, so that one who was there, and comes back, misses and repeats nothing."""
+    stream = Stream()
+    with PageServer(lambda: b"", stream) as server:
+        stream.send("frame", 0)
+        stream.send("frame", 1)
+        early = listen(server.url)
+        assert [event(early)[0], event(early)[0]] == ["id: 0", "id: 1"]
+        stream.forget()
+        stream.send("frame", 2)
+        for answer in (early, listen(server.url), listen(server.url, last="1")):
+            assert event(answer) == ["id: 2", "event: frame", "data: 2"]
+            answer.close()
+
+
 def test_stream_that_is_closed_ends_for_its_readers() -> None:
     stream = Stream()
     with PageServer(lambda: b"", stream) as server:
