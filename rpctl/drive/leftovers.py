@@ -94,7 +94,7 @@ def _leftover(
     if not (like.named or (like.round and near)):
         return None
     if not is_endless(joint):
-        if not like.stands(ground):
+        if not (like.stands(ground) or (like.named and math.isnan(ground))):
             return None
         return Leftover(joint, "has limits", edit=f'make it "continuous" (line {joint.line})')
     below = moved_below(tree, joint.child)

@@ -82,6 +82,20 @@ def test_a_wheel_that_is_left_out_is_an_error(
         assert f"\n  {way}" in refusal
 
 
+def test_a_robot_whose_wheels_are_all_left_out_is_no_arm(files: Files) -> None:
+    """A legged robot on wheels whose file gives them the range 0: names tell, no height does."""
+    parts = body()
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        parts.link(f"{side}_leg", 1.0)
+        parts.joint(f"{side}_hip", "revolute", ("base", f"{side}_leg"), f"0 {y} 0", "0 1 0")
+        parts.link(f"{side}_wheel_link", 1.0)
+        place = (f"{side}_leg", f"{side}_wheel_link")
+        parts.joint(f"{side}_wheel", "revolute", place, "0 0 -0.4", "0 1 0")
+    refusal = files.refusal(parts)
+    assert '"left_wheel" has limits; make it "continuous"' in refusal
+    assert "or say --drive fixed for an arm" in refusal
+
+
 @pytest.mark.parametrize("parts", [two_swivels(), tilted(), limited(), moving(), high()])
 def test_each_way_out_settles_it(files: Files, parts: Parts) -> None:
     """The commands of the message load the robot, and no wheel is an arm's joint unless free."""
