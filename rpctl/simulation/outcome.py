@@ -36,7 +36,8 @@ LATE_S = 0.5  # s: more than the laws' horizons, .4 s, within which a lag is the
 GROWTH_RATIO = 1.5  # of the largest path error of the first half: beyond it the error has grown
 FALL_RATIO = 0.9  # of the mean path error of the second quarter: below it the error falls
 STANDING_RATIO = 0.05  # of the way that there was to go: a point that moves less stands
-EVIDENCE_S = 5.0  # s: references start softly for 3 s, and the error of a start dies in two more
+EVIDENCE_S = 2.0  # s: starting from rest takes about one, so a shorter run shows nothing steady
+DECAY_S = 5.0  # s: references start softly for 3 s, and the error of a start dies in two more
 TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straight lines, to 5 mm
 TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
 HEADING = "heading"  # beside BASE and TIP
@@ -147,16 +148,19 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
                        f"and was {length(start)} at most in the first half")  # fmt: skip
     if error <= ON_PATH_M:
         return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
-    if t[-1] - t[0] < EVIDENCE_S:
-        return Outcome(TRACKED, f"too short a run to tell: {name} is {length(error)} from its "
-                       "reference in the end")  # fmt: skip
+    run = float(t[-1] - t[0])
+    short = Outcome(TRACKED, f"too short a run to tell: {name} is {length(error)} from its "
+                    "reference in the end")  # fmt: skip
+    if run < EVIDENCE_S:
+        return short
     to_go = max(_reach(point.reference[last]), float(ahead[last].max()))
     if _reach(point.actual[last]) <= STANDING_RATIO * to_go:
         return Outcome(STUCK, f"{name} stands {length(error)} from its reference in the end")
     falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
     if beside > ON_PATH_M and not falls:
-        return Outcome(STUCK, f"{name} moves along {length(beside)} off its path in the end, "
-                       "and the error stays")  # fmt: skip
+        return short if run < DECAY_S else Outcome(
+            STUCK, f"{name} moves along {length(beside)} off its path in the end, "
+            "and the error stays")  # fmt: skip
     where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
     when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
     return Outcome(LATE if lag > LATE_S else TRACKED,

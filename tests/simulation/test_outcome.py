@@ -190,7 +190,7 @@ def test_near_the_path_and_behind_is_late(golden: Run) -> None:
     assert found.outcome == "late"
 
 
-@pytest.mark.parametrize(("duration", "name"), [(4.99, "tracked"), (5.01, "stuck")])
+@pytest.mark.parametrize(("duration", "name"), [(1.99, "tracked"), (2.01, "stuck")])
 def test_a_short_run_shows_nothing_steady(golden: Run, duration: float, name: str) -> None:
     t = np.linspace(3.0, 3.0 + duration, COUNT)
     reference = line(SPEED * t)
@@ -198,6 +198,16 @@ def test_a_short_run_shows_nothing_steady(golden: Run, duration: float, name: st
     assert found.outcome == name
     if name == "tracked":
         assert found.outcome_sentence.startswith("too short a run to tell: base is 8")
+
+
+@pytest.mark.parametrize(("duration", "name"), [(4.99, "tracked"), (5.01, "stuck")])
+def test_the_error_of_a_start_has_its_time(golden: Run, duration: float, name: str) -> None:
+    """Moving along 0.3 m beside the path says nothing until the error had time to fall."""
+    t = np.linspace(3.0, 3.0 + duration, COUNT)
+    reference = line(SPEED * t)
+    found = judged(golden, line(SPEED * t, np.full(COUNT, 0.3)), reference, t)
+    assert found.outcome == name
+    assert ("too short a run to tell" in found.outcome_sentence) == (name == "tracked")
 
 
 def test_the_base_may_be_fine_and_the_end_effector_not(golden: Run) -> None:
