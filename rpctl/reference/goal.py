@@ -76,7 +76,7 @@ def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
                 f"rounded over {corner:.3g} m; set them farther apart or lower corner"
             )
     way = np.concatenate([[0.0], np.cumsum(legs)])
-    count = math.ceil(way[-1] / (corner / 3.0))
+    count = math.ceil(round(way[-1] / (corner / 3.0), 6))  # no piece more for a rounding's sake
     step = way[-1] / count
     # Beyond the ends the lines go on, so that the path begins and ends in the points themselves.
     way[0] -= 3.0 * step

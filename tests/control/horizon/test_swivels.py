@@ -19,6 +19,7 @@ from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius
 from rpctl.errors import SingularBasisError
 from rpctl.reference import paths
+from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import RAMP_TIME, reference_by_name
 from rpctl.reference.path_reference import PathReference
@@ -126,7 +127,7 @@ def test_driven_wheels_keep_their_speed(tmp_path: Path) -> None:
         for joint in robot.description.joints
     )
     slow = replace(robot, description=replace(robot.description, joints=joints))
-    run = run_of(slow, "line", 6.0)
+    run = run_of(slow, load_reference(robot, "line"), 6.0)
     assert np.abs(run.log.rates).max() <= 2.0
     assert np.abs(run.nu[-1, 0]) > 0.9 * 2.0 * 0.1  # m/s: radius 0.1 m
     assert np.abs(run.log.base[-1, 1]) < 0.01
