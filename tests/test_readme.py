@@ -23,8 +23,9 @@ WRITTEN = re.compile(r"(?:--out|--save-config|>) (\S+)")
 
 
 def takes_up(line: str, earlier: str) -> bool:
-    """Return whether a command reads what an earlier one writes."""
-    return line != earlier and any(file in line.split() for file in WRITTEN.findall(earlier))
+    """Return whether a command reads what an earlier one writes, and does not write it itself."""
+    written = {*WRITTEN.findall(earlier)} - {*WRITTEN.findall(line)}
+    return any(file in line.split() for file in written)
 
 
 LINES = [line for line in COMMANDS if not line.startswith("view")]

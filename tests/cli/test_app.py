@@ -169,6 +169,7 @@ def test_track_says_where_a_run_ends_that_was_asked_for_longer(tmp_path: Path) -
     assert note in " ".join(run(*words)[1].split())
 
 
+@pytest.mark.slow
 def test_plot_writes_a_figure_beside_the_run(tmp_path: Path) -> None:
     run("track", "paper", "--duration", "0.2", "--samples", "0", "--out", str(tmp_path))
     assert run_json("plot", str(tmp_path)) == {"figure": str(tmp_path / "figure.pdf")}

@@ -276,6 +276,7 @@ def test_the_law_has_a_name() -> None:
     assert kinematic_by_name("end-effector") == EndEffector()
 
 
+@pytest.mark.slow
 def test_over_a_base_that_looks_ahead_both_errors_are_less(paper: Robot) -> None:
     """The default: base and end effector both beat those over the unified law, and the report
     of the base's law is the run's."""

@@ -82,6 +82,7 @@ def test_a_bias_is_removed_even_from_the_limit_on(paper: Robot) -> None:
     assert abs(error[0]) > 5e-3
 
 
+@pytest.mark.slow
 def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
     plant = Plant(tau_bias={"wheel_left_joint": 2.0})
     plain = summarize(track(paper, "eight", 8.0, plant=plant))

@@ -165,6 +165,7 @@ def test_loads_agree_with_a_linear_program(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(found, solved, atol=SOLVED, err_msg=f"{points} {at}")
 
 
+@pytest.mark.slow
 def test_equal_springs_are_one_of_the_splits(rng: np.random.Generator) -> None:
     for points, at in stances(rng, 200):
         stance = make_stance(points)

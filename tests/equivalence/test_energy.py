@@ -74,6 +74,7 @@ def test_truncation_is_extrapolated_away(tmp_path: Path) -> None:
     assert pair.error == gap / size
 
 
+@pytest.mark.slow
 def test_a_motion_too_fast_for_the_step_is_followed_in_shorter_ones(tmp_path: Path) -> None:
     """Unscaled, the chain's first step of 4 ms breaks down; followed, it keeps its energy."""
     robot = NASTY["chain of 100"](tmp_path)

@@ -221,6 +221,7 @@ def track(*words: str) -> str:
     return result.stdout
 
 
+@pytest.mark.slow
 def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
     one, two, saved = tmp_path / "one", tmp_path / "two", tmp_path / "saved.toml"
     mine = write_config(FULL, tmp_path / "mine.toml")

@@ -221,6 +221,7 @@ def test_a_platform_without_an_arm(tmp_path: Path) -> None:
     assert figures.joint_errors == ()
 
 
+@pytest.mark.slow
 def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
     """Without ν̇_d the same loop is far worse: the derivative is not decoration."""
 

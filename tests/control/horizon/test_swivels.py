@@ -70,8 +70,8 @@ GRID = [
     for name in ("line", "reverse", "circle", "eight", "spin")
     if name != "spin" or kind not in AXLES
 ]
-QUICK = {("bicycle", "line")}
 IN_CI = {
+    ("bicycle", "line"),
     ("car-like", "eight"),
     ("parallel", "line"),
     ("tricycle", "circle"),
@@ -83,7 +83,7 @@ IN_CI = {
 }
 
 
-@pytest.mark.parametrize(("kind", "name"), cells(GRID, QUICK, IN_CI))
+@pytest.mark.parametrize(("kind", "name"), cells(GRID, slow=IN_CI))
 def test_it_tracks(tmp_path: Path, kind: str, name: str) -> None:
     figures = summarize(run_of(load(tmp_path, kind), name, 12.0))
     assert figures.final_base_error < (1e-3 if name != "spin" else 5e-3)
