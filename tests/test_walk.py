@@ -119,6 +119,7 @@ def test_plain_track_keeps_every_limit(name: str) -> None:
     assert run.t[-1] == pytest.approx(summary.sizing.duration, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_casters_of_tiago_dual_roll_along() -> None:
     robot = rpctl.load("tiago_dual")
     assert (robot.dof, robot.drive.type) == (19, "differential")

@@ -158,6 +158,7 @@ def stances(rng: np.random.Generator, count: int) -> list[tuple[Array, Array]]:
     return found
 
 
+@pytest.mark.slow
 def test_loads_agree_with_a_linear_program(rng: np.random.Generator) -> None:
     for points, at in stances(rng, 60):
         found, _ = ranges(points, at.tolist())

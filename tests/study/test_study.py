@@ -153,6 +153,7 @@ def test_processes_find_what_one_does(paper: Robot) -> None:
     assert not mp.active_children()
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_told(paper: Robot) -> None:
     def kill(done: int, total: int) -> None:
         for process in mp.active_children():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.plots.figures import tracking_figure
 from rpctl.view.plots.style import joint_names, legend_columns, text_width
 from rpctl.view.serve.live_figures import LiveFigures
+from tests.grids import every
 from tests.runs import vary
 from tests.view.chromium import CLIPPED, opened
 from tests.view.readers import embedded
@@ -137,8 +139,7 @@ def test_page_of_a_robot_says_once_what_its_names_share(tmp_path: Path, long: bo
     assert "<small>wheels: summit_xl_…_joint</small>" in page
 
 
-@pytest.mark.parametrize("column", [False, True])
-@pytest.mark.parametrize("share", [True, False])
+@pytest.mark.parametrize(("column", "share"), every(4, product((False, True), repeat=2)))
 def test_legends_on_paper_are_whole(long_run: Run, column: bool, share: bool) -> None:
     longest = [f"{letter}_name_that_{60 * 'n'}" for letter in "abcde"]
     run = long_run if share else renamed(long_run, longest)
