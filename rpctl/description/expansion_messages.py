@@ -120,6 +120,10 @@ def findings_of(path: Path, answer: Answer) -> tuple[Finding, ...]:
         f'package "{package}" was not found; only texts name it ({_places(places, path)})'
         for package, places in _by_package(texts).items()
     ]
+    notes += [
+        f'"{path}" is not there, before its package is installed; taken from {place}'
+        for path, place in dict.fromkeys(map(tuple, answer["moved"]))
+    ]
     return (*warnings, *(Finding("info", None, text) for text in notes))
 
 

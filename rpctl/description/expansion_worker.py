@@ -111,6 +111,7 @@ def _expand(file: str, packages: Packages, given: dict[str, str], lenient: bool)
     return answer | {
         "wants": hooks.wants,
         "left_out": hooks.left_out,
+        "moved": hooks.moved,
         "undeclared": hooks.undeclared,
         "arguments": [(n, d, f, line) for f, s in said.items() for n, d, line in s.arguments],
         "old": [(f, *scan.old_element) for f, scan in said.items() if scan.old_element],

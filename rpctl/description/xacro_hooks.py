@@ -66,6 +66,8 @@ class Hooks:
         left_out: File, line and name of each macro call that was left out, for the macro may be
             defined in an include that was.
         undeclared: Files that use the prefix without declaring it.
+        moved: Path and place of each include that lies elsewhere in its package's source than an
+            installation would have it.
     """
 
     def __init__(self, xacro: Any, find: Callable[[str], tuple[str, ...]]) -> None:
@@ -76,6 +78,7 @@ class Hooks:
         self.wants: list[tuple[str, str, int | None, str]] = []
         self.left_out: list[tuple[str, int | None, str]] = []
         self.undeclared: list[str] = []
+        self.moved: list[tuple[str, str]] = []
         self._original = {
             name: getattr(xacro, name)
             for name in ("parse", "process_include", "handle_macro_call", "abs_filename_spec")
@@ -155,7 +158,11 @@ class Hooks:
         """
         spec = element.getAttribute("filename")
         try:
-            self.xacro.abs_filename_spec(str(self.xacro.eval_text(spec, symbols)))
+            path = self.xacro.abs_filename_spec(str(self.xacro.eval_text(spec, symbols)))
+            place = self._place_in_source(path)
+            if place is not None:
+                self.moved.append((path, place))
+                element.setAttribute("filename", place)
         except NotFoundError as error:
             if element.getAttribute("optional").lower() not in ("true", "1"):
                 self._want(str(error), self.lines(re.escape(spec))[0], "include")
@@ -165,6 +172,22 @@ class Hooks:
         except Exception:  # xacro says it better
             pass
         self._original["process_include"](element, macros, symbols, func)
+
+    def _place_in_source(self, path: str) -> str | None:
+        """Return where a file of a package lies in its source; None: as the path says, or nowhere.
+
+        Packages install their folders elsewhere than they keep them: ``description/urdf`` becomes
+        ``urdf``. Such a path has but one place in the source that ends like it.
+        """
+        if Path(path).is_file():
+            return None
+        for folder in self.found.values():
+            if path.startswith(f"{folder}/"):
+                rest = path.removeprefix(folder)
+                places = [str(p) for p in Path(folder).rglob(Path(rest).name)]
+                places = [place for place in places if place.endswith(rest)]
+                return places[0] if len(places) == 1 else None
+        return None
 
     def handle_macro_call(self, node: Any, macros: Any, symbols: Any) -> bool:
         """Expand a call, or leave it out where its macro may be in an include that was.

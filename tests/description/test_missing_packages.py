@@ -188,3 +188,32 @@ def test_the_environment_may_be_asked(tmp_path: Path, monkeypatch: pytest.Monkey
     assert '<mass value="3"/>' in expand(path).text
     monkeypatch.setenv("BOT_MASS", "5")
     assert '<mass value="5"/>' in expand(path).text
+
+
+def test_an_include_is_found_where_the_source_keeps_it(tmp_path: Path) -> None:
+    """An installation drops the folder "description"; the path in the file is the installed one."""
+    bot = package(tmp_path / "src" / "bot")
+    path = xacro(
+        bot / "description" / "urdf" / "bot.xacro", include("$(find bot)/parts/wheel.xacro")
+    )
+    wheel = xacro(bot / "description" / "parts" / "wheel.xacro", link("wheel"))
+    expansion = expand(path)
+    assert 'name="wheel"' in expansion.text
+    told = [finding.message for finding in expansion.findings]
+    assert told == [
+        f'"{bot}/parts/wheel.xacro" is not there, before its package is installed; '
+        f"taken from {wheel}"
+    ]
+
+
+@pytest.mark.parametrize("second", ["other/parts/wheel.xacro", "description/parts/axle.xacro"])
+def test_two_places_or_none_are_no_place(tmp_path: Path, second: str) -> None:
+    bot = package(tmp_path / "src" / "bot")
+    path = xacro(
+        bot / "description" / "urdf" / "bot.xacro", include("$(find bot)/parts/wheel.xacro")
+    )
+    if "other" in second:
+        xacro(bot / "description" / "parts" / "wheel.xacro", link("wheel"))
+    xacro(bot / second, link("wheel"))
+    with pytest.raises(ExpansionError, match=r"parts/wheel\.xacro: No such file"):
+        expand(path)
