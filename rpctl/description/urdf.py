@@ -97,7 +97,8 @@ def _document(data: bytes, findings: Findings) -> Any:
         if root.find("group") is not None or root.find("disable_collisions") is not None:
             fix = "give the URDF beside it"
             raise Refusal(f"this is SRDF, what MoveIt adds to a URDF; {fix}", root.sourceline)
-        raise Refusal("the robot has no <link>; a URDF has at least one", root.sourceline)
+        text = "the robot has no <link>; a URDF has at least one"
+        raise Refusal(f"{text}, and xacro's macros alone are no robot", root.sourceline)
     require_few_links(count, root.sourceline)
     return root
 
