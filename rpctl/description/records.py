@@ -93,6 +93,17 @@ class Joint:
         """Whether the joint has a degree of freedom."""
         return self.kind in MOVING_KINDS
 
+    @property
+    def endless(self) -> bool:
+        """Whether it turns without limits."""
+        unlimited = self.kind == "revolute" and math.isinf(self.upper - self.lower)
+        return self.kind == "continuous" or unlimited
+
+    @property
+    def nearest_to_zero(self) -> float:
+        """The position nearest to 0 within its limits, rad or m."""
+        return min(max(0.0, self.lower), self.upper) + 0.0
+
     def span(self, reach: float) -> tuple[float, float]:
         """Return the limits (rad or m), those that are infinite ``reach`` beyond 0 or the other."""
         low, high = self.lower, self.upper

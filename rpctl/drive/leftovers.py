@@ -11,7 +11,6 @@ from itertools import takewhile
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Joint
 from rpctl.drive.grounded import GroundedWheels
-from rpctl.drive.roller_joints import is_endless
 from rpctl.drive.swivels import CASTER_WORDS
 from rpctl.drive.wheel_like import WheelLike, moved_below, wheel_like
 
@@ -63,7 +62,7 @@ def find_leftovers(
         if each is not None
         and each.joint.name not in taken
         and each.joint.name not in free
-        and not any(above.name in taken and is_endless(above) and not tree.is_upright(above)
+        and not any(above.name in taken and above.endless and not tree.is_upright(above)
                     for above in tree.free_joints(each.joint.parent))
     ]  # fmt: skip
     ground = min((wheel.bottom for wheel in grounded.wheels), default=math.nan)
@@ -93,7 +92,7 @@ def _leftover(
         near = like.is_near(tree.floor)
     if not (like.named or (like.round and near)):
         return None
-    if not is_endless(joint):
+    if not joint.endless:
         if not (like.stands(ground) or (like.named and math.isnan(ground))):
             return None
         return Leftover(joint, "has limits", edit=f'make it "continuous" (line {joint.line})')
@@ -129,7 +128,7 @@ def _idle_casters(
         Leftover(joint, "is called a caster, and its wheel does not turn")
         for joint in tree.description.joints
         if tree.is_free(joint)
-        and is_endless(joint)
+        and joint.endless
         and tree.is_upright(joint)
         and joint.name not in taken
         and joint.name not in free

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Joint
 
 MIN_ROLLERS = 3  # endless joints on one wheel that are its rollers
-
-
-def is_endless(joint: Joint) -> bool:
-    """Return whether a joint turns without limits."""
-    endless = joint.kind == "revolute" and math.isinf(joint.upper - joint.lower)
-    return joint.kind == "continuous" or endless
 
 
 def rollers_of(tree: FrozenTree, wheel: Joint) -> tuple[Joint, ...]:
@@ -26,7 +18,7 @@ def rollers_of(tree: FrozenTree, wheel: Joint) -> tuple[Joint, ...]:
     found, stack = [], [*tree.description.child_joints[wheel.child]]
     while stack:
         joint = stack.pop()
-        if is_endless(joint):
+        if joint.endless:
             found.append(joint)
         elif not tree.is_free(joint):
             stack += tree.description.child_joints[joint.child]

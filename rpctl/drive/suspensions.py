@@ -94,7 +94,7 @@ def find_held(
             if name not in free
         ),
         *(
-            HeldJoint(joint, _nearest_to_zero(joint), what="steering wheel")
+            HeldJoint(joint, joint.nearest_to_zero, what="steering wheel")
             for joint in _steering_wheels(tree, wheels, ground)
             if joint.name not in free
         ),
@@ -210,12 +210,8 @@ def _at_rest(
 ) -> HeldJoint:
     """Return a suspension at rest; one that mimics another held one stands where that has it."""
     joint = tree.description.joint[name]
-    position = _nearest_to_zero(joint)
+    position = joint.nearest_to_zero
     if joint.mimic is not None and joint.mimic.joint in held:
         leader = tree.description.joint[joint.mimic.joint]
-        position = joint.mimic.multiplier * _nearest_to_zero(leader) + joint.mimic.offset
+        position = joint.mimic.multiplier * leader.nearest_to_zero + joint.mimic.offset
     return HeldJoint(joint, position, tuple(wheel.joint.name for wheel in wheels))
-
-
-def _nearest_to_zero(joint: Joint) -> float:
-    return min(max(0.0, joint.lower), joint.upper) + 0.0

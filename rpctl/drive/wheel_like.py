@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint
 from rpctl.drive.grounded import ground_tolerance
-from rpctl.drive.roller_joints import is_endless
 from rpctl.drive.wheel_size import round_parts, wheel_size
 
 WHEEL_WORDS = ("wheel", "tyre", "tire")
@@ -58,7 +57,7 @@ def wheel_like(tree: FrozenTree, joint: Joint) -> WheelLike | None:
         joint: One of its joints.
     """
     named = is_named_wheel(joint)
-    if not tree.is_free(joint) or joint.kind == "prismatic" or not (named or is_endless(joint)):
+    if not tree.is_free(joint) or joint.kind == "prismatic" or not (named or joint.endless):
         return None
     if abs(float(tree.axis(joint)[2])) > (MAX_CAMBER_SINE if named else MAX_TILT_SINE):
         return None

@@ -10,7 +10,6 @@ from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint
 from rpctl.drive.drive_file import WheelSpec
-from rpctl.drive.roller_joints import is_endless
 from rpctl.drive.wheel_size import round_parts, wheel_size
 
 MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles of a pair may be
@@ -97,7 +96,7 @@ def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidat
 
 def turns_like_wheel(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a joint is free, turns without limits, and follows no other joint."""
-    return tree.is_free(joint) and is_endless(joint) and joint.mimic is None
+    return tree.is_free(joint) and joint.endless and joint.mimic is None
 
 
 def _is_held(tree: FrozenTree, joint: Joint) -> bool:
@@ -114,7 +113,7 @@ def _carries_arm(tree: FrozenTree, joint: Joint) -> bool:
         below, depth = stack.pop()
         if tree.is_free(below):
             depth += 1
-            if depth > 1 or not is_endless(below):
+            if depth > 1 or not below.endless:
                 return True
         stack.extend((further, depth) for further in child_joints[below.child])
     return False

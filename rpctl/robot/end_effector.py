@@ -8,7 +8,7 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.errors import Finding
-from rpctl.robot.grippers import Gripper, is_endless, name_words
+from rpctl.robot.grippers import Gripper, name_words
 
 WHEEL_WORDS = {"wheel", "caster", "castor", "tire", "tyre", "steer", "steering"}
 WHEEL_HEIGHT = 1.5  # of the drive's largest radius: an axle above it is no wheel's
@@ -55,7 +55,7 @@ def _looks_like_a_wheel(tree: FrozenTree, drive: Drive, joint: Joint) -> bool:
         return True
     radius = max((wheel.radius for wheel in drive.wheels), default=0.0)
     height = float(tree.frame(joint)[2, 3]) - drive.ground
-    return is_endless(joint) and tree.is_level(joint) and height < WHEEL_HEIGHT * radius
+    return joint.endless and tree.is_level(joint) and height < WHEEL_HEIGHT * radius
 
 
 def _last_link(description: Description, last: Joint, palms: set[str]) -> str:

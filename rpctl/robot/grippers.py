@@ -140,15 +140,9 @@ def _is_short(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a branch can be a finger: short, light, and nothing in it turns for ever."""
     description = tree.description
     below = list(_below(description, joint))
-    if any(is_endless(each) for each in below):
+    if any(each.endless and each.mimic is None for each in below):
         return False
     return _is_small(tree, joint)
-
-
-def is_endless(joint: Joint) -> bool:
-    """Return whether a joint of its own turns without limits, as wheels do."""
-    unlimited = math.isinf(joint.lower) or math.isinf(joint.upper)
-    return joint.mimic is None and joint.kind != "prismatic" and unlimited
 
 
 def _is_small(tree: FrozenTree, joint: Joint) -> bool:
@@ -284,9 +278,9 @@ def _released(
 def _frozen_position(joint: Joint, locked: Mapping[str, float], description: Description) -> float:
     """Return where a joint is frozen (rad or m): 0 or nearest to it, or where it follows."""
     if joint.mimic is None:
-        return float(np.clip(0.0, joint.lower, joint.upper))
+        return joint.nearest_to_zero
     leader = description.joint[joint.mimic.joint]
-    position = locked.get(leader.name, float(np.clip(0.0, leader.lower, leader.upper)))
+    position = locked.get(leader.name, leader.nearest_to_zero)
     return joint.mimic.multiplier * position + joint.mimic.offset
 
 

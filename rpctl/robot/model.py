@@ -334,6 +334,6 @@ class Robot:
 
 def _home(joint: Joint) -> float:
     if math.isinf(joint.lower) or math.isinf(joint.upper):
-        return float(np.clip(0.0, joint.lower, joint.upper))
+        return joint.nearest_to_zero
     margin = HOME_MARGIN * (joint.upper - joint.lower)
     return float(np.clip(0.0, joint.lower + margin, joint.upper - margin))
