@@ -12,11 +12,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.error import tracking_error
-from rpctl.control.law import (
-    Rest,
-    as_controller,
-    as_law,
-)
+from rpctl.control.law import Rest, as_controller, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
@@ -25,11 +21,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.log import Recorder
 from rpctl.simulation.plant import advance
-from rpctl.simulation.returned import (
-    require_command,
-    require_efforts,
-    require_state,
-)
+from rpctl.simulation.returned import require_command, require_efforts, require_state
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 

@@ -7,12 +7,7 @@ from typing import cast
 
 from rpctl.arrays import Array
 from rpctl.control.dynamic import PaperDynamic
-from rpctl.control.law import (
-    DynamicFunction,
-    DynamicLaw,
-    KinematicFunction,
-    KinematicLaw,
-)
+from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -26,16 +21,10 @@ from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.facts import ground_facts, robot_facts
 from rpctl.simulation.log import Log, Recorder
-from rpctl.simulation.periods import (
-    delay_note,
-    duration_note,
-    whole_periods,
-)
+from rpctl.simulation.periods import delay_note, duration_note, whole_periods
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
-from rpctl.simulation.returned import (
-    require_callable,
-)
+from rpctl.simulation.returned import require_callable
 from rpctl.simulation.run import Run
 
 SETTLING_S = 1.0  # s, after the end of one that has it

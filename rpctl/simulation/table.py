@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -66,13 +68,8 @@ def csv_text(table: Mapping[str, Array]) -> str:
     Args:
         table: Columns (K,) by name.
     """
-    rows = np.column_stack(list(table.values())).tolist()
-    lines = (",".join(map(repr, row)) for row in rows)
-    return "\n".join((",".join(map(_quoted, table)), *lines, ""))
-
-
-def _quoted(name: str) -> str:
-    """Return a column's name as CSV has it."""
-    if any(character in name for character in ',"\n\r'):
-        return '"' + name.replace('"', '""') + '"'
-    return name
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(np.column_stack(list(table.values())).tolist())
+    return buffer.getvalue()
