@@ -242,21 +242,7 @@ function makeCharts(data, host, seek) {
       } };
     }
 
-    function limits(self) {
-      const { ctx, bbox } = self;
-      ctx.save();
-      ctx.strokeStyle = colours.ink || "#000";
-      ctx.lineWidth = devicePixelRatio;
-      ctx.setLineDash([6, 4].map((n) => n * devicePixelRatio));
-      for (const limit of variant.limits) {
-        const y = Math.round(self.valToPos(limit, "y", true));
-        ctx.beginPath();
-        ctx.moveTo(bbox.left, y);
-        ctx.lineTo(bbox.left + bbox.width, y);
-        ctx.stroke();
-      }
-      ctx.restore();
-    }
+    function limits(self) { drawLimits(self, variant.limits, colours.ink || "#000"); }
 
     /* The lines' names: each shows or hides its line, and tells its value. */
     function legend() {

@@ -107,20 +107,6 @@ function makeLiveCharts(charts, host) {
       return [low < 0 ? low - room : 0, high + room];
     }
 
-    function dashes(self) {
-      const { ctx, bbox } = self;
-      ctx.save();
-      ctx.strokeStyle = css("--ink");
-      ctx.lineWidth = devicePixelRatio;
-      ctx.setLineDash([6, 4].map((n) => n * devicePixelRatio));
-      for (const limit of limits) {
-        const y = Math.round(self.valToPos(limit, "y", true));
-        ctx.beginPath();
-        ctx.moveTo(bbox.left, y);
-        ctx.lineTo(bbox.left + bbox.width, y);
-        ctx.stroke();
-      }
-      ctx.restore();
-    }
+    function dashes(self) { drawLimits(self, limits, css("--ink")); }
   }
 }

@@ -26,7 +26,7 @@ from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text
 from rpctl.view.scene.scene import Scene, build_scene
 
 STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
-SCRIPTS = ("charts.js", "forces.js", "scene.js", "page.js")
+SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "scene.js", "page.js")
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ SCRIPTS = (
     "kinematics.js",
     "handles.js",
     "goal.js",
+    "limit_lines.js",
     "live_charts.js",
     "live.js",
     "robot_page.js",
