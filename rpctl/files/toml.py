@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.caps import cap, how_to_raise
+from rpctl.files.opening import read_input
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -35,24 +35,12 @@ def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
     Raises:
         DescriptionError: The file is missing, too long, no TOML, or has faults; all are named.
     """
-    data = _parse(path, _read_bytes(path, kind), kind)
+    data = _parse(path, read_input(path, "MAX_BYTES", kind), kind)
     faults: list[str] = []
     content = schema(data, faults)
     if faults:
         raise DescriptionError(path, [Finding("error", None, fault) for fault in faults])
     return content
-
-
-def _read_bytes(path: str | Path, kind: str) -> bytes:
-    try:
-        with Path(path).open("rb") as file:
-            data = file.read(cap("MAX_BYTES") + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise _refused(path, None, f"{reason}; give {kind}") from None
-    if len(data) > cap("MAX_BYTES"):
-        raise _refused(path, None, f"over {cap('MAX_BYTES')} bytes; {how_to_raise('MAX_BYTES')}")
-    return data
 
 
 def _parse(path: str | Path, data: bytes, kind: str) -> Table:

@@ -16,6 +16,7 @@ from rpctl.arrays import Array
 from rpctl.description.findings import Fault, excerpt, parse_numbers
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
+from rpctl.files.opening import read_input
 
 BASE_COLUMNS, HEADING = ("x", "y"), "theta"
 EE_COLUMNS, QUATERNION = ("ee_x", "ee_y", "ee_z"), ("ee_qx", "ee_qy", "ee_qz", "ee_qw")
@@ -63,17 +64,9 @@ def read_text(path: str | Path) -> str:
     Raises:
         DescriptionError: It is missing, too long or no UTF-8.
     """
+    data = read_input(path, "MAX_BYTES", "a reference file")
     try:
-        with Path(path).open("rb") as file:
-            data = file.read(cap("MAX_BYTES") + 1)
-        if len(data) > cap("MAX_BYTES"):
-            raise refusal(
-                path, [(None, f"over {cap('MAX_BYTES')} bytes; {how_to_raise('MAX_BYTES')}")]
-            )
         return data.decode("utf-8-sig")
-    except OSError as error:
-        fault = f"{error.strerror or error}; give a reference file"
-        raise refusal(path, [(None, fault)]) from None
     except UnicodeDecodeError as error:
         raise refusal(path, [(None, f"not UTF-8 ({error.reason}); save it as UTF-8")]) from None
 

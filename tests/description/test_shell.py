@@ -82,7 +82,8 @@ def test_it_is_told_without_a_traceback(tmp_path: Path) -> None:
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.splitlines() == [
-        f"{path}: error: not a regular file; give a URDF file or a name listed by `rpctl robots`"
+        f"{path}: error: a pipe, not a regular file; save what it brings to a file, and give a "
+        "URDF file or a name listed by `rpctl robots`"
     ]
 
 

@@ -17,7 +17,7 @@ from rpctl.simulation import log
 from rpctl.simulation.closed_loop import WatchedSample, Watcher
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
-from rpctl.simulation.run import ARRAY_ENTRIES
+from rpctl.simulation.run_file import ARRAY_ENTRIES
 
 SETTINGS = Config(run=RunSettings("eight", 0.03, (0.1, -0.2, 0.3)))
 

@@ -35,7 +35,8 @@ from rpctl.errors import RunFileError
 from rpctl.reference.motion import Reference
 from rpctl.simulation.config import Config, RunSettings, config_tables, write_config
 from rpctl.simulation.recorded import config_of, recorded, tables_of_settings
-from rpctl.simulation.run import ENTRIES, META_ENTRY
+from rpctl.simulation.run import ENTRIES
+from rpctl.simulation.run_file import META_ENTRY
 from tests.robot import arms
 from tests.robot.test_grippers import SLIDES
 from tests.robots import SET_A, platform, write
