@@ -10,6 +10,8 @@ from typing import TypeGuard
 
 MAX_SHOWN = 50  # findings that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
+# Of a setting in SI units: beyond, squares and quotients of settings leave the numbers.
+SMALLEST, LARGEST = 1e-12, 1e12
 
 
 SEVERITIES = ("error", "warning", "info")  # of findings, the gravest first
@@ -131,10 +133,23 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def require_positive(name: str, value: float) -> None:
-    """Refuse a setting that is not a positive, finite number.
+    """Refuse a setting that is not a positive number in ``SMALLEST`` to ``LARGEST``.
 
     Raises:
         RpctlError: Naming the setting.
     """
-    if not (math.isfinite(value) and value > 0.0):
+    if not value > 0.0 or not math.isfinite(value):
         raise RpctlError(f"{name} is {value:g}; give a positive number")
+    if not SMALLEST <= value <= LARGEST:
+        raise RpctlError(f"{name} is {value:g}; give a number from {SMALLEST:g} to {LARGEST:g}")
+
+
+def require_within(name: str, values: Iterable[float], largest: float = LARGEST) -> None:
+    """Refuse numbers that are not finite or of a larger magnitude.
+
+    Raises:
+        RpctlError: Naming them.
+    """
+    for value in values:
+        if not abs(value) <= largest:
+            raise RpctlError(f"{name} is {value:g}; give numbers from {-largest:g} to {largest:g}")
