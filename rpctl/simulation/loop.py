@@ -164,6 +164,7 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            simulated=robot,
         )
 
     try:
