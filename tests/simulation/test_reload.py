@@ -12,6 +12,7 @@ import rpctl
 from rpctl import Robot, RpctlError, Run
 from rpctl.description import expansion
 from rpctl.errors import RunFileError
+from rpctl.files.opening import read_source
 from rpctl.robot.model import BASE_NV
 from rpctl.simulation import reload
 from rpctl.simulation.reload import NOWHERE, has_surroundings, load_robot
@@ -31,7 +32,7 @@ def stl(path: Path) -> None:
 
     triangle = trimesh.Trimesh(np.eye(3), [[0, 1, 2]], process=False)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(triangle.export(file_type="stl"))
+    triangle.export(path)
 
 
 def saved(robot: Robot, folder: Path) -> Run:
@@ -220,10 +221,9 @@ def test_the_file_is_read_once(cart_with_mesh: Run, monkeypatch: pytest.MonkeyPa
     """What is compared is what is parsed, though the file be exchanged in between."""
     older, file = vary(cart_with_mesh, **OLD), Path(cart_with_mesh.robot.source)
     honest = file.read_bytes()
-    read = reload.read_source
 
     def exchange(path: Path) -> bytes:
-        data = read(path)
+        data = read_source(path)
         path.write_text(XACRO)
         return data
 
