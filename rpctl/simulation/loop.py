@@ -169,6 +169,7 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            simulated=robot,
         )
 
     try:
