@@ -7,7 +7,7 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -94,21 +94,23 @@ class Npz:
             raise NpzError(f'entry "{name}": its size is not that of its shape {entry.shape}')
         return entry
 
-    def pieces(self, entry: NpzEntry, size: int) -> Iterator[bytes]:
-        """Yield an entry's bytes in pieces of one size; at the end its checksum is compared.
+    def pieces(self, entry: NpzEntry, sizes: Iterable[int] | None = None) -> Iterator[bytes]:
+        """Yield an entry's bytes in pieces; at the end its checksum is compared.
 
         Args:
             entry: From :meth:`entry`.
-            size: Bytes of a piece; the last may have less.
+            sizes: Bytes of each piece, together the entry's; None: pieces of one bounded size.
 
         Raises:
             NpzError: It is damaged.
         """
+        if sizes is None:
+            sizes = (min(PIECE, entry.nbytes - at) for at in range(0, entry.nbytes, PIECE))
         with self._open(entry.name) as file:
             _exactly(file, entry.offset, entry.name)
-            for first in range(0, entry.nbytes, max(size, 1)):
-                yield _exactly(file, min(size, entry.nbytes - first), entry.name)
-            if file.read(1):  # at the end the checksum is compared
+            for size in sizes:
+                yield _exactly(file, size, entry.name)
+            if file.read(1):
                 raise NpzError(f'entry "{entry.name}": longer than it says')
 
     def text(self, name: str, max_characters: int) -> str:
@@ -126,7 +128,7 @@ class Npz:
             raise NpzError(f'entry "{name}": no text')
         if entry.characters > max_characters:
             raise NpzError(f'entry "{name}": over {max_characters} characters')
-        data = b"".join(self.pieces(entry, entry.nbytes))
+        data = b"".join(self.pieces(entry))
         try:
             return data.decode("utf-32-le", "surrogatepass").rstrip("\0")
         except UnicodeDecodeError:
@@ -143,11 +145,11 @@ class Npz:
             NpzError: It is damaged.
         """
         if entry.fortran:
-            data = b"".join(self.pieces(entry, PIECE))
+            data = b"".join(self.pieces(entry))
             out[...] = np.frombuffer(data, "<f8").reshape(entry.shape, order="F")
             return
         flat, first = out.reshape(-1), 0
-        for piece in self.pieces(entry, PIECE):
+        for piece in self.pieces(entry):
             numbers = np.frombuffer(piece, "<f8")
             flat[first : first + len(numbers)] = numbers
             first += len(numbers)

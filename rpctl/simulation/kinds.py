@@ -179,9 +179,7 @@ def table(needed: Mapping[str, Kind], known: Mapping[str, Kind], rest: Kind | No
     return accept
 
 
-def record(
-    made: Callable[..., Any], needed: Mapping[str, Kind], known: Mapping[str, Kind]
-) -> Kind:
+def record(made: Callable[..., Any], needed: Mapping[str, Kind], known: Mapping[str, Kind]) -> Kind:
     """Return the kind of a mapping that becomes a record.
 
     Args:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Drive
 from rpctl.errors import RpctlError, RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.libraries import library
@@ -19,8 +18,7 @@ from rpctl.robot.payload import with_payload
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
-from rpctl.simulation.recorded import config_of
-from rpctl.simulation.run_file import ARRAY_ENTRIES, check_arrays, read_run_file, write_run_file
+from rpctl.simulation.run_file import ARRAY_ENTRIES, read_run_file, write_run_file
 from rpctl.simulation.table import columns, csv_text
 
 
@@ -149,7 +147,7 @@ class Run:
         Raises:
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
-        return _from_entries(path, read_run_file(path))
+        return from_entries(read_run_file(path))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Load the robot of this run again.
@@ -208,25 +206,10 @@ def _entry_places() -> dict[str, tuple[str | None, str]]:
 ENTRIES = _entry_places()  # the file is flat
 
 
-def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
-    """Return a run from what a file holds, shapes and names checked."""
-    missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
-    if missing or extra:
-        listed = ", ".join(sorted(missing | extra))
-        raise RunFileError(f"{path}: entries missing or not known: {listed}")
-    check_arrays(path, entries)
+def from_entries(entries: Mapping[str, Any]) -> Run:
+    """Return a run from the entries of its file, as records hold them."""
     values: dict[str | None, dict[str, Any]] = {record: {} for record in (None, *RECORDS)}
     for entry, (record, name) in ENTRIES.items():
-        value = entries[entry]
-        if isinstance(value, list):
-            value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
-        values[record][name] = value
-    try:
-        values["robot"]["drive"] = Drive.from_dict(entries["drive"])
-        values[None]["config"] = config_of(entries["config"])
-        if entries["sizing"] is not None:
-            values[None]["sizing"] = Sizing.from_dict(entries["sizing"])
-    except (TypeError, KeyError, AttributeError, RpctlError) as error:
-        raise RunFileError(f"{path}: drive, configuration or sizing not known: {error}") from None
+        values[record][name] = entries[entry]
     records: dict[str, Any] = {name: kind(**values[name]) for name, kind in RECORDS.items()}
     return Run(**records, **values[None])
