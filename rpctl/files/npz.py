@@ -86,7 +86,7 @@ class Npz:
         """Return what an entry's header says, if that is what its declared size says.
 
         Raises:
-            NpzError: It is damaged, or an array of other things than numbers, bytes or text.
+            NpzError: It is damaged, or an array of other things than doubles, bytes or text.
         """
         with self._open(name) as file:
             entry = _read_header(name, file)
@@ -174,7 +174,7 @@ def open_npz(file: BinaryIO, max_bytes: int) -> Iterator[Npz]:
         NpzError: It is no ``.npz`` file, is damaged, too large, or holds what is no array.
     """
     with _faults(""):
-        archive = zipfile.ZipFile(_Bounded(file))  # type: ignore[arg-type]
+        archive = zipfile.ZipFile(_Bounded(file))
     with archive:
         yield Npz(archive, max_bytes)
 
@@ -239,7 +239,7 @@ def _read_header(name: str, file: zipfile.ZipExtFile) -> NpzEntry:
     found = HEADER.fullmatch(text)
     item = found and ITEM.fullmatch(found[1])
     if not found or not item or (item[2] != "" and item[1] != "<U"):
-        raise NpzError(f'entry "{name}": no array of numbers, bytes or text')
+        raise NpzError(f'entry "{name}": no array of doubles, bytes or text')
     shape = tuple(int(size) for size in found[3].replace(" ", "").split(",") if size)
     characters = int(item[2] or 0) if item[1] == "<U" else 1
     offset = 8 + len(size) + length

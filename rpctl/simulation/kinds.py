@@ -11,6 +11,7 @@ from rpctl.errors import RpctlError, is_number
 
 MAX_CHARACTERS = 100_000  # of one text
 MAX_ITEMS = 100_000  # of one list or mapping
+MAX_FILE_CHARACTERS = 4 * 2**20  # of a file that a run holds
 SHOWN_CHARACTERS = 60  # of a value in a message
 SURROGATES = re.compile("[\ud800-\udfff]")  # halves of characters: no text; a path may hold them
 
@@ -37,8 +38,22 @@ def fault(where: str, value: object, wanted: str) -> EntryError:
 
 def path(value: Any, where: str) -> str:
     """Accept a text of bounded length; bytes that are no text may stand in it as surrogates."""
-    if not isinstance(value, str) or len(value) > MAX_CHARACTERS or "\0" in value:
-        raise fault(where, value, f"a text of at most {MAX_CHARACTERS} characters")
+    return _bytes_as_text(value, where, MAX_CHARACTERS)
+
+
+def file(value: Any, where: str) -> str:
+    """Accept the text of a whole file, as :func:`path` is one."""
+    return _bytes_as_text(value, where, MAX_FILE_CHARACTERS)
+
+
+def _bytes_as_text(value: Any, where: str, most: int) -> str:
+    if not isinstance(value, str) or len(value) > most or "\0" in value:
+        raise fault(where, value, f"a text of at most {most} characters")
+    if SURROGATES.search(value):
+        try:
+            value.encode("utf-8", "surrogateescape")
+        except UnicodeEncodeError:
+            raise fault(where, value, "a text") from None
     return value
 
 
@@ -189,6 +204,16 @@ def record(made: Callable[..., Any], needed: Mapping[str, Kind], known: Mapping[
     """
     accept = table(needed, known)
     return lambda value, where: made(**accept(value, where))
+
+
+def plain(kind: Kind) -> Kind:
+    """Return the kind of what is checked, and kept as JSON says it."""
+
+    def accept(value: Any, where: str) -> Any:
+        kind(value, where)
+        return value
+
+    return accept
 
 
 def free(value: Any, where: str) -> Any:

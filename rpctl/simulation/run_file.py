@@ -44,7 +44,7 @@ from numpy.lib import format as npy
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import InputError, RunFileError, one_line
+from rpctl.errors import InputError, RunFileError, UnknownNameError, one_line
 from rpctl.files.caps import cap
 from rpctl.files.npz import SUFFIX, Npz, NpzError, open_npz
 from rpctl.files.opening import open_input
@@ -68,7 +68,7 @@ SCHEMA = 5
 OLDER_SCHEMAS = (2, 3, 4)  # see _completed
 META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 PRECISIONS = ("double", "single")
-MAX_META = 2**23  # characters; a run of TIAGo has 12 000
+MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
 FIX = "it is damaged or was made up; track the robot again"
 LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand for there
     "xacro_args": {},
@@ -78,7 +78,10 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "payloads": [],
     "sizing": None,
     "perturbed": None,
+    "urdf": None,
+    "file_sha256": None,
 }
+ARRAY_ENTRIES = frozenset(ARRAYS)
 LATER_ARRAYS = ("load_range", "slip_range")  # likewise
 
 
@@ -102,11 +105,13 @@ def write_run_file(
     Raises:
         RpctlError: The file cannot be written, or a number does not fit single precision.
     """
+    if precision not in PRECISIONS:
+        raise UnknownNameError("precision", precision, PRECISIONS)
     single = precision == "single"
     arrays = {EXACT: arrays[EXACT], **arrays}  # the first
     kept, layout = planned(arrays, single)
     head = {"schema": SCHEMA, "precision": precision, **meta, COLUMNS_ENTRY: layout}
-    text = np.array(json.dumps(head, default=lambda number: number.tolist()))
+    text = np.array(json.dumps(head, ensure_ascii=False, default=lambda number: number.tolist()))
     with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         entry = io.BytesIO()
         npy.write_array(entry, text, allow_pickle=False)

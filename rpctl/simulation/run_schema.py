@@ -19,6 +19,7 @@ from rpctl.simulation.kinds import (
     digest,
     fault,
     figure,
+    file,
     flag,
     free,
     limit,
@@ -28,6 +29,7 @@ from rpctl.simulation.kinds import (
     number,
     optional,
     path,
+    plain,
     positive,
     record,
     row,
@@ -116,8 +118,15 @@ SIZING = record(
     {"arm": text, "assumed": text, "sentence": text},
 )
 RUN_SETTINGS = table(
-    {"control_period": positive, "plant_step": positive},
-    {"reference": path, "duration": positive, "initial_error": VECTOR, "friction": number},
+    {},
+    {
+        "reference": path,
+        "duration": positive,
+        "initial_error": VECTOR,
+        "control_period": positive,
+        "plant_step": positive,
+        "friction": number,
+    },
     free,
 )
 
@@ -160,6 +169,8 @@ META: dict[str, Kind] = {  # entries of JSON
     "other_names": names,
     "other_limits": many(row(limit, limit, limit)),
     "end_effector": optional(text),
+    "urdf": optional(file),
+    "file_sha256": optional(digest),
     "contacts": many(text),
     "contact_points": many(POINT),
     "axles": many(many(whole)),
@@ -169,10 +180,10 @@ META: dict[str, Kind] = {  # entries of JSON
     "controller_model": optional(text),
     "kinematic_report": mapping(figure),
     "notes": many(text),
-    "certificate": optional(CERTIFICATE),
+    "certificate": optional(plain(CERTIFICATE)),
     "wall_time": number,
     "sizing": optional(SIZING),
-    "perturbed": optional(table({"sentence": text}, {}, free)),
+    "perturbed": optional(plain(table({"sentence": text}, {}, free))),
 }
 SAME_LENGTH = (  # lists of one item each for one another's
     ("joint_names", "units"),
