@@ -5,8 +5,8 @@ K numbers, packed by :mod:`rpctl.simulation.packing`. ``meta["columns"]`` tells 
 of them: a sample's shape, and for each of its numbers the column that holds it, or two of which
 they are the difference. NumPy alone reads it::
 
-    file = np.load("run.npz")
-    meta, planes = json.loads(str(file["meta"])), file["columns"]
+    with np.load("run.npz") as file:
+        meta, planes = json.loads(str(file["meta"])), file["columns"]
     codes = planes.transpose(0, 2, 1).copy().view("<i8")[:, :, 0]
     codes = (codes >> 1) & (2**63 - 1) ^ -(codes & 1)  # differences of ranks, coarse to fine
     rank = lambda x: x.view("i8") ^ ((x.view("i8") >> 63) & (2**63 - 1))  # and its own inverse
@@ -26,7 +26,7 @@ they are the difference. NumPy alone reads it::
         at, step = at + len(k), step // 2
     of = meta["columns"]["q"]  # or any other array
     q = [columns[n[0]] - (columns[n[1]] if len(n) > 1 else 0) for n in of["columns"]]
-    q = np.array(q).T.reshape(-1, *of["shape"])
+    q = np.array(q).T.reshape(codes.shape[1], *of["shape"])
 """
 
 from __future__ import annotations

@@ -198,9 +198,9 @@ def test_no_arm_comes_back_too(tmp_path: Path) -> None:
 def altered(run: Run | Path, path: Path, meta: Mapping[str, object], **arrays: Any) -> Path:
     """Write a run as a file of schema 4 with some entries changed; None leaves an entry out."""
     if isinstance(run, Run):
-        message, entries = entries_of(run)
-        text = json.dumps({"schema": 4, **message}, default=lambda number: number.tolist())
-        entries = {META_ENTRY: np.array(text), **entries}
+        head, samples = entries_of(run)
+        text = json.dumps({"schema": 4, **head}, default=lambda number: number.tolist())
+        entries: dict[str, Any] = {META_ENTRY: np.array(text), **samples}
     else:
         with np.load(run, allow_pickle=False) as stored:
             entries = {name: stored[name] for name in stored}
@@ -256,7 +256,7 @@ def test_older_runs_come_back_without_what_they_lack(tmp_path: Path) -> None:
             Run.load(altered(old, path, {"schema": schema, "robot": None}))
         with pytest.raises(RunFileError, match="missing or not known: config"):
             Run.load(altered(old, path, {"schema": schema, "settings": None}))
-        with pytest.raises(RunFileError, match="initial_error.* is 'far'"):
+        with pytest.raises(RunFileError, match=r"initial_error.* is 'far'"):
             Run.load(altered(old, path, {"schema": schema, "settings": {"initial_error": "far"}}))
 
 
