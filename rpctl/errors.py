@@ -40,7 +40,7 @@ class Finding:
 
 
 class DescriptionError(RpctlError):
-    """A robot description that cannot be used.
+    """A robot description, or another file that a user gives, that cannot be used.
 
     Attributes:
         path: The file.
@@ -67,6 +67,18 @@ class UnknownNameError(RpctlError):
             f"did you mean {' or '.join(near)}?" if near else f"one of: {', '.join(self.choices)}"
         )
         super().__init__(f"{kind} {name!r} is not known; {hint}")
+
+
+class InputError(DescriptionError):
+    """A file that cannot be opened as an input: missing, special, too long, or not readable.
+
+    Attributes:
+        fault: What is wrong, and how to mend it; without the path.
+    """
+
+    def __init__(self, path: object, fault: str) -> None:
+        super().__init__(path, [Finding("error", None, fault)])
+        self.fault = self.findings[0].message
 
 
 class DriveError(RpctlError):

@@ -12,7 +12,6 @@ from rpctl.description.expansion import expand, is_xacro, list_arguments
 from rpctl.description.findings import Findings, excerpt
 from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
 
 SAME_POSITION = 1e-9  # rad or m; two groups may both state a joint that they share
@@ -75,10 +74,8 @@ def _document(path: Path, findings: Findings, settings: ReadSettings) -> Any:
     if not path.exists():
         text = "there is no such file; give an SRDF and a state in it, as robot.srdf:home"
         raise DescriptionError(path, [Finding("error", None, text)])
-    data, most = read_source(path), cap("MAX_BYTES")
+    data = read_source(path)
     try:
-        if len(data) > most:
-            raise Refusal(f"the file is over {most} bytes; {how_to_raise('MAX_BYTES')}")
         if is_xacro(path, data):
             data = _expanded(path, settings)
         root = parse_document(data, findings)

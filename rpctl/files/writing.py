@@ -1,46 +1,233 @@
-"""Files and JSON: whole or not at all, and only what JSON can say."""
+"""Files and JSON: whole or not at all, and only what JSON can say; links are written through."""
 
 from __future__ import annotations
 
+import fcntl
+import glob
 import json
 import math
-import tempfile
-from collections.abc import Mapping
+import os
+import re
+import secrets
+import stat
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from rpctl.errors import RpctlError
 
+UNFINISHED = ".part"  # what a file's name ends with until it is whole
+NAME_LENGTH = 48  # characters of the final name in that of an unfinished file: a name has 255 bytes
+MAX_LINKS = 40  # links that lead to one another, as Linux follows
+DESCRIPTOR = re.compile(r"/proc/\d+/fd/(\d+)")  # what /dev/stdout and /dev/fd/N are links to
+NEW_MODE = 0o666  # of a new file, less the umask
 
-def write_atomically(path: str | Path, data: bytes) -> Path:
-    """Write a file; it is there whole or not at all, also after Ctrl-C.
+
+def write_atomically(path: str | Path, data: bytes, *, follow_links: bool = True) -> Path:
+    """Write a file; it is there whole or not at all, also after Ctrl-C or a loss of power.
 
     Args:
-        path: The file; an older one is replaced.
+        path: The file; see :func:`writing`.
         data: Its content.
+        follow_links: Whether a link is written through; False replaces it.
 
     Returns:
         The path.
 
     Raises:
-        RpctlError: The folder is not there or cannot be written to.
+        RpctlError: It cannot be written.
     """
-    path = Path(path)
-    temporary = None
+    with writing(path, follow_links=follow_links) as file:
+        file.write(data)
+    return Path(path)
+
+
+@contextmanager
+def writing(path: str | Path, *, follow_links: bool = True) -> Iterator[BinaryIO]:
+    """Yield a binary file; what the block writes to it becomes the file at the end, whole.
+
+    If the block raises, an older file stays as it is. A new file gets the mode that the umask
+    leaves; an older one keeps its mode and, as far as the system lets, its owner. A link stays,
+    and what it leads to is replaced. Character devices, pipes and ``/dev/stdout`` are written
+    through: they cannot be replaced, and what was written to them stays.
+
+    Args:
+        path: The file. Its folder must be there.
+        follow_links: Whether a link is written through; False replaces it. False is for names
+            that the user did not give, in folders that others may have filled.
+
+    Raises:
+        RpctlError: It cannot be written: by its folder, its kind, its mode, or a full disk.
+    """
     try:
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            temporary = Path(file.name)
-            file.write(data)
-        temporary.chmod(0o644)
-        temporary.replace(path)
+        target = _follow(Path(path)) if follow_links else Path(path)
+        through = follow_links and _is_stream(target)
+        with _open_stream(target) if through else _replacing(target) as file:
+            yield file
     except OSError as error:
         raise RpctlError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-    return path
+
+
+def require_writable(path: str | Path) -> None:
+    """Refuse a file that could not be written; called before long work. Nothing is left behind.
+
+    Args:
+        path: The file. Folders above it that are not there would be made.
+
+    Raises:
+        RpctlError: It cannot be written, or its folder cannot be made.
+    """
+    try:
+        target = _follow(Path(path))
+        if _is_stream(target):
+            return
+        folder = target.parent
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        _older(target)
+        number, name = _open_unfinished(folder / target.name, NEW_MODE)
+        os.close(number)
+        name.unlink()
+    except OSError as error:
+        raise RpctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, where they are not there.
+
+    Raises:
+        RpctlError: It cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
+
+
+def _follow(path: Path) -> Path:
+    """Return where a path leads, its links followed; of an open file of this process, its name.
+
+    Links of ``/proc`` lead to open files and not to paths; such a name is returned as it is.
+    """
+    if "\0" in str(path):
+        raise OSError("no name of a file holds NUL")
+    for _ in range(MAX_LINKS):
+        path = Path(os.path.realpath(path.parent)) / path.name
+        if DESCRIPTOR.fullmatch(str(path)) or not path.is_symlink():
+            return path
+        path = path.parent / path.readlink()
+    return path  # whoever opens it is told of the circle
+
+
+def _is_stream(target: Path) -> bool:
+    """Return whether a target is written through, not replaced.
+
+    Raises:
+        OSError: It is neither a file nor written through.
+    """
+    if DESCRIPTOR.fullmatch(str(target)):
+        return True
+    with suppress(FileNotFoundError):
+        mode = target.stat().st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISFIFO(mode):
+            return True
+        if not stat.S_ISREG(mode):
+            kind = "folder" if stat.S_ISDIR(mode) else "device or socket"
+            raise OSError(f"it is a {kind}; give a file")
+    return False
+
+
+def _open_stream(target: Path) -> BinaryIO:
+    """Open what is written through; what was printed before comes first."""
+    found = DESCRIPTOR.fullmatch(str(target))
+    if found is None:
+        return os.fdopen(os.open(target, os.O_WRONLY | os.O_NOCTTY), "wb")
+    for each in (sys.stdout, sys.stderr):
+        if each is not None:
+            each.flush()
+    return os.fdopen(os.dup(int(found[1])), "wb")
+
+
+@contextmanager
+def _replacing(target: Path) -> Iterator[BinaryIO]:
+    """Yield an unfinished file beside a target that replaces it at the end."""
+    before = _older(target)
+    _sweep(target)
+    number, name = _open_unfinished(target, NEW_MODE if before is None else 0o600)
+    try:
+        with os.fdopen(number, "wb") as file:
+            yield file
+            if before is not None:
+                with suppress(PermissionError):
+                    os.fchown(number, before.st_uid, before.st_gid)
+                os.fchmod(number, stat.S_IMODE(before.st_mode) & 0o777)
+            file.flush()
+            os.fsync(number)
+            name.replace(target)
+    except BaseException:
+        name.unlink(missing_ok=True)
+        raise
+    _sync_folder(target.parent)
+
+
+def _older(target: Path) -> os.stat_result | None:
+    """Return what is known of a file that is there; None of what is none.
+
+    Raises:
+        PermissionError: It is write-protected.
+    """
+    try:
+        found = target.lstat()
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISREG(found.st_mode):
+        return None
+    if not os.access(target, os.W_OK):
+        raise PermissionError("it is write-protected")
+    return found
+
+
+def _open_unfinished(target: Path, mode: int) -> tuple[int, Path]:
+    """Return the descriptor and the name of a new, empty, locked file beside a target.
+
+    The lock tells :func:`_sweep` that its writer lives.
+    """
+    while True:
+        name = target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{UNFINISHED}")
+        number = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(number, fcntl.LOCK_EX)
+        if os.fstat(number).st_nlink:
+            return number, name
+        os.close(number)  # swept away before it was locked
+
+
+def _sweep(target: Path) -> None:
+    """Remove the unfinished files of a target that killed processes left."""
+    for left in target.parent.glob(f"{glob.escape(_prefix(target))}*{UNFINISHED}"):
+        with suppress(OSError):  # locked: its writer lives
+            number = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                left.unlink()
+            finally:
+                os.close(number)
+
+
+def _prefix(target: Path) -> str:
+    return f".{target.name[:NAME_LENGTH]}."
+
+
+def _sync_folder(folder: Path) -> None:
+    """Let a new name in a folder outlast a loss of power, where the file system can."""
+    with suppress(OSError):
+        number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def to_json(value: Any) -> str:
