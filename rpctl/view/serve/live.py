@@ -30,7 +30,7 @@ LISTEN_TIMEOUT_S = 30.0  # s that a page has until it listens, once it was fetch
 WAIT_STEP_S = 0.1  # s; a wait looks as often whether it is to end
 HANDOVER_TIMEOUT_S = 10.0  # s that pages have to fetch the report
 DESIRED_POINTS = 600  # points of the path that is to be followed
-STOP = "/stop"  # where a page asks to end the simulation
+STOP = "stop"  # where a page asks to end the simulation, below its own address
 DECIMALS = 5  # decimals of what is sent: m and rad
 
 
@@ -147,7 +147,7 @@ class Broadcast:
         now = time.monotonic()
         if self._origin is None or self._origin + t < now:
             self._origin = now - t
-        time.sleep(self._origin + t - now)
+        time.sleep(max(0.0, self._origin + t - now))  # their difference rounds below 0 at times
 
 
 @contextmanager
