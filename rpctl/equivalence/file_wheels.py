@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_files import read_shape
+from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.equivalence import file_rollers
 from rpctl.equivalence.raw_file import TURNING, RawFile, RawJoint, RawShape
@@ -111,7 +111,7 @@ def _mesh(
     if shape.kind != "mesh":
         return None
     try:
-        surfaces = read_shape(shape.mesh, shape.size, paths).surfaces
+        surfaces = mesh_files.read_shape(shape.mesh, shape.size, paths).surfaces
     except MeshError:
         return None
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size

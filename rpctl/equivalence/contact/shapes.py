@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_files import read_shape
+from rpctl.description import mesh_files
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Joint, Shape
 from rpctl.drive.drive import Wheel
@@ -106,7 +106,7 @@ def _tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | Non
 def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | None:
     """Return the tread that bounds a mesh, its centre on the link's z axis turned to ``axis``."""
     try:
-        surfaces = read_shape(str(shape.mesh), shape.size, paths).surfaces
+        surfaces = mesh_files.read_shape(str(shape.mesh), shape.size, paths).surfaces
     except MeshError:
         return None
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
