@@ -29,6 +29,7 @@ from rpctl.simulation.recorded import recorded
 from rpctl.simulation.recorder import Recorder
 from rpctl.simulation.returned import require_callable
 from rpctl.simulation.run import Run
+from rpctl.simulation.watching import Watching
 
 SETTLING_S = 1.0  # s, after the end of one that has it
 MIN_SAMPLES = 2  # of a run: one moment is no motion
@@ -72,7 +73,8 @@ def track(
         control_period: s.
         plant_step: s.
         certificate: A certificate to keep with the run.
-        progress: Called with the samples done and their total.
+        progress: Called with the samples done and their total. If it or ``watch`` fails, it is not
+            called again, and a note of the run tells it.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
         plant: Differences between the simulated robot and the controller's model; None: none.
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
@@ -139,7 +141,8 @@ def simulate(
         reference: What the configuration's reference is; None loads it by its name.
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
-        watch: Called with every sample; what it takes is not counted as the simulation's.
+        watch: Called with every sample; what it takes is not counted as the simulation's. If it or
+            ``progress`` fails, it is not called again, and a note of the run tells it.
         ended: Called with what was simulated if an error or Ctrl-C ends the loop early and there
             is a motion to keep; the exception is raised afterwards.
 
@@ -159,6 +162,8 @@ def simulate(
     derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
     recorder = Recorder(derivation, steps, settings.log_every)
     loop = LoopRecord()
+    watching = Watching("what watched the simulation", watch)
+    showing = Watching("what showed its progress", progress)
 
     def run(log: Log, notes: tuple[str, ...]) -> Run:
         return Run(
@@ -172,14 +177,17 @@ def simulate(
                 *notes,
                 *delay_note(plant.delay, period),
                 *log_note(settings.log_every, period),
+                *watching.notes,
+                *showing.notes,
             ),
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            simulated=robot,
         )
 
     try:
-        close_loop(dynamics, config, reference, steps, recorder, loop, progress, watch)
+        close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
         recorder.derive(ends=True)
     except BaseException as error:
         if ended is not None:
