@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from rpctl.description.expansion_answer import ENVIRONMENT
 from rpctl.description.findings import excerpt
 from rpctl.description.packages import DECLARE, find_packages
 from rpctl.description.read_settings import ReadSettings
@@ -86,17 +88,18 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     elif "error" in answer and not lines:
         lines += _fault(path, answer)
     elif not lines:
-        lines += _unused_arguments(path, answer)
+        lines += _unused_arguments(path, answer, settings)
     if lines:
         raise ExpansionError("\n".join(lines))
 
 
-def findings_of(path: Path, answer: Answer) -> tuple[Finding, ...]:
+def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Finding, ...]:
     """Return what else an answer says: xacro's warnings, what was left out, odd declarations.
 
     Args:
         path: The file.
         answer: Of the process that expanded it.
+        settings: How it was expanded.
     """
     told = answer["told"].splitlines()
     said = [
@@ -110,11 +113,18 @@ def findings_of(path: Path, answer: Answer) -> tuple[Finding, ...]:
         for file in answer["undeclared"]
     ]
     said += _left_out(path, answer)
+    said += [answer["open"]] if answer["open"] else []
     warnings = [Finding("warning", None, text) for text in said]
     texts = [w for w in answer["wants"] if w[3] == "text"]
     notes = [
         f'argument "{name}" is used before it is declared; its default is taken'
         for name in answer["early"]
+    ]
+    notes += [
+        f'environment variable "{name}" is not shown to the file; '
+        f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
+        for name in answer["asked"]
+        if name in os.environ and ENVIRONMENT + name not in settings.xacro_args
     ]
     notes += [
         f'package "{package}" was not found; only texts name it ({_places(places, path)})'
@@ -175,10 +185,12 @@ def _missing_argument(path: Path, answer: Answer) -> list[str]:
     return lines + _listed(declared)
 
 
-def _unused_arguments(path: Path, answer: Answer) -> list[str]:
+def _unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
     """Return the lines of the message on given arguments that nothing declares or looks up."""
     declared = declared_arguments(answer)
     names = [each.name for each in declared]
+    variables = [name for name in settings.xacro_args if name.startswith(ENVIRONMENT)]
+    strange = [name for name in variables if name.removeprefix(ENVIRONMENT) not in answer["asked"]]
     unknown = [name for name in answer["unused"] if name not in names]
     lines = [
         format_finding(
@@ -188,7 +200,14 @@ def _unused_arguments(path: Path, answer: Answer) -> list[str]:
         )
         for name in unknown
     ]  # fmt: skip
-    return lines + _listed(declared) if lines else []
+    lines += [] if lines == [] else _listed(declared)
+    for name in strange:
+        fault = f'no expression asks for "{excerpt(name)}"'
+        fault += (
+            _nearest(name, [ENVIRONMENT + each for each in answer["asked"]]) or "; leave it out"
+        )
+        lines.append(format_finding(str(path), Finding("error", None, fault)))
+    return lines
 
 
 def _listed(declared: Iterable[XacroArgument]) -> list[str]:

@@ -1,7 +1,4 @@
-"""Folders searched for packages, as rospack and colcon do, and where a file's workspace begins.
-
-It needs the standard library only: the process that expands xacro imports what stands on it.
-"""
+"""Folders searched for packages, as rospack and colcon do, and where a file's workspace begins."""
 
 from __future__ import annotations
 

@@ -5,7 +5,8 @@ Used in the process that expands xacro only: it changes the module for good.
 
 from __future__ import annotations
 
-import os
+import io
+import json
 import re
 from collections.abc import Callable
 from functools import lru_cache
@@ -14,7 +15,11 @@ from typing import Any
 from xml.dom import expatbuilder
 from xml.parsers.expat import ExpatError
 
+from rpctl.description.expansion_answer import ENVIRONMENT, GONE
+from rpctl.files.worker import Channel
+
 PACKAGE = "package://"
+MAX_REPLY = 2**40  # bytes; who replies has caps of its own
 MESH_PACKAGE = re.compile(r"<mesh\b[^>]*[\"']package://([\w.-]+)/")
 NAME = re.compile(r"[\w.-]*[\w-][\w.-]*")  # of a package: no path
 
@@ -55,6 +60,81 @@ class Arguments(dict[str, str]):
         return super().__getitem__(name)
 
 
+class Environment:
+    """The variables that a file is given; it sees none of the user's.
+
+    Attributes:
+        asked: Names that were looked up.
+    """
+
+    def __init__(self, given: dict[str, str]) -> None:
+        self._given = given
+        self.asked: set[str] = set()
+
+    def required(self, name: str) -> str:
+        """Return a variable's value, for ``$(env NAME)``.
+
+        Raises:
+            ValueError: Nobody gives it.
+        """
+        if (value := self.optional(name, None)) is None:
+            fix = f"it sees no variable of yours; add {ENVIRONMENT}{name}:=VALUE"
+            raise ValueError(f'environment variable "{name}" has no value, for {fix}')
+        return value
+
+    def optional(self, name: str, default: Any = "") -> Any:
+        """Return a variable's value or a default, for ``$(optenv NAME DEFAULT)``."""
+        self.asked.add(str(name))
+        return self._given.get(name, default)
+
+
+class Outside:
+    """Files and packages, asked of who started the process."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+
+    def read(self, path: str) -> bytes:
+        """Return a file's bytes.
+
+        Raises:
+            OSError: There is no such file, or it may not be read.
+        """
+        reply = self._ask("read", path)
+        if reply[:1] == GONE:
+            number, reason = json.loads(reply[1:])
+            raise OSError(number, reason, path)
+        return reply[1:]
+
+    def bytes_of(self, path: str) -> bytes:
+        """Return a file's bytes, none where it cannot be read."""
+        try:
+            return self.read(path)
+        except OSError:
+            return b""
+
+    def open(self, path: Any) -> io.TextIOWrapper:
+        """Open a text file for reading, for xacro's own ``open``."""
+        return io.TextIOWrapper(io.BytesIO(self.read(str(path))), "utf-8")
+
+    def find(self, name: str) -> tuple[str, ...]:
+        """Return the folders that a package's name may mean, the likeliest first."""
+        return tuple(json.loads(self._ask("find", name)))
+
+    def place(self, path: str) -> str | None:
+        """Return where a file of a package lies in its source, if not where its path says."""
+        place = json.loads(self._ask("place", path))
+        return None if place is None else str(place)
+
+    def glob(self, pattern: str) -> list[str]:
+        """Return the files that a pattern names, for xacro's own ``glob.glob``."""
+        return list(json.loads(self._ask("match", pattern)))
+
+    def _ask(self, verb: str, text: str) -> bytes:
+        self._channel.send(json.dumps((verb, text)).encode())
+        return self._channel.receive(MAX_REPLY)
+
+
 class Hooks:
     """What an evaluation ran into.
 
@@ -70,9 +150,23 @@ class Hooks:
             installation would have it.
     """
 
-    def __init__(self, xacro: Any, find: Callable[[str], tuple[str, ...]]) -> None:
+    def __init__(
+        self, xacro: Any, substitution_args: Any, outside: Outside, environment: Environment
+    ) -> None:
+        """Keep what the functions need.
+
+        Args:
+            xacro: The module.
+            substitution_args: Its module that evaluates ``$(...)``.
+            outside: Reads files and finds packages.
+            environment: The variables that the file is given.
+        """
         self.xacro = xacro
-        self.find_all = lru_cache(maxsize=None)(find)
+        self._substitution_args = substitution_args
+        self.find_all = lru_cache(maxsize=None)(outside.find)
+        self._outside = outside
+        self._environment = environment
+        self._text_of = lru_cache(maxsize=None)(self._read_text)
         self.files: list[str] = []
         self.found: dict[str, str] = {}
         self.wants: list[tuple[str, str, int | None, str]] = []
@@ -86,10 +180,14 @@ class Hooks:
 
     def install(self) -> None:
         """Put the changed functions in their places."""
-        from xacro import substitution_args
-
+        substitution_args = self._substitution_args
         for name in self._original:
             setattr(self.xacro, name, getattr(self, name))
+        self.xacro.open, self.xacro.glob = self._outside.open, self._outside
+        substitution_args._eval_env = self._environment.required
+        substitution_args._eval_optenv = self._environment.optional
+        substitution_args._eval_dict["env"] = self._environment.required
+        substitution_args._eval_dict["optenv"] = self._environment.optional
         # xacro looks for packages in an installed ROS only.
         substitution_args._eval_find = self.find
         substitution_args._eval_dict["find"] = self.find
@@ -127,7 +225,7 @@ class Hooks:
     def want_meshes(self) -> None:
         """Note the packages of meshes in the files that were read that are not found, either."""
         for file in dict.fromkeys(self.files):
-            for line, text in enumerate(read_text(file).split("\n"), 1):
+            for line, text in enumerate(self._text_of(file).split("\n"), 1):
                 for name in MESH_PACKAGE.findall(text):
                     if not self.find_all(name):
                         self.wants.append((name, file, line, "text"))
@@ -159,7 +257,7 @@ class Hooks:
         spec = element.getAttribute("filename")
         try:
             path = self.xacro.abs_filename_spec(str(self.xacro.eval_text(spec, symbols)))
-            place = self._place_in_source(path)
+            place = self._outside.place(path)
             if place is not None:
                 self.moved.append((path, place))
                 element.setAttribute("filename", place)
@@ -172,22 +270,6 @@ class Hooks:
         except Exception:  # xacro says it better
             pass
         self._original["process_include"](element, macros, symbols, func)
-
-    def _place_in_source(self, path: str) -> str | None:
-        """Return where a file of a package lies in its source; None: as the path says, or nowhere.
-
-        Packages install their folders elsewhere than they keep them: ``description/urdf`` becomes
-        ``urdf``. Such a path has but one place in the source that ends like it.
-        """
-        if Path(path).is_file():
-            return None
-        for folder in self.found.values():
-            if path.startswith(f"{folder}/"):
-                rest = path.removeprefix(folder)
-                places = [str(p) for p in Path(folder).rglob(Path(rest).name)]
-                places = [place for place in places if place.endswith(rest)]
-                return places[0] if len(places) == 1 else None
-        return None
 
     def handle_macro_call(self, node: Any, macros: Any, symbols: Any) -> bool:
         """Expand a call, or leave it out where its macro may be in an include that was.
@@ -223,11 +305,11 @@ class Hooks:
             if filename is None or "unbound prefix" not in str(error):
                 raise
             self.undeclared.append(filename)
-            return expatbuilder.parse(filename, namespaces=False)
+            return expatbuilder.parseString(self._text_of(filename), namespaces=False)
 
     def lines(self, pattern: str) -> list[int | None]:
         """Return the lines of the file being evaluated that hold a pattern; else [None]."""
-        text = read_text(self.file)
+        text = self._text_of(self.file)
         lines = enumerate(text.split("\n"), 1)
         return [k for k, line in lines if re.search(pattern, line)] or [None]
 
@@ -241,17 +323,6 @@ class Hooks:
         if (package, file, line, use) not in self.wants:
             self.wants.append((package, file, line, use))
 
-
-def read_bytes(file: str) -> bytes:
-    """Return a file's bytes, none where it cannot be read."""
-    try:
-        with open(os.fspath(file), "rb") as opened:  # noqa: PTH123 - the audited call, and no more
-            return opened.read()
-    except (OSError, ValueError):
-        return b""
-
-
-@lru_cache(maxsize=256)
-def read_text(file: str) -> str:
-    """Return a file's text, none where it cannot be read."""
-    return read_bytes(file).decode("utf-8", "replace")
+    def _read_text(self, file: str) -> str:
+        """Return a file's text, none where it cannot be read."""
+        return self._outside.bytes_of(file).decode("utf-8", "replace")
