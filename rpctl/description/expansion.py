@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rpctl.description.argument_messages import XacroArgument, declared_arguments
 from rpctl.description.expansion_answer import ENVIRONMENT, check_answer
 from rpctl.description.expansion_messages import (
     RUN_IT,
-    XacroArgument,
-    declared_arguments,
     findings_of,
     refusal,
     refuse_faults,

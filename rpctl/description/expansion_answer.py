@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from typing import Any
 
+Answer = Mapping[str, Any]  # of the process that expands
 ENVIRONMENT = "env:"  # how the name of an argument begins that is a variable of the environment
 READ, GONE = b"\1", b"\0"  # how the reply to a request for a file begins
 MAX_TOLD = 1000  # rows of each list that are kept
 TEXT, LINE = (str,), (int, type(None))
 SINGLES: dict[str, tuple[type, ...]] = {  # the types of what is one value
     "told": TEXT, "text": TEXT, "error": TEXT, "file": (str, type(None)), "line": LINE,
-    "argument": TEXT, "no_file": TEXT,
+    "argument": TEXT, "variable": TEXT, "no_file": TEXT,
 }  # fmt: skip
 TEXTS = ("dropped", "undeclared", "early", "unused", "macros", "asked")  # lists of texts
 ROWS: dict[str, tuple[tuple[type, ...], ...]] = {  # lists of rows; a file's path is FILE

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from difflib import get_close_matches
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from rpctl.description.expansion_answer import ENVIRONMENT
+from rpctl.description.argument_messages import (
+    declared_arguments,
+    listed,
+    missing_argument,
+    missing_variable,
+    unused_arguments,
+)
+from rpctl.description.expansion_answer import ENVIRONMENT, Answer
 from rpctl.description.findings import excerpt
 from rpctl.description.packages import DECLARE, find_packages
 from rpctl.description.read_settings import ReadSettings
@@ -24,37 +29,11 @@ MAX_CHOICES = 20  # values of an argument that a message lists
 MAX_LISTED = 1000  # names in a folder that are looked at
 OLD_XACRO = "this is xacro from before ROS Jade, whose own elements had no prefix"
 
-Answer = Mapping[str, Any]  # of the process that expands
 Place = tuple[str, int | None]  # a file and a line
 
 
 class ExpansionError(RpctlError):
     """A file of xacro that cannot be expanded."""
-
-
-@dataclass(frozen=True)
-class XacroArgument:
-    """An argument that a file of xacro declares.
-
-    Attributes:
-        name: Its name.
-        default: What it is if nobody gives it, as it is written; None: somebody has to.
-        file: The file that declares it.
-        line: The line there.
-    """
-
-    name: str
-    default: str | None
-    file: str
-    line: int
-
-
-def declared_arguments(answer: Answer) -> tuple[XacroArgument, ...]:
-    """Return the arguments that an answer tells; of one declared twice, the first counts."""
-    found: dict[str, XacroArgument] = {}
-    for each in answer["arguments"]:
-        found.setdefault(each[0], XacroArgument(*each))
-    return tuple(found.values())
 
 
 def refusal(path: Path | str, fault: str, line: int | None = None) -> ExpansionError:
@@ -84,11 +63,13 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     if wants and not settings.ignore_missing_packages:
         lines += _missing_packages(path, answer, settings)
     if "argument" in answer:
-        lines += _missing_argument(path, answer)
+        lines += missing_argument(path, answer)
+    elif "variable" in answer:
+        lines += missing_variable(path, answer)
     elif "error" in answer and not lines:
         lines += _fault(path, answer)
     elif not lines:
-        lines += _unused_arguments(path, answer, settings)
+        lines += unused_arguments(path, answer, settings)
     if lines:
         raise ExpansionError("\n".join(lines))
 
@@ -174,55 +155,6 @@ def _missing_packages(path: Path, answer: Answer, settings: ReadSettings) -> lis
     return lines
 
 
-def _missing_argument(path: Path, answer: Answer) -> list[str]:
-    """Return the lines of the message on an argument that nobody gives, with those declared."""
-    name, declared = answer["argument"], declared_arguments(answer)
-    names = [each.name for each in declared]
-    hint = _nearest(name, names) if name not in names else ", for it is declared too late"
-    fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{hint}'
-    place = str(answer.get("file") or path)
-    lines = [format_finding(place, Finding("error", answer["line"], fault))]
-    return lines + _listed(declared)
-
-
-def _unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
-    """Return the lines of the message on given arguments that nothing declares or looks up."""
-    declared = declared_arguments(answer)
-    names = [each.name for each in declared]
-    variables = [name for name in settings.xacro_args if name.startswith(ENVIRONMENT)]
-    strange = [name for name in variables if name.removeprefix(ENVIRONMENT) not in answer["asked"]]
-    unknown = [name for name in answer["unused"] if name not in names]
-    lines = [
-        format_finding(
-            str(path),
-            Finding("error", None, f'no file declares the argument "{excerpt(name)}"'
-                    f"{_nearest(name, names) or '; leave it out'}"),
-        )
-        for name in unknown
-    ]  # fmt: skip
-    lines += [] if lines == [] else _listed(declared)
-    for name in strange:
-        fault = f'no expression asks for "{excerpt(name)}"'
-        fault += (
-            _nearest(name, [ENVIRONMENT + each for each in answer["asked"]]) or "; leave it out"
-        )
-        lines.append(format_finding(str(path), Finding("error", None, fault)))
-    return lines
-
-
-def _listed(declared: Iterable[XacroArgument]) -> list[str]:
-    """Return a line for each argument that is declared."""
-    return [
-        format_finding(
-            each.file,
-            Finding("info", each.line, f"declares {each.name}, " + (
-                "without a default" if each.default is None
-                else f'which is "{excerpt(each.default)}" by default')),
-        )
-        for each in declared
-    ]  # fmt: skip
-
-
 def _fault(path: Path, answer: Answer) -> list[str]:
     """Return the message on what xacro refuses."""
     if answer["old"]:
@@ -245,7 +177,7 @@ def _choosing(answer: Answer) -> list[str]:
     for each in declared_arguments(answer):
         at = next((k for k, part in enumerate(path.parts) if _stem(part) == each.default), None)
         if at is not None:
-            (line,), choices = _listed([each]), _choices(path, at)
+            (line,), choices = listed([each]), _choices(path, at)
             lines.append(line + (f"; there are {', '.join(choices)}" if choices else ""))
     return lines
 
@@ -271,11 +203,6 @@ def _choices(path: Path, at: int) -> list[str]:
 def _stem(name: str) -> str:
     """Return a file's name up to its first dot."""
     return name.partition(".")[0]
-
-
-def _nearest(name: str, names: Iterable[str]) -> str:
-    near = get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _by_package(wants: Iterable[Any]) -> dict[str, list[Place]]:

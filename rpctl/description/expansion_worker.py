@@ -26,7 +26,8 @@ import yaml  # noqa: F401
 from xacro import substitution_args
 
 from rpctl.description.xacro_cleaning import drop_dangling, name_packages
-from rpctl.description.xacro_hooks import Arguments, Environment, Hooks, NotFoundError, Outside
+from rpctl.description.xacro_hooks import Hooks, NotFoundError
+from rpctl.description.xacro_inputs import Arguments, Environment, NotGivenError, Outside
 from rpctl.description.xacro_scan import FileScan, constant_defaults, scan_all
 from rpctl.files.worker import Channel
 
@@ -126,6 +127,9 @@ def _reason(error: Exception, hooks: Hooks) -> dict[str, Any]:
     said: dict[str, Any] = {"error": " ".join(text.split())}
     if isinstance(cause, FileNotFoundError):
         said["no_file"] = str(cause.filename)
+    if isinstance(cause, NotGivenError):
+        said["variable"] = str(cause)
+        said["line"] = hooks.lines(rf"env\b[\s('\"]*{re.escape(str(cause))}\b")[0]
     if type(cause).__name__ == "ArgException":  # of $(arg NAME)
         name = said["argument"] = str(cause)
         said["line"] = hooks.lines(rf"\barg\s+{re.escape(name)}\s*\)")[0]

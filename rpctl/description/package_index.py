@@ -61,6 +61,11 @@ def forget() -> None:
     search.cache_clear()
 
 
+def has_manifest(folder: str) -> bool:
+    """Whether a folder is a package by its manifest; whatever is called so, however long."""
+    return os.path.isfile(f"{folder}/{MANIFEST}")  # noqa: PTH113 - pathlib's raises
+
+
 def package_name(folder: str) -> str | None:
     """Return the name that a folder's manifest gives; None without one."""
     try:

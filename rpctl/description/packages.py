@@ -8,7 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from rpctl.description.package_index import MANIFEST, Index, package_name, search, workspace
+from rpctl.description.package_index import (
+    MANIFEST,
+    Index,
+    has_manifest,
+    package_name,
+    search,
+    workspace,
+)
 from rpctl.errors import RpctlError
 from rpctl.files.caps import how_to_raise
 
@@ -148,4 +155,4 @@ def _named(places: Iterable[str], name: str) -> list[str]:
 
 def _is_bare(folder: str) -> bool:
     """Whether a folder has no manifest."""
-    return not Path(folder, MANIFEST).is_file()
+    return not has_manifest(folder)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.description.expansion_answer import GONE, READ
-from rpctl.description.package_index import MANIFEST
+from rpctl.description.package_index import has_manifest
 from rpctl.description.packages import DECLARE, Packages, inside
 from rpctl.errors import InputError
 from rpctl.files.caps import cap
@@ -103,7 +103,7 @@ class XacroFiles:
         ``urdf``. Such a path has but one place in the source that ends like it.
         """
         folder = next((f for f in self._found if path.startswith(f"{f}/")), None)
-        if folder is None or Path(path).is_file() or ".." in Path(path).parts:
+        if folder is None or os.path.isfile(path) or ".." in Path(path).parts:  # noqa: PTH113
             return None
         rest, name = path.removeprefix(folder), Path(path).name
         steps = islice(os.walk(folder), cap("MAX_FOLDERS"))
@@ -143,7 +143,7 @@ class XacroFiles:
         anchor = next((a for a in self._anchors if inside(folder, (a,))), os.sep)
         if _has_hidden(folder, anchor):
             return False
-        return Path(folder, MANIFEST).is_file() or inside(folder, self._packages.own)
+        return has_manifest(folder) or inside(folder, self._packages.own)
 
 
 def _has_hidden(path: str, root: str) -> bool:
