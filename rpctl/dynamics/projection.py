@@ -119,7 +119,8 @@ class Projection:
         lu, pivots, X = self._core
         _, N, P, _, _ = self.projector.equations
         turned = -self.projector.rolling.drift(self._u, self.S.dot(nu))  # −Ȧv
-        y, _ = dgetrs(lu, pivots, N.dot(turned))
+        # SciPy counts the pivots up and down again in place, while other threads run: a copy.
+        y, _ = dgetrs(lu, pivots.copy(), N.dot(turned))
         drift: Array = X.dot(y) + P.dot(turned)
         return drift
 
@@ -159,9 +160,10 @@ class Projector:
         if self.constant is not None:
             return self.constant
         key = q.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._project(q)
-        return self._last[1]
+        last = self._last  # read once: another thread may write it meanwhile
+        if last is None or last[0] != key:
+            last = self._last = key, self._project(q)
+        return last[1]
 
     def _project(self, q: Array) -> Projection:
         try:

@@ -15,13 +15,14 @@ from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
+from rpctl.robot.workspace import Workspace
 
 
 class ReducedDynamics:
     """Pinocchio's dynamics projected onto the quasi-velocities.
 
     With v = S ν: M = SᵀM(q)S, h = Sᵀ rnea(q, Sν, Ṡν), B = Sᵀ times the actuators' columns. This
-    is [MS21, Eq. 5] (its Re is −h) for any drive. The object owns a workspace: use one a thread.
+    is [MS21, Eq. 5] (its Re is −h) for any drive. Threads may share the object.
 
     Args:
         robot: The robot.
@@ -32,11 +33,10 @@ class ReducedDynamics:
     def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:
         self.robot = robot
         self._model = robot.model
-        self._data = robot.model.createData()
+        self._workspace = Workspace(robot.model)
         self.rolling = find_rolling(robot, gliding)
         self._projector = Projector(robot, self.rolling)
         self._columns = self._projector.columns
-        self._M = np.zeros((robot.dof, robot.dof))
 
     @property
     def constant(self) -> bool:
@@ -74,7 +74,7 @@ class ReducedDynamics:
     def inertia(self, q: Array) -> Array:
         """Return M(q) (dof, dof), symmetric positive definite."""
         S = self.basis(q)
-        M = S.T @ pin.crba(self._model, self._data, q) @ S
+        M = S.T @ pin.crba(self._model, self._workspace.data, q) @ S
         return 0.5 * (M + M.T)
 
     def bias(self, q: Array, nu: Array) -> Array:
@@ -93,7 +93,7 @@ class ReducedDynamics:
         """
         at = self.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
-        return at.S.T @ pin.rnea(self._model, self._data, q, at.S @ nu, acceleration)
+        return at.S.T @ pin.rnea(self._model, self._workspace.data, q, at.S @ nu, acceleration)
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,).
@@ -106,20 +106,20 @@ class ReducedDynamics:
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
         """
-        at = self.at(q)
+        at, data = self.at(q), self._workspace.data
         S = at.S
-        force = pin.rnea(self._model, self._data, q, S.dot(nu), at.drift(nu))
-        mass = pin.crba(self._model, self._data, q)
-        np.dot(S.T, mass.dot(S), out=self._M)
-        _, nu_dot, info = dposv(self._M, S.T.dot(self._columns.dot(tau) - force))
+        force = pin.rnea(self._model, data, q, S.dot(nu), at.drift(nu))
+        M = S.T.dot(pin.crba(self._model, data, q).dot(S))
+        _, nu_dot, info = dposv(M, S.T.dot(self._columns.dot(tau) - force))
         if info or not math.isfinite(nu_dot[0]):
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
 
     def placements(self, q: Array) -> pin.Data:
-        """Return the workspace with the joints' placements at q; the next call overwrites it."""
-        pin.forwardKinematics(self._model, self._data, q)
-        return self._data
+        """Return the thread's workspace with the joints' placements at q, until its next call."""
+        data: pin.Data = self._workspace.data
+        pin.forwardKinematics(self._model, data, q)
+        return data
 
     def jacobian(self, q: Array, link: str) -> Array:
         """Return J (6, dof) of a link, as :meth:`Robot.jacobian`.
@@ -136,7 +136,7 @@ class ReducedDynamics:
             raise UnknownNameError("link", link, self.robot.description.link)
         frame = self._model.getFrameId(link, pin.FrameType.BODY)
         J = pin.computeFrameJacobian(
-            self._model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            self._model, self._workspace.data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         return np.asarray(J @ self.basis(q))
 
@@ -157,13 +157,15 @@ class ReducedDynamics:
         """
         at = self.at(q)
         acceleration = at.S @ self.forward(q, nu, tau) + at.drift(nu)
-        force = pin.rnea(self._model, self._data, q, at.S @ nu, acceleration)
-        return force - self._columns @ tau, self._data.f[ROOT_JOINT].vector.copy()
+        data = self._workspace.data
+        force = pin.rnea(self._model, data, q, at.S @ nu, acceleration)
+        return force - self._columns @ tau, data.f[ROOT_JOINT].vector.copy()
 
     def energy(self, q: Array, nu: Array) -> float:
         """Return kinetic plus potential energy, J; the latter is 0 at the root link's height."""
-        kinetic = pin.computeKineticEnergy(self._model, self._data, q, self.basis(q) @ nu)
-        return float(kinetic + pin.computePotentialEnergy(self._model, self._data, q))
+        data = self._workspace.data
+        kinetic = pin.computeKineticEnergy(self._model, data, q, self.basis(q) @ nu)
+        return float(kinetic + pin.computePotentialEnergy(self._model, data, q))
 
     def efforts(self, q: Array, quasi_force: Array) -> Array:
         """Return τ (n_act,) with B τ = ``quasi_force``.

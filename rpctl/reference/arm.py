@@ -11,6 +11,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.branch import METRES_PER_RADIAN, rate_columns
 from rpctl.robot.model import Robot
+from rpctl.robot.workspace import Workspace
 
 POSTURE_DRAWS = 1500  # random postures among which the most comfortable one is taken
 SEED = 0  # of these draws: the same robot has the same posture every time
@@ -39,7 +40,7 @@ class Arm:
     def __init__(self, robot: Robot) -> None:
         if robot.end_effector is None:
             raise RpctlError(f"{robot.name} has no arm: its end effector has no path")
-        self.robot, self._data = robot, robot.model.createData()
+        self.robot, self._workspace = robot, Workspace(robot.model)
         self._frame = robot.model.getFrameId(robot.end_effector, pin.FrameType.BODY)
         chain = {joint.name for joint in robot.description.chain(robot.end_effector)}
         chain |= {j.mimic.joint for j in robot.mimics if j.mimic is not None and j.name in chain}
@@ -71,7 +72,7 @@ class Arm:
     def end_effector_pose(self, pose: Array, positions: Array) -> pin.SE3:
         """Return the end effector's pose in the world."""
         q = self.robot.configuration_at(pose, self.all_joints(positions))
-        return self.robot.end_effector_pose(self._data, q)
+        return self.robot.end_effector_pose(self._workspace.data, q)
 
     def jacobian(self, pose: Array, positions: Array) -> tuple[pin.SE3, Array, Array]:
         """Return the end effector's pose in the world and its Jacobians.
@@ -82,10 +83,9 @@ class Arm:
         """
         q = self.robot.configuration_at(pose, self.all_joints(positions))
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        whole = pin.computeFrameJacobian(self.robot.model, self._data, q, self._frame, frame)
-        found = self._data.oMf[self._frame] = pin.updateFramePlacement(
-            self.robot.model, self._data, self._frame
-        ).copy()
+        model, data = self.robot.model, self._workspace.data
+        whole = pin.computeFrameJacobian(model, data, q, self._frame, frame)
+        found = pin.updateFramePlacement(model, data, self._frame).copy()
         x, y, _ = found.translation
         base = np.zeros((6, 3))
         base[0, 0] = base[1, 1] = base[5, 2] = 1.0

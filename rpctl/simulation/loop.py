@@ -26,6 +26,7 @@ from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.returned import require_callable
 from rpctl.simulation.run import Run
+from rpctl.simulation.watching import Watching
 
 SETTLING_S = 1.0  # s, after the end of one that has it
 MIN_SAMPLES = 2  # of a run: one moment is no motion
@@ -68,7 +69,8 @@ def track(
         control_period: s.
         plant_step: s.
         certificate: A certificate to keep with the run.
-        progress: Called with the samples done and their total.
+        progress: Called with the samples done and their total. If it or ``watch`` fails, it is not
+            called again, and a note of the run tells it.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
         plant: Differences between the simulated robot and the controller's model; None: none.
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
@@ -132,7 +134,8 @@ def simulate(
         reference: What the configuration's reference is; None loads it by its name.
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
-        watch: Called with every sample; what it takes is not counted as the simulation's.
+        watch: Called with every sample; what it takes is not counted as the simulation's. If it or
+            ``progress`` fails, it is not called again, and a note of the run tells it.
         ended: Called with what was simulated if an error or Ctrl-C ends the loop early and there
             is a motion to keep; the exception is raised afterwards.
 
@@ -151,6 +154,8 @@ def simulate(
     contacts = find_contacts(dynamics, settings.friction)
     recorder = Recorder(dynamics, contacts, plant.bias(robot), plant.friction(robot))
     loop = LoopRecord()
+    watching = Watching("what watched the simulation", watch)
+    showing = Watching("what showed its progress", progress)
 
     def run(log: Log, notes: tuple[str, ...]) -> Run:
         return Run(
@@ -160,14 +165,15 @@ def simulate(
             config=recorded(config, len(log.t) - 1),
             controller_model=plant.controller_model.name if plant.controller_model else None,
             kinematic_report=loop.report,
-            notes=notes + delay_note(plant.delay, period),
+            notes=notes + delay_note(plant.delay, period) + watching.notes + showing.notes,
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            simulated=robot,
         )
 
     try:
-        close_loop(dynamics, config, reference, steps, recorder, loop, progress, watch)
+        close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
     except BaseException as error:
         if ended is not None and (count := recorder.finite_count()) >= MIN_SAMPLES:
             log = recorder.log(count)

@@ -13,13 +13,12 @@ from rpctl.errors import RpctlError, RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
-from rpctl.robot.load import load
 from rpctl.robot.model import Robot
-from rpctl.robot.payload import with_payload
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
 from rpctl.simulation.recorded import config_of
+from rpctl.simulation.reload import load_robot
 from rpctl.simulation.run_file import ARRAY_ENTRIES, check_arrays, read_run_file, write_run_file
 from rpctl.simulation.table import columns, csv_text
 
@@ -41,6 +40,8 @@ class Run:
         wall_time: What the simulation took, s.
         sizing: How large and fast its named reference is, and why; None of others.
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
+        simulated: The robot itself, of a run that was simulated by this process; None of one that
+            was read. No file has it.
     """
 
     log: Log
@@ -54,6 +55,7 @@ class Run:
     wall_time: float
     sizing: Sizing | None = None
     perturbed: Mapping[str, Any] | None = None
+    simulated: Robot | None = None
 
     def __repr__(self) -> str:
         return (
@@ -151,36 +153,26 @@ class Run:
         """
         return _from_entries(path, read_run_file(path))
 
-    def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
-        """Load the robot of this run again.
+    def load_robot(self, package_dirs: Sequence[str | Path] = (), expand: bool = False) -> Robot:
+        """Return the robot of this run: as it was simulated here, or as the file of a run holds it.
+
+        A run from a file is data that somebody else may have written. Its robot comes from the URDF
+        in it; see :func:`rpctl.simulation.reload.load_robot`.
 
         Args:
-            package_dirs: Where its packages lie now, if not where they lay then.
+            package_dirs: Packages, or folders that hold packages: where meshes lie that are not
+                around the robot's file. The folders that the run names are not used.
+            expand: Whether a .xacro may be evaluated, where an older run does not hold what it
+                became.
 
         Raises:
-            RunFileError: Its URDF has changed since.
+            RunFileError: The run is an older one that does not hold its robot, and the robot's file
+                is not there, has changed since, or is xacro.
+            RpctlError: The robot cannot be built.
         """
-        known = self.robot
-        robot = load(
-            known.source,
-            known.drive,
-            known.locked,
-            known.density,
-            known.end_effector,
-            package_dirs=package_dirs
-            or [folder for folder in known.package_dirs if Path(folder).is_dir()],
-            xacro_args=known.xacro_args,
-            ignore_missing_packages=known.ignore_missing_packages,
-            home=known.home or "zero",  # as it was before runs kept it
-            free="*",  # nothing but what was locked
-        )
-        if robot.description.sha256 != known.urdf_sha256:
-            raise RunFileError(
-                f"{robot.description.path}: the URDF has changed since the run; track it again"
-            )
-        for payload in known.payloads:
-            robot = with_payload(robot, *payload)
-        return robot
+        if self.simulated is not None:
+            return self.simulated
+        return load_robot(self.robot, package_dirs, expand)
 
 
 RECORDS: dict[str, type[Log | RobotFacts | GroundFacts]] = {
@@ -201,7 +193,7 @@ def _entry_places() -> dict[str, tuple[str | None, str]]:
     for record, kind in RECORDS.items():
         for item in fields(kind):
             places[renamed.get((record, item.name), item.name)] = record, item.name
-    rest = (item.name for item in fields(Run) if item.name not in RECORDS)
+    rest = (item.name for item in fields(Run) if item.name not in (*RECORDS, "simulated"))
     return {**places, **{name: (None, name) for name in rest}}
 
 

@@ -35,6 +35,8 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "payloads": [],
     "sizing": None,
     "perturbed": None,
+    "urdf": None,
+    "file_sha256": None,
 }
 ARRAY_ENTRIES = {item.name for item in fields(Log)} - {"bound_limits"}
 

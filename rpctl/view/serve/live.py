@@ -147,7 +147,7 @@ class Broadcast:
         now = time.monotonic()
         if self._origin is None or self._origin + t < now:
             self._origin = now - t
-        time.sleep(self._origin + t - now)
+        time.sleep(max(0.0, self._origin + t - now))  # their difference rounds below 0 at times
 
 
 @contextmanager

@@ -289,6 +289,7 @@ def test_simulation_that_is_watched_keeps_to_real_time(
     clock = [100.0]
 
     def sleep(seconds: float) -> None:
+        assert seconds >= 0.0, "time.sleep refuses less"
         clock[0] += seconds
 
     for module in (live, streams):
@@ -310,6 +311,26 @@ def test_simulation_that_is_watched_keeps_to_real_time(
         for t in (0.6, 0.7):
             watcher(WatchedSample(t, q, e, tau, state))
         assert clock[0] == pytest.approx(105.4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rounding_never_asks_for_a_negative_pause(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    rng, pauses = np.random.default_rng(seed), []
+    clock = [rng.uniform(1.0, 5.0)]  # s since the machine was started
+    fake = SimpleNamespace(monotonic=lambda: clock[0], sleep=pauses.append)
+    monkeypatch.setattr(live, "time", fake)
+    stream = Stream()
+    watcher = Broadcast(paper, Unopened(), stream, 1e3, awaits=False)
+    state = reference_by_name(paper, "line")(0.0)
+    q, e, tau = paper.configuration(), np.zeros(5), np.zeros(4)
+    with stream.reading():
+        for t in 100.0 + np.cumsum(rng.uniform(0.04, 0.05, 200)):  # the page was opened late
+            watcher(WatchedSample(t, q, e, tau, state))
+            clock[0] += rng.uniform(0.05, 0.06)  # slower than real time: the pause is 0, rounded
+    assert len(pauses) == 200
+    assert min(pauses) >= 0.0
 
 
 def test_what_a_watcher_takes_is_not_counted_as_simulation(
