@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names
-from rpctl.cli.terminal import print_json, progress_bar
+from rpctl.cli.streams import print_json, say
+from rpctl.cli.terminal import progress_bar
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
@@ -63,11 +64,11 @@ class FilmOptions:
             raise RpctlError(f"{' '.join(what)} is no run; films and pictures are of one run")
         run, pixels = load_run(Path(what[0])), _read_size(self.size)
         if self.png is not None:
-            typer.echo(f"wrote {write_still(run, self.png, size=pixels, time=self.at)}")
+            say(f"wrote {write_still(run, self.png, size=pixels, time=self.at)}")
         if self.video is not None:
             with progress_bar("film") as advance:
                 write_film(run, self.video, size=pixels, rate=self.fps, progress=advance)
-            typer.echo(f"wrote {self.video}")
+            say(f"wrote {self.video}")
         return True
 
 
@@ -112,11 +113,11 @@ def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], 
     if html is None:
         serve()
     else:
-        typer.echo(f"wrote {write_atomically(html, page())}")
+        say(f"wrote {write_atomically(html, page())}")
 
 
 def _say(url: str) -> None:
-    typer.echo(f"{url}  (Ctrl-C ends it)")
+    say(f"{url}  (Ctrl-C ends it)")
 
 
 def _words(robot: str, options: LoadOptions) -> str:
@@ -176,7 +177,7 @@ def plot_command(
     if as_json:
         print_json({"figure": str(path)})
     else:
-        typer.echo(f"wrote {path}")
+        say(f"wrote {path}")
 
 
 def _read_size(text: str | None) -> tuple[int, int] | None:

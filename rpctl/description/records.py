@@ -131,13 +131,15 @@ class Description:
         path: The file.
         name: The robot's name.
         xml: The document as every engine downstream reads it: inertias and joints, no shapes.
-        sha256: Digest of the file's bytes.
+        sha256: Digest of the URDF: of the file's bytes, or of the text that a .xacro became.
         root: Name of the root link.
         findings: Warnings and remarks (errors raise instead).
         read_with: How its file was read.
         expanded: Whether the file holds xacro and was expanded.
         raw: The file's bytes as the user wrote them, or the text that a .xacro became; the proof
             reads these, not ``xml``.
+        urdf: The URDF of which ``sha256`` is the digest: ``raw`` before a payload was put on it.
+        file_sha256: Digest of the file's bytes; None where no file was read.
     """
 
     path: Path
@@ -151,6 +153,8 @@ class Description:
     read_with: ReadSettings = field(default_factory=ReadSettings)
     expanded: bool = False
     raw: bytes = field(default=b"", repr=False)
+    urdf: bytes = field(default=b"", repr=False)
+    file_sha256: str | None = None
 
     @cached_property
     def link(self) -> dict[str, Link]:

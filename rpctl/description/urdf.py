@@ -49,16 +49,19 @@ def read(path: str | Path, settings: ReadSettings = READ_DEFAULTS) -> Descriptio
     """
     path = Path(path)
     data = read_source(path)
+    digest = hashlib.sha256(data).hexdigest()
     if not is_xacro(path, data):
         if settings.xacro_args:
             given = ", ".join(settings.xacro_args)
             fault = f"it holds no xacro and takes no arguments; leave out {given}"
             raise DescriptionError(path, [Finding("error", None, fault)])
-        return replace(parse(path, data), read_with=settings)
+        return replace(parse(path, data), read_with=settings, file_sha256=digest)
     expansion = expand(path, settings)
     description = parse(path, expansion.text.encode("utf-8"))
     findings = (*expansion.findings, *description.findings, explanation(path))
-    return replace(description, read_with=settings, expanded=True, findings=findings)
+    return replace(
+        description, read_with=settings, expanded=True, findings=findings, file_sha256=digest
+    )
 
 
 def parse(path: Path, data: bytes) -> Description:
@@ -123,6 +126,7 @@ def _description(
         joints=joints,
         findings=tuple(findings.sorted()),
         raw=data,
+        urdf=data,
     )
 
 

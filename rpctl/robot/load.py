@@ -28,6 +28,7 @@ from rpctl.robot.home import with_home
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
 from rpctl.robot.names import find_source
+from rpctl.robot.source import Source
 
 MAX_POSITION = 1e6  # rad or m: no joint is locked farther from 0
 
@@ -82,50 +83,80 @@ def load(
         UnknownNameError: A name is not known; the nearest are suggested.
     """
     found = find_source(source)
-    path = found.path
     settings = found.read_settings(package_dirs, xacro_args, ignore_missing_packages)
+    with lines_explained(found.path):
+        description = read(found.path, settings)
+        return assemble(found, description, drive, lock, density, end_effector, strict, home, free)
+
+
+def assemble(
+    found: Source,
+    description: Description,
+    drive: Drive | str | Path | None = None,
+    lock: Iterable[str] | Mapping[str, float] = (),
+    density: float | None = None,
+    end_effector: str | None = None,
+    strict: bool = False,
+    home: str | Mapping[str, float] | Iterable[str] | None = None,
+    free: Iterable[str] = (),
+) -> Robot:
+    """Return the robot of a description that was read already; :func:`load` has the arguments.
+
+    Args:
+        found: What the description was read from.
+        description: The description.
+        drive: The drive; None finds it.
+        lock: Joints to freeze.
+        density: For links without inertia, kg/m³.
+        end_effector: Link to track.
+        strict: Whether warnings are errors.
+        home: The posture of the arm that references start from.
+        free: Patterns of joints that are not frozen by default.
+
+    Raises:
+        RpctlError: As of :func:`load`.
+    """
+    path = found.path
     free = (free,) if isinstance(free, str) else tuple(free)
     asked = drive if drive is None or isinstance(drive, Drive) else str(drive)
-    with lines_explained(path):
-        description = read(path, settings)
-        if density is not None:
-            description = fill(description, density)
-        tree = FrozenTree(description, _locked(description, found.lock, lock, free))
-        given = _given(found.drive if drive is None else drive)
-        tags, released = read_controls(description), _released(description, free)
-        tree, held = hold_passive(tree, given.type, tags, released)
-        grippers = find_grippers(tree)
-        tree, frozen = freeze_grippers(tree, grippers, free)
-        findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
-        if strict:
-            _refuse_doubts(path, findings)
-        check(tree)
-        drive = _drive(tree, given, strict, tags, released)
-        differences = vendor_findings(drive, tags)
-        if strict:
-            _refuse_doubts(path, differences)
-        model, joints = build(tree), _arm_joints(tree, drive)
-        choice: tuple[Finding, ...] = ()
-        if end_effector is None:
-            end_effector, choice = find_end_effector(tree, drive, joints, grippers)
-        elif end_effector not in description.link:
-            raise UnknownNameError("link", end_effector, description.link)
-        robot = Robot(
-            name=found.name or description.name,
-            source=found.name or str(path.resolve()),
-            description=description,
-            model=model,
-            drive=drive,
-            locked=tree.locked,
-            joints=joints,
-            end_effector=end_effector,
-            findings=(*findings, *held, *frozen, *differences, *choice),
-            loaded_with=LoadSettings(density, free=free, drive=asked),
-        )
-        at_home = with_home(robot, home)
-        if strict:
-            _refuse_doubts(path, at_home.findings[len(robot.findings) :])
-        return at_home
+    if density is not None:
+        description = fill(description, density)
+    tree = FrozenTree(description, _locked(description, found.lock, lock, free))
+    given = _given(found.drive if drive is None else drive)
+    tags, released = read_controls(description), _released(description, free)
+    tree, held = hold_passive(tree, given.type, tags, released)
+    grippers = find_grippers(tree)
+    tree, frozen = freeze_grippers(tree, grippers, free)
+    findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
+    if strict:
+        _refuse_doubts(path, findings)
+    check(tree)
+    drive = _drive(tree, given, strict, tags, released)
+    differences = vendor_findings(drive, tags)
+    if strict:
+        _refuse_doubts(path, differences)
+    model, joints = build(tree), _arm_joints(tree, drive)
+    choice: tuple[Finding, ...] = ()
+    if end_effector is None:
+        end_effector, choice = find_end_effector(tree, drive, joints, grippers)
+    elif end_effector not in description.link:
+        raise UnknownNameError("link", end_effector, description.link)
+    robot = Robot(
+        name=found.name or description.name,
+        source=found.name or str(path.resolve()),
+        description=description,
+        model=model,
+        drive=drive,
+        locked=tree.locked,
+        joints=joints,
+        end_effector=end_effector,
+        findings=(*findings, *held, *frozen, *differences, *choice),
+        loaded_with=LoadSettings(density, free=free, drive=asked),
+    )
+    at_home = with_home(robot, home)
+    if strict:
+        _refuse_doubts(path, at_home.findings[len(robot.findings) :])
+    return at_home
 
 
 def _drive(

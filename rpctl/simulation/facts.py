@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rpctl.drive.drive import Drive
 from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.robot.model import Robot
+
+MAX_URDF_BYTES = 4 * 2**20  # of a URDF that a run keeps; the largest public ones are near 1 MB
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,10 @@ class RobotFacts:
         other_names: Moving joints that are not the arm's: wheels', swivels, mimic joints.
         other_limits: Their limits (lower, upper, velocity); rad or m, rad/s or m/s.
         end_effector: The link that was tracked, or None.
+        urdf: Its URDF, of a .xacro what it became; None where it is too long to be kept, and in
+            older files. It may hold surrogates: see :func:`urdf_bytes`.
+        file_sha256: Digest of its file, which is that of its URDF but for a .xacro; None in older
+            files.
     """
 
     name: str
@@ -69,6 +75,8 @@ class RobotFacts:
     other_names: tuple[str, ...]
     other_limits: tuple[tuple[float, float, float], ...]
     end_effector: str | None
+    urdf: str | None = field(default=None, repr=False)
+    file_sha256: str | None = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,19 @@ def robot_facts(robot: Robot) -> RobotFacts:
             for name in others
         ),
         end_effector=robot.end_effector,
+        urdf=_text(robot.description.urdf),
+        file_sha256=robot.description.file_sha256,
     )
+
+
+def urdf_bytes(known: RobotFacts) -> bytes:
+    """Return the bytes of the URDF that a run holds, exactly as they were; none: it holds none."""
+    return (known.urdf or "").encode("utf-8", "surrogateescape")
+
+
+def _text(urdf: bytes) -> str | None:
+    """Return a URDF as text from which its bytes follow, whatever its encoding; None: too long."""
+    return urdf.decode("utf-8", "surrogateescape") if len(urdf) <= MAX_URDF_BYTES else None
 
 
 def ground_facts(contacts: Contacts | None, friction: float) -> GroundFacts:

@@ -139,14 +139,14 @@ def test_packages_are_declared(tmp_path: Path) -> None:
         )
 
 
-def test_a_run_finds_its_packages_again(tmp_path: Path) -> None:
+def test_a_run_finds_its_packages_where_the_user_says(tmp_path: Path) -> None:
     path, far = workspace(tmp_path), tmp_path / "far"
     words = ["--reference", "line", "--duration", "0.2", "--samples", "1", "--json"]
     code, out, _ = rpctl("track", path, *words, "--package-dir", far, "--out", tmp_path / "run")
     assert code == 0
     assert not [note for note in json.loads(out)["notes"] if "mesh" in note]
     run = Run.load(tmp_path / "run" / "run.npz")
-    assert build_scene(run.load_robot(), run).notes == ()
+    assert build_scene(run.load_robot([far]), run).notes == ()
     moved = move(far, tmp_path / "moved")
     assert "box.stl" in build_scene(run.load_robot(), run).notes[0]
     assert build_scene(run.load_robot([moved]), run).notes == ()
