@@ -167,6 +167,11 @@ def require_positive(name: str, value: float) -> None:
 def require_within(name: str, values: Iterable[float], largest: float = LARGEST) -> None:
     """Refuse numbers that are not finite or of a larger magnitude.
 
+    Args:
+        name: What they are, in the words of the user.
+        values: The numbers.
+        largest: The largest magnitude that is accepted.
+
     Raises:
         RpctlError: Naming them.
     """

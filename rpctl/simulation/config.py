@@ -96,12 +96,9 @@ class RunSettings:
     log_every: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of samples."""
+        """Refuse what is out of range."""
         if not (type(self.log_every) is int and self.log_every >= 1):
             raise RpctlError(f"log_every is {self.log_every}; give a whole number, 1 or more")
-
-    def __post_init__(self) -> None:
-        """Refuse what is out of range."""
         for name in ("duration", "control_period", "plant_step", "friction"):
             value = getattr(self, name)
             if value is not None:

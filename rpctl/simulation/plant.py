@@ -94,6 +94,11 @@ def _by_actuator(robot: Robot, efforts: Mapping[str, float]) -> Array:
     return np.array([efforts.get(name, 0.0) for name in robot.actuators])
 
 
+def substeps(duration: float, longest: float) -> int:
+    """Return in how many equal steps of at most ``longest`` (s) a ``duration`` (s) is taken."""
+    return max(1, math.ceil(duration / longest - 1e-9))
+
+
 def advance(
     dynamics: ReducedDynamics,
     q: Array,
@@ -117,7 +122,7 @@ def advance(
     Raises:
         DivergedError: The state left the finite numbers.
     """
-    steps = max(1, math.ceil(duration / longest - 1e-9))
+    steps = substeps(duration, longest)
     work = 0.0
     try:
         for _ in range(steps):
