@@ -16,6 +16,7 @@ MAX_XACRO_SECONDS = 30  # that a .xacro may take to expand; the largest public o
 MAX_XACRO_MEMORY = 2**30  # bytes that its expansion may take
 MAX_FOLDERS = 20_000  # that one search for packages looks into; 80 public repositories have 4300
 MAX_ROWS = 100_000  # of a table of poses; 1 kHz for 100 s
+MAX_SHOWN_BYTES = 2**31  # of a file in a run's folder whose mark is looked for, or digest taken
 MAX_WAYPOINTS = 1000  # of a path; its curve solves a dense system of four times as many
 
 
