@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TypeGuard
 
 MAX_SHOWN = 50  # findings that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
-
+UNSEEN = re.compile(
+    r"[\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0\ufe00-\ufe0f\U000e0100-\U000e01ef]"
+)  # what Unicode calls printable, but has no ink: fillers, and selectors of variants
 
 SEVERITIES = ("error", "warning", "info")  # of findings, the gravest first
 
@@ -111,6 +114,7 @@ class SolverError(RpctlError):
 
 def format_finding(path: str, finding: Finding) -> str:
     """Return ``file:line: severity: message``."""
+    path = printable(path)
     place = path if finding.line is None else f"{path}:{finding.line}"
     return f"{place}: {finding.severity}: {finding.message}"
 
@@ -120,9 +124,25 @@ def one_line(text: str) -> str:
     if len(text) > MAX_MESSAGE:
         half = MAX_MESSAGE // 2
         text = f"{text[:half]} ... {text[-half:]}"
-    if text.isprintable():
+    return printable(text)
+
+
+def printable(text: str, keep: str = "", escape: Callable[[str], str] | None = None) -> str:
+    """Return a text of others as it can be shown: what a reader would not see is escaped.
+
+    These are signs that steer a terminal, turn the direction of writing, or take no room.
+
+    Args:
+        text: The text.
+        keep: Signs that are left as they are, as line breaks between the lines of a message.
+        escape: What returns the text for such a sign; by default as Python writes it, ``\\x1b``.
+    """
+    if text.isprintable() and not UNSEEN.search(text):
         return text
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    escape = escape or (lambda sign: ascii(sign)[1:-1])
+    return "".join(
+        c if c in keep or (c.isprintable() and not UNSEEN.match(c)) else escape(c) for c in text
+    )
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -14,10 +14,10 @@ import typer
 from typer.core import TyperGroup
 
 from rpctl import __version__
+from rpctl.cli.interrupts import exit_code, ignore_signals, raised_signals
+from rpctl.cli.streams import Streams, say
 from rpctl.cli.words import WordsCommand
 from rpctl.errors import RpctlError
-
-INTERRUPTED = 130  # exit code
 
 
 @dataclass(frozen=True)
@@ -151,23 +151,24 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
-            return command(*args, **kwargs)
+            with raised_signals():
+                return command(*args, **kwargs)
         except RpctlError as error:
-            typer.echo(str(error), err=True)
+            say(str(error), err=True)
             raise typer.Exit(error.exit_code) from None
         except MemoryError:
-            typer.echo("out of memory; is the file or a cap (RPCTL_MAX_...) too large?", err=True)
+            say("out of memory; is the file or a cap (RPCTL_MAX_...) too large?", err=True)
             raise typer.Exit(RpctlError.exit_code) from None
-        except KeyboardInterrupt:
-            typer.echo("interrupted", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+        except KeyboardInterrupt as error:
+            say(str(error) or "interrupted", err=True)
+            raise typer.Exit(exit_code(error)) from None
 
     return run
 
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"rpctl {__version__}")
+        say(f"rpctl {__version__}")
         raise typer.Exit
 
 
@@ -181,8 +182,19 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line and leave with its exit code.
+
+    A pipe whose reader has enough changes nothing; output that is lost is told, and is an error.
+    """
+    streams = Streams()
+    code: object = 0
     try:
         app()
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+    except SystemExit as left:
+        code = left.code
+    ignore_signals()
+    fault = streams.close()
+    if fault is not None:
+        say(f"the output was lost: {fault.strerror}", err=True)
+        code = max(int(code or 0), RpctlError.exit_code) if isinstance(code, int) else code
+    sys.exit(code)  # type: ignore[arg-type]

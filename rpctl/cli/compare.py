@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import (
@@ -26,7 +25,8 @@ from rpctl.cli.options import (
     read_triple,
     split_names,
 )
-from rpctl.cli.terminal import console, new_table, print_json, progress_bar
+from rpctl.cli.streams import print_json
+from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import to_json, write_atomically

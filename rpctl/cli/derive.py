@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.terminal import print_json
+from rpctl.cli.streams import print_document, print_json
 from rpctl.derive.write import derive
 
 
@@ -27,4 +27,4 @@ def derive_command(
     if as_json:
         print_json({"robot": robot, "format": form, "text": text})
     else:
-        typer.echo(text, nl=False)
+        print_document(text)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.terminal import console, format_limit, new_table, print_json
+from rpctl.cli.streams import print_json
+from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.description.condense import condense
 from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE

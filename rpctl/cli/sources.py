@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from rpctl.cli.options import IgnoreOption, JsonOption, PackageDirOption, XacroArgsOption
-from rpctl.cli.terminal import console, new_table, print_json
+from rpctl.cli.streams import print_document, print_json, say
+from rpctl.cli.terminal import console, escape, new_table
 from rpctl.cli.words import read_words
 from rpctl.description.expansion import expand
 from rpctl.errors import format_finding
@@ -31,11 +31,11 @@ def expand_command(
     settings = found.read_settings(package_dir or (), read_words(words), ignore_missing_packages)
     expansion = expand(found.path, settings)
     for finding in expansion.findings:
-        typer.echo(format_finding(str(found.path), finding), err=True)
+        say(format_finding(str(found.path), finding), err=True)
     if as_json:
         print_json({"file": str(found.path), "text": expansion.text})
     else:
-        typer.echo(expansion.text, nl=False)
+        print_document(expansion.text, xml=True)
 
 
 def robots_command(as_json: JsonOption = False) -> None:

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
-from rpctl.cli.terminal import console, format_limit, new_table
+from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.reference.sizing import Sizing
 from rpctl.simulation.outcome import LATE, TRACKED
 from rpctl.simulation.path_error import PathFigures

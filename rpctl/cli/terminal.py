@@ -3,23 +3,40 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from rpctl.files.writing import to_json
+from rpctl.errors import printable
 
 PIPED_WIDTH = 140  # characters of a line that no terminal breaks
+TAG = re.compile(r"(\\*)(?=\[[a-z#/@])|(\\+)\Z")  # where markup may begin, or a text ends
 
 
 def console(stderr: bool = False) -> Console:
     """Return a console that neither colours paths nor breaks lines of piped text."""
-    out = Console(stderr=stderr, highlight=False)
-    return out if out.is_terminal else Console(stderr=stderr, highlight=False, width=PIPED_WIDTH)
+    out = Console(stderr=stderr, highlight=False, emoji=False)
+    if not out.is_terminal:
+        out.width = PIPED_WIDTH
+    return out
+
+
+def escape(text: str) -> str:
+    """Return a text of others as markup that shows it: no tag begins in it, and nothing is hidden.
+
+    Rich's own function leaves a bracket that nothing in the text closes; what is printed behind
+    the text may.
+    """
+    return TAG.sub(_doubled, printable(text))
+
+
+def _doubled(found: re.Match[str]) -> str:
+    """Return backslashes that show as these, and one that makes the bracket behind them a sign."""
+    return 2 * found[2] if found[2] else f"{2 * found[1]}\\"
 
 
 @contextmanager
@@ -49,8 +66,3 @@ def new_table(*headings: str) -> Table:
 def format_limit(value: float, unit: str) -> str:
     """Return a limit with its unit, or a dash where there is none."""
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "-"
-
-
-def print_json(value: object) -> None:
-    """Print a value as JSON on stdout."""
-    typer.echo(to_json(value))

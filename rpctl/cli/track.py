@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from rpctl.cli.options import (
     CHECK_FAILED,
@@ -22,8 +21,9 @@ from rpctl.cli.options import (
     default_folder,
     read_triple,
 )
+from rpctl.cli.streams import print_json
 from rpctl.cli.summary import show_sizing, show_summary
-from rpctl.cli.terminal import console, print_json, progress_bar
+from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
@@ -219,7 +219,7 @@ def track_command(
     results.require_browser()
     output = console(stderr=as_json)
     output.print(
-        f"[bold]{loaded.name}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
+        f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
     show_sizing(output, getattr(reference, "sizing", None))
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.terminal import console, new_table, print_json, progress_bar
+from rpctl.cli.streams import print_json
+from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.equivalence.row import CONTACT_ORACLE

@@ -11,8 +11,9 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names
-from rpctl.cli.terminal import print_json, progress_bar
-from rpctl.errors import RpctlError, UnknownNameError, one_line
+from rpctl.cli.streams import print_json, say
+from rpctl.cli.terminal import progress_bar
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.chart import PANELS
@@ -73,13 +74,13 @@ class FilmOptions:
             _note(f"the robot cannot be drawn: {robot}")
         if self.png is not None:
             file = write_still(run, self.png, size=pixels, time=self.at, robot=robot)
-            typer.echo(f"wrote {file}")
+            say(f"wrote {file}")
         if self.video is not None:
             with progress_bar("film") as advance:
                 write_film(
                     run, self.video, size=pixels, rate=self.fps, robot=robot, progress=advance
                 )
-            typer.echo(f"wrote {self.video}")
+            say(f"wrote {self.video}")
         return True
 
 
@@ -142,7 +143,7 @@ def _report(
 
 def _note(text: str) -> None:
     """Print a note beside the output."""
-    typer.echo(one_line(text), err=True)
+    say(text, err=True)
 
 
 def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], object]) -> None:
@@ -150,11 +151,11 @@ def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], 
     if html is None:
         serve()
     else:
-        typer.echo(f"wrote {write_atomically(html, page())}")
+        say(f"wrote {write_atomically(html, page())}")
 
 
 def _say(url: str) -> None:
-    typer.echo(f"{url}  (Ctrl-C ends it)")
+    say(f"{url}  (Ctrl-C ends it)")
 
 
 def _words(robot: str, options: LoadOptions) -> str:
@@ -214,7 +215,7 @@ def plot_command(
     if as_json:
         print_json({"figure": str(path)})
     else:
-        typer.echo(f"wrote {path}")
+        say(f"wrote {path}")
 
 
 def _read_size(text: str | None) -> tuple[int, int] | None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
+from unicodedata import category
 
 from rpctl.description.findings import MAX_NUMBER, Findings
 from rpctl.description.records import Joint, Link, Mimic
@@ -40,7 +41,8 @@ def check_spelling(findings: Findings, root: Any) -> None:
 
 
 def check_names(findings: Findings, root: Any) -> None:
-    """Note links and joints without a name, of one name, or of a name that is taken."""
+    """Note links and joints without a name, of one name, or of a name that is taken or unfit."""
+    _require_writing(findings, root)
     for tag in ("link", "joint"):
         lines: dict[str, int] = {}
         for element in root.findall(tag):
@@ -55,6 +57,16 @@ def check_names(findings: Findings, root: Any) -> None:
                 findings.error(element, text)
             if name:
                 lines.setdefault(name, element.sourceline)
+                _require_writing(findings, element)
+
+
+def _require_writing(findings: Findings, element: Any) -> None:
+    """Refuse a name that could end the line it is written on, or steer a terminal."""
+    if any(category(sign) == "Cc" for sign in element.get("name", "")):
+        text = (
+            f'{element.tag} "{element.get("name")}" has a control character in its name; remove it'
+        )
+        findings.error(element, text)
 
 
 def check_tree(

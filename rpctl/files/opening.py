@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from rpctl.errors import InputError
+from rpctl.errors import DescriptionError, Finding, InputError
 from rpctl.files.caps import cap, how_to_raise
 
 A_URDF = "a URDF file or a name listed by `rpctl robots`"
@@ -72,6 +73,28 @@ def read_input(path: str | Path, cap_name: str, kind: str) -> bytes:
     if piece is None:  # a file of /proc or /sys that would make us wait
         raise InputError(path, f"gives nothing to read yet; save it to a file, and give {kind}")
     return bytes(data)
+
+
+def read_text(path: str | Path, cap_name: str, kind: str) -> str:
+    """Return a regular file's text: UTF-8, with or without a byte-order mark.
+
+    Args:
+        path: The file.
+        cap_name: Of the cap on its bytes, in :mod:`rpctl.files.caps`.
+        kind: What to give instead, in words: ``"a drive file"``.
+
+    Raises:
+        DescriptionError: As of :func:`read_input`; or it is not UTF-8, which its line is named of.
+    """
+    data = read_input(path, cap_name, kind)
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise InputError(path, "UTF-16, not UTF-8; save it as UTF-8")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        fault = f"not UTF-8 ({error.reason}); save it as UTF-8"
+        raise DescriptionError(path, [Finding("error", line, fault)]) from None
 
 
 def read_source(path: Path) -> bytes:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.opening import read_input
+from rpctl.files.opening import read_text
+from rpctl.files.toml_limits import read_float, too_deep_or_long, value_faults
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -35,20 +36,21 @@ def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
     Raises:
         DescriptionError: The file is missing, too long, no TOML, or has faults; all are named.
     """
-    data = _parse(path, read_input(path, "MAX_BYTES", kind), kind)
-    faults: list[str] = []
-    content = schema(data, faults)
+    data = _parse(path, read_text(path, "MAX_TOML_BYTES", kind), kind)
+    faults = value_faults(data)
+    if not faults:  # else a schema would have to expect them
+        content = schema(data, faults)
     if faults:
         raise DescriptionError(path, [Finding("error", None, fault) for fault in faults])
     return content
 
 
-def _parse(path: str | Path, data: bytes, kind: str) -> Table:
+def _parse(path: str | Path, text: str, kind: str) -> Table:
+    text = text.replace("\r\n", "\n")
+    if beyond := too_deep_or_long(text):
+        raise _refused(path, *beyond)
     try:
-        return tomllib.loads(data.decode("utf-8-sig").replace("\r\n", "\n"))
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        raise _refused(path, line, f"not TOML: no UTF-8 ({error.reason}); {kind} is TOML") from None
+        return tomllib.loads(text, parse_float=read_float)
     except tomllib.TOMLDecodeError as error:
         at = AT_LINE.search(str(error))  # in the text only: the exception has no line before 3.14
         reason = AT_LINE.sub("", str(error))

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, printable
 
 UNFINISHED = ".part"  # what a file's name ends with until it is whole
 NAME_LENGTH = 48  # characters of the final name in that of an unfinished file: a name has 255 bytes
@@ -231,8 +231,18 @@ def _sync_folder(folder: Path) -> None:
 
 
 def to_json(value: Any) -> str:
-    """Return strict, indented JSON; a number that is not finite becomes null."""
-    return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    """Return strict, indented JSON; a number that is not finite becomes null.
+
+    Signs that do not print are written as ``\\u001b``, and so are the bytes of a path that are no
+    UTF-8: ``\\udcff``, which Python reads again as that path.
+    """
+    text = json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    return printable(text, keep="\n", escape=json_escape)
+
+
+def json_escape(sign: str) -> str:
+    """Return a sign as a string in JSON holds it in ASCII."""
+    return json.dumps(sign)[1:-1]
 
 
 def _plain(value: Any) -> Any:

@@ -16,7 +16,7 @@ from rpctl.arrays import Array
 from rpctl.description.findings import Fault, excerpt, parse_numbers
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import read_input
+from rpctl.files.opening import read_text
 
 BASE_COLUMNS, HEADING = ("x", "y"), "theta"
 EE_COLUMNS, QUATERNION = ("ee_x", "ee_y", "ee_z"), ("ee_qx", "ee_qy", "ee_qz", "ee_qw")
@@ -58,19 +58,6 @@ def refusal(path: str | Path, faults: Sequence[tuple[int | None, str]]) -> Descr
     return DescriptionError(path, [Finding("error", line, fault) for line, fault in faults])
 
 
-def read_text(path: str | Path) -> str:
-    """Return the text of a reference file, at most as long as a robot description may be.
-
-    Raises:
-        DescriptionError: It is missing, too long or no UTF-8.
-    """
-    data = read_input(path, "MAX_BYTES", "a reference file")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise refusal(path, [(None, f"not UTF-8 ({error.reason}); save it as UTF-8")]) from None
-
-
 def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     """Read a table of poses.
 
@@ -85,7 +72,7 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     Raises:
         DescriptionError: The file is missing or has faults; all are named with their lines.
     """
-    reader = csv.reader(io.StringIO(read_text(path), newline=""))
+    reader = csv.reader(io.StringIO(read_text(path, "MAX_BYTES", "a reference file"), newline=""))
     rows: list[tuple[int, list[str]]] = []
     most = cap("MAX_ROWS")
     try:

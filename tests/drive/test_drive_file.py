@@ -55,7 +55,7 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
         (GOOD + "colour = 1", 'wheel 2: "colour" is not known'),
         ('colour = 1\ntype = "fixed"', '"colour" is not known; a drive file has'),
         (GOOD.replace("0.2", "-0.2"), "wheel 1: radius is -0.2; give a positive number"),
-        (GOOD.replace("0.2", "nan"), "wheel 1: radius is nan"),
+        (GOOD.replace("0.2", "nan"), "wheel[1].radius: is nan; give a finite number"),
         (GOOD.replace("0.2", "true"), "wheel 1: radius is True"),
         (GOOD.replace("right_joint", "left_joint"), 'joint "left_joint" is named twice'),
         (GOOD.replace('joint = "right_joint"', ""), 'wheel 2 has no joint; write joint = "NAME"'),

@@ -42,8 +42,7 @@ def test_all_faults_are_named_at_once(tmp_path: Path) -> None:
     [
         (b"a = 1\nb = x\n", ":2", "not TOML: Invalid value; a file of sizes is TOML"),
         (b"a = 1\n\na = 2\n", ":3", "not TOML: Cannot overwrite a value; a file of sizes is TOML"),
-        (b"a = 1\n# caf\xe9\n", ":2", "not TOML: no UTF-8 (invalid continuation byte); a file of "
-         "sizes is TOML"),
+        (b"a = 1\n# caf\xe9\n", ":2", "not UTF-8 (invalid continuation byte); save it as UTF-8"),
         (b"a = ", "", "not TOML: Invalid value (at end of document); a file of sizes is TOML"),
     ],
 )  # fmt: skip
@@ -59,9 +58,16 @@ def test_a_file_that_is_missing_or_too_long_is_refused(
 ) -> None:
     with pytest.raises(DescriptionError, match="No such file or directory; give a file of sizes"):
         read(tmp_path / "none.toml", sizes, "a file of sizes")
-    monkeypatch.setenv("RPCTL_MAX_BYTES", "5")
-    assert "over 5 bytes; if it is meant, set RPCTL_MAX_BYTES" in refusal(
+    monkeypatch.setenv("RPCTL_MAX_TOML_BYTES", "5")
+    assert "over 5 bytes; if it is meant, set RPCTL_MAX_TOML_BYTES" in refusal(
         tmp_path / "sizes.toml", b"a = 11"
     )
     (tmp_path / "sizes.toml").write_bytes(b"a = 1")
     assert read(tmp_path / "sizes.toml", sizes, "a file of sizes") == [1]
+
+
+def test_utf_16_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "sizes.toml"
+    for codec in ("utf-16-le", "utf-16-be"):
+        fault = refusal(path, "\ufeffa = 1\n".encode(codec))
+        assert fault == f"{path}: error: UTF-16, not UTF-8; save it as UTF-8"

@@ -122,7 +122,7 @@ def refusal(folder: Path, text: str) -> str:
         ('[dynamic]\nlaw = "papr"', "dynamic.law: dynamic law 'papr' is not known; did you mean"),
         ('[dynamic]\nlaw = "integral"\ninner = 2', "dynamic.inner: is 2; write [dynamic.inner]"),
         ("a = ", "not TOML"),
-        ("\xff", "not TOML"),
+        ("\xff", "not UTF-8"),
     ],
 )
 def test_a_wrong_file_is_told(text: str, told: str, tmp_path: Path) -> None:

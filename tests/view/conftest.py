@@ -33,6 +33,11 @@ def cart(tmp_path: Path) -> Robot:
     return rpctl.load(write_cart(tmp_path))
 
 
+@pytest.fixture
+def cart_run(cart: Robot) -> Run:
+    return short_run(cart, 0.1)
+
+
 @pytest.fixture(scope="session")
 def paper_run(paper: Robot) -> Run:
     return short_run(paper)

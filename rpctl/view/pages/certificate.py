@@ -11,7 +11,7 @@ from rpctl.equivalence.contact.record import Gap
 from rpctl.equivalence.row import Check, Skipped
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.contact_section import contact_section
-from rpctl.view.pages.page import asset, badge
+from rpctl.view.pages.page import asset, badge, policy
 from rpctl.view.pages.summary_panel import residual
 
 STYLE = """
@@ -32,7 +32,7 @@ PAGE = """<!doctype html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
 <title>{robot}: certificate of the dynamics</title>
 <style>{style}</style>
 </head>
@@ -66,6 +66,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
         trial, moves = contact_section(certificate.contact)
         gaps = certificate.contact.checks
     page = PAGE.format(
+        policy=policy(),
         robot=escape(certificate.robot),
         style=style + STYLE + moves,
         trial=trial,

@@ -8,38 +8,12 @@ import json
 from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
-
-from rpctl.errors import RpctlError
-
-MESHCAT_SCRIPT = "viewer/dist/main.min.js"
 
 
 def asset(name: str) -> str:
     """Return a text file of ``rpctl/view/assets``."""
     return files("rpctl.view").joinpath("assets", name).read_text(encoding="utf-8")
-
-
-def meshcat_script() -> str:
-    """Return meshcat's viewer; the package is found, not imported (it would load IPython).
-
-    Raises:
-        RpctlError: It is not there.
-    """
-    found = find_spec("meshcat")
-    folders = found.submodule_search_locations if found else None
-    for folder in folders or ():
-        file = Path(folder) / MESHCAT_SCRIPT
-        if file.is_file():
-            return file.read_text(encoding="utf-8").replace("</script", "<\\/script")
-    raise RpctlError(f"meshcat or its {MESHCAT_SCRIPT} is not there; run: pip install meshcat")
-
-
-def uplot_script() -> str:
-    """Return uPlot's script with its licence."""
-    return f"/*\n{asset('uplot/LICENSE')}*/\n{asset('uplot/uPlot.iife.min.js')}"
 
 
 def embed(value: Any) -> str:
@@ -50,13 +24,29 @@ def embed(value: Any) -> str:
     return text
 
 
-def policy(*scripts: str) -> str:
-    """Return a policy under which only these scripts run, and nothing is fetched from anywhere."""
+def policy(*scripts: str, served: bool = False) -> str:
+    """Return a policy under which only these scripts run, and nothing is fetched from anywhere.
+
+    No ``<base>`` turns addresses elsewhere and no form is sent. Styles may stand in the page: with
+    no picture or font to fetch they tell nobody anything.
+
+    Args:
+        scripts: The scripts, whole.
+        served: Whether the page asks its own server for motions.
+    """
     digests = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
-    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
-    return (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
+    connected = "'self'" if served else "'none'"
+    rules = (
+        "default-src 'none'",
+        f"script-src {allowed}",
+        "style-src 'unsafe-inline'",
+        "img-src data: blob:",
+        f"connect-src {connected}",
+        "base-uri 'none'",
+        "form-action 'none'",
     )
+    return "; ".join(rules)
 
 
 def badge(good: bool, text: str) -> str:

@@ -21,8 +21,9 @@ from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
-from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
+from rpctl.view.pages.page import asset, embed, policy
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
+from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.scene.scene import Scene, build_scene
 
 STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
@@ -234,6 +235,7 @@ def _render(page: Page) -> str:
         duration=f"{page.duration:.6f}",
         legend=page.legend,
         panel=page.panel,
+        licences=licences_html(charts=True),
         data=embed(page.data),
         meshcat=meshcat,
         uplot=uplot,

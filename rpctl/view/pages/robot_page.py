@@ -22,7 +22,8 @@ from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.labels import shorten
-from rpctl.view.pages.page import asset, embed, meshcat_script, policy, uplot_script
+from rpctl.view.pages.page import asset, embed, policy
+from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.scene import materials, obstacle_shapes, stand_ins, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
@@ -50,11 +51,11 @@ class LiveMotion:
     """A motion that a page will be sent.
 
     Attributes:
-        stream: Path of the events on the page's own server.
+        stream: Where the events are, relative to the page's own address.
         start: Configuration (nq,) that the page shows until the motion comes.
         desired: Poses (n, 3) of P that it is to follow: x, y in m, heading in rad.
         duration: s.
-        stop: Path of the same server where the page asks to end the simulation.
+        stop: Where the page asks to end the simulation, likewise.
         obstacles: What it keeps clear of.
         charts: The charts of what is sent: title, unit, limits and the lines' names.
     """
@@ -63,7 +64,7 @@ class LiveMotion:
     start: Array
     desired: Array
     duration: float
-    stop: str = "/stop"
+    stop: str = "stop"
     obstacles: tuple[AvoidedObstacle, ...] = ()
     charts: Sequence[Mapping[str, Any]] = ()
 
@@ -73,9 +74,9 @@ class GoalService:
     """A server that moves the robot to the goal that its page sets.
 
     Attributes:
-        stream: Path of the events with the motion on the page's own server.
-        go: Path of the same server where the page asks for a motion.
-        stop: Path where it asks to end one.
+        stream: Where the events with the motion are, relative to the page's own address.
+        go: Where the page asks for a motion, likewise.
+        stop: Where it asks to end one.
         laws: Names of the kinematic laws to choose from, the default one first.
         charts: The charts of what is sent, as of :class:`LiveMotion`.
     """
@@ -108,14 +109,13 @@ def robot_page(
     command = command or f"rpctl track {shlex.quote(Path(robot.source).name)}"
     served = motion is not None or service is not None
     bodies = build_bodies(robot)
-    meshcat, script = meshcat_script(), "\n".join(map(asset, SCRIPTS))
-    if served:
-        meshcat = f"{meshcat}\n;{uplot_script()}"
+    charts = (uplot_script(),) if served else ()
+    scripts = (meshcat_script(), *charts, "\n".join(map(asset, SCRIPTS)))
     data = _data(robot, bodies, motion)
     data["goal"] = None if motion is not None else _goal(robot, command, service)
     data["live"] = _live(motion or service)
     return Template(asset("robot.html")).substitute(
-        policy=policy(meshcat, script) + ("; connect-src 'self'" if served else ""),
+        policy=policy(*scripts, served=served),
         css="".join(map(asset, STYLES)),
         name=escape(robot.name),
         subtitle=escape(_subtitle(robot)),
@@ -123,8 +123,8 @@ def robot_page(
         stand_ins=_stand_ins(bodies),
         named=_named(robot),
         data=embed(data),
-        meshcat=meshcat,
-        script=script,
+        licences=licences_html(charts=served),
+        scripts="\n".join(f"<script>{text}</script>" for text in scripts),
     )
 
 

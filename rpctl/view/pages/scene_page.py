@@ -8,7 +8,8 @@ from string import Template
 
 import numpy as np
 
-from rpctl.view.pages.page import asset, embed, meshcat_script, policy
+from rpctl.view.pages.page import asset, embed, policy
+from rpctl.view.pages.third_party import licences_html, meshcat_script
 from rpctl.view.scene.camera import FIELD_OF_VIEW, fit_camera
 from rpctl.view.scene.scene import Scene
 from rpctl.view.scene.stand_ins import label, note
@@ -33,6 +34,7 @@ def player(scene: Scene, title: str, aspect: float, script: str, controls: str =
         css=asset("player.css"),
         controls=controls,
         badge=_badge(scene),
+        licences=licences_html(charts=False),
         data=_data(scene, aspect),
         scripts="\n".join(f"<script>{text}</script>" for text in scripts),
     )

@@ -29,7 +29,7 @@ from rpctl.view.serve.live_figures import LiveFigures
 from rpctl.view.serve.server import EVENTS, Action, PageServer
 from rpctl.view.serve.stopping import StopRequest, signals
 
-GO = "/go"  # where the page asks for a motion
+GO = "go"  # where the page asks for a motion, below its own address
 LOOK_S = 0.1  # s; as often the server looks whether it is to end
 REACHED_M, REACHED_RAD = 0.02, 0.02  # a goal as near as that is called reached
 KEYS = ("start", "posture", "goal", "arm", "kinematic")

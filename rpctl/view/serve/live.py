@@ -30,7 +30,7 @@ LISTEN_TIMEOUT_S = 30.0  # s that a page has until it listens, once it was fetch
 WAIT_STEP_S = 0.1  # s; a wait looks as often whether it is to end
 HANDOVER_TIMEOUT_S = 10.0  # s that pages have to fetch the report
 DESIRED_POINTS = 600  # points of the path that is to be followed
-STOP = "/stop"  # where a page asks to end the simulation
+STOP = "stop"  # where a page asks to end the simulation, below its own address
 DECIMALS = 5  # decimals of what is sent: m and rad
 
 

@@ -1,8 +1,10 @@
-"""HTTP server of one page and its event stream on the loopback interface."""
+"""HTTP server of one page and its event stream on the loopback interface, behind a token."""
 
 from __future__ import annotations
 
+import hmac
 import json
+import secrets
 import sys
 import threading
 from collections.abc import Callable, Mapping
@@ -15,11 +17,22 @@ from rpctl.errors import RpctlError
 from rpctl.view.serve.events import Stream
 
 LOOPBACK = "127.0.0.1"
-EVENTS = "/events"
+PAGE, EVENTS = "", "events"  # places below the token; the page asks for them relative to itself
+TOKEN_BYTES = 24  # of the address's secret part: 192 bits are not guessed
 CLIENT_TIMEOUT_S = 30.0  # s; a client that neither asks nor listens for as long is dropped
 
 MAX_REQUEST = 65_536  # bytes of what a page may ask for
 JSON_TYPE = "application/json"
+NO_TOKEN = "nothing is here: open the whole address that rpctl printed, with its secret part"
+HEADERS = {  # of every answer, refusals included
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address is a secret
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    # Adds to the page's own policy: a page cannot forbid its framing by itself.
+    "Content-Security-Policy": "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+}
 
 PageSource = Callable[[], bytes]
 Action = Callable[[Any], object]  # what a page can ask for; an RpctlError says why not
@@ -28,15 +41,18 @@ Action = Callable[[Any], object]  # what a page can ask for; an RpctlError says 
 class PageServer:
     """Serves one page on a free port of the loopback interface inside the ``with`` block.
 
+    All users of a machine reach its loopback interface. The address has a random token, and
+    nothing is answered without it: who was not given the address reads nothing, and stops nothing.
+
     Args:
         page: Returns the page; called for every request. An OSError is answered with 404, the
             message of an RpctlError is what the page says.
         stream: The events at ``EVENTS``, if there are any; closed in the end.
-        actions: What the page, and no other, can ask for by POST: by its path, called with the
-            JSON that was sent. The message of an RpctlError is the answer.
+        actions: What the page, and no other, can ask for by POST: by its place below the token,
+            called with the JSON that was sent. The message of an RpctlError is the answer.
 
     Attributes:
-        url: Where the page is.
+        url: Where the page is, its token included; it ends in a slash.
     """
 
     def __init__(
@@ -46,7 +62,7 @@ class PageServer:
         actions: Mapping[str, Action] | None = None,
     ) -> None:
         self._server = _Server(page, stream, actions or {})
-        self.url = f"http://{LOOPBACK}:{self._server.server_port}/"
+        self.url = f"http://{LOOPBACK}:{self._server.server_port}/{self._server.token}/"
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
 
     def __enter__(self) -> PageServer:
@@ -87,6 +103,7 @@ class _Server(ThreadingHTTPServer):
         self, page: PageSource, stream: Stream | None, actions: Mapping[str, Action]
     ) -> None:
         self.page, self.stream, self.actions = page, stream, actions
+        self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self.making = threading.Lock()  # one page at a time: loading a robot is not for threads
         self.delivered, self.delivery = 0, threading.Condition()
         super().__init__((LOOPBACK, 0), _Handler)
@@ -110,10 +127,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Do what the page asks for; a page from elsewhere has another origin, and is refused."""
-        action = self.server.actions.get(self.path)
+        place = self._place()
+        if place is None:
+            return
+        action = self.server.actions.get(place)
         length = self.headers.get("Content-Length", "")
-        own = self._is_own() and self.headers.get("Origin") == f"http://{self.headers.get('Host')}"
-        if not own:
+        if self.headers.get("Origin") != f"http://{self.headers.get('Host')}":
             self.send_error(HTTPStatus.FORBIDDEN)
         elif action is None:
             self.send_error(HTTPStatus.NOT_FOUND)
@@ -137,20 +156,31 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._send_text("", HTTPStatus.OK)
 
-    def _is_own(self) -> bool:
-        """Return whether the request is for this server by its own name.
+    def _place(self) -> str | None:
+        """Return what is asked for below the token; None: the request was refused.
 
-        A page elsewhere whose name was made to point here must not read ours.
+        A page elsewhere whose name was made to point here must not read ours, so the request names
+        this server. Another user of the machine does not know the token; how long the comparison
+        takes does not tell how much of a guess is right.
         """
         port = self.server.server_port
-        return self.headers.get("Host") in (f"{LOOPBACK}:{port}", f"localhost:{port}")
+        if self.headers.get("Host") not in (f"{LOOPBACK}:{port}", f"localhost:{port}"):
+            self.send_error(HTTPStatus.FORBIDDEN)
+            return None
+        token, slash, place = self.path.removeprefix("/").partition("/")
+        known = hmac.compare_digest(token.encode("latin-1"), self.server.token.encode())
+        if known and slash:
+            return place
+        self._send_text(NO_TOKEN, HTTPStatus.NOT_FOUND, self.command != "HEAD")
+        return None
 
     def _answer(self, body: bool) -> None:
-        if not self._is_own():
-            self.send_error(HTTPStatus.FORBIDDEN)
-        elif self.path == "/":
+        place = self._place()
+        if place is None:
+            return
+        if place == PAGE:
             self._send_page(body)
-        elif self.path == EVENTS and self.server.stream is not None and body:
+        elif place == EVENTS and self.server.stream is not None and body:
             self._send_events(self.server.stream)
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
@@ -193,9 +223,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         if length is not None:
             self.send_header("Content-Length", str(length))
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("X-Content-Type-Options", "nosniff")
         self.end_headers()
+
+    def end_headers(self) -> None:
+        """Send the head with what all answers carry, those that the library writes included."""
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
+        super().end_headers()
 
     def log_message(self, format: str, *args: object) -> None:
         """Log nothing; the terminal shows only the URL."""

@@ -80,7 +80,7 @@ def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
 
 
 def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden: Run) -> None:
-    show = LiveMotion("/events", golden.q[1], golden.base_ref, 0.5)
+    show = LiveMotion("events", golden.q[1], golden.base_ref, 0.5)
     data = embedded(robot_page(tricycle, show))
     found = trails(data["commands"])
     assert [*found] == ["trail-base-desired"]  # the actual one grows in the page

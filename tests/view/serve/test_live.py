@@ -61,7 +61,7 @@ def command(*words: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], 
     try:
         assert process.stdout is not None
         for line in process.stdout:
-            if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
+            if found := re.search(r"http://127\.0\.0\.1:\d+/[\w-]+/", line):
                 yield process, found.group()
                 break
         else:

@@ -13,7 +13,7 @@ import pytest
 from rpctl.errors import RpctlError
 from rpctl.view.serve import events as streams
 from rpctl.view.serve.events import Stream
-from rpctl.view.serve.server import PageServer
+from rpctl.view.serve.server import EVENTS, PageServer
 
 
 @pytest.fixture
@@ -31,23 +31,28 @@ def server(report: Path) -> Iterator[PageServer]:
 
 
 def ask(
-    url: str, target: str = "/", method: str = "GET", host: str | None = None
+    url: str, target: str = "", method: str = "GET", host: str | None = None
 ) -> tuple[int, bytes]:
+    """Ask for a place below a server's address, or, if it begins with a slash, beside it."""
+    answer = request(url, target, method, host)
+    return answer.status, answer.read()
+
+
+def request(
+    url: str, target: str = "", method: str = "GET", host: str | None = None
+) -> http.client.HTTPResponse:
     parts = urlsplit(url)
     connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
-    try:
-        connection.request(method, target, headers={"Host": host or parts.netloc})
-        answer = connection.getresponse()
-        return answer.status, answer.read()
-    finally:
-        connection.close()
+    path = target if target.startswith("/") else parts.path + target
+    connection.request(method, path, headers={"Host": host or parts.netloc, "Connection": "close"})
+    return connection.getresponse()
 
 
 def listen(url: str, last: str | None = None, seconds: float = 5.0) -> http.client.HTTPResponse:
     parts = urlsplit(url)
     connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=seconds)
     headers = {"Host": parts.netloc} | ({"Last-Event-ID": last} if last is not None else {})
-    connection.request("GET", "/events", headers=headers)
+    connection.request("GET", f"{parts.path}{EVENTS}", headers=headers)
     return connection.getresponse()
 
 
@@ -63,7 +68,7 @@ def test_page_is_served_and_nothing_beside_it(server: PageServer, report: Path) 
     assert ask(server.url) == (200, b"<p>report</p>")
     assert ask(server.url, method="HEAD") == (200, b"")
     for target in (
-        "/secret.txt", "/../secret.txt", "/report.html", "//etc/passwd", "/%2e%2e", "/events",
+        "secret.txt", "../secret.txt", "report.html", "/etc/passwd", "%2e%2e", "events", "?", "#",
     ):  # fmt: skip
         assert ask(server.url, target)[0] == 404, target
     assert ask(server.url, method="PUT")[0] == 501
@@ -85,7 +90,7 @@ def test_pages_of_other_hosts_are_turned_away(server: PageServer) -> None:
     assert ask(server.url, host="evil.example")[0] == 403
 
 
-def post(url: str, content: bytes, path: str = "/go", **headers: str | None) -> tuple[int, bytes]:
+def post(url: str, content: bytes, place: str = "go", **headers: str | None) -> tuple[int, bytes]:
     """Send what a page asks for; headers that are None are left out."""
     parts = urlsplit(url)
     sent = {
@@ -97,6 +102,7 @@ def post(url: str, content: bytes, path: str = "/go", **headers: str | None) -> 
     connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
     try:
         kept = {name: value for name, value in sent.items() if value is not None}
+        path = place if place.startswith("/") else parts.path + place
         connection.request("POST", path, body=content, headers=kept)
         answer = connection.getresponse()
         return answer.status, answer.read()
@@ -112,7 +118,7 @@ def test_only_its_own_page_can_ask_for_something() -> None:
         if value == "no":
             raise RpctlError("it cannot go there")
 
-    with PageServer(lambda: b"", actions={"/go": act}) as server:
+    with PageServer(lambda: b"", actions={"go": act}) as server:
         assert post(server.url, b'{"goal": [1.5]}') == (200, b"")
         assert asked == [{"goal": [1.5]}]
         assert post(server.url, b'"no"') == (409, b"it cannot go there")
@@ -126,12 +132,86 @@ def test_only_its_own_page_can_ask_for_something() -> None:
             assert post(server.url, b"1", Origin=origin)[0] == 403, origin
         assert post(server.url, b"1", Host="evil.example", Origin="http://evil.example")[0] == 403
         assert post(server.url, b"1", Content_Type="text/plain")[0] == 415
-        assert post(server.url, b"1", path="/")[0] == 404
+        assert post(server.url, b"1", place="")[0] == 404
         for content in (b"{", b"NaN", b"[Infinity]", b"\xff", b"[" * 60_000):
             assert post(server.url, content)[0] == 400, content[:9]
         assert post(server.url, b" " * 65_537)[0] == 413
         assert post(server.url, b"1", Content_Length="-1")[0] == 413
         assert asked == []
+
+
+def test_who_was_not_given_the_address_reads_and_stops_nothing() -> None:
+    """Every user of the machine can connect: page, events and actions lie below the token."""
+    asked: list[object] = []
+    stream = Stream()
+    stream.send("frame", "robot 7")
+    with PageServer(lambda: b"robot 7", stream, {"stop": asked.append}) as server:
+        token = urlsplit(server.url).path.strip("/")
+        wrong = "/" + ("b" if token[-1] == "a" else "a").join((token[:-1], ""))
+        for place in ("/", "//", f"/{token}", f"/{token[:-1]}/", f"/{token}a/", f"{wrong}/"):
+            for target in (place, f"{place}events", f"{place}stop"):
+                answers = [ask(server.url, target, method) for method in ("GET", "HEAD")]
+                answers.append(post(server.url, b"null", target))
+                assert {status for status, _ in answers} == {404}, target
+                assert not any(b"robot 7" in text for _, text in answers), target
+        assert b"the whole address" in ask(server.url, "/")[1]
+        assert said(server.url, b"GET /\xe9/ HTTP/1.0").startswith(b"HTTP/1.0 404 ")
+        assert asked == []
+        assert server.delivered == stream.readers == 0
+        assert post(server.url, b"null", "stop")[0] == 200
+        assert asked == [None]
+
+
+def said(url: str, line: bytes) -> bytes:
+    """Return what is answered to a request line as it stands."""
+    parts = urlsplit(url)
+    with socket.create_connection((str(parts.hostname), int(parts.port or 0)), 5.0) as client:
+        client.sendall(line + f"\r\nHost: {parts.netloc}\r\n\r\n".encode())
+        return client.makefile("rb").read()
+
+
+def test_every_server_has_a_token_that_cannot_be_guessed() -> None:
+    tokens = set()
+    for _ in range(3):
+        with PageServer(lambda: b"") as server:
+            tokens.add(urlsplit(server.url).path.strip("/"))
+    assert len(tokens) == 3
+    assert {len(token) for token in tokens} == {32}  # 6 bits a letter: 192
+
+
+def test_a_guess_is_compared_in_constant_time(
+    server: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared: list[tuple[bytes, bytes]] = []
+
+    def compare(a: bytes, b: bytes) -> bool:
+        compared.append((a, b))
+        return a == b
+
+    monkeypatch.setattr("hmac.compare_digest", compare)
+    ask(server.url, "/guess/")
+    assert compared == [(b"guess", urlsplit(server.url).path.strip("/").encode())]
+
+
+def test_every_answer_keeps_the_address_to_itself_and_its_page_out_of_frames(
+    server: PageServer, report: Path
+) -> None:
+    def answers() -> list[http.client.HTTPResponse]:
+        odd = [request(server.url, host="evil.example"), request(server.url, method="PUT")]
+        return [request(server.url), request(server.url, "/"), request(server.url, "x"), *odd]
+
+    found = answers()
+    report.unlink()
+    found.append(request(server.url))
+    assert [answer.status for answer in found] == [200, 404, 404, 403, 501, 404]
+    for answer in found:
+        assert answer.getheader("Referrer-Policy") == "no-referrer"
+        assert answer.getheader("Cache-Control") == "no-store"
+        assert answer.getheader("X-Content-Type-Options") == "nosniff"
+        assert answer.getheader("Cross-Origin-Opener-Policy") == "same-origin"
+        assert answer.getheader("Cross-Origin-Resource-Policy") == "same-origin"
+        policy = (answer.getheader("Content-Security-Policy") or "").split("; ")
+        assert {"frame-ancestors 'none'", "base-uri 'none'", "form-action 'none'"} <= set(policy)
 
 
 def test_only_the_loopback_address_answers(server: PageServer) -> None:
@@ -149,7 +229,7 @@ def test_client_that_leaves_in_the_middle_is_no_fault(capfd: pytest.CaptureFixtu
     with PageServer(lambda: bytes(50_000_000)) as server:
         parts = urlsplit(server.url)
         with socket.create_connection((str(parts.hostname), int(parts.port or 0))) as client:
-            client.sendall(f"GET / HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n".encode())
+            client.sendall(f"GET {parts.path} HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n".encode())
             client.recv(10)
         assert server.delivered == 0
         assert ask(server.url)[0] == 200

@@ -1,0 +1,26 @@
+"""Every kind of page that rpctl makes, as text."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rpctl import Robot
+from rpctl.view.pages.robot_page import GoalService, LiveMotion, robot_page
+from rpctl.view.pages.scene_page import player
+from rpctl.view.scene.scene import Scene
+
+
+def waiting_page(robot: Robot) -> str:
+    """Return the page that waits for a simulation."""
+    motion = LiveMotion("events", robot.configuration(), np.zeros((2, 3)), 1.0)
+    return robot_page(robot, motion)
+
+
+def goal_page(robot: Robot) -> str:
+    """Return the page that sends a robot to goals."""
+    return robot_page(robot, service=GoalService("events", "go", "stop", ["unified"], ()))
+
+
+def bare_scene(scene: Scene) -> str:
+    """Return the page of a scene that a script of a line moves."""
+    return player(scene, "scene", 1.5, "window.rpctl = { ready: true };")
