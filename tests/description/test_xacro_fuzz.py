@@ -27,16 +27,17 @@ EXPRESSIONS = (
     "${1/0}", "${[0]*9**9}", "${'a'*10**6}", "${xacro.load_yaml('m.yaml')}", "${m}", "${size*2}",
     "${xacro.load_yaml('/etc/passwd')}", "${(lambda f: f(f))(lambda f: f(f))}", "${vars()}",
     "$${x}", "${python.type('X', (), {})}", "${xacro.fatal('\u202e[/bold]')}",
-    "${xacro.warning('w' * 9999)}", "${''.join(map(chr, range(40)))}", "${", "$(", "*.xacro", "m.yaml", "/dev/zero",
-    "package://parts", "package://parts/part.xacro", "r.urdf.xacro", ".", "parts:=x",
+    "${xacro.warning('w' * 9999)}", "${''.join(map(chr, range(40)))}", "${", "$(",
+    "*.xacro", "m.yaml", "/dev/zero", "package://parts", "package://parts/part.xacro", "r.urdf.xacro", ".", "parts:=x",
 )  # fmt: skip
 ELEMENTS = (
     '<xacro:include filename="{}"/>', '<xacro:property name="m" value="{}"/>', "<xacro:wheel/>",
     '<xacro:macro name="{}" params="a *b c:=^|1"><xacro:insert_block name="b"/></xacro:macro>',
     '<xacro:if value="{}"><link/></xacro:if>', '<xacro:arg name="{}" default="{}"/>',
     '<xacro:wheel side="{}" y="{}"/>', '<xacro:call macro="{}"/>',
-    '<xacro:element xacro:name="{}"/>', '<xacro:attribute name="{}" value="{}"/>', "<xacro:{}/>", '<xacro:property name="{}"/>',
-    '<xacro:include filename="{}" ns="n" optional="true"/>', '<mesh filename="{}"/>',
+    '<xacro:element xacro:name="{}"/>', '<xacro:attribute name="{}" value="{}"/>', "<xacro:{}/>",
+    '<xacro:property name="{}"/>', '<xacro:include filename="{}" ns="n" optional="true"/>',
+    '<mesh filename="{}"/>',
 )  # fmt: skip
 
 
