@@ -28,7 +28,8 @@ EXPRESSIONS = (
     "${xacro.load_yaml('/etc/passwd')}", "${(lambda f: f(f))(lambda f: f(f))}", "${vars()}",
     "$${x}", "${python.type('X', (), {})}", "${xacro.fatal('\u202e[/bold]')}",
     "${xacro.warning('w' * 9999)}", "${''.join(map(chr, range(40)))}", "${", "$(",
-    "*.xacro", "m.yaml", "/dev/zero", "package://parts", "package://parts/part.xacro", "r.urdf.xacro", ".", "parts:=x",
+    "*.xacro", "m.yaml", "/dev/zero", "package://parts", "package://parts/part.xacro",
+    "r.urdf.xacro", ".", "parts:=x",
 )  # fmt: skip
 ELEMENTS = (
     '<xacro:include filename="{}"/>', '<xacro:property name="m" value="{}"/>', "<xacro:wheel/>",
