@@ -72,7 +72,7 @@ class RunFolder:
         }
 
 
-class Fault(NamedTuple):
+class FileFault(NamedTuple):
     """A file of a run's folder that is not there, or not of that run.
 
     Attributes:
@@ -194,7 +194,7 @@ def sized_report(
     return page, scene
 
 
-def find_faults(folder: Path, run: str) -> list[Fault]:
+def find_faults(folder: Path, run: str) -> list[FileFault]:
     """Return which files of a folder are missing or were made from another run than its own.
 
     Files that a user keeps there, and that do not say that they are made from a run, are not told.
@@ -208,13 +208,13 @@ def find_faults(folder: Path, run: str) -> list[Fault]:
         path, made = folder / name, name in MADE_FILES
         mark = _mark(path)
         if made and not path.exists():
-            faults.append(Fault(name, "is missing"))
+            faults.append(FileFault(name, "is missing"))
         elif mark is None and made:
-            faults.append(Fault(name, "does not say of which run it is"))
+            faults.append(FileFault(name, "does not say of which run it is"))
         elif mark is not None and mark != run:
-            faults.append(Fault(name, "is of another run"))
+            faults.append(FileFault(name, "is of another run"))
         elif name == REPORT_FILE and read_report(folder, run) is None:
-            faults.append(Fault(name, "was drawn by another version of rpctl"))
+            faults.append(FileFault(name, "was drawn by another version of rpctl"))
     return faults
 
 

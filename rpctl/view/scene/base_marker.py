@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.description.mesh_shading import shade
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.simulation.run import Run
 from rpctl.view.scene.robot_meshes import Bodies, BodyPart
-from rpctl.view.scene.shading import shade
 
 RGBA = (0.45, 0.52, 0.62, 1.0)
 DEFAULT_LENGTH_M = 0.5  # m; of a wedge where no contact tells how large the robot is
