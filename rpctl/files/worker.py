@@ -7,6 +7,7 @@ The process holds nothing of the user's: an empty environment, no files but its 
 from __future__ import annotations
 
 import importlib
+import io
 import json
 import os
 import signal
@@ -214,9 +215,9 @@ class Worker:
 
 def serve(module: str) -> None:
     """Be the worker: import a module, give up all else, and run its ``main(channel)``."""
-    incoming, outgoing = os.dup(0), os.dup(1)
+    incoming, outgoing = io.FileIO(os.dup(0)), io.FileIO(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is printed is no message
-    channel = Channel(open(incoming, "rb"), open(outgoing, "wb"))  # noqa: SIM115, PTH123
+    channel = Channel(io.BufferedReader(incoming), io.BufferedWriter(outgoing))
     path, memory, seconds, readable = json.loads(channel.receive(SHORT))
     sys.path[:] = path
     loaded = importlib.import_module(module)
