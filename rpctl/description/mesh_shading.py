@@ -90,8 +90,9 @@ def shade(vertices: Floats, faces: Faces, crease: float = CREASE_RAD) -> ShadedM
     own, other = owner[row], owner[column]
     near = np.einsum("ij,ij->i", units[own], units[other]) >= math.cos(crease)
     row, other = row[near], other[near]
-    sums = np.stack([np.bincount(row, areas[other, i], len(corners)) for i in range(3)], 1)
-    sums = sums.astype(float)  # an empty mesh would count in integers
+    sums: Floats = np.stack(
+        [np.bincount(row, areas[other, i], len(corners)) for i in range(3)], 1
+    ).astype(float)  # an empty mesh would count in integers
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
     normals = np.rint(sums * NORMAL_STEPS).astype(np.int64)
     keys, index = np.unique(np.column_stack([corners, normals]), axis=0, return_inverse=True)
