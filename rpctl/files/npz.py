@@ -12,9 +12,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import BinaryIO
 
-import numpy as np
-
-from rpctl.arrays import Array
 from rpctl.errors import RpctlError, one_line
 
 SUFFIX = ".npy"  # of an entry's name in the file
@@ -133,26 +130,6 @@ class Npz:
             return data.decode("utf-32-le", "surrogatepass").rstrip("\0")
         except UnicodeDecodeError:
             raise NpzError(f'entry "{name}": no text') from None
-
-    def numbers(self, entry: NpzEntry, out: Array) -> None:
-        """Read an entry of numbers into an array of its shape.
-
-        Args:
-            entry: From :meth:`entry`.
-            out: Filled; it may be larger than memory unless the entry's first index runs fastest.
-
-        Raises:
-            NpzError: It is damaged.
-        """
-        if entry.fortran:
-            data = b"".join(self.pieces(entry))
-            out[...] = np.frombuffer(data, "<f8").reshape(entry.shape, order="F")
-            return
-        flat, first = out.reshape(-1), 0
-        for piece in self.pieces(entry):
-            numbers = np.frombuffer(piece, "<f8")
-            flat[first : first + len(numbers)] = numbers
-            first += len(numbers)
 
     @contextmanager
     def _open(self, name: str) -> Iterator[zipfile.ZipExtFile]:

@@ -46,11 +46,11 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import InputError, RunFileError, UnknownNameError, one_line
 from rpctl.files.caps import cap
-from rpctl.files.npz import SUFFIX, Npz, NpzError, open_npz
+from rpctl.files.npz import SUFFIX, Npz, NpzEntry, NpzError, open_npz
 from rpctl.files.opening import open_input
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing
-from rpctl.simulation.columns import scratch
+from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.kinds import EntryError
 from rpctl.simulation.packed import (
     COLUMNS_ENTRY,
@@ -206,10 +206,24 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     arrays = {name: scratch(shape) for name, shape in shapes.items()}
     for name, array in arrays.items():
         if name in headers:
-            npz.numbers(headers[name], array)
+            _fill(array, npz, headers[name])
         check_numbers(name, array)
         array.setflags(write=False)
     return {**known, **arrays}
+
+
+def _fill(array: Array, npz: Npz, entry: NpzEntry) -> None:
+    """Read an entry of plain numbers into an array of its shape."""
+    if entry.fortran:  # the first index runs fastest; none of rpctl's own arrays are so
+        whole = np.frombuffer(b"".join(npz.pieces(entry)), "<f8")
+        array[...] = whole.reshape(entry.shape, order="F")
+        return
+    flat, at = array.reshape(-1), 0
+    for piece in npz.pieces(entry):
+        numbers = np.frombuffer(piece, "<f8")
+        flat[at : at + len(numbers)] = numbers
+        release(flat, at, at + len(numbers))
+        at += len(numbers)
 
 
 def _require_names(
