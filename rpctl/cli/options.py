@@ -12,8 +12,8 @@ import typer
 
 import rpctl
 from rpctl.cli.words import XACRO_OPTION, read_words
+from rpctl.description.argument_messages import XacroArgument
 from rpctl.description.expansion import list_arguments
-from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
 from rpctl.robot.names import find_source
@@ -47,7 +47,8 @@ XacroArgsOption = Annotated[
     typer.Option(
         XACRO_OPTION,
         metavar="NAME:=VALUE",
-        help="An argument of a .xacro; a plain word NAME:=VALUE says the same. Repeatable.",
+        help="An argument of a .xacro; a plain word NAME:=VALUE says the same. env:NAME:=VALUE is "
+        "a variable for its $(env NAME), which sees none of yours. Repeatable.",
     ),
 ]
 JsonOption = Annotated[
