@@ -7,11 +7,14 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import BinaryIO
 
+import numpy as np
+
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError, one_line
 
 SUFFIX = ".npy"  # of an entry's name in the file
@@ -31,6 +34,9 @@ FAULTS = (  # what zipfile raises of damaged files
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, RuntimeError,
     KeyError, IndexError, OverflowError, NotImplementedError,
 )  # fmt: skip
+
+
+Filled = Callable[[Array, int, int], object]
 
 
 class NpzError(RpctlError):
@@ -130,6 +136,31 @@ class Npz:
             return data.decode("utf-32-le", "surrogatepass").rstrip("\0")
         except UnicodeDecodeError:
             raise NpzError(f'entry "{name}": no text') from None
+
+    def numbers(self, entry: NpzEntry, out: Array, filled: Filled | None = None) -> None:
+        """Read an entry of numbers into an array of its shape.
+
+        Args:
+            entry: From :meth:`entry`.
+            out: Filled; it may be larger than memory unless the entry's first index runs fastest.
+            filled: Called with ``out`` as one row, the first of the numbers that were filled, and
+                the one behind the last.
+
+        Raises:
+            NpzError: It is damaged.
+        """
+        if entry.fortran:  # none of rpctl's own arrays are so
+            whole = np.frombuffer(b"".join(self.pieces(entry)), "<f8")
+            out[...] = whole.reshape(entry.shape, order="F")
+            return
+        flat, first = out.reshape(-1), 0
+        for piece in self.pieces(entry):
+            numbers = np.frombuffer(piece, "<f8")
+            last = first + len(numbers)
+            flat[first:last] = numbers
+            if filled is not None:
+                filled(flat, first, last)
+            first = last
 
     @contextmanager
     def _open(self, name: str) -> Iterator[zipfile.ZipExtFile]:

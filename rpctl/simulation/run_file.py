@@ -46,7 +46,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import InputError, RunFileError, UnknownNameError, one_line
 from rpctl.files.caps import cap
-from rpctl.files.npz import SUFFIX, Npz, NpzEntry, NpzError, open_npz
+from rpctl.files.npz import SUFFIX, Npz, NpzError, open_npz
 from rpctl.files.opening import open_input
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing
@@ -130,7 +130,7 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
             that is to blame is named.
     """
     with (
-        _blamed(path),
+        blamed(path),
         open_input(path, "MAX_RUN_BYTES", "a run.npz") as file,
         open_npz(file, cap("MAX_RUN_BYTES")) as npz,
     ):
@@ -150,7 +150,7 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
 
 
 @contextmanager
-def _blamed(path: str | Path) -> Iterator[None]:
+def blamed(path: str | Path) -> Iterator[None]:
     """Turn what is wrong with an entry into what is wrong with a file."""
     try:
         yield
@@ -206,24 +206,10 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     arrays = {name: scratch(shape) for name, shape in shapes.items()}
     for name, array in arrays.items():
         if name in headers:
-            _fill(array, npz, headers[name])
+            npz.numbers(headers[name], array, release)
         check_numbers(name, array)
         array.setflags(write=False)
     return {**known, **arrays}
-
-
-def _fill(array: Array, npz: Npz, entry: NpzEntry) -> None:
-    """Read an entry of plain numbers into an array of its shape."""
-    if entry.fortran:  # the first index runs fastest; none of rpctl's own arrays are so
-        whole = np.frombuffer(b"".join(npz.pieces(entry)), "<f8")
-        array[...] = whole.reshape(entry.shape, order="F")
-        return
-    flat, at = array.reshape(-1), 0
-    for piece in npz.pieces(entry):
-        numbers = np.frombuffer(piece, "<f8")
-        flat[at : at + len(numbers)] = numbers
-        release(flat, at, at + len(numbers))
-        at += len(numbers)
 
 
 def _require_names(

@@ -182,7 +182,7 @@ META: dict[str, Kind] = {  # entries of JSON
     "kinematic_report": mapping(figure),
     "notes": many(text),
     "certificate": optional(plain(CERTIFICATE)),
-    "wall_time": number,
+    "wall_time": positive,
     "sizing": optional(SIZING),
     "perturbed": optional(plain(table({"sentence": text}, {}, free))),
 }
