@@ -6,12 +6,13 @@ The dynamics assume that the wheels neither slip nor lift; this says whether the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.dynamics.contact_notes import contact_notes, free_rotation
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import contact_point
 from rpctl.dynamics.stance import MIN_STANCE_WIDTH_M, Stance, loads, make_stance, width
@@ -92,6 +93,20 @@ class GroundReaction:
     slip_ratio: Array
 
 
+@dataclass(frozen=True, eq=False)
+class GroundReactions:
+    """Forces of the ground at K instants: those of :class:`GroundReaction`, K rows of each."""
+
+    force: Array
+    longitudinal: Array
+    lateral: Array
+    load: Array
+    zmp: Array
+    arms: Array
+    tip_margin: Array | None
+    slip_ratio: Array
+
+
 def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Contacts | None:
     """Return how a robot stands on the ground, or None for a fixed base.
 
@@ -121,7 +136,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
         friction=friction,
         balanced=balanced,
         determinate=balanced and len(names) == 3,
-        notes=_notes(names, supports, balanced, _free_rotation(points, robot.drive.heading)),
+        notes=contact_notes(names, supports, balanced, free_rotation(points, robot.drive.heading)),
         points=points,
         supports=supports,
         along=along,
@@ -137,6 +152,24 @@ def ground_reaction(
 ) -> GroundReaction:
     """Return the forces of the ground on a robot that moves under τ.
 
+    Args:
+        dynamics: The robot's dynamics.
+        contacts: Its contacts, from :func:`find_contacts`.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        tau: Actuator efforts (n_act,), N·m or N.
+    """
+    found = ground_reactions(dynamics, contacts, q[None], nu[None], tau[None])
+    margin = None if found.tip_margin is None else float(found.tip_margin[0])
+    rows = {f.name: getattr(found, f.name)[0] for f in fields(found) if f.name != "tip_margin"}
+    return GroundReaction(tip_margin=margin, **rows)
+
+
+def ground_reactions(
+    dynamics: ReducedDynamics, contacts: Contacts, q: Array, nu: Array, tau: Array
+) -> GroundReactions:
+    """Return the forces of the ground on a robot at K states.
+
     The horizontal ones are the multipliers of M v̇ + h = B τ + Aᵀ λ, of least norm where rows of A
     are redundant. The vertical force and the moments that the planar root hides come from the
     wrench (f, n) through it: all of it is the ground's, so its horizontal moments vanish at the
@@ -146,31 +179,60 @@ def ground_reaction(
     Args:
         dynamics: The robot's dynamics.
         contacts: Its contacts, from :func:`find_contacts`.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-        tau: Actuator efforts (n_act,), N·m or N.
+        q: Configurations (K, nq).
+        nu: Quasi-velocities (K, dof).
+        tau: Actuator efforts (K, n_act), N·m or N.
     """
-    residual, wrench = dynamics.reaction(q, nu, tau)
-    multipliers = dynamics.at(q).multipliers @ residual
-    along, lateral = contacts.along @ multipliers, contacts.across @ multipliers
-    fx, fy, fz, nx, ny, _ = wrench.tolist()
+    multipliers, wrench = np.empty((len(q), contacts.along.shape[1])), np.empty((len(q), 6))
+    for k, state in enumerate(zip(q, nu, tau, strict=True)):
+        residual, wrench[k] = dynamics.reaction(*state)
+        np.dot(dynamics.at(state[0]).multipliers, residual, out=multipliers[k])
+    along, lateral = multipliers @ contacts.along.T, multipliers @ contacts.across.T
+    fx, fy, fz, nx, ny, _ = wrench.T
     z, floor = dynamics.robot.drive.ground, contacts.floor
-    moments = np.array([fz, z * fx - ny, z * fy + nx])
-    local = moments[1:] / max(fz, floor)
-    x, y, cos, sin = q[:4].tolist()
-    zmp = np.array([x + cos * local[0] - sin * local[1], y + sin * local[0] + cos * local[1]])
-    force = np.array([cos * fx - sin * fy, sin * fx + cos * fy, fz])
+    moments = np.column_stack([fz, z * fx - ny, z * fy + nx])
+    local = moments[:, 1:] / np.maximum(fz, floor)[:, None]
+    zmp, force = q[:, :2] + _turned(q, local), np.column_stack([_turned(q, wrench[:, :2]), fz])
     if not contacts.balanced:
-        none = np.empty(0)
-        return GroundReaction(force, along, lateral, none, zmp, none, None, none)
-    stance = stance_at(dynamics, contacts, q)
-    arms = (stance.statics[1:] - local[:, None]).T
-    margin = float((stance.inward @ local + stance.offset).min())
-    if fz < floor:
-        margin = -abs(margin)  # the ground would have to pull
-    load = loads(stance, moments, margin)
-    slip = _slip_ratio(contacts, along, lateral, np.maximum(load[: len(along)], floor))
-    return GroundReaction(force, along, lateral, load, zmp, arms, margin, slip)
+        none = np.empty((len(q), 0))
+        return GroundReactions(force, along, lateral, none, zmp, none, None, none)
+    arms, margin, load = _split(dynamics, contacts, q, moments, local)
+    slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:, : along.shape[1]], floor))
+    return GroundReactions(force, along, lateral, load, zmp, arms, margin, slip)
+
+
+def _turned(q: Array, vectors: Array) -> Array:
+    """Return vectors (K, 2) in the root link's axes along the world's, at q (K, nq)."""
+    (cos, sin), (x, y) = q[:, 2:4].T, vectors.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y])
+
+
+def _split(
+    dynamics: ReducedDynamics, contacts: Contacts, q: Array, moments: Array, local: Array
+) -> tuple[Array, Array, Array]:
+    """Return arms (K, n, 2), margins (K,) and loads (K, n) of a robot that is balanced.
+
+    Args:
+        dynamics: The robot's dynamics.
+        contacts: Its contacts.
+        q: Configurations (K, nq).
+        moments: The load and its moments (K, 3) about the root link's axes, N, N·m.
+        local: Zero-moment points (K, 2) in the root link's frame, m.
+    """
+    if contacts.stance is None and len(q) != 1:  # contacts move: a stance a sample
+        rows = (slice(k, k + 1) for k in range(len(q)))
+        parts = [_split(dynamics, contacts, q[r], moments[r], local[r]) for r in rows]
+        arms, margin, load = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return arms, margin, load
+    stance = stance_at(dynamics, contacts, q[0])
+    arms = stance.statics[1:].T - local[:, None]
+    margin = (local @ stance.inward.T + stance.offset).min(axis=1)
+    pulls = moments[:, 0] < contacts.floor  # the ground would have to
+    margin = np.where(pulls, -np.abs(margin), margin)
+    load = moments @ stance.split.T
+    for k in np.flatnonzero((margin > 0.0) & (load.min(axis=1) < 0.0)):
+        load[k] = loads(stance, moments[k], margin[k])
+    return arms, margin, load
 
 
 def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance:
@@ -185,9 +247,9 @@ def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance
 
 
 def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -> Array:
-    """Return √(F² + L²)/(μ N) of each wheel (n_wheels,); L/N is that of its axle."""
+    """Return √(F² + L²)/(μ N) of each wheel (K, n_wheels); L/N is that of its axle."""
     incidence = contacts.incidence
-    sideways = incidence @ (lateral / (load @ incidence))
+    sideways = (lateral / (load @ incidence)) @ incidence.T
     return np.asarray(np.hypot(along / load, sideways) / contacts.friction)
 
 
@@ -228,39 +290,3 @@ def _force_maps(
         axles.append(shared)
         across.append(identity[row])
     return tuple(axles), along, np.array(across)
-
-
-def _free_rotation(points: Array, heading: float) -> str:
-    """Return the freedom that contacts (n, 2) on one line leave, in words."""
-    along = points[-1] - points[0]
-    ahead = abs(along @ [math.cos(heading), math.sin(heading)])
-    aside = abs(along @ [-math.sin(heading), math.cos(heading)])
-    if max(ahead, aside) <= MIN_STANCE_WIDTH_M:
-        return "pitch and roll"
-    return "pitch" if aside > ahead else "roll"
-
-
-def _notes(
-    names: tuple[str, ...], supports: Supports, balanced: bool, free_rotation: str
-) -> tuple[str, ...]:
-    fix = "give each caster a <collision> with a <sphere> or <cylinder> that reaches the ground"
-    if supports.unknown:
-        listed = ", ".join(supports.unknown)
-        return (
-            f"the support polygon is incomplete: {listed} touch the ground but are drawn as "
-            f"meshes only, so loads and margins are not defined; {fix}",
-        )
-    if not balanced:
-        return (
-            f"only {', '.join(names)} are known to touch the ground, on one line: the planar model "
-            f"assumes balance and leaves {free_rotation} out, so loads and margins are "
-            "not defined; if "
-            f"the robot does not balance, {fix}",
-        )
-    if len(names) > 3:
-        return (
-            f"{len(names)} contacts share the load, more than statics can tell apart: wheel loads "
-            "and grip are intervals over all splits, and where one of them is drawn it is that of "
-            "equally stiff contacts",
-        )
-    return ()

@@ -9,7 +9,6 @@ the exact intervals, for all samples at once, and no solver runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.dynamics.ground_reaction import Contacts, GroundReaction
+from rpctl.dynamics.ground_reaction import Contacts, GroundReactions
 from rpctl.dynamics.stance import LOAD_RESOLUTION
 
 MIN_TRIANGLE_HEIGHT = (
@@ -57,7 +56,7 @@ class _Instants(NamedTuple):
     incidence: Array  # (n_wheels, n_axles) which wheels share them, 0 or 1
 
 
-def find_ranges(contacts: Contacts, reactions: Sequence[GroundReaction]) -> Ranges:
+def find_ranges(contacts: Contacts, reactions: GroundReactions) -> Ranges:
     """Return the ranges of loads and of the worst slip ratio over all splits that statics admit.
 
     Args:
@@ -67,18 +66,18 @@ def find_ranges(contacts: Contacts, reactions: Sequence[GroundReaction]) -> Rang
     Returns:
         The ranges; empty ones, (K, 0), where loads are not defined or contacts are a crowd.
     """
-    count, n = len(reactions), len(contacts.names)
+    count, n = len(reactions.force), len(contacts.names)
     if not contacts.balanced or n > MAX_CONTACTS:
         return Ranges(np.empty((count, 0)), np.empty((count, 0)))
     size = max(1, BLOCK_LOADS // (n * _triples(n).shape[1]))
     found = []
     for first in range(0, count, size):
-        instants = _instants(contacts, reactions[first : first + size])
+        instants = _instants(contacts, reactions, slice(first, first + size))
         load, admissible = _corner_loads(instants.arms, instants.total)
         loads = _load_ranges(load, admissible)
         found.append((loads, _slip_ranges(instants, load, admissible, loads)))
     loads, slips = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    lifted = np.array([reaction.force[2] for reaction in reactions]) < contacts.floor
+    lifted = reactions.force[:, 2] < contacts.floor
     loads[lifted] = slips[lifted] = np.nan
     slips /= contacts.friction
     for array in (loads, slips):
@@ -86,18 +85,15 @@ def find_ranges(contacts: Contacts, reactions: Sequence[GroundReaction]) -> Rang
     return Ranges(loads, slips)
 
 
-def _instants(contacts: Contacts, reactions: Sequence[GroundReaction]) -> _Instants:
-    """Return reactions as arrays; the lateral force of a wheel alone on its axle is its own."""
-    along, lateral = (
-        np.abs([getattr(reaction, name) for reaction in reactions])
-        for name in ("longitudinal", "lateral")
-    )
-    total = np.array([max(reaction.force[2], contacts.floor) for reaction in reactions])
+def _instants(contacts: Contacts, reactions: GroundReactions, rows: slice) -> _Instants:
+    """Return some of the reactions; the lateral force of a wheel alone on its axle is its own."""
+    along, lateral = np.abs(reactions.longitudinal[rows]), np.abs(reactions.lateral[rows])
+    total = np.maximum(reactions.force[rows, 2], contacts.floor)
     alone = contacts.incidence.sum(axis=0) == 1.0
     own = np.hypot(along, lateral @ (contacts.incidence * alone).T)
     rounding = LOAD_RESOLUTION * total[:, None]
     return _Instants(
-        arms=np.array([reaction.arms for reaction in reactions]),
+        arms=reactions.arms[rows],
         total=total,
         own=own * (own > rounding),
         lateral=lateral * (lateral > rounding),

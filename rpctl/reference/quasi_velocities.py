@@ -21,18 +21,26 @@ class ReferenceRates(NamedTuple):
 
 
 def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
-    """Return ν and ν̇ of a reference."""
+    """Return ν and ν̇ of a reference.
+
+    Args:
+        robot: The robot.
+        state: The reference. Where no wheel is steered its arrays may have a row an instant; so
+            have those returned, then.
+    """
     drive = robot.drive
-    speeds = np.vstack([state.twist, state.twist_dot])  # (2, 3)
+    speeds = np.stack([state.twist, state.twist_dot], axis=-2)  # (..., 2, 3)
     if drive.has_axle and drive.steered:
         base = np.hstack([speeds[:, :1], steering(robot, state)[1:]])
     elif drive.steered:
         turned = steering(robot, state)
         base = np.hstack([_rolling_speed(robot, speeds, turned)[:, None], turned[1:]])
     else:
-        base = speeds[:, [0, 2]] if drive.has_axle else speeds[:, : len(drive.base_speeds)]
-    arm = np.vstack([state.joint_rates, state.joint_accelerations])
-    return ReferenceRates(*np.hstack([base, arm]))
+        count = len(drive.base_speeds)
+        base = speeds[..., [0, 2]] if drive.has_axle else speeds[..., :count]
+    arm = np.stack([state.joint_rates, state.joint_accelerations], axis=-2)
+    found = np.concatenate([base, arm], axis=-1)
+    return ReferenceRates(found[..., 0, :], found[..., 1, :])
 
 
 def steering(robot: Robot, state: ReferenceState) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
@@ -32,6 +33,19 @@ class JointEntry:
         if self.is_pair:
             return math.atan2(q[self.index + 1], q[self.index])
         return float(q[self.index])
+
+    def write_all(self, q: Array, positions: Array) -> None:
+        """Set the joint's positions (K,), rad or m, in K configurations (K, nq), in place."""
+        if self.is_pair:
+            q[:, self.index], q[:, self.index + 1] = np.cos(positions), np.sin(positions)
+        else:
+            q[:, self.index] = positions
+
+    def read_all(self, q: Array) -> Array:
+        """Return the joint's positions (K,) in K configurations (K, nq), as :meth:`read`."""
+        if self.is_pair:
+            return np.asarray(np.arctan2(q[:, self.index + 1], q[:, self.index]))
+        return q[:, self.index]
 
 
 def joint_entries(model: pin.Model) -> dict[str, JointEntry]:

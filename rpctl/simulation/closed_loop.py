@@ -19,8 +19,8 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
-from rpctl.simulation.log import Recorder
 from rpctl.simulation.plant import advance
+from rpctl.simulation.recorder import Recorder
 from rpctl.simulation.returned import require_command, require_efforts, require_state
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged

@@ -79,6 +79,7 @@ class RunSettings:
         size: Of a named reference, m; None: as fits the robot.
         speed: Of a named reference, m/s, of a spin rad/s; None: as fits the robot.
         laps: How many times a named reference is gone through; None: once.
+        log_every: Each so-many-th sample is logged, and the last; 1 logs all.
     """
 
     reference: str = "eight"
@@ -90,6 +91,12 @@ class RunSettings:
     size: float | None = None
     speed: float | None = None
     laps: float | None = None
+    log_every: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number of samples."""
+        if not (type(self.log_every) is int and self.log_every >= 1):
+            raise RpctlError(f"log_every is {self.log_every}; give a whole number, 1 or more")
 
     def load_reference(self, robot: Robot) -> Reference:
         """Return the reference.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import cast
 
 from rpctl.arrays import Array
@@ -12,18 +13,20 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
-from rpctl.errors import require_positive
+from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.derived import Derivation
 from rpctl.simulation.facts import ground_facts, robot_facts
-from rpctl.simulation.log import Log, Recorder
-from rpctl.simulation.periods import delay_note, duration_note, whole_periods
+from rpctl.simulation.log import Log
+from rpctl.simulation.periods import delay_note, duration_note, log_note, whole_periods
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
+from rpctl.simulation.recorder import Recorder
 from rpctl.simulation.returned import require_callable
 from rpctl.simulation.run import Run
 from rpctl.simulation.watching import Watching
@@ -50,6 +53,7 @@ def track(
     size: float | None = None,
     speed: float | None = None,
     laps: float | None = None,
+    log_every: int = RunSettings.log_every,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -80,6 +84,8 @@ def track(
             :func:`rpctl.reference.load.load_reference`, also for the two that follow.
         speed: Of a named reference, m/s; of a spin rad/s.
         laps: How many times it is gone through.
+        log_every: Each so-many-th sample is logged, and the last; 1 logs all. What a long run
+            takes of memory and disk falls with it.
 
     Returns:
         What was logged.
@@ -105,6 +111,7 @@ def track(
             size,
             speed,
             laps,
+            log_every,
         ),
         plant=plant or Plant(),
     )
@@ -152,7 +159,8 @@ def simulate(
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
-    recorder = Recorder(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    recorder = Recorder(derivation, steps, settings.log_every)
     loop = LoopRecord()
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
@@ -162,10 +170,16 @@ def simulate(
             log=log,
             robot=robot_facts(robot),
             ground=ground_facts(contacts, settings.friction),
-            config=recorded(config, len(log.t) - 1),
+            config=recorded(config, recorder.steps),
             controller_model=plant.controller_model.name if plant.controller_model else None,
             kinematic_report=loop.report,
-            notes=notes + delay_note(plant.delay, period) + watching.notes + showing.notes,
+            notes=(
+                *notes,
+                *delay_note(plant.delay, period),
+                *log_note(settings.log_every, period),
+                *watching.notes,
+                *showing.notes,
+            ),
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
@@ -174,10 +188,14 @@ def simulate(
 
     try:
         close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
+        recorder.derive(ends=True)
     except BaseException as error:
-        if ended is not None and (count := recorder.finite_count()) >= MIN_SAMPLES:
-            log = recorder.log(count)
-            ended(run(log, (_end_note(error, float(log.t[-1]), steps * period),)))
+        if ended is not None:
+            with suppress(RpctlError):  # what is sound of the last batch is logged
+                recorder.derive(ends=True)
+            if recorder.rows >= MIN_SAMPLES:
+                log = recorder.log()
+                ended(run(log, (_end_note(error, float(log.t[-1]), steps * period),)))
         raise
     return run(recorder.log(), notes)
 

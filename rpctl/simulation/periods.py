@@ -41,6 +41,21 @@ def duration_note(asked: float, control_period: float) -> tuple[str, ...]:
     )
 
 
+def log_note(every: int, control_period: float) -> tuple[str, ...]:
+    """Return the note that not every sample is logged, or none.
+
+    Args:
+        every: Each so-many-th is.
+        control_period: s.
+    """
+    if every == 1:
+        return ()
+    return (
+        f"one sample of {every} is logged, each {every * control_period:g} s: figures and curves "
+        "do not see what happens in between",
+    )
+
+
 def delay_note(asked: float, control_period: float) -> tuple[str, ...]:
     """Return the note that the delay is not the one asked for (s), or none."""
     periods = delay_periods(asked, control_period)

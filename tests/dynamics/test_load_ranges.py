@@ -16,7 +16,13 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
 from rpctl.dynamics import load_ranges
-from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, find_contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import (
+    Contacts,
+    GroundReaction,
+    GroundReactions,
+    find_contacts,
+    ground_reaction,
+)
 from rpctl.dynamics.load_ranges import Ranges, find_ranges
 from rpctl.dynamics.stance import loads, make_stance
 from tests.robots import SET_A, ball, cargo, platform, write
@@ -55,6 +61,13 @@ def reaction(
     )
 
 
+def together(*reactions: GroundReaction) -> GroundReactions:
+    """Return reactions as those of as many instants."""
+    names = [item.name for item in dataclasses.fields(GroundReactions) if item.name != "tip_margin"]
+    rows = {name: np.array([getattr(one, name) for one in reactions]) for name in names}
+    return GroundReactions(tip_margin=None, **rows)
+
+
 def ranges(
     points: Array,
     at: Sequence[float],
@@ -64,7 +77,7 @@ def ranges(
 ) -> tuple[Array, Array]:
     """Return the loads' ranges over the load (n, 2), and the worst wheel's (2,)."""
     standing = contacts(len(points), axles, len(along))
-    found = find_ranges(standing, [reaction(points, at, along, lateral)])
+    found = find_ranges(standing, together(reaction(points, at, along, lateral)))
     return found.load[0] / W, found.slip[0]
 
 
@@ -113,7 +126,7 @@ def test_outside_the_polygon_there_is_no_split() -> None:
 def test_where_the_ground_would_have_to_pull_there_is_no_split() -> None:
     falling = dataclasses.replace(reaction(SQUARE, (0.0, 0.0), (1.0,)), force=np.zeros(3))
     standing = reaction(SQUARE, (0.0, 0.0), (1.0,))
-    found = find_ranges(contacts(4, (), 1), [falling, standing, falling])
+    found = find_ranges(contacts(4, (), 1), together(falling, standing, falling))
     np.testing.assert_array_equal(np.isnan(found.load).all(axis=(1, 2)), [True, False, True])
     np.testing.assert_array_equal(np.isnan(found.slip).all(axis=1), [True, False, True])
     assert not (found.load.flags.writeable or found.slip.flags.writeable)
@@ -124,7 +137,7 @@ def test_many_contacts_are_taken_instant_by_instant() -> None:
     turn = 2.0 * np.pi * np.arange(26) / 26
     points = np.column_stack([np.cos(turn), np.sin(turn)])
     assert 26 * len(list(combinations(range(26), 3))) > load_ranges.BLOCK_LOADS
-    found = find_ranges(contacts(26, (), 1), [reaction(points, (0.0, 0.0), (0.0,))] * 2)
+    found = find_ranges(contacts(26, (), 1), together(*[reaction(points, (0.0, 0.0), (0.0,))] * 2))
     np.testing.assert_allclose(found.load / W, np.broadcast_to([0.0, 0.5], (2, 26, 2)), atol=1e-12)
 
 
@@ -132,7 +145,7 @@ def test_a_crowd_and_wheels_alone_have_no_ranges() -> None:
     unbalanced = dataclasses.replace(contacts(4, (), 1), balanced=False)
     crowd = contacts(load_ranges.MAX_CONTACTS + 1, (), 1)
     for standing in (unbalanced, crowd):
-        found = find_ranges(standing, [reaction(SQUARE, (0.0, 0.0), (1.0,))] * 3)
+        found = find_ranges(standing, together(*[reaction(SQUARE, (0.0, 0.0), (1.0,))] * 3))
         assert found.load.shape == found.slip.shape == (3, 0)
 
 
@@ -184,14 +197,14 @@ def test_instants_do_not_mix(rng: np.random.Generator, monkeypatch: pytest.Monke
         for points, at in stances(rng, 200)
         if len(points) == 6
     ]
-    together = find_ranges(standing, reactions)
-    alone = [find_ranges(standing, [one]) for one in reactions]
+    at_once = find_ranges(standing, together(*reactions))
+    alone = [find_ranges(standing, together(one)) for one in reactions]
     monkeypatch.setattr(load_ranges, "BLOCK_LOADS", 3 * 6 * 20)  # three instants at once
-    apart = find_ranges(standing, reactions)
+    apart = find_ranges(standing, together(*reactions))
     for name in ("load", "slip"):
         expected = np.concatenate([getattr(one, name) for one in alone])
         assert len(expected) == len(reactions) > 20
-        np.testing.assert_array_equal(getattr(together, name), expected)
+        np.testing.assert_array_equal(getattr(at_once, name), expected)
         np.testing.assert_array_equal(getattr(apart, name), expected)
 
 
@@ -335,7 +348,7 @@ def moving(
     q, speed = robot.configuration(1.0, -2.0, 0.7), np.array(nu)
     tau = dynamics.efforts(q, dynamics.inverse(q, speed, np.array(nu_dot)))
     ground = ground_reaction(dynamics, standing, q, speed, tau)
-    return ground, find_ranges(standing, [ground])
+    return ground, find_ranges(standing, together(ground))
 
 
 @pytest.mark.parametrize("name", ["skid_steer", "mecanum", "car", "tiago_dual", "twin_casters"])

@@ -13,10 +13,10 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command, Efforts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.simulation import log
+from rpctl.simulation import derived, recorder
 from rpctl.simulation.closed_loop import WatchedSample, Watcher
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import simulate
+from rpctl.simulation.loop import MIN_SAMPLES, simulate
 from rpctl.simulation.run_file import ARRAY_ENTRIES
 
 SETTINGS = Config(run=RunSettings("eight", 0.03, (0.1, -0.2, 0.3)))
@@ -37,12 +37,11 @@ def ended_run(
 
 
 def check_is_beginning(run: Run, whole: Run, count: int) -> None:
-    """Assert that a run is the first samples of another one, bit by bit."""
+    """Assert that a run is the first samples of another one."""
     assert len(run.t) == count
     for name in ARRAY_ENTRIES - {"active_limits"}:  # which has a column for what bound so far
-        np.testing.assert_array_equal(
-            getattr(run.log, name), getattr(whole.log, name)[:count], err_msg=name
-        )
+        logged, expected = getattr(run.log, name), getattr(whole.log, name)[:count]
+        np.testing.assert_allclose(logged, expected, rtol=1e-12, atol=1e-12, err_msg=name)
 
 
 def test_watcher_that_ends_it_leaves_the_samples_so_far(tiago: Robot, tmp_path: Path) -> None:
@@ -62,25 +61,50 @@ def test_watcher_that_ends_it_leaves_the_samples_so_far(tiago: Robot, tmp_path: 
     assert rpctl.summarize(again).duration == pytest.approx(0.014)
 
 
-@pytest.mark.parametrize("place", ["reference_rates", "_ground", "_end_effector"])
-def test_interrupt_amid_a_sample_leaves_the_whole_ones(
-    paper: Robot, monkeypatch: pytest.MonkeyPatch, place: str
+@pytest.mark.parametrize("place", ["reference_rates", "ground_reactions", "_end_effector"])
+@pytest.mark.parametrize("call", [1, 2, 4])
+def test_interrupt_amid_the_work_on_a_batch_leaves_every_sample(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, place: str, call: int
 ) -> None:
+    """16 samples in batches of 4: what was simulated is derived again, none twice."""
+    monkeypatch.setattr(recorder, "BATCH", 4)
     whole = simulate(paper, SETTINGS)
-    inner, calls = getattr(log, place), []
+    inner, calls = getattr(derived, place), []
 
     def interrupted(*values: object) -> object:
         calls.append(place)
-        if len(calls) == 6:
+        if len(calls) == call:
             raise KeyboardInterrupt
         return inner(*values)
 
-    monkeypatch.setattr(log, place, interrupted)
+    monkeypatch.setattr(derived, place, interrupted)
     kept: list[Run] = []
     with pytest.raises(KeyboardInterrupt):
         simulate(paper, SETTINGS, ended=kept.append)
-    monkeypatch.undo()
-    check_is_beginning(kept[0], whole, 5)
+    check_is_beginning(kept[0], whole, 4 * call)
+
+
+@pytest.mark.parametrize("bad", range(1, 9))
+def test_sample_that_is_no_motion_ends_the_run_before_it(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, bad: int
+) -> None:
+    """Wherever in a batch it is; what was simulated behind it does not count."""
+    monkeypatch.setattr(recorder, "BATCH", 4)
+    whole = simulate(paper, SETTINGS)
+    energy, spoilt = ReducedDynamics.energy, whole.q[bad]
+
+    def measured(self: ReducedDynamics, q: Array, nu: Array) -> float:
+        return np.inf if (q == spoilt).all() else energy(self, q, nu)
+
+    monkeypatch.setattr(ReducedDynamics, "energy", measured)
+    kept: list[Run] = []
+    with pytest.raises(RpctlError, match=rf"left the finite numbers at t = {whole.t[bad]:g} s"):
+        simulate(paper, SETTINGS, ended=kept.append)
+    if bad < MIN_SAMPLES:
+        assert kept == []
+    else:
+        check_is_beginning(kept[0], whole, bad)
+        assert f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion left" in kept[0].notes[0]
 
 
 def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError, Run, track
 from rpctl.control.law import Efforts, Limit
 from rpctl.control.unregistered import Unregistered, from_json, to_json, unregistered
-from rpctl.simulation.log import _constraint_residual
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
@@ -68,14 +66,6 @@ def test_the_log_is_read_only(pushed: Run) -> None:
     arrays = {n: a for n, a in vars(pushed.log).items() if isinstance(a, np.ndarray)}
     assert len(arrays) > 20
     assert not any(array.flags.writeable for array in arrays.values())
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_slip_is_the_largest_either_way(sign: float) -> None:
-    A, v = np.array([[1.0, 2.0], [0.0, 1.0]]), np.array([0.3, 0.15])
-    dynamics = SimpleNamespace(constraint=lambda q: A)
-    slip = _constraint_residual(dynamics, np.zeros(1), sign * v)  # type: ignore[arg-type]
-    assert slip == pytest.approx(0.6)
 
 
 def test_settings_of_a_law_of_ones_own_are_what_json_can_say() -> None:

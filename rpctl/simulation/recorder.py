@@ -1,0 +1,194 @@
+"""Records a closed loop: samples are copied, the rest of the log follows batch by batch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.control.law import Command, Limit
+from rpctl.errors import DivergedError, RpctlError
+from rpctl.reference.motion import ReferenceState
+from rpctl.simulation.columns import release, scratch
+from rpctl.simulation.derived import Carry, Derivation
+from rpctl.simulation.log import Log
+from rpctl.simulation.samples import SampleBuffer, Samples
+
+BATCH = 256  # samples that are derived at once: a tenth of a second's work at most
+RELEASED_ROWS = 4096  # of a column in a file, that stay in memory until they are let go
+NOT_FINITE = ("load_range", "slip_range")  # columns in which NaN and inf have a meaning
+
+
+class _Done(NamedTuple):
+    """How far the log is; replaced at once, so that what ends the run leaves whole batches."""
+
+    samples: int = 0  # derived
+    rows: int = 0  # logged
+    carry: Carry | None = None
+
+
+class Recorder:
+    """Collects the samples of one run.
+
+    Args:
+        derivation: Computes the rest of the log.
+        steps: Number of control periods that are simulated; there is one sample more.
+        every: Each ``every``-th sample is logged, and the last.
+    """
+
+    def __init__(self, derivation: Derivation, steps: int, every: int = 1) -> None:
+        self._derivation, self._every = derivation, every
+        self._steps = steps
+        self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1))
+        self._count, self._done = 0, _Done()
+        self._columns: dict[str, Array] = {}
+        self._sets: dict[tuple[Limit, ...], int] = {}  # of limits that bound, numbered
+
+    @property
+    def rows(self) -> int:
+        """How many samples have been logged."""
+        return self._done.rows
+
+    @property
+    def steps(self) -> int:
+        """How many control periods the log covers."""
+        return self._done.samples - 1
+
+    def add(
+        self,
+        t: float,
+        q: Array,
+        nu: Array,
+        tau: Array,
+        e: Array,
+        state: ReferenceState,
+        command: Command,
+        work: float,
+        limits: tuple[Limit, ...],
+    ) -> None:
+        """Add a sample.
+
+        Args:
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,) from now on, N·m or N.
+            e: Tracking error (3 + n_joints,).
+            state: The reference.
+            command: What the kinematic law asks for.
+            work: Work of the actuators so far, J.
+            limits: The limits that bind the efforts.
+
+        Raises:
+            RpctlError: A sample of the last batch is nothing that a log can hold.
+        """
+        number = self._sets.setdefault(limits, len(self._sets))
+        place = self._count - self._done.samples
+        self._buffer.put(place, (t, work, number), (q, nu, tau, command.nu_d, e), state)
+        self._count += 1
+        if place + 1 == len(self._buffer):
+            self.derive()
+
+    def derive(self, ends: bool = False) -> None:
+        """Derive and log the samples that wait for it.
+
+        Args:
+            ends: Whether the last of them is logged in any case, for none will follow.
+
+        Raises:
+            RpctlError: One of them is nothing that a log can hold; those before it are logged.
+        """
+        samples = self._buffer.first(self._count - self._done.samples)
+        if not len(samples.t):
+            return
+        try:
+            self._log(samples, ends)
+        except RpctlError:
+            count = self._sound(samples)
+            if count:
+                self._log(samples.rows(slice(count)), ends=True)
+            self._count = self._done.samples  # what follows is no motion
+            raise
+
+    def _sound(self, samples: Samples) -> int:
+        """Return how many samples, up to the first of which no log can be made, can be logged."""
+        sound, unsound = 0, len(samples.t)
+        while unsound - sound > 1:
+            middle = (sound + unsound) // 2
+            try:
+                self._derived(samples.rows(slice(middle)), ends=True)
+                sound = middle
+            except RpctlError:
+                unsound = middle
+        return sound
+
+    def _derived(self, samples: Samples, ends: bool) -> tuple[dict[str, Array], Carry]:
+        """Return the columns of samples that follow those that are logged."""
+        offset, count = -self._done.samples % self._every, len(samples.t)
+        chosen = np.arange(offset, count, self._every)
+        last = self._done.samples + count > self._steps or ends
+        if last and (not len(chosen) or chosen[-1] != count - 1):
+            chosen = np.append(chosen, count - 1)
+        bad = np.flatnonzero(~samples.is_finite())
+        if not len(bad):
+            with np.errstate(all="ignore"):  # what is not finite is refused below
+                columns, carry = self._derivation.columns(samples, chosen, self._done.carry)
+            finite = [_is_finite(c) for n, c in columns.items() if n not in NOT_FINITE]
+            bad = chosen[~np.all(finite, axis=0)] if finite else bad
+            columns["limits"] = samples.limits[chosen]
+        if len(bad):
+            raise DivergedError(
+                f"the motion left the finite numbers at t = {samples.t[bad[0]]:g} s; shorten the "
+                "control period or lengthen the horizons"
+            )
+        return columns, carry
+
+    def _log(self, samples: Samples, ends: bool) -> None:
+        """Write the columns of samples behind those that are logged."""
+        columns, carry = self._derived(samples, ends)
+        first = self._done.rows
+        rows = first + len(columns["limits"])
+        for name, values in columns.items():
+            if name not in self._columns:
+                whole = -(-self._steps // self._every) + 1
+                self._columns[name] = scratch((whole, *values.shape[1:]))
+            self._columns[name][first:rows] = values
+        if first // RELEASED_ROWS != rows // RELEASED_ROWS:
+            for column in self._columns.values():
+                release(column, 0, rows)
+        self._done = _Done(self._done.samples + len(samples.t), rows, carry)
+
+    def log(self) -> Log:
+        """Return the log of the samples that have been derived, one at least."""
+        rows = self._done.rows
+        columns = {name: column[:rows] for name, column in self._columns.items()}
+        numbers = columns.pop("limits")
+        bound = self.bound_limits(numbers)
+        columns["active_limits"] = self._active_limits(numbers, bound)
+        for column in columns.values():
+            column.setflags(write=False)
+        return Log(**columns, bound_limits=tuple((limit.joint, limit.kind) for limit in bound))
+
+    def bound_limits(self, numbers: Array) -> tuple[Limit, ...]:
+        """Return the limits of sets (K,), by their numbers, in the order of first appearance."""
+        sets = list(self._sets)
+        used, first = np.unique(numbers, return_index=True)
+        order = used[np.argsort(first)].astype(int).tolist()
+        return tuple(dict.fromkeys(limit for number in order for limit in sets[number]))
+
+    def _active_limits(self, numbers: Array, bound: tuple[Limit, ...]) -> Array:
+        """Return which limits bound (K, n_bound), 1 or 0, by the numbers (K,) of their sets."""
+        table = np.array([[float(limit in limits) for limit in bound] for limits in self._sets])
+        active = scratch((len(numbers), len(bound)))
+        for first in range(0, len(numbers), RELEASED_ROWS):
+            rows = slice(first, first + RELEASED_ROWS)
+            active[rows] = table[numbers[rows].astype(int)]
+            release(active, first, first + RELEASED_ROWS)
+        return active
+
+
+def _is_finite(column: Array) -> NDArray[np.bool_]:
+    """Return whether each row (K,) of a column holds finite numbers."""
+    return np.asarray(np.isfinite(column.reshape(len(column), -1)).all(axis=1))
