@@ -18,7 +18,7 @@ from rpctl.description.expansion_answer import ROWS, SINGLES, TEXTS, check_answe
 from rpctl.description.expansion_messages import ExpansionError
 from rpctl.description.packages import find_packages
 from rpctl.description.read_settings import read_settings
-from rpctl.description.xacro_files import XacroFiles
+from rpctl.description.xacro_files import MAX_REQUESTS, XacroFiles
 from rpctl.files.confinement import MEASURES, open_ways
 from rpctl.files.worker import Worker
 from tests.description.hostile import ROUTES, run_in_xacro
@@ -114,7 +114,7 @@ def test_hostile_code_asks_for_files_in_vain(tmp_path: Path) -> None:
 
 
 FRAMES = [
-    b'["answer", {"text": 5}]', b'["answer", {"text": "t", "arguments": [["a"]]}]',
+    b'["answer", {"error": 5}]', b'["answer", {"arguments": [["a"]]}]',
     b'["answer", []]', b'["read", "\\u0000"]', b"[" * 99_999, b'["shut", "x"]', b'["read", 7]',
     b'["find", "\\ud800"]', b"\xff", b'[["a"], ""]',
 ]  # fmt: skip
@@ -128,7 +128,7 @@ def test_a_forged_answer_is_told(frame: bytes, tmp_path: Path) -> None:
 
 
 ANSWER: dict[str, Any] = {
-    "told": "", "text": "<robot/>", "file": "/a", "line": 3, "macros": ["m"],
+    "told": "", "error": "no", "file": "/a", "line": 3, "macros": ["m"],
     "wants": [["p", "/a", None, "text"]], "left_out": [["/a", 4, "xacro:x"]],
     "moved": [["/a", "/b"]], "undeclared": ["/a"], "arguments": [["n", None, "/a", 2]],
     "old": [["/a", "macro", 2]], "early": [], "unused": ["u"], "asked": ["A"], "dropped": ["d"],
@@ -220,7 +220,33 @@ def test_requests_in_any_form_are_answered_or_refused(tmp_path: Path) -> None:
         try:
             assert SECRET.encode() not in files.reply(verb, text), case
         except (ValueError, KeyError):
-            assert verb not in verbs[:4] or "\0" in text or "\ud800" in text, case
+            odd = "\0" in text or "\ud800" in text or len(text) > 4096
+            assert verb not in verbs[:4] or odd, case
+
+
+def test_requests_are_bounded_in_length_and_number(tmp_path: Path) -> None:
+    files = files_of(home(tmp_path))
+    for verb in ("read", "find", "place", "match"):
+        with pytest.raises(ValueError, match="too long"):
+            files.reply(verb, "/" + "a" * 5000)
+    assert len(files.known) == 1
+    with pytest.raises(ValueError, match="too many"):
+        for case in range(20_000):
+            files.reply("read", f"/{case}")
+    assert len(files.known) <= MAX_REQUESTS + 1
+
+
+def test_patterns_name_files_that_may_be_read(tmp_path: Path) -> None:
+    path = home(tmp_path)
+    for name in ("a/1.xacro", "a/2.xacro", "b/1.xacro", "b/.c/1.xacro", ".d/1.xacro", "b/x"):
+        write(path.parent / name, "")
+    files, here = files_of(path), path.parent
+    assert files.match(f"{here}/*/1.xacro") == [f"{here}/a/1.xacro", f"{here}/b/1.xacro"]
+    assert files.match(f"{here}/a/[12].xac??") == [f"{here}/a/1.xacro", f"{here}/a/2.xacro"]
+    assert files.match(f"{here}/a/../b/*.xacro") == [f"{here}/a/../b/1.xacro"]
+    for none in ("*/none", ".*", "*/.*/1.xacro", ".d/*", "../*", "../.ssh/*", "keys/*", "r*/.."):
+        assert files.match(f"{here}/{none}") == [], none
+    assert files.match("*") == files.match("/*") == files.match("/etc/pass*") == []
 
 
 def test_variables_are_those_that_are_given(
@@ -282,5 +308,6 @@ def test_what_a_system_lacks_is_told_before_expanding(
 def test_what_measures_leave_open() -> None:
     assert open_ways(MEASURES) == ()
     assert open_ways(("rlimits", "seccomp")) == ()  # no file can be opened at all
-    assert open_ways(("rlimits", "landlock")) == ("starting processes", "using the network")
+    without = ("changing your files' modes", "starting processes", "using the network")
+    assert open_ways(("rlimits", "landlock")) == without
     assert "taking all memory" in open_ways(("seccomp",))

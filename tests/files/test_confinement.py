@@ -14,6 +14,7 @@ from struct import pack, unpack_from
 import pytest
 
 import rpctl
+from rpctl.files import confinement
 from rpctl.files.confinement import (
     ALLOW,
     IF_ANY_BIT,
@@ -238,6 +239,60 @@ def test_numbers_are_those_of_the_architecture(machine: str) -> None:
         assert decide(program, AUDIT_ARCHITECTURES[machine], number) == REFUSE, number
 
 
+def test_landlock_guards_all_that_its_version_knows() -> None:
+    versions = range(1, 8)
+    bits = [0x1FFF, 0x3FFF, 0x7FFF, 0x7FFF, 0xFFFF, 0xFFFF, 0xFFFF]
+    assert [confinement._newest(confinement.ACCESS_FILES, v) for v in versions] == bits
+    network = [confinement._newest(confinement.ACCESS_NETWORK, v) for v in versions]
+    assert network == [0, 0, 0, 3, 3, 3, 3]
+    assert [confinement._newest(confinement.SCOPES, v) for v in versions] == [0, 0, 0, 0, 0, 3, 3]
+
+
+class Resources:
+    """Limits as a system may have them."""
+
+    def __init__(self, *missing: str, hard: int = -1, refused: int = -1) -> None:
+        names = ("CORE", "FSIZE", "NPROC", "NOFILE", "CPU", "AS")
+        self.__dict__.update({f"RLIMIT_{name}": k for k, name in enumerate(names)})
+        for name in missing:
+            del self.__dict__[name]
+        self._hard, self._refused = hard, refused
+        self.set: dict[int, tuple[int, int]] = {}
+
+    def getrlimit(self, _: int) -> tuple[int, int]:
+        return 0, self._hard
+
+    def setrlimit(self, kind: int, bounds: tuple[int, int]) -> None:
+        if kind == self._refused:
+            raise ValueError
+        self.set[kind] = bounds
+
+
+@pytest.mark.parametrize(
+    ("system", "holds"),
+    [
+        (Resources(), True), (None, False), (Resources("RLIMIT_AS"), False),
+        (Resources(refused=4), False),
+    ],
+)  # fmt: skip
+def test_limits_count_where_all_are_set(
+    system: Resources | None, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(confinement, "resource", system)
+    assert confinement._limit(1000, 9) is holds
+    if system is not None:
+        expected = {0: 0, 1: confinement.SPOKEN, 2: 0, 3: 0, 4: 9, 5: 1000}
+        assert system.set.items() <= {k: (v, v) for k, v in expected.items()}.items()
+        assert len(system.set) == (6 if holds else 5)
+
+
+def test_a_limit_in_force_is_not_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = Resources(hard=7)
+    monkeypatch.setattr(confinement, "resource", system)
+    assert confinement._limit(1000, 3)
+    assert (system.set[4], system.set[5]) == ((3, 3), (7, 7))
+
+
 def _alive(pid: int) -> bool:
     """Whether a process runs; one that is dead and not yet buried does not."""
     try:
@@ -304,6 +359,17 @@ def test_one_that_answers_badly_is_told(code: str, expected: str) -> None:
         with pytest.raises(WorkerError, match=expected) as caught:
             ask(worker, code)
         assert not caught.value.late
+
+
+def test_nobody_is_ended_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its number may be another process's once it has ended."""
+    with Worker(MODULE, MEMORY, PATIENCE) as worker:
+        pass
+    ended: list[int] = []
+    monkeypatch.setattr(os, "killpg", lambda number, _: ended.append(number))
+    worker.close()
+    worker._end_late()
+    assert ended == []
 
 
 def test_what_it_prints_is_no_message(blind: Worker) -> None:
