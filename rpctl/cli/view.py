@@ -14,7 +14,7 @@ from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.streams import print_json, say
 from rpctl.cli.terminal import progress_bar
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.writing import write_atomically
+from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.chart import PANELS
 
@@ -62,6 +62,8 @@ class FilmOptions:
                 raise RpctlError(f"--{name} is for a picture or a film; give --png or --video, too")
         if wanted is None:
             return False
+        for path in filter(None, (self.png, self.video)):
+            require_writable(path)
         from rpctl.view.film.film import write_film, write_still
         from rpctl.view.pages.report import robot_of
         from rpctl.view.shown_run import is_run, load_run
@@ -115,6 +117,8 @@ def view_command(
     folders = options.package_dir or ()
     if film.write(what, folders, expand):
         return
+    if html is not None:
+        require_writable(html)
     if len(what) > 1 or is_run(what[0]):
         from rpctl.view.serve.live import serve
 
@@ -211,6 +215,7 @@ def plot_command(
     from rpctl.view.shown_run import load_run
 
     path = out or (run if run.is_dir() else run.parent) / DEFAULT_FIGURE
+    require_writable(path)
     save_figure(load_run(run, _note), path, panels=split_names(panels), column=column)
     if as_json:
         print_json({"figure": str(path)})

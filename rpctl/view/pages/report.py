@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -21,7 +20,7 @@ from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
-from rpctl.view.pages.page import asset, embed, policy
+from rpctl.view.pages.page import asset, embed, escape, policy
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.scene.scene import Scene, build_scene
@@ -97,7 +96,7 @@ def report_page(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summ
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
-    return _render(single(run, robot, scene, summary)).encode()
+    return _encoded(single(run, robot, scene, summary))
 
 
 def comparison_page(
@@ -115,7 +114,7 @@ def comparison_page(
     Raises:
         RpctlError: There are more or fewer names than runs, or meshcat lacks its viewer.
     """
-    return _render(compare(runs, names, robots or [robot_of(run) for run in runs])).encode()
+    return _encoded(compare(runs, names, robots or [robot_of(run) for run in runs]))
 
 
 def robot_of(
@@ -219,6 +218,10 @@ def _names(runs: Sequence[Run]) -> list[str]:
     if len(set(plain)) == len(plain):
         return plain
     return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
+
+
+def _encoded(page: Page) -> bytes:
+    return _render(page).encode("utf-8", "backslashreplace")
 
 
 def _render(page: Page) -> str:
