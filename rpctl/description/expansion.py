@@ -32,6 +32,7 @@ from rpctl.files.opening import read_source
 from rpctl.files.worker import Worker, WorkerError
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
+MAX_SAID = 4 * 2**20  # bytes of a message of the process: JSON may take 30 times as many to read
 WORKER = "rpctl.description.expansion_worker"
 COMMENT = re.compile(rb"<!--(?:.*?-->|.*)", re.DOTALL)
 XACRO = re.compile(  # an element of xacro, or a substitution; both mean nothing to a URDF's readers
@@ -69,8 +70,13 @@ def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
     """Return what a file of xacro expands to.
 
     What it includes lies in the folders that it may use
-    (:class:`rpctl.description.packages.Packages`) or in the packages that it finds. Such a file
-    is code: its expressions are evaluated by Python, so it has to be trusted.
+    (:class:`rpctl.description.xacro_files.XacroFiles`) or in the packages that it finds. Such a
+    file is code, and xacro does not keep its expressions from any Python. They are evaluated in a
+    process that is bounded in time and memory and that Linux (seccomp, Landlock) keeps from
+    opening files, starting processes and the network; what it may read is handed to it. Where the
+    system lacks these measures, the "rpctl" logger says so before, and a warning among the
+    findings. What the file makes of what it reads is the robot: its masses, meshes and names are
+    its author's word.
 
     Args:
         path: The file.
@@ -126,7 +132,9 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
         },
         "lenient": settings.ignore_missing_packages,
     }
-    files = XacroFiles(path.absolute(), find_packages(path, settings.package_dirs))
+    packages = find_packages(path, settings.package_dirs)
+    packages.index  # noqa: B018 - the search takes none of the process's time
+    files = XacroFiles(path.absolute(), packages)
     seconds = cap("MAX_XACRO_SECONDS")
     try:
         with Worker(WORKER, cap("MAX_XACRO_MEMORY"), seconds) as worker:
@@ -151,20 +159,19 @@ def _converse(worker: Worker, files: XacroFiles) -> dict[str, Any] | None:
     Raises:
         WorkerError: It has ended, or speaks out of turn.
     """
-    most = 2 * cap("MAX_BYTES")  # JSON escapes
     while True:
-        message = worker.receive(most)
+        message = worker.receive(MAX_SAID)
         try:
             verb, content = json.loads(message)
-            if verb != "answer":
-                reply = files.reply(verb, content)
-            elif not content.keys() - {"told"}:
-                return None
-            else:
-                return check_answer(content, files.known, files.missing)
+            if verb == "answer":
+                answer = check_answer(content, files.known, files.missing)
+                break
+            reply = files.reply(verb, content)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise WorkerError("it answers nonsense") from None
         worker.send(reply)
+    text = worker.receive(2 * cap("MAX_BYTES")).decode("utf-8", "replace")
+    return answer | {"text": text} if text or "error" in answer else None
 
 
 def _warn_of_what_is_open(path: Path, measures: Sequence[str]) -> str | None:

@@ -14,8 +14,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from threading import Timer
 from types import TracebackType
@@ -84,23 +84,18 @@ class Channel:
 class Worker:
     """A confined process that runs ``main(channel)`` of a module; a context that ends it for sure.
 
-    Attributes:
-        measures: What confines it (:data:`rpctl.files.confinement.MEASURES`), known before it is
-            sent anything of a file.
+    It starts while its owner goes on; whoever asks it first waits.
     """
 
-    def __init__(
-        self, module: str, memory: int, seconds: float, readable: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, module: str, memory: int, seconds: float) -> None:
         """Start a process; it imports its module, is confined, and waits for messages.
 
         Args:
             module: Name of a module of rpctl that needs no other part of it to be imported first;
-                it imports all that its ``main`` needs, for nothing is found afterwards but what
-                is ``readable``. If it has a function ``prepare``, that is called before.
+                it imports all that its ``main`` needs, for nothing is found afterwards. If
+                it has a function ``prepare``, that is called before.
             memory: Bytes of address space that it may take.
             seconds: After which it is ended, whatever it does, s.
-            readable: Files and folders that it may read.
 
         Raises:
             WorkerError: It could not be started.
@@ -121,17 +116,22 @@ class Worker:
         assert self._process.stdout is not None
         self._channel = Channel(self._process.stdout, self._process.stdin)
         self._timer = self._started_timer(seconds)
+        path = [entry for entry in sys.path if entry]
+        settings = path, memory, int(seconds) + GRACE_S
         try:
-            self.measures = self._confine(memory, seconds, readable)
+            self.send(json.dumps(settings).encode())
         except BaseException:
             self.close()
             raise
 
-    def _confine(self, memory: int, seconds: float, readable: Sequence[str]) -> tuple[str, ...]:
-        path = [entry for entry in sys.path if entry]
-        settings = path, memory, int(seconds) + GRACE_S, list(readable)
-        self.send(json.dumps(settings).encode())
-        return tuple(json.loads(self.receive(SHORT)))
+    @cached_property
+    def measures(self) -> tuple[str, ...]:
+        """What confines it (:data:`rpctl.files.confinement.MEASURES`), before it does anything.
+
+        Raises:
+            WorkerError: It could not be started.
+        """
+        return tuple(json.loads(self._receive(SHORT)))
 
     def send(self, message: bytes) -> None:
         """Send it a message.
@@ -150,6 +150,10 @@ class Worker:
         Raises:
             WorkerError: It has ended, or says more.
         """
+        _ = self.measures  # its first message
+        return self._receive(most)
+
+    def _receive(self, most: int) -> bytes:
         try:
             return self._channel.receive(most)
         except (EOFError, OSError):
@@ -218,11 +222,11 @@ def serve(module: str) -> None:
     incoming, outgoing = io.FileIO(os.dup(0)), io.FileIO(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is printed is no message
     channel = Channel(io.BufferedReader(incoming), io.BufferedWriter(outgoing))
-    path, memory, seconds, readable = json.loads(channel.receive(SHORT))
+    path, memory, seconds = json.loads(channel.receive(SHORT))
     sys.path[:] = path
     loaded = importlib.import_module(module)
     if hasattr(loaded, "prepare"):
         loaded.prepare()
     os.environ.clear()
-    channel.send(json.dumps(confine(memory, seconds, readable)).encode())
+    channel.send(json.dumps(confine(memory, seconds)).encode())
     loaded.main(channel)

@@ -14,6 +14,7 @@ from rpctl.files.writing import write_atomically
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Panel
 from rpctl.view.charts import coloured_joints
+from rpctl.view.marks import marked
 from rpctl.view.plots.panels import PanelChart, draw_panel, find_panels
 from rpctl.view.plots.style import (
     PAPER,
@@ -21,6 +22,7 @@ from rpctl.view.plots.style import (
     joint_legend,
     joint_names,
     legend_columns,
+    own_settings,
     style_axes,
 )
 
@@ -55,7 +57,7 @@ def save_tracking_figure(run: Run, path: str | Path) -> Path:
 
 def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
-    return to_png(tracking_figure(run), DPI)
+    return marked(to_png(tracking_figure(run), DPI), ".png", run.digest)
 
 
 def save_figure(
@@ -80,9 +82,11 @@ def save_figure(
     if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
     figure = tracking_figure(run, panels=panels, column=column)
-    return write_atomically(path, to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI))
+    content = to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI)
+    return write_atomically(path, marked(content, suffix, run.digest))
 
 
+@own_settings()
 def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
     """Return the figure of a run; panels without data are left out.
 
@@ -145,6 +149,7 @@ def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
     return [each for name in wanted for each in found if each[0].name == name]
 
 
+@own_settings()
 def to_png(figure: Figure, dpi: int) -> bytes:
     """Return a figure as the bytes of a PNG with a palette of 256 colours."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -159,6 +164,7 @@ def to_png(figure: Figure, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
+@own_settings()
 def to_pdf(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PDF, its fonts in it."""
     from matplotlib import rc_context
