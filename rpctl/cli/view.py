@@ -177,6 +177,8 @@ def plot_command(
     from rpctl.view.run_folder import load_run
 
     path = out or (run if run.is_dir() else run.parent) / DEFAULT_FIGURE
+    if out is None and path.is_symlink():
+        path.unlink()  # the folder may be another's, and the link lead to any file
     require_writable(path)
     save_figure(load_run(run), path, panels=split_names(panels), column=column)
     if as_json:

@@ -24,6 +24,7 @@ from rpctl.files.opening import read_input
 
 OUTSIDE = f"refused: it lies outside the folders that the file may use; {DECLARE}"
 HIDDEN = "refused: it lies in a hidden folder, or is hidden; move what the robot needs out of it"
+SYSTEM = ("/proc", "/sys", "/dev")  # below no robot's folder, though it be the whole disk
 WILD = re.compile(r"[*?[]")
 MAX_MATCHES = 1000  # files of one pattern that are told
 MAX_REQUESTS = 10_000  # of one expansion; the largest public ones make some hundred
@@ -153,6 +154,8 @@ class XacroFiles:
         """Return why a path, symlinks followed, may not be read; None if it may."""
         if real == self._file:
             return None
+        if inside(real, SYSTEM):
+            return OUTSIDE
         roots = [root for root in (*self._packages.own, *self._found) if inside(real, (root,))]
         if not roots:
             index = (each for folders in self._packages.index.values() for each in folders)

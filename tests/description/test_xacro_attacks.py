@@ -19,7 +19,7 @@ from rpctl.description.expansion_messages import ExpansionError
 from rpctl.description.packages import find_packages
 from rpctl.description.read_settings import read_settings
 from rpctl.description.xacro_files import MAX_REQUESTS, XacroFiles
-from rpctl.files.confinement import MEASURES, open_ways
+from rpctl.files.confinement import open_ways
 from rpctl.files.worker import Worker
 from tests.description.hostile import ROUTES, run_in_xacro
 from tests.grids import every
@@ -208,6 +208,14 @@ def test_files_are_read_where_the_file_may_name_them(tmp_path: Path) -> None:
     assert files_of(path.parent / ".env").read(str(path.parent / ".env")) == SECRET.encode()
 
 
+def test_the_systems_own_files_are_nobodys(tmp_path: Path) -> None:
+    """Also where the robot lies in the root of a container: its folder is the whole disk."""
+    for own in (Path("/r.xacro"), tmp_path / "r.xacro"):
+        for file in ("/proc/self/environ", "/proc/1/cmdline", "/sys/kernel/notes", "/dev/null"):
+            with pytest.raises(PermissionError):
+                files_of(own).read(file)
+
+
 def test_requests_in_any_form_are_answered_or_refused(tmp_path: Path) -> None:
     path, random = home(tmp_path), Random(14)
     files = files_of(path)
@@ -303,11 +311,3 @@ def test_what_a_system_lacks_is_told_before_expanding(
         "starting processes or using the network; expand only what you trust"
     )
     assert caplog.messages == [f"{path}: warning: {finding.message}"]
-
-
-def test_what_measures_leave_open() -> None:
-    assert open_ways(MEASURES) == ()
-    assert open_ways(("rlimits", "seccomp")) == ()  # no file can be opened at all
-    without = ("changing your files' modes", "starting processes", "using the network")
-    assert open_ways(("rlimits", "landlock")) == without
-    assert "taking all memory" in open_ways(("seccomp",))

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from struct import pack, unpack_from
+from types import SimpleNamespace
 
 import pytest
 
@@ -26,10 +27,11 @@ from rpctl.files.confinement import (
     REFUSE,
     RETURN,
     X32,
+    open_ways,
     seccomp_program,
 )
 from rpctl.files.system_calls import ALLOWED, AUDIT_ARCHITECTURES, WITH_ARGUMENT
-from rpctl.files.worker import SHORT, Worker, WorkerError
+from rpctl.files.worker import GRACE_S, SHORT, Worker, WorkerError
 from tests.grids import every
 
 MODULE = "tests.files.confined"
@@ -107,6 +109,30 @@ def test_it_knows_nothing_of_who_started_it(blind: Worker) -> None:
     held = ask(blind, "[k for k in range(3, 64) if not os.get_inheritable(k)]")
     assert "Bad file descriptor" in held  # 3 and 4 are its pipes
     assert "s3cret" not in Path(f"/proc/{blind._process.pid}/environ").read_text("utf-8")
+
+
+@linux
+def test_its_limits_are_those_asked_for(blind: Worker) -> None:
+    lines = Path(f"/proc/{blind._process.pid}/limits").read_text("utf-8").splitlines()
+    limits = {line[:26].strip(): tuple(line[26:].split()[:2]) for line in lines}
+    expected = {"cpu time": PATIENCE + GRACE_S, "address space": MEMORY, "open files": 0,
+                "processes": 0, "core file size": 0, "file size": confinement.SPOKEN}  # fmt: skip
+    for name, bound in expected.items():
+        assert limits[f"Max {name}"] == (str(bound), str(bound)), name
+
+
+def test_what_measures_leave_open() -> None:
+    assert open_ways(MEASURES) == ()
+    assert open_ways(("rlimits", "seccomp")) == ()  # no file can be opened at all
+    without = ("changing your files' modes", "starting processes", "using the network")
+    assert open_ways(("rlimits", "landlock")) == without
+    assert open_ways(("rlimits",)) == ("reading and writing your files", *without[1:])
+    assert open_ways(("seccomp", "landlock")) == ("taking all memory",)
+
+
+def test_an_unknown_architecture_has_no_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine="riscv64"))
+    assert not confinement._filter_calls(None)
 
 
 def test_memory_ends_in_an_error(blind: Worker) -> None:
@@ -328,6 +354,14 @@ os.kill(os.getpid(), 9)
 """
 
 
+@pytest.mark.slow
+def test_who_forgets_it_ends_all_the_same() -> None:
+    forgetful = ORPHAN.replace("os.kill(os.getpid(), 9)", "")
+    begin = time.monotonic()
+    subprocess.run([sys.executable, "-c", forgetful], check=True, timeout=2 * PATIENCE)
+    assert time.monotonic() - begin < PATIENCE / 2
+
+
 @linux
 def test_it_ends_with_who_started_it() -> None:
     done = subprocess.run(
@@ -379,5 +413,8 @@ def test_what_it_prints_is_no_message(blind: Worker) -> None:
 
 
 def test_a_module_that_is_not_there_is_told() -> None:
-    with pytest.raises(WorkerError, match="No module named"):
-        Worker("tests.files.nowhere", MEMORY, PATIENCE)
+    with (
+        Worker("tests.files.nowhere", MEMORY, PATIENCE) as worker,
+        pytest.raises(WorkerError, match="No module named"),
+    ):
+        worker.receive(SHORT)
