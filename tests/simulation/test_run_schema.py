@@ -111,7 +111,7 @@ def test_no_entry_is_missing(parts: Parts, tmp_path: Path) -> None:
         assert f"missing or not known: {name};" in refusal(data, tmp_path / "run.npz")
 
 
-WRONG = (
+WRONG: tuple[tuple[str, Any, str], ...] = (
     ("drive.type", "hovercraft", "one of differential"),
     ("drive.wheels.0.radius", 0.0, "a positive number"),
     ("drive.wheels.0.radius", -0.1, "a positive number"),
