@@ -24,6 +24,7 @@ from rpctl.drive.drive_file import read_drive
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files import toml
 from rpctl.reference.load import load_reference
+from rpctl.reference.timed_path import TimedPath
 from rpctl.simulation.config import Config, config_tables, read_config, write_config
 from tests.files.mutations import damaged_rows, damaged_table
 from tests.grids import cells
@@ -145,6 +146,7 @@ def test_tables_of_poses(count: int, tmp_path: Path, paper: Robot) -> None:
 def follow(robot: Robot, path: Path) -> None:
     """Read a reference, and assert that it is finite wherever it is asked for."""
     reference = load_reference(robot, str(path))
+    assert isinstance(reference, TimedPath)
     assert 0.0 < reference.duration < math.inf
     for t in np.linspace(0.0, reference.duration, 7):
         assert all(np.isfinite(part).all() for part in reference(float(t)) if part is not None)
