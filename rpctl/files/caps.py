@@ -13,6 +13,7 @@ MAX_ATTRIBUTES = 1_000_000  # of XML; each takes 300 bytes
 MAX_LINKS = 2000  # Pinocchio's time grows with the square of the links
 MAX_MOVING_JOINTS = 150  # Pinocchio's Data grows with their cube: .3 GB at 150, 2 GB at 300
 MAX_MESH_BYTES = 256 * 2**20  # no robot's part is larger
+MAX_RUN_BYTES = 4 * 2**30  # of a run's samples; an hour of TIAGo at 2 ms is half of it
 MAX_XACRO_SECONDS = 30  # that a .xacro may take to expand; the largest public ones take 2
 MAX_XACRO_MEMORY = 2**30  # bytes that its expansion may take
 MAX_FOLDERS = 20_000  # that one search for packages looks into; 80 public repositories have 4300

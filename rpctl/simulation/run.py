@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Drive
-from rpctl.errors import RpctlError, RunFileError
+from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
@@ -17,9 +16,9 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
-from rpctl.simulation.recorded import config_of
 from rpctl.simulation.reload import load_robot
-from rpctl.simulation.run_file import ARRAY_ENTRIES, check_arrays, read_run_file, write_run_file
+from rpctl.simulation.run_file import read_run_file, write_run_file
+from rpctl.simulation.run_schema import ARRAYS
 from rpctl.simulation.table import columns, csv_text
 
 
@@ -97,24 +96,23 @@ class Run:
         """Configuration of the reference robot (K, nq), wheels turned as they would roll."""
         return self.log.q_ref
 
-    def save(self, path: str | Path) -> Path:
+    def save(self, path: str | Path, precision: str = "double") -> Path:
         """Write the run to one file; it is there whole or not at all.
 
         Args:
-            path: The file; ``.npz`` is the custom.
+            path: The file; ``.npz`` is the custom. :mod:`rpctl.simulation.run_file` says how NumPy
+                reads it.
+            precision: ``"double"`` keeps every bit; ``"single"`` rounds all but the time to 24
+                bits, in half of the room.
 
         Returns:
             The path.
+
+        Raises:
+            RpctlError: The file cannot be written, or the precision is not known or too small.
         """
-        entries = {
-            entry: getattr(self if record is None else getattr(self, record), name)
-            for entry, (record, name) in ENTRIES.items()
-        }
-        entries |= {"drive": asdict(self.robot.drive), "config": config_tables(self.config)}
-        entries["sizing"] = None if self.sizing is None else self.sizing.to_dict()
-        arrays = {name: value for name, value in entries.items() if name in ARRAY_ENTRIES}
-        meta = {name: value for name, value in entries.items() if name not in arrays}
-        return write_run_file(path, meta, arrays)
+        meta, arrays = entries_of(self)
+        return write_run_file(path, meta, arrays, precision)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write the samples as CSV, a row a sample; the file is there whole or not at all.
@@ -151,7 +149,7 @@ class Run:
         Raises:
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
-        return _from_entries(path, read_run_file(path))
+        return from_entries(read_run_file(path))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = (), expand: bool = False) -> Robot:
         """Return the robot of this run: as it was simulated here, or as the file of a run holds it.
@@ -200,25 +198,22 @@ def _entry_places() -> dict[str, tuple[str | None, str]]:
 ENTRIES = _entry_places()  # the file is flat
 
 
-def _from_entries(path: str | Path, entries: dict[str, Any]) -> Run:
-    """Return a run from what a file holds, shapes and names checked."""
-    missing, extra = ENTRIES.keys() - entries.keys(), entries.keys() - ENTRIES.keys()
-    if missing or extra:
-        listed = ", ".join(sorted(missing | extra))
-        raise RunFileError(f"{path}: entries missing or not known: {listed}")
-    check_arrays(path, entries)
+def entries_of(run: Run) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Return what JSON says of a run and its arrays, by the names of its file's entries."""
+    entries = {
+        entry: getattr(run if record is None else getattr(run, record), name)
+        for entry, (record, name) in ENTRIES.items()
+    }
+    entries |= {"drive": asdict(run.robot.drive), "config": config_tables(run.config)}
+    entries["sizing"] = None if run.sizing is None else run.sizing.to_dict()
+    arrays = {name: value for name, value in entries.items() if name in ARRAYS}
+    return {name: value for name, value in entries.items() if name not in arrays}, arrays
+
+
+def from_entries(entries: Mapping[str, Any]) -> Run:
+    """Return a run from the entries of its file, as records hold them."""
     values: dict[str | None, dict[str, Any]] = {record: {} for record in (None, *RECORDS)}
     for entry, (record, name) in ENTRIES.items():
-        value = entries[entry]
-        if isinstance(value, list):
-            value = tuple(tuple(v) if isinstance(v, list) else v for v in value)
-        values[record][name] = value
-    try:
-        values["robot"]["drive"] = Drive.from_dict(entries["drive"])
-        values[None]["config"] = config_of(entries["config"])
-        if entries["sizing"] is not None:
-            values[None]["sizing"] = Sizing.from_dict(entries["sizing"])
-    except (TypeError, KeyError, AttributeError, RpctlError) as error:
-        raise RunFileError(f"{path}: drive, configuration or sizing not known: {error}") from None
+        values[record][name] = entries[entry]
     records: dict[str, Any] = {name: kind(**values[name]) for name, kind in RECORDS.items()}
     return Run(**records, **values[None])

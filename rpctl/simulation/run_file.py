@@ -1,32 +1,75 @@
-"""The one-file form of a run: an ``.npz`` of its log's arrays and one entry of JSON, no pickle."""
+"""The file of a run: an ``.npz`` of JSON and packed samples, checked before it is believed.
+
+It has two entries. ``meta`` is a text of JSON; ``columns`` are the bytes (n, 8, K) of n columns of
+K numbers, packed by :mod:`rpctl.simulation.packing`. ``meta["columns"]`` tells what each array is
+of them: a sample's shape, and for each of its numbers the column that holds it, or two of which
+they are the difference. NumPy alone reads it::
+
+    with np.load("run.npz") as file:
+        meta, planes = json.loads(str(file["meta"])), file["columns"]
+    codes = planes.transpose(0, 2, 1).copy().view("<i8")[:, :, 0]
+    codes = (codes >> 1) & (2**63 - 1) ^ -(codes & 1)  # differences of ranks, coarse to fine
+    rank = lambda x: x.view("i8") ^ ((x.view("i8") >> 63) & (2**63 - 1))  # and its own inverse
+    columns, at, step = np.zeros(codes.shape), 1, 1 << (codes.shape[1] - 1).bit_length() >> 1
+    columns[:, 0] = rank(codes[:, :1].copy()).view("f8")[:, 0]
+    while step:
+        known, k = columns[:, :: 2 * step], np.arange(columns[:, step :: 2 * step].shape[1])
+        guess = np.zeros((len(columns), len(k)))
+        for i, weight in enumerate((39690, -8820, 2268, -405, 35)):
+            left, right = np.maximum(k - i, 0), np.minimum(k + 1 + i, known.shape[1] - 1)
+            guess = guess + weight / 65536 * (known[:, left] + known[:, right])
+        if meta["precision"] == "single":
+            guess[1:] = guess[1:].astype("f4")
+        guess[~np.isfinite(guess)] = 0
+        code = codes[:, at : at + len(k)] + rank(guess)
+        columns[:, step :: 2 * step] = rank(code).view("f8")
+        at, step = at + len(k), step // 2
+    of = meta["columns"]["q"]  # or any other array
+    q = [columns[n[0]] - (columns[n[1]] if len(n) > 1 else 0) for n in of["columns"]]
+    q = np.array(q).T.reshape(codes.shape[1], *of["shape"])
+"""
 
 from __future__ import annotations
 
 import io
 import json
 import zipfile
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
+from numpy.lib import format as npy
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import RunFileError
-from rpctl.files.writing import write_atomically
-from rpctl.simulation.log import Log
+from rpctl.errors import InputError, RunFileError, UnknownNameError, one_line
+from rpctl.files.caps import cap
+from rpctl.files.npz import SUFFIX, Npz, NpzError, open_npz
+from rpctl.files.opening import open_input
+from rpctl.files.strict_json import read_json
+from rpctl.files.writing import writing
+from rpctl.simulation.columns import scratch
+from rpctl.simulation.kinds import EntryError
+from rpctl.simulation.packed import (
+    COLUMNS_ENTRY,
+    EXACT,
+    planned,
+    read_columns,
+    require_room,
+    shapes_of,
+    write_columns,
+)
 from rpctl.simulation.recorded import tables_of_settings
+from rpctl.simulation.run_schema import ARRAYS, META, check_numbers, check_shapes, checked_meta
 
-SCHEMA = 4
-OLDER_SCHEMAS = (2, 3)  # see _completed
+SCHEMA = 5
+OLDER_SCHEMAS = (2, 3, 4)  # see _completed
 META_ENTRY = "meta"  # the one entry of the file that is text: JSON
-OPTIONAL_ENTRIES = (
-    "load_range",
-    "slip_range",
-)  # missing in older files; they may hold NaN or inf
+PRECISIONS = ("double", "single")
+MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
+FIX = "it is damaged or was made up; track the robot again"
 LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand for there
     "xacro_args": {},
     "ignore_missing_packages": False,
@@ -38,105 +81,159 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "urdf": None,
     "file_sha256": None,
 }
-ARRAY_ENTRIES = {item.name for item in fields(Log)} - {"bound_limits"}
+ARRAY_ENTRIES = frozenset(ARRAYS)
+LATER_ARRAYS = ("load_range", "slip_range")  # likewise
 
 
-def write_run_file(path: str | Path, meta: Mapping[str, Any], arrays: Mapping[str, Array]) -> Path:
+def write_run_file(
+    path: str | Path,
+    meta: Mapping[str, Any],
+    arrays: Mapping[str, Array],
+    precision: str = "double",
+) -> Path:
     """Write the file of a run; it is there whole or not at all.
 
     Args:
         path: The file.
         meta: What JSON says of the run, by the names of the file's entries.
-        arrays: The samples, by the names of the file's entries.
+        arrays: The samples, by the names of the file's entries; they may be larger than memory.
+        precision: ``"double"`` keeps every bit; ``"single"`` rounds all but the time to 24 bits.
 
     Returns:
         The path.
+
+    Raises:
+        RpctlError: The file cannot be written, or a number does not fit single precision.
     """
-    text = json.dumps({"schema": SCHEMA, **meta}, default=lambda number: number.tolist())
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **{META_ENTRY: text}, **arrays)
-    return write_atomically(path, buffer.getvalue())
+    if precision not in PRECISIONS:
+        raise UnknownNameError("precision", precision, PRECISIONS)
+    single = precision == "single"
+    arrays = {EXACT: arrays[EXACT], **arrays}  # the first
+    kept, layout = planned(arrays, single)
+    head = {"schema": SCHEMA, "precision": precision, **meta, COLUMNS_ENTRY: layout}
+    text = np.array(json.dumps(head, ensure_ascii=False, default=lambda number: number.tolist()))
+    with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        entry = io.BytesIO()
+        npy.write_array(entry, text, allow_pickle=False)
+        archive.writestr(
+            zipfile.ZipInfo(META_ENTRY + SUFFIX), entry.getvalue(), zipfile.ZIP_DEFLATED
+        )
+        write_columns(archive, arrays, kept, single)
+    return Path(path)
 
 
 def read_run_file(path: str | Path) -> dict[str, Any]:
-    """Return the entries of the file of a run, JSON and read-only arrays, as files of today hold.
+    """Return the entries of the file of a run, as records hold them; arrays are read-only.
 
     Raises:
-        RunFileError: The file is missing, is no run, is damaged, or has another schema.
+        RunFileError: The file is missing, is no run, is damaged, or has another schema. The entry
+            that is to blame is named.
     """
+    with (
+        _blamed(path),
+        open_input(path, "MAX_RUN_BYTES", "a run.npz") as file,
+        open_npz(file, cap("MAX_RUN_BYTES")) as npz,
+    ):
+        if META_ENTRY not in npz.names:
+            raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
+        meta = _meta_of(npz)
+        schema = meta.pop("schema", None)
+        if schema == SCHEMA:
+            return _read_packed(npz, meta)
+        if isinstance(schema, int) and schema in OLDER_SCHEMAS:
+            return _read_older(npz, meta, schema)
+    known = ", ".join(map(str, OLDER_SCHEMAS))
+    raise RunFileError(
+        f"{path}: schema {one_line(repr(schema)[:40])}, this rpctl reads {known} and {SCHEMA}; "
+        "track the robot again"
+    )
+
+
+@contextmanager
+def _blamed(path: str | Path) -> Iterator[None]:
+    """Turn what is wrong with an entry into what is wrong with a file."""
     try:
-        with Path(path).open("rb") as file:
-            stored = np.load(file, allow_pickle=False)
-            if not isinstance(stored, NpzFile) or META_ENTRY not in stored:
-                raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
-            meta = json.loads(str(stored[META_ENTRY]))
-            arrays = {name: stored[name] for name in stored if name != META_ENTRY}
-    except OSError as error:
-        raise RunFileError(f"{path}: {error.strerror or error}; give a run.npz") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        raise RunFileError(f"{path}: damaged or not a run of rpctl ({error})") from None
-    schema = meta.pop("schema", None) if isinstance(meta, dict) else None
-    if schema not in (*OLDER_SCHEMAS, SCHEMA):
-        raise RunFileError(
-            f"{path}: schema {schema}, this rpctl reads "
-            f"{', '.join(map(str, OLDER_SCHEMAS))} and {SCHEMA}; track the robot again"
-        )
-    entries = {**meta, **arrays}
-    if schema != SCHEMA:
-        entries = _completed(schema, entries)
-    for name in OPTIONAL_ENTRIES:
-        entries.setdefault(name, np.empty((np.size(entries.get("t", ())), 0)))
-    return {**LATER_ENTRIES, **entries}
+        yield
+    except InputError as error:
+        raise RunFileError("; ".join(finding.message for finding in error.findings)) from None
+    except NpzError as error:
+        raise RunFileError(f"{path}: damaged or not a run of rpctl: {error}") from None
+    except EntryError as error:
+        raise RunFileError(f"{path}: {error}; {FIX}") from None
 
 
-def _completed(schema: int, entries: dict[str, Any]) -> dict[str, Any]:
-    """Return what an older file holds as files of today do.
+def _meta_of(npz: Npz) -> dict[str, Any]:
+    """Return what JSON says."""
+    try:
+        meta = read_json(npz.text(META_ENTRY, MAX_META))
+    except ValueError as error:
+        raise EntryError(
+            f'entry "{META_ENTRY}" is no JSON of a run: {one_line(str(error))}'
+        ) from None
+    if not isinstance(meta, dict):
+        raise EntryError(f'entry "{META_ENTRY}" is no JSON of a run')
+    return meta
+
+
+def _read_packed(npz: Npz, meta: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of a file of today; all is checked before any sample is read."""
+    layout, precision = meta.pop(COLUMNS_ENTRY, None), meta.pop("precision", None)
+    if precision not in PRECISIONS:
+        raise EntryError(f'entry "precision" must be one of {", ".join(PRECISIONS)}')
+    _require_names(npz.names, (META_ENTRY, COLUMNS_ENTRY))
+    _require_names(meta, META)
+    known = checked_meta(meta)
+    shapes = shapes_of(layout, npz.entry(COLUMNS_ENTRY))
+    _require_names(shapes, ARRAYS)
+    check_shapes(shapes, known)
+    return {**known, **read_columns(npz, layout, precision == "single")}
+
+
+def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
+    """Return the entries of an older file: each of its arrays is an entry of plain numbers."""
+    found = [name for name in npz.names if name != META_ENTRY]
+    meta, lacking = _completed(schema, meta)
+    _require_names(meta, META)
+    _require_names([*found, *(set(lacking) - set(found))], ARRAYS)
+    known, headers = checked_meta(meta), {name: npz.entry(name) for name in found}
+    for name, header in headers.items():
+        if header.kind != "<f8" or not header.shape:
+            raise EntryError(f'entry "{name}" holds other than finite numbers')
+    rows = headers["t"].shape[0] if "t" in headers else 0
+    shapes = dict.fromkeys(lacking, (rows, 0)) | {k: h.shape for k, h in headers.items()}
+    check_shapes(shapes, known)
+    require_room(rows, sum(header.nbytes for header in headers.values()) // (8 * rows))
+    arrays = {name: scratch(shape) for name, shape in shapes.items()}
+    for name, array in arrays.items():
+        if name in headers:
+            npz.numbers(headers[name], array)
+        check_numbers(name, array)
+        array.setflags(write=False)
+    return {**known, **arrays}
+
+
+def _require_names(
+    found: Sequence[str] | Mapping[str, Any], known: Sequence[str] | Mapping[str, Any]
+) -> None:
+    """Refuse entries that are missing or not known."""
+    if wrong := set(found) ^ set(known):
+        listed = ", ".join(one_line(name) for name in sorted(wrong)[:10])
+        raise EntryError(f"entries missing or not known: {listed}")
+
+
+def _completed(schema: int, meta: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what an older file says as files of today do, and the arrays that it may lack.
 
     Schema 3 has settings by class names instead of a configuration. Schema 2 lacks besides what
     others than the arm's joints do, and the notes; they are empty then.
     """
-    if isinstance(settings := entries.pop("settings", None), dict):
-        entries["config"] = tables_of_settings(settings, entries.get("friction", FRICTION))
-        entries["kinematic_report"] = settings.get("kinematic_report", {})
-        entries["controller_model"] = settings.get("plant", {}).get("believed")
-    if schema == SCHEMA - 1:
-        return entries
-    nothing = np.empty((np.size(entries.get("t", ())), 0))
-    lists: dict[str, list[Any]] = {"other_names": [], "other_limits": [], "notes": []}
-    return {"others": nothing, "other_rates": nothing.copy(), **lists, **entries}
-
-
-def check_arrays(path: str | Path, entries: Mapping[str, Any]) -> None:
-    """Refuse arrays of other kinds, lengths or shapes than a log's; make the others read-only.
-
-    Raises:
-        RunFileError: Naming the entry.
-    """
-    lengths = {len(v) for v in entries.values() if isinstance(v, np.ndarray) and v.ndim}
-    if len(lengths) != 1:
-        raise RunFileError(f"{path}: arrays of differing lengths {sorted(lengths)}")
-    for name, value in entries.items():
-        if (name in ARRAY_ENTRIES) != isinstance(value, np.ndarray):
-            raise RunFileError(f'{path}: entry "{name}" is of the wrong kind')
-        if isinstance(value, np.ndarray):
-            finite = name in OPTIONAL_ENTRIES or np.isfinite(value).all()
-            if value.dtype != np.float64 or not finite:
-                raise RunFileError(f'{path}: entry "{name}" holds other than finite numbers')
-            value.setflags(write=False)
-    columns = {
-        "nu": "quasi_velocities",
-        "tau": "actuators",
-        "rates": "actuators",
-        "joints": "joint_names",
-        "others": "other_names",
-        "other_rates": "other_names",
-        "active_limits": "bound_limits",
-    }
-    for array, labels in columns.items():
-        if entries[array].ndim != 2 or entries[array].shape[1] != len(entries[labels]):
-            raise RunFileError(f'{path}: "{array}" does not fit its names')
-    contacts = len(entries["contacts"])
-    shapes = {"contact_load": (contacts,), "load_range": (contacts, 2), "slip_range": (2,)}
-    for name, shape in shapes.items():
-        if entries[name].size and entries[name].shape[1:] != shape:
-            raise RunFileError(f'{path}: "{name}" does not fit its names')
+    meta = {**LATER_ENTRIES, **meta}
+    if schema < 4 and isinstance(settings := meta.pop("settings", None), dict):
+        meta["config"] = tables_of_settings(settings, meta.get("friction", FRICTION))
+        meta["kinematic_report"] = settings.get("kinematic_report", {})
+        plant = settings.get("plant", {})
+        meta["controller_model"] = plant.get("believed") if isinstance(plant, dict) else plant
+    if schema > 2:
+        return meta, LATER_ARRAYS
+    nothing: dict[str, Any] = {"other_names": [], "other_limits": [], "notes": []}
+    return {**nothing, **meta}, (*LATER_ARRAYS, "others", "other_rates")

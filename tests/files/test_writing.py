@@ -289,6 +289,7 @@ OPENED = {"buffer", "file"}  # what is written to memory, or to a file that the 
 ELSEWHERE = {
     "files/writing.py": "it is the one writer",
     "files/worker.py": "it writes to the pipes of a process",
+    "simulation/packed.py": "an entry of an archive that is open for writing",
     "view/film/video.py": "encoders want a name: it lies in a folder of this process alone",
 }
 
