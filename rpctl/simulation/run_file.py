@@ -130,7 +130,7 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
             that is to blame is named.
     """
     with (
-        _blamed(path),
+        blamed(path),
         open_input(path, "MAX_RUN_BYTES", "a run.npz") as file,
         open_npz(file, cap("MAX_RUN_BYTES")) as npz,
     ):
@@ -150,7 +150,7 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
 
 
 @contextmanager
-def _blamed(path: str | Path) -> Iterator[None]:
+def blamed(path: str | Path) -> Iterator[None]:
     """Turn what is wrong with an entry into what is wrong with a file."""
     try:
         yield
