@@ -12,8 +12,8 @@ import typer
 
 import rpctl
 from rpctl.cli.words import XACRO_OPTION, read_words
+from rpctl.description.argument_messages import XacroArgument
 from rpctl.description.expansion import list_arguments
-from rpctl.description.expansion_messages import XacroArgument
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
 from rpctl.robot.names import find_source

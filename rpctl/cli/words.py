@@ -11,7 +11,7 @@ from typer.core import TyperCommand
 from rpctl.errors import RpctlError
 
 XACRO_OPTION = "--xacro-arg"
-WORD = re.compile(r"[A-Za-z_][\w.-]*:=")  # how such a word begins
+WORD = re.compile(r"(?:env:)?[A-Za-z_][\w.-]*:=")  # how such a word begins
 
 
 class WordsCommand(TyperCommand):

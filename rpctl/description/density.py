@@ -13,14 +13,18 @@ from lxml import etree
 from rpctl.arrays import Array
 from rpctl.description.findings import excerpt
 from rpctl.description.links import AXES
-from rpctl.description.mesh_files import read
+from rpctl.description.mesh_files import read_shape
 from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.mesh_service import StalledMeshError, ask
 from rpctl.description.records import Description, Link, Shape
-from rpctl.errors import Finding, RpctlError
-from rpctl.libraries import library
+from rpctl.errors import DescriptionError, Finding, RpctlError
 
 MAX_DENSITY = 1e6  # kg/m3; more is a wrong unit
 LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat
+
+
+class FlatMeshError(MeshError):
+    """A mesh that encloses no volume."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +56,14 @@ def fill(description: Description, density: float) -> Description:
 
     Raises:
         RpctlError: The density is not positive, or absurd.
+        DescriptionError: A mesh that a link's inertia hangs on cannot be read.
     """
     if not 0.0 < density <= MAX_DENSITY:
         raise RpctlError(f"density is {density:g}; give kg/m3, as 1000 for water")
     estimator = _Estimator(description, density)
     links = tuple(estimator.link(link) for link in description.links)
+    if estimator.faults:
+        raise DescriptionError(description.path, estimator.faults)
     filled = {link.name: link for link in links if link.estimated}
     return replace(
         description,
@@ -71,6 +78,7 @@ class _Estimator:
 
     def __init__(self, description: Description, density: float) -> None:
         self.findings: list[Finding] = []
+        self.faults: list[Finding] = []
         self._paths = description.mesh_paths
         self._density = density
         self._moved = {joint.child for joint in description.joints if joint.moving}
@@ -110,8 +118,13 @@ class _Estimator:
         name = f'mesh "{excerpt(shape.mesh or "")}" of link "{link.name}"'
         try:
             solid, closed = _mesh_solid(shape, self._paths)
-        except MeshError as error:
+        except FlatMeshError as error:
             self._warn(shape.line, f"{name} gives no estimate: {error}")
+            return None
+        except MeshError as error:  # what is not known is not nothing
+            fix = "its link has no <inertial>: give one, or the mesh"
+            text = f"{name} gives no estimate: {error}; {fix}"
+            self.faults.append(Finding("error", shape.line, text))
             return None
         if not closed:
             text = f"{name} is not watertight; its convex hull is taken, close the mesh"
@@ -164,32 +177,29 @@ def _mesh_solid(shape: Shape, paths: MeshPaths) -> tuple[Solid, bool]:
     """Return the body that a mesh encloses, in the shape's frame, and whether it is closed.
 
     Raises:
-        MeshError: There is no such mesh, or it encloses nothing.
+        FlatMeshError: It encloses nothing.
+        MeshError: There is no such mesh, or it cannot be read.
     """
-    trimesh = library("trimesh")
-
     vertices, faces, count = [], [], 0
-    for surface in read(paths.resolve(shape.mesh or "")):
+    for surface in read_shape(shape.mesh or "", shape.size, paths).surfaces:
         vertices.append(surface.vertices)
         faces.append(surface.faces + count)
         count += len(surface.vertices)
-    mesh = trimesh.Trimesh(np.concatenate(vertices) * shape.size, np.concatenate(faces))
-    closed = bool(mesh.is_watertight and mesh.is_winding_consistent)
+    arrays = [np.concatenate(vertices), np.concatenate(faces).astype("<u4")]
     try:
-        body = mesh if closed else mesh.convex_hull
-        sign = math.copysign(1.0, body.volume)  # a mirrored mesh is inside out
-        properties = body.mass_properties
-        solid = Solid(
-            sign * float(properties["volume"]),
-            np.array(properties["center_mass"], dtype=float),
-            sign * np.array(properties["inertia"], dtype=float),
-        )
-    except Exception as error:  # hulls of flat or degenerate meshes fail in many ways
-        raise MeshError(f"it encloses no volume ({type(error).__name__})") from error
+        answer, numbers = ask("solid", {"scale": list(shape.size)}, arrays)
+        volume, centroid, moment = (np.array(each, dtype=float) for each in numbers)
+        solid = Solid(float(volume.item()), centroid.reshape(3), moment.reshape(3, 3))
+    except StalledMeshError:
+        raise
+    except MeshError as fault:
+        raise FlatMeshError(str(fault)) from None
+    except ValueError:
+        raise MeshError("not readable: its reader answered with no body") from None
     finite = np.isfinite(solid.moment).all() and np.isfinite(solid.centroid).all()
     if not finite or not solid.volume > LEAST_VOLUME:
-        raise MeshError("it encloses no volume; give the link a shape that does")
-    return solid, closed
+        raise FlatMeshError("it encloses no volume; give the link a shape that does")
+    return solid, answer["closed"] is True
 
 
 def _sum(solids: list[Solid]) -> Solid:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import logging
 import re
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rpctl.description.argument_messages import XacroArgument, declared_arguments
+from rpctl.description.expansion_answer import ENVIRONMENT, check_answer
 from rpctl.description.expansion_messages import (
     RUN_IT,
-    XacroArgument,
-    declared_arguments,
     findings_of,
     refusal,
     refuse_faults,
@@ -25,22 +24,19 @@ from rpctl.description.findings import excerpt
 from rpctl.description.package_index import forget
 from rpctl.description.packages import find_packages
 from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
+from rpctl.description.xacro_files import XacroFiles
 from rpctl.errors import MAX_SHOWN, DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
+from rpctl.files.confinement import open_ways
 from rpctl.files.opening import read_source
+from rpctl.files.worker import Worker, WorkerError
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
-WORKER_GRACE_S = 5  # s that the worker outlives its time, should nobody be left to end it
+WORKER = "rpctl.description.expansion_worker"
 COMMENT = re.compile(rb"<!--(?:.*?-->|.*)", re.DOTALL)
 XACRO = re.compile(  # an element of xacro, or a substitution; both mean nothing to a URDF's readers
     rb"<xacro:[A-Za-z_]|\$\((?:find|arg|env|optenv|eval|dirname)\s[^()]{0,200}\)"
 )
-# rpctl itself would load Pinocchio; the worker needs but few files of its.
-BOOT = """import sys, types
-rpctl = sys.modules["rpctl"] = types.ModuleType("rpctl")
-rpctl.__path__ = [sys.argv[1]]
-from rpctl.description.expansion_worker import main
-main()"""
 
 
 @dataclass(frozen=True)
@@ -91,7 +87,7 @@ def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
     finally:
         if answer["wants"]:
             forget()  # somebody may put the packages there before the next try
-    return Expansion(answer["text"], findings_of(path, answer))
+    return Expansion(answer["text"], findings_of(path, answer, settings))
 
 
 def list_arguments(path: Path, settings: ReadSettings = READ_DEFAULTS) -> tuple[XacroArgument, ...]:
@@ -119,36 +115,67 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
     read_source(path)
     if importlib.util.find_spec("xacro") is None:
         raise refusal(path, f"this is xacro, and the xacro package is not installed; {INSTALL}")
-    seconds = cap("MAX_XACRO_SECONDS")
+    words = settings.xacro_args.items()
     request = {
         "file": str(path.absolute()),
-        "packages": find_packages(path, settings.package_dirs).to_dict(),
-        "arguments": dict(settings.xacro_args),
+        "arguments": {name: value for name, value in words if not name.startswith(ENVIRONMENT)},
+        "environment": {
+            name.removeprefix(ENVIRONMENT): value
+            for name, value in words
+            if name.startswith(ENVIRONMENT)
+        },
         "lenient": settings.ignore_missing_packages,
-        "path": [entry for entry in sys.path if entry],
-        "memory": cap("MAX_XACRO_MEMORY"),
-        "seconds": seconds + WORKER_GRACE_S,
     }
-    command = [sys.executable, "-I", "-X", "utf8", "-c", BOOT, str(Path(__file__).parents[1])]
+    files = XacroFiles(path.absolute(), find_packages(path, settings.package_dirs))
+    seconds = cap("MAX_XACRO_SECONDS")
     try:
-        done = subprocess.run(
-            command, input=json.dumps(request), capture_output=True, encoding="utf-8",
-            errors="replace", timeout=seconds, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
+        with Worker(WORKER, cap("MAX_XACRO_MEMORY"), seconds) as worker:
+            warning = _warn_of_what_is_open(path, worker.measures)
+            worker.send(json.dumps(request).encode())
+            answer = _converse(worker, files)
+    except WorkerError as error:
+        if error.late:
+            fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
+        else:
+            fault = f"its expansion broke off ({excerpt(str(error))}); {RUN_IT}"
         raise refusal(path, fault) from None
-    except OSError as error:
-        fault = f"no process to expand it in could be started ({error.strerror}); {INSTALL}"
-        raise refusal(path, fault) from None
-    with suppress(ValueError):
-        answer: dict[str, Any] = json.loads(done.stdout)
-        if "wants" in answer:
-            return answer
+    if answer is None:
         fault = f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory"
         raise refusal(path, f"{fault}; {how_to_raise('MAX_XACRO_MEMORY')}")
-    last = done.stderr.strip().rpartition("\n")[2] or f"exit code {done.returncode}"
-    raise refusal(path, f"its expansion broke off ({excerpt(last)}); {RUN_IT}")
+    return answer | {"open": warning}
+
+
+def _converse(worker: Worker, files: XacroFiles) -> dict[str, Any] | None:
+    """Give the process the files that it may have; return its answer, None: it lacks memory.
+
+    Raises:
+        WorkerError: It has ended, or speaks out of turn.
+    """
+    most = 2 * cap("MAX_BYTES")  # JSON escapes
+    while True:
+        message = worker.receive(most)
+        try:
+            verb, content = json.loads(message)
+            if verb != "answer":
+                reply = files.reply(verb, content)
+            elif not content.keys() - {"told"}:
+                return None
+            else:
+                return check_answer(content, files.known, files.missing)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            raise WorkerError("it answers nonsense") from None
+        worker.send(reply)
+
+
+def _warn_of_what_is_open(path: Path, measures: Sequence[str]) -> str | None:
+    """Say, before a file is expanded, what this system cannot keep from it; return that."""
+    ways = open_ways(measures)
+    if not ways:
+        return None
+    text = f"this system cannot keep the file's expressions from {' or '.join(ways)}"
+    text += "; expand only what you trust"
+    logging.getLogger("rpctl").warning("%s: warning: %s", path, text)
+    return text
 
 
 @contextmanager

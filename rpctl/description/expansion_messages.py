@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from difflib import get_close_matches
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from rpctl.description.argument_messages import (
+    declared_arguments,
+    listed,
+    missing_argument,
+    missing_variable,
+    unused_arguments,
+)
+from rpctl.description.expansion_answer import ENVIRONMENT, Answer
 from rpctl.description.findings import excerpt
 from rpctl.description.packages import DECLARE, find_packages
 from rpctl.description.read_settings import ReadSettings
@@ -22,37 +29,11 @@ MAX_CHOICES = 20  # values of an argument that a message lists
 MAX_LISTED = 1000  # names in a folder that are looked at
 OLD_XACRO = "this is xacro from before ROS Jade, whose own elements had no prefix"
 
-Answer = Mapping[str, Any]  # of the process that expands
 Place = tuple[str, int | None]  # a file and a line
 
 
 class ExpansionError(RpctlError):
     """A file of xacro that cannot be expanded."""
-
-
-@dataclass(frozen=True)
-class XacroArgument:
-    """An argument that a file of xacro declares.
-
-    Attributes:
-        name: Its name.
-        default: What it is if nobody gives it, as it is written; None: somebody has to.
-        file: The file that declares it.
-        line: The line there.
-    """
-
-    name: str
-    default: str | None
-    file: str
-    line: int
-
-
-def declared_arguments(answer: Answer) -> tuple[XacroArgument, ...]:
-    """Return the arguments that an answer tells; of one declared twice, the first counts."""
-    found: dict[str, XacroArgument] = {}
-    for each in answer["arguments"]:
-        found.setdefault(each[0], XacroArgument(*each))
-    return tuple(found.values())
 
 
 def refusal(path: Path | str, fault: str, line: int | None = None) -> ExpansionError:
@@ -82,21 +63,24 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     if wants and not settings.ignore_missing_packages:
         lines += _missing_packages(path, answer, settings)
     if "argument" in answer:
-        lines += _missing_argument(path, answer)
+        lines += missing_argument(path, answer)
+    elif "variable" in answer:
+        lines += missing_variable(path, answer)
     elif "error" in answer and not lines:
         lines += _fault(path, answer)
     elif not lines:
-        lines += _unused_arguments(path, answer)
+        lines += unused_arguments(path, answer, settings)
     if lines:
         raise ExpansionError("\n".join(lines))
 
 
-def findings_of(path: Path, answer: Answer) -> tuple[Finding, ...]:
+def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Finding, ...]:
     """Return what else an answer says: xacro's warnings, what was left out, odd declarations.
 
     Args:
         path: The file.
         answer: Of the process that expanded it.
+        settings: How it was expanded.
     """
     told = answer["told"].splitlines()
     said = [
@@ -110,11 +94,18 @@ def findings_of(path: Path, answer: Answer) -> tuple[Finding, ...]:
         for file in answer["undeclared"]
     ]
     said += _left_out(path, answer)
+    said += [answer["open"]] if answer["open"] else []
     warnings = [Finding("warning", None, text) for text in said]
     texts = [w for w in answer["wants"] if w[3] == "text"]
     notes = [
         f'argument "{name}" is used before it is declared; its default is taken'
         for name in answer["early"]
+    ]
+    notes += [
+        f'environment variable "{name}" is not shown to the file; '
+        f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
+        for name in answer["asked"]
+        if name in os.environ and ENVIRONMENT + name not in settings.xacro_args
     ]
     notes += [
         f'package "{package}" was not found; only texts name it ({_places(places, path)})'
@@ -164,46 +155,6 @@ def _missing_packages(path: Path, answer: Answer, settings: ReadSettings) -> lis
     return lines
 
 
-def _missing_argument(path: Path, answer: Answer) -> list[str]:
-    """Return the lines of the message on an argument that nobody gives, with those declared."""
-    name, declared = answer["argument"], declared_arguments(answer)
-    names = [each.name for each in declared]
-    hint = _nearest(name, names) if name not in names else ", for it is declared too late"
-    fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{hint}'
-    place = str(answer.get("file") or path)
-    lines = [format_finding(place, Finding("error", answer["line"], fault))]
-    return lines + _listed(declared)
-
-
-def _unused_arguments(path: Path, answer: Answer) -> list[str]:
-    """Return the lines of the message on given arguments that nothing declares or looks up."""
-    declared = declared_arguments(answer)
-    names = [each.name for each in declared]
-    unknown = [name for name in answer["unused"] if name not in names]
-    lines = [
-        format_finding(
-            str(path),
-            Finding("error", None, f'no file declares the argument "{excerpt(name)}"'
-                    f"{_nearest(name, names) or '; leave it out'}"),
-        )
-        for name in unknown
-    ]  # fmt: skip
-    return lines + _listed(declared) if lines else []
-
-
-def _listed(declared: Iterable[XacroArgument]) -> list[str]:
-    """Return a line for each argument that is declared."""
-    return [
-        format_finding(
-            each.file,
-            Finding("info", each.line, f"declares {each.name}, " + (
-                "without a default" if each.default is None
-                else f'which is "{excerpt(each.default)}" by default')),
-        )
-        for each in declared
-    ]  # fmt: skip
-
-
 def _fault(path: Path, answer: Answer) -> list[str]:
     """Return the message on what xacro refuses."""
     if answer["old"]:
@@ -226,7 +177,7 @@ def _choosing(answer: Answer) -> list[str]:
     for each in declared_arguments(answer):
         at = next((k for k, part in enumerate(path.parts) if _stem(part) == each.default), None)
         if at is not None:
-            (line,), choices = _listed([each]), _choices(path, at)
+            (line,), choices = listed([each]), _choices(path, at)
             lines.append(line + (f"; there are {', '.join(choices)}" if choices else ""))
     return lines
 
@@ -252,11 +203,6 @@ def _choices(path: Path, at: int) -> list[str]:
 def _stem(name: str) -> str:
     """Return a file's name up to its first dot."""
     return name.partition(".")[0]
-
-
-def _nearest(name: str, names: Iterable[str]) -> str:
-    near = get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _by_package(wants: Iterable[Any]) -> dict[str, list[Place]]:

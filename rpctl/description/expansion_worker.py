@@ -1,8 +1,10 @@
-"""The process that expands one .xacro: confined to declared folders, bounded in memory.
+"""The process that expands one .xacro: hostile code may run in it, and finds nothing there.
 
-A .xacro holds Python expressions. xacro keeps Python's builtins from them; beyond that, this
-process reads no file outside the folders it is told, writes none, and starts nothing. That stops
-accidents and stray includes. It is no jail: expand only what you trust.
+A .xacro holds Python expressions. xacro keeps Python's builtins from them, but a function in an
+expression, as ``(lambda: ...)()``, gets round that. So the process opens no file, starts nothing
+and has no network: Linux holds it (:mod:`rpctl.files.confinement`). Files come over a pipe, by
+leave of :mod:`rpctl.description.xacro_files`. The audit hook here says why something is refused,
+and stops accidents on other systems; hostile code can switch it off.
 """
 
 from __future__ import annotations
@@ -10,87 +12,71 @@ from __future__ import annotations
 import errno
 import io
 import json
-import os
 import re
 import sys
+import unicodedata  # noqa: F401 - here and below: nothing can be imported later
 import warnings
-from collections.abc import Callable
-from contextlib import redirect_stderr, suppress
+from contextlib import redirect_stderr
 from typing import Any
-from xml.dom import expatbuilder  # noqa: F401 - before the confinement: minidom imports it late
+from xml.dom import expatbuilder  # noqa: F401
 from xml.parsers.expat import ExpatError
 
-from rpctl.description.packages import DECLARE, Packages, inside
-from rpctl.description.xacro_cleaning import drop_dangling, name_packages
-from rpctl.description.xacro_hooks import Arguments, Hooks, NotFoundError, read_bytes
-from rpctl.description.xacro_scan import FileScan, constant_defaults, scan_all
+import xacro
+import yaml  # noqa: F401
+from xacro import substitution_args
 
-READ_EVENTS = ("open", "os.listdir", "os.scandir")  # audit events whose first argument is a path
-FORBIDDEN_EVENTS = (  # beginnings of the events by which code reaches out of its process
-    "os.", "subprocess.", "socket.", "shutil.", "tempfile.", "ctypes.", "mmap.", "fcntl.", "pty.",
-    "signal.", "urllib.", "http.", "ftplib.", "smtplib.", "sqlite3.", "webbrowser.", "winreg.",
-    "_winapi.", "msvcrt.",
+from rpctl.description.xacro_cleaning import drop_dangling, name_packages
+from rpctl.description.xacro_hooks import Hooks, NotFoundError
+from rpctl.description.xacro_inputs import Arguments, Environment, NotGivenError, Outside
+from rpctl.description.xacro_scan import FileScan, constant_defaults, scan_all
+from rpctl.files.worker import Channel
+
+FORBIDDEN_EVENTS = (  # beginnings of the audit events by which code reaches out of its process
+    "open", "os.", "subprocess.", "socket.", "shutil.", "tempfile.", "glob.", "ctypes.", "mmap.",
+    "fcntl.", "pty.", "signal.", "urllib.", "http.", "ftplib.", "smtplib.", "sqlite3.",
+    "webbrowser.", "winreg.", "_winapi.", "msvcrt.",
 )  # fmt: skip
-WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+REFUSED = "refused: no .xacro needs "
+MAX_REQUEST = 2**20  # bytes
 MAX_WARNING_CHARS = 2000  # characters of xacro's own messages that are passed on
 
 
-def main() -> None:
-    """Answer one request, JSON from stdin to stdout: ``text``, or ``error`` and where it is.
+def main(channel: Channel) -> None:
+    """Answer one request with ``text``, or ``error`` and where it is.
 
-    An error without words is a lack of memory. What else there is to say of the file comes along:
-    packages that it wants and that are not found, arguments that it declares.
+    An answer without either is a lack of memory. What else there is to say of the file comes
+    along: packages that it wants and that are not found, arguments that it declares.
     """
-    request = json.load(sys.stdin)
-    sys.path[:] = request["path"]
+    request = json.loads(channel.receive(MAX_REQUEST))
     warnings.simplefilter("ignore")  # of Python, on expressions
     captured = io.StringIO()
-    _limit(request["memory"], request["seconds"])
+    sys.addaudithook(_refuse)
     try:
         with redirect_stderr(captured):
-            packages = Packages.from_dict(request["packages"])
-            answer = _expand(request["file"], packages, request["arguments"], request["lenient"])
+            answer = _expand(request, Outside(channel))
     except MemoryError:
-        answer = {"error": None}
+        answer = {}
     answer["told"] = captured.getvalue()[:MAX_WARNING_CHARS]
-    sys.stdout.write(json.dumps(answer))
+    channel.send(json.dumps(("answer", answer)).encode())
 
 
-def _limit(memory: int, seconds: int) -> None:
-    """Bound this process's memory (bytes) and processor time (s), where the system can."""
-    with suppress(ImportError, OSError, ValueError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-
-
-def _expand(file: str, packages: Packages, given: dict[str, str], lenient: bool) -> dict[str, Any]:
+def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
     """Return what became of a file.
 
     Args:
-        file: Its path.
-        packages: Where packages lie.
-        given: Values of its arguments.
-        lenient: Whether the text is wanted although packages are missing.
+        request: The file's path, values of its arguments and of its environment, and whether the
+            text is wanted although packages are missing.
+        outside: Reads files and finds packages.
     """
-    import xacro
-
-    late_imports = os.path.dirname(os.__file__)  # noqa: PTH120 - as Packages': texts
-    roots = [*packages.roots, os.path.realpath(file), late_imports]
-
-    def find(name: str) -> tuple[str, ...]:
-        folders = packages.find(name)
-        roots.extend(folders[:1])
-        return folders
+    file, given, lenient = request["file"], request["arguments"], request["lenient"]
 
     def scans() -> dict[str, FileScan]:
-        return scan_all([file, *hooks.files], hooks.find_all, read_bytes)
+        return scan_all([file, *hooks.files], hooks.find_all, outside.bytes_of)
 
-    hooks = Hooks(xacro, find)
+    environment = Environment(request["environment"])
+    hooks = Hooks(xacro, substitution_args, outside, environment)
     hooks.install()
     arguments = Arguments(given, lambda: constant_defaults(scans()))
-    sys.addaudithook(_confinement(roots))
     answer: dict[str, Any] = {"dropped": []}
     try:
         xacro.init_stacks(file)
@@ -117,6 +103,7 @@ def _expand(file: str, packages: Packages, given: dict[str, str], lenient: bool)
         "old": [(f, *scan.old_element) for f, scan in said.items() if scan.old_element],
         "early": sorted(arguments.early),
         "unused": [name for name in given if name not in arguments.used],
+        "asked": sorted(environment.asked),
     }
 
 
@@ -140,29 +127,20 @@ def _reason(error: Exception, hooks: Hooks) -> dict[str, Any]:
     said: dict[str, Any] = {"error": " ".join(text.split())}
     if isinstance(cause, FileNotFoundError):
         said["no_file"] = str(cause.filename)
+    if isinstance(cause, NotGivenError):
+        said["variable"] = str(cause)
+        said["line"] = hooks.lines(rf"env\b[\s('\"]*{re.escape(str(cause))}\b")[0]
     if type(cause).__name__ == "ArgException":  # of $(arg NAME)
         name = said["argument"] = str(cause)
         said["line"] = hooks.lines(rf"\barg\s+{re.escape(name)}\s*\)")[0]
     return said
 
 
-def _confinement(roots: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
-    """Return an audit hook that refuses to leave the folders; ``roots`` may grow meanwhile."""
-
-    def audit(event: str, arguments: tuple[Any, ...]) -> None:
-        if event not in READ_EVENTS:
-            if event.startswith(FORBIDDEN_EVENTS):
-                raise PermissionError(f"refused: no .xacro needs {event}")
-            return
-        path = arguments[0]
-        if isinstance(path, int):
-            return
-        flags = arguments[2] if event == "open" else 0
-        if flags & WRITE_FLAGS or not inside(os.path.realpath(os.fsdecode(path)), tuple(roots)):
-            reason = f"refused: it lies outside the folders that the file may use; {DECLARE}"
-            raise PermissionError(errno.EACCES, reason, os.fsdecode(path))
-
-    return audit
+def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
+    """Refuse, as an audit hook, what leads out of the process."""
+    if event.startswith(FORBIDDEN_EVENTS):
+        path = arguments[0] if event == "open" and isinstance(arguments[0], str) else None
+        raise PermissionError(errno.EACCES, REFUSED + event, path)
 
 
 def _place(xacro: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,9 +9,10 @@ from pathlib import Path
 from rpctl.description.findings import excerpt
 from rpctl.description.mesh_paths import MeshError, MeshPaths, MissingPackageError
 from rpctl.description.records import Description
-from rpctl.errors import Finding
+from rpctl.errors import Finding, InputError
+from rpctl.files.opening import read_input
 
-IMAGES = re.compile(rb"<init_from>\s*(?:<ref>\s*)?([^<]*?)\s*</")
+IMAGES = re.compile(rb"<init_from>([^<]*)(?:<ref>([^<]*))?</")
 IMAGE_LIBRARY_BYTES = 2**16  # bytes of a DAE's library of images that are searched for textures
 
 
@@ -82,8 +82,8 @@ def _texture_fault(mesh: Path, paths: MeshPaths) -> str | None:
         return None
     try:
         named = _images(mesh)
-    except (OSError, ValueError) as error:
-        return f"{getattr(error, 'strerror', None) or error}; make it readable"
+    except InputError as error:
+        return error.fault
     for texture in named:
         if texture and paths.leaves(texture, mesh.parent):
             return (
@@ -94,9 +94,8 @@ def _texture_fault(mesh: Path, paths: MeshPaths) -> str | None:
 
 def _images(mesh: Path) -> list[str]:
     """Return the textures that a DAE names; its library of images may stand anywhere in it."""
-    if not mesh.stat().st_size:
-        return []
-    with mesh.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        begin = data.find(b"<library_images")
-        library = data[begin : begin + IMAGE_LIBRARY_BYTES] if begin >= 0 else b""
-    return [name.decode("utf-8", "replace") for name in IMAGES.findall(library)]
+    data = read_input(mesh, "MAX_MESH_BYTES", "a mesh")
+    begin = data.find(b"<library_images")
+    library = data[begin : begin + IMAGE_LIBRARY_BYTES] if begin >= 0 else b""
+    found = [(inner or outer).strip() for outer, inner in IMAGES.findall(library)]
+    return [name.decode("utf-8", "replace") for name in found]

@@ -1,8 +1,15 @@
-"""Mesh files as triangles: no file is opened but the mesh, and an MTL beside an OBJ."""
+"""Mesh files as triangles: no file is opened but the mesh, and an MTL beside an OBJ.
+
+Their bytes are read here and understood in a confined process
+(:mod:`rpctl.description.mesh_worker`), whose answer is checked before it is used.
+"""
 
 from __future__ import annotations
 
-import io
+import hashlib
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,11 +17,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.description.mesh_paths import MeshError
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.libraries import library
+from rpctl.arrays import Array
+from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.mesh_service import StalledMeshError, ask
+from rpctl.errors import InputError
+from rpctl.files.caps import cap
+from rpctl.files.opening import read_input
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet fetched begins
+CAPS = ("MAX_MESH_TRIANGLES", "MAX_MESH_PARTS", "MAX_MESH_SECONDS", "MAX_MESH_MEMORY")
+KEPT_BYTES = 2**25  # of meshes that are not read again; a wheel's is asked for four times
+KEPT_FAULTS = 1000  # meshes that are not tried again
+MAX_STALLED = 3  # meshes of a robot that may take too long; the rest is not tried
+MAX_COORDINATE = 1e9  # of a vertex in its file's unit, a DAE's in m
+EXTENT_RANGE_M = (1e-6, 1e4)  # m: of a mesh at its scale, and how far it reaches from its origin
+IN_METRES = "is it in another unit? give m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +39,59 @@ class Surface:
     """A triangle mesh of one colour.
 
     Attributes:
-        vertices: (n, 3), m.
-        faces: Corners of each triangle (k, 3).
+        vertices: (n, 3), m, finite, read-only.
+        faces: Corners of each triangle (k, 3), read-only.
         rgba: Colour that the file gives, each in [0, 1], or None.
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     rgba: tuple[float, ...] | None
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """What a mesh file holds.
+
+    Attributes:
+        surfaces: One for each colour.
+        remarks: What was left out, and why.
+    """
+
+    surfaces: tuple[Surface, ...]
+    remarks: tuple[str, ...] = ()
+
+
+class _Kept:
+    """Meshes that were read, and faults of those that were not, by a digest of their bytes."""
+
+    def __init__(self) -> None:
+        self._meshes: OrderedDict[bytes, Mesh] = OrderedDict()
+        self._faults: OrderedDict[bytes, MeshError] = OrderedDict()
+        self._bytes = 0
+
+    def find(self, key: bytes) -> Mesh | None:
+        """Return a mesh, or raise its fault again; None where neither is known."""
+        fault = self._faults.get(key)
+        if fault is not None:
+            raise type(fault)(str(fault))
+        return self._meshes.get(key)
+
+    def add(self, key: bytes, mesh: Mesh) -> None:
+        """Keep a mesh; the oldest ones are given up for it."""
+        self._meshes[key] = mesh
+        self._bytes += _size(mesh)
+        while self._bytes > KEPT_BYTES and self._meshes:
+            self._bytes -= _size(self._meshes.popitem(last=False)[1])
+
+    def add_fault(self, key: bytes, fault: MeshError) -> None:
+        """Keep why a mesh was not read."""
+        self._faults[key] = fault
+        while len(self._faults) > KEPT_FAULTS:
+            self._faults.popitem(last=False)
+
+
+KEPT = _Kept()
 
 
 def read(path: Path) -> tuple[Surface, ...]:
@@ -39,103 +101,161 @@ def read(path: Path) -> tuple[Surface, ...]:
         path: A file that ``resolve`` returned.
 
     Raises:
-        MeshError: The file is too large, or holds no triangles that can be read.
+        MeshError: The file is too large, is damaged, or shows nothing that can be used.
     """
-    most = cap("MAX_MESH_BYTES")
-    if path.stat().st_size > most:
-        raise MeshError(f"refused: larger than {most} bytes; {how_to_raise('MAX_MESH_BYTES')}")
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"not readable: {error.strerror or error}") from None
+    return read_mesh(path).surfaces
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Return what a mesh file holds, and what is to be said of it.
+
+    Args:
+        path: A file that ``resolve`` returned.
+
+    Raises:
+        StalledMeshError: It takes too long or too much memory to read.
+        MeshError: The file is too large, is damaged, or shows nothing that can be used.
+    """
+    content, kind = _bytes(path), path.suffix.lower().removeprefix(".")
     if content.startswith(LFS_POINTER):
         raise MeshError("only a pointer of Git LFS, not the mesh; run: git lfs pull")
-    kind = path.suffix.lower().removeprefix(".")
-    if kind == "dae" and any(mark in content for mark in (b"<!DOCTYPE", b"<!ENTITY", b"\0")):
-        raise MeshError("refused: a DAE with a document type or entities, or not in UTF-8")
+    material = _material(content, path) if kind == "obj" else None
+    key = _digest(kind, content, material)
+    mesh = KEPT.find(key)
+    if mesh is None:
+        try:
+            mesh = _ask(kind, content, material)
+        except MeshError as fault:
+            KEPT.add_fault(key, fault)
+            raise
+        KEPT.add(key, mesh)
+    return mesh
+
+
+def read_shape(name: str, scale: Sequence[float], paths: MeshPaths) -> Mesh:
+    """Return the mesh of a shape, in the mesh's coordinates, if it is as large as a robot's part.
+
+    Args:
+        name: The file as the URDF names it.
+        scale: By which each axis is multiplied (3,).
+        paths: Finds the file, and knows which meshes of its robot took too long.
+
+    Raises:
+        MeshError: It is missing, is refused, or has no sensible size at this scale.
+    """
+    path = paths.resolve(name)
+    if len(paths.stalled - {name}) >= MAX_STALLED:
+        raise MeshError(f"not read: {MAX_STALLED} meshes of this robot took too long already")
     try:
-        surfaces = _surfaces(_load(content, kind, path), kind)
-    except Exception as error:  # readers of foreign formats fail in every way there is
-        raise MeshError(f"not readable ({type(error).__name__})") from error
-    if not surfaces:
-        raise MeshError("holds no triangles")
-    return surfaces
+        mesh = read_mesh(path)
+    except StalledMeshError:
+        paths.stalled.add(name)
+        raise
+    said = "" if tuple(scale) == (1.0, 1.0, 1.0) else f" at a scale of {' '.join(map(str, scale))}"
+    require_extent(mesh.surfaces, np.diag([*scale, 1.0]), said)
+    return mesh
 
 
-def _load(content: bytes, kind: str, path: Path) -> Any:
-    library("trimesh")
-    import trimesh
+def require_extent(surfaces: Sequence[Surface], pose: Array, where: str) -> None:
+    """Refuse triangles that are no part of a robot: too large, too far away, or too small to see.
 
-    class Materials(trimesh.resolvers.Resolver):
-        """Colours of an OBJ from the MTL beside it; no other file is opened."""
+    Args:
+        surfaces: The triangles.
+        pose: Matrix (4, 4) from their coordinates to a frame of the robot, m.
+        where: Words on the pose.
 
-        def __init__(self) -> None:
-            pass
+    Raises:
+        MeshError: They are.
+    """
+    ends = [(s.vertices.min(axis=0), s.vertices.max(axis=0)) for s in surfaces]
+    low, high = np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        half = np.abs(pose[:3, :3]) @ (0.5 * (high - low))
+        middle = pose[:3, :3] @ (0.5 * (high + low)) + pose[:3, 3]
+        extent, reach = 2.0 * float(half.max()), float((np.abs(middle) + half).max())
+    least, most = EXTENT_RANGE_M
+    if not reach <= most:
+        raise MeshError(f"refused: it reaches {reach:.3g} m from its frame{where}; {IN_METRES}")
+    if not extent >= least:
+        raise MeshError(f"refused: it is {extent:.3g} m large{where}; {IN_METRES}")
 
-        def get(self, key: str) -> bytes:
-            target = (path.parent / key).resolve()
-            if target.suffix.lower() != ".mtl" or target.parent != path.parent:
-                raise KeyError(key)
-            if not target.is_file() or target.stat().st_size > cap("MAX_MESH_BYTES"):
-                raise KeyError(key)
-            return target.read_bytes()
 
-        def write(self, name: str, data: Any) -> None:
-            raise PermissionError(name)
-
-        def namespaced(self, namespace: str) -> Materials:
-            return self
-
-        def keys(self) -> list[str]:
-            return []
-
-    quiet = trimesh.util.log  # it prints tracebacks of textures, which are left out
-    before, quiet.disabled = quiet.disabled, True
+def _bytes(path: Path) -> bytes:
     try:
-        return trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=Materials())
-    finally:
-        quiet.disabled = before
+        return read_input(path, "MAX_MESH_BYTES", "a mesh")
+    except InputError as error:
+        raise MeshError(f"not readable: {error.fault}") from None
 
 
-def _surfaces(scene: Any, kind: str) -> tuple[Surface, ...]:
-    """Return the triangles of a loaded scene, in metres, grouped by colour."""
-    unit = _unit(scene) if kind == "dae" else 1.0
-    groups: dict[tuple[float, ...] | None, list[tuple[Any, Any]]] = {}
-    for node in scene.graph.nodes_geometry:
-        pose, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        faces = getattr(mesh, "faces", None)
-        if faces is None or not len(faces):
-            continue
-        vertices = unit * (np.asarray(mesh.vertices) @ pose[:3, :3].T + pose[:3, 3])
-        if not np.isfinite(vertices).all():
-            raise ValueError("vertices that are no numbers")
-        groups.setdefault(_colour(mesh), []).append((vertices, np.asarray(faces)))
-    return tuple(Surface(*_stack(pieces), rgba) for rgba, pieces in groups.items())
-
-
-def _unit(scene: Any) -> float:
-    """Return the length of a DAE's unit in m."""
-    factor = str(scene.units or "").partition(" * ")[0]
-    try:
-        return float(factor)
-    except ValueError:
-        return 1.0
-
-
-def _colour(mesh: Any) -> tuple[float, ...] | None:
-    """Return a mesh's own colour, or None where the file gives none."""
-    visual = mesh.visual
-    if not visual.defined:
+def _material(content: bytes, path: Path) -> tuple[str, bytes] | None:
+    """Return name and content of the MTL that an OBJ names, if it lies beside it."""
+    begin = content.find(b"mtllib")
+    if begin < 0:
         return None
-    material = getattr(visual, "material", None)
-    raw = visual.main_color if material is None else material.main_color
-    red, green, blue = (round(float(value) / 255.0, 3) for value in raw[:3])
-    return red, green, blue, 1.0
+    name = content[begin + 6 :].partition(b"\n")[0][:1024].decode("utf-8", "replace").strip()
+    if not name or not name.isprintable():
+        return None
+    target = (path.parent / name).resolve()
+    if target.suffix.lower() != ".mtl" or target.parent != path.parent:
+        return None
+    try:
+        return name, read_input(target, "MAX_MESH_BYTES", "an MTL")
+    except InputError:
+        return None
 
 
-def _stack(pieces: list[tuple[Any, Any]]) -> tuple[Any, Any]:
-    counts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
-    vertices = np.concatenate([vertices for vertices, _ in pieces])
-    faces = [faces + first for (_, faces), first in zip(pieces, counts[:-1], strict=True)]
-    return vertices.astype(float), np.concatenate(faces).astype(np.int64)
+def _digest(kind: str, content: bytes, material: tuple[str, bytes] | None) -> bytes:
+    """Return a digest of all that a mesh comes from."""
+    digest = hashlib.sha256(repr([kind, material, *map(cap, CAPS)]).encode())
+    digest.update(content)
+    return digest.digest()
+
+
+def _ask(kind: str, content: bytes, material: tuple[str, bytes] | None) -> Mesh:
+    """Return a mesh as the confined process reads it."""
+    head = {
+        "kind": kind,
+        "parts": cap("MAX_MESH_PARTS"),
+        "triangles": cap("MAX_MESH_TRIANGLES"),
+        "material": material and material[0],
+    }
+    files = [content] if material is None else [content, material[1]]
+    answer, arrays = ask("read", head, [np.frombuffer(each, np.uint8) for each in files])
+    try:
+        return _checked(answer, arrays)
+    except (TypeError, ValueError, KeyError, AttributeError):
+        raise MeshError("not readable: its reader answered with no mesh") from None
+
+
+def _checked(answer: dict[str, Any], arrays: Sequence[Any]) -> Mesh:
+    """Return a mesh from an answer, if it is one."""
+    colours = [None if each is None else _colour(each) for each in answer["colours"]]
+    if not colours or len(arrays) != 2 * len(colours):
+        raise ValueError
+    surfaces = []
+    for colour, vertices, faces in zip(colours, arrays[::2], arrays[1::2], strict=True):
+        if vertices.dtype != np.float64 or vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+            raise ValueError
+        if not len(faces) or not np.abs(vertices).max() <= MAX_COORDINATE:
+            raise ValueError
+        if faces.dtype != np.uint32 or faces.max() >= len(vertices):
+            raise ValueError
+        surfaces.append(Surface(vertices, _read_only(faces.astype(np.int64)), colour))
+    remarks = [str(each)[:200] for each in answer["remarks"] if str(each).isprintable()]
+    return Mesh(tuple(surfaces), tuple(remarks))
+
+
+def _colour(values: Sequence[float]) -> tuple[float, ...]:
+    rgba = tuple(float(value) for value in values)
+    if len(rgba) != 4 or not all(math.isfinite(value) and 0.0 <= value <= 1.0 for value in rgba):
+        raise ValueError
+    return rgba
+
+
+def _read_only(array: NDArray[np.int64]) -> NDArray[np.int64]:
+    array.setflags(write=False)
+    return array
+
+
+def _size(mesh: Mesh) -> int:
+    return sum(s.vertices.nbytes + s.faces.nbytes for s in mesh.surfaces)

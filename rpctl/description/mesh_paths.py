@@ -41,6 +41,9 @@ class MeshPaths:
     Args:
         urdf: The URDF.
         package_dirs: Folders that the user declares: packages, or folders that hold packages.
+
+    Attributes:
+        stalled: Names of the meshes that took too long to read.
     """
 
     def __init__(self, urdf: Path, package_dirs: Sequence[Path] = ()) -> None:
@@ -48,6 +51,7 @@ class MeshPaths:
         self._known = find_packages(urdf, package_dirs)
         self._real_folders: dict[str, str] = {}
         self._packages: dict[str, tuple[str, ...]] = {}
+        self.stalled: set[str] = set()
 
     def resolve(self, name: str) -> Path:
         """Return the file of a mesh.

@@ -1,7 +1,4 @@
-"""Folders searched for packages, as rospack and colcon do, and where a file's workspace begins.
-
-It needs the standard library only: the process that expands xacro imports what stands on it.
-"""
+"""Folders searched for packages, as rospack and colcon do, and where a file's workspace begins."""
 
 from __future__ import annotations
 
@@ -62,6 +59,11 @@ def search(folder: str) -> tuple[Index, bool]:
 def forget() -> None:
     """Drop all that was found, for somebody may have put the missing package there since."""
     search.cache_clear()
+
+
+def has_manifest(folder: str) -> bool:
+    """Whether a folder is a package by its manifest; whatever is called so, however long."""
+    return os.path.isfile(f"{folder}/{MANIFEST}")  # noqa: PTH113 - pathlib's raises
 
 
 def package_name(folder: str) -> str | None:

@@ -1,18 +1,21 @@
-"""Where ROS packages lie: in the folders that the user declares, and around the URDF.
-
-It needs little but the standard library: the process that expands xacro imports it, too.
-"""
+"""Where ROS packages lie: in the folders that the user declares, and around the URDF."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from rpctl.description.package_index import MANIFEST, Index, package_name, search, workspace
+from rpctl.description.package_index import (
+    MANIFEST,
+    Index,
+    has_manifest,
+    package_name,
+    search,
+    workspace,
+)
 from rpctl.errors import RpctlError
 from rpctl.files.caps import how_to_raise
 
@@ -85,20 +88,6 @@ class Packages:
         folders = [*first, *self.index.get(name, ()), *sorted(rest, key=_is_bare)]
         return tuple(dict.fromkeys(f for f in folders if os.path.isdir(f)))  # noqa: PTH112
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what :meth:`from_dict` needs to find the same without searching."""
-        fields = ("folder", "own", "declared", "around", "searched", "index", "roots")
-        return {name: getattr(self, name) for name in fields}
-
-    @classmethod
-    def from_dict(cls, found: Mapping[str, Any]) -> Packages:
-        """Return the packages that :meth:`to_dict` told."""
-        places = (tuple(found[name]) for name in ("own", "declared", "around", "searched"))
-        packages = cls(found["folder"], *places)
-        known = {name: tuple(folders) for name, folders in found["index"].items()}
-        packages.__dict__.update(index=known, roots=tuple(found["roots"]))  # as they were cached
-        return packages
-
 
 def find_packages(file: Path, package_dirs: Sequence[Path] = ()) -> Packages:
     """Return what a file may use.
@@ -166,4 +155,4 @@ def _named(places: Iterable[str], name: str) -> list[str]:
 
 def _is_bare(folder: str) -> bool:
     """Whether a folder has no manifest."""
-    return not Path(folder, MANIFEST).is_file()
+    return not has_manifest(folder)

@@ -5,14 +5,14 @@ Used in the process that expands xacro only: it changes the module for good.
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from xml.dom import expatbuilder
 from xml.parsers.expat import ExpatError
+
+from rpctl.description.xacro_inputs import Environment, Outside
 
 PACKAGE = "package://"
 MESH_PACKAGE = re.compile(r"<mesh\b[^>]*[\"']package://([\w.-]+)/")
@@ -21,38 +21,6 @@ NAME = re.compile(r"[\w.-]*[\w-][\w.-]*")  # of a package: no path
 
 class NotFoundError(Exception):
     """No folder of a package's name is known."""
-
-
-class Arguments(dict[str, str]):
-    """Values of arguments that remember which of them were looked up.
-
-    Attributes:
-        used: Names that were looked up.
-        early: Names that were, before their declaration was reached.
-    """
-
-    def __init__(self, given: dict[str, str], defaults: Callable[[], dict[str, str]]) -> None:
-        """Keep the values that are given.
-
-        Args:
-            given: Values by name.
-            defaults: Returns defaults that are declared somewhere, without variables.
-        """
-        super().__init__(given)
-        self._defaults = defaults
-        self.used: set[str] = set()
-        self.early: set[str] = set()
-
-    def __contains__(self, name: object) -> bool:
-        self.used.add(str(name))
-        return super().__contains__(name)
-
-    def __getitem__(self, name: str) -> str:
-        self.used.add(name)
-        if not super().__contains__(name) and name in (declared := self._defaults()):
-            self.early.add(name)
-            return declared[name]
-        return super().__getitem__(name)
 
 
 class Hooks:
@@ -70,9 +38,23 @@ class Hooks:
             installation would have it.
     """
 
-    def __init__(self, xacro: Any, find: Callable[[str], tuple[str, ...]]) -> None:
+    def __init__(
+        self, xacro: Any, substitution_args: Any, outside: Outside, environment: Environment
+    ) -> None:
+        """Keep what the functions need.
+
+        Args:
+            xacro: The module.
+            substitution_args: Its module that evaluates ``$(...)``.
+            outside: Reads files and finds packages.
+            environment: The variables that the file is given.
+        """
         self.xacro = xacro
-        self.find_all = lru_cache(maxsize=None)(find)
+        self._substitution_args = substitution_args
+        self.find_all = lru_cache(maxsize=None)(outside.find)
+        self._outside = outside
+        self._environment = environment
+        self._text_of = lru_cache(maxsize=None)(self._read_text)
         self.files: list[str] = []
         self.found: dict[str, str] = {}
         self.wants: list[tuple[str, str, int | None, str]] = []
@@ -86,10 +68,14 @@ class Hooks:
 
     def install(self) -> None:
         """Put the changed functions in their places."""
-        from xacro import substitution_args
-
+        substitution_args = self._substitution_args
         for name in self._original:
             setattr(self.xacro, name, getattr(self, name))
+        self.xacro.open, self.xacro.glob = self._outside.open, self._outside
+        substitution_args._eval_env = self._environment.required
+        substitution_args._eval_optenv = self._environment.optional
+        substitution_args._eval_dict["env"] = self._environment.required
+        substitution_args._eval_dict["optenv"] = self._environment.optional
         # xacro looks for packages in an installed ROS only.
         substitution_args._eval_find = self.find
         substitution_args._eval_dict["find"] = self.find
@@ -127,7 +113,7 @@ class Hooks:
     def want_meshes(self) -> None:
         """Note the packages of meshes in the files that were read that are not found, either."""
         for file in dict.fromkeys(self.files):
-            for line, text in enumerate(read_text(file).split("\n"), 1):
+            for line, text in enumerate(self._text_of(file).split("\n"), 1):
                 for name in MESH_PACKAGE.findall(text):
                     if not self.find_all(name):
                         self.wants.append((name, file, line, "text"))
@@ -159,7 +145,7 @@ class Hooks:
         spec = element.getAttribute("filename")
         try:
             path = self.xacro.abs_filename_spec(str(self.xacro.eval_text(spec, symbols)))
-            place = self._place_in_source(path)
+            place = self._outside.place(path)
             if place is not None:
                 self.moved.append((path, place))
                 element.setAttribute("filename", place)
@@ -172,22 +158,6 @@ class Hooks:
         except Exception:  # xacro says it better
             pass
         self._original["process_include"](element, macros, symbols, func)
-
-    def _place_in_source(self, path: str) -> str | None:
-        """Return where a file of a package lies in its source; None: as the path says, or nowhere.
-
-        Packages install their folders elsewhere than they keep them: ``description/urdf`` becomes
-        ``urdf``. Such a path has but one place in the source that ends like it.
-        """
-        if Path(path).is_file():
-            return None
-        for folder in self.found.values():
-            if path.startswith(f"{folder}/"):
-                rest = path.removeprefix(folder)
-                places = [str(p) for p in Path(folder).rglob(Path(rest).name)]
-                places = [place for place in places if place.endswith(rest)]
-                return places[0] if len(places) == 1 else None
-        return None
 
     def handle_macro_call(self, node: Any, macros: Any, symbols: Any) -> bool:
         """Expand a call, or leave it out where its macro may be in an include that was.
@@ -223,11 +193,11 @@ class Hooks:
             if filename is None or "unbound prefix" not in str(error):
                 raise
             self.undeclared.append(filename)
-            return expatbuilder.parse(filename, namespaces=False)
+            return expatbuilder.parseString(self._text_of(filename), namespaces=False)
 
     def lines(self, pattern: str) -> list[int | None]:
         """Return the lines of the file being evaluated that hold a pattern; else [None]."""
-        text = read_text(self.file)
+        text = self._text_of(self.file)
         lines = enumerate(text.split("\n"), 1)
         return [k for k, line in lines if re.search(pattern, line)] or [None]
 
@@ -241,17 +211,6 @@ class Hooks:
         if (package, file, line, use) not in self.wants:
             self.wants.append((package, file, line, use))
 
-
-def read_bytes(file: str) -> bytes:
-    """Return a file's bytes, none where it cannot be read."""
-    try:
-        with open(os.fspath(file), "rb") as opened:  # noqa: PTH123 - the audited call, and no more
-            return opened.read()
-    except (OSError, ValueError):
-        return b""
-
-
-@lru_cache(maxsize=256)
-def read_text(file: str) -> str:
-    """Return a file's text, none where it cannot be read."""
-    return read_bytes(file).decode("utf-8", "replace")
+    def _read_text(self, file: str) -> str:
+        """Return a file's text, none where it cannot be read."""
+        return self._outside.bytes_of(file).decode("utf-8", "replace")

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description import mesh_files
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
+from rpctl.description.mesh_files import read_shape
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.records import Joint, Shape
 from rpctl.drive.roller_joints import rollers_of
@@ -193,7 +193,7 @@ class _Bounds(NamedTuple):
 
 
 def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> _Bounds:
-    surfaces = mesh_files.read(paths.resolve(str(shape.mesh)))
+    surfaces = read_shape(str(shape.mesh), shape.size, paths).surfaces
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
     points = points @ shape.origin[:3, :3].T + shape.origin[:3, 3]
     along = points @ axis

@@ -111,7 +111,7 @@ def _mesh(
     if shape.kind != "mesh":
         return None
     try:
-        surfaces = mesh_files.read(paths.resolve(shape.mesh))
+        surfaces = mesh_files.read_shape(shape.mesh, shape.size, paths).surfaces
     except MeshError:
         return None
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size

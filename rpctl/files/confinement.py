@@ -70,6 +70,18 @@ def confine(memory: int, seconds: int, readable: Sequence[str] = ()) -> tuple[st
     return tuple(name for name, holds in in_force if holds)
 
 
+def open_ways(measures: Sequence[str]) -> tuple[str, ...]:
+    """Return what hostile code could still do in a process with so many measures, in words."""
+    ways = []
+    if "seccomp" not in measures:
+        if "landlock" not in measures:
+            ways += ["reading and writing your files"]
+        ways += ["starting processes", "using the network"]
+    if "rlimits" not in measures:
+        ways += ["taking all memory"]
+    return tuple(ways)
+
+
 def _renounce_rights(libc: Any) -> bool:
     """End with the parent, and never gain rights by starting a program; a filter needs it."""
     _call(libc.prctl, PR_SET_PDEATHSIG, SIGKILL, 0, 0, 0)

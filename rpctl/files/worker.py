@@ -7,6 +7,7 @@ The process holds nothing of the user's: an empty environment, no files but its 
 from __future__ import annotations
 
 import importlib
+import io
 import json
 import os
 import signal
@@ -96,7 +97,7 @@ class Worker:
         Args:
             module: Name of a module of rpctl that needs no other part of it to be imported first;
                 it imports all that its ``main`` needs, for nothing is found afterwards but what
-                is ``readable``.
+                is ``readable``. If it has a function ``prepare``, that is called before.
             memory: Bytes of address space that it may take.
             seconds: After which it is ended, whatever it does, s.
             readable: Files and folders that it may read.
@@ -119,9 +120,7 @@ class Worker:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._channel = Channel(self._process.stdout, self._process.stdin)
-        self._timer = Timer(seconds, self._end_late)
-        self._timer.daemon = True
-        self._timer.start()
+        self._timer = self._started_timer(seconds)
         try:
             self.measures = self._confine(memory, seconds, readable)
         except BaseException:
@@ -157,6 +156,17 @@ class Worker:
             raise self._ended() from None
         except ValueError as error:
             raise WorkerError(f"it answered with {error}") from None
+
+    def grant(self, seconds: float) -> None:
+        """Let it run so many seconds from now, s, instead of what was left of its time."""
+        self._timer.cancel()
+        self._timer = self._started_timer(seconds)
+
+    def _started_timer(self, seconds: float) -> Timer:
+        timer = Timer(seconds, self._end_late)
+        timer.daemon = True
+        timer.start()
+        return timer
 
     def close(self) -> None:
         """End it, and whatever it may have started."""
@@ -205,12 +215,14 @@ class Worker:
 
 def serve(module: str) -> None:
     """Be the worker: import a module, give up all else, and run its ``main(channel)``."""
-    incoming, outgoing = os.dup(0), os.dup(1)
+    incoming, outgoing = io.FileIO(os.dup(0)), io.FileIO(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is printed is no message
-    channel = Channel(open(incoming, "rb"), open(outgoing, "wb"))  # noqa: SIM115, PTH123
+    channel = Channel(io.BufferedReader(incoming), io.BufferedWriter(outgoing))
     path, memory, seconds, readable = json.loads(channel.receive(SHORT))
     sys.path[:] = path
-    main = importlib.import_module(module).main
+    loaded = importlib.import_module(module)
+    if hasattr(loaded, "prepare"):
+        loaded.prepare()
     os.environ.clear()
     channel.send(json.dumps(confine(memory, seconds, readable)).encode())
-    main(channel)
+    loaded.main(channel)

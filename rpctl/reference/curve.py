@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.sparse import block_array, csr_array, diags_array, vstack
+from scipy.sparse.linalg import splu
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Path, PathPoint, planar
-from rpctl.reference.splines import basis, clamped_knots, quintic
+from rpctl.reference.splines import basis_at, clamped_knots, quintic
 
 SPANS_PER_LEG = 4  # of the spline between two waypoints
 SAMPLES_PER_LEG = 24  # points between two waypoints where bending is measured
@@ -91,21 +93,20 @@ def _fit(
         [np.linspace(a, b, SPANS_PER_LEG, endpoint=False) for a, b in pairwise(s)]
     )
     knots = clamped_knots(np.append(inner, s[-1]))
-    functions = basis(knots)
     grid = np.linspace(s[:-1], s[1:], SAMPLES_PER_LEG, endpoint=False).T.ravel()
     grid = np.append(grid, s[-1])
     quadrature = np.gradient(grid)
-    slope, bend, twist = (functions.derivative(order)(grid) for order in (1, 2, 3))
+    slope, bend, twist = (basis_at(knots, grid, order) for order in (1, 2, 3))
     stiff = (STIFFNESS_LENGTH * s[-1] / (len(s) - 1)) ** 2
-    fixed, values = _conditions(waypoints, s, functions)
+    fixed, values = _conditions(waypoints, s, knots)
+    stiffness = stiff * twist.T @ diags_array(quadrature) @ twist
+    right = np.vstack([np.zeros((fixed.shape[1], 2)), values])
     weight = np.ones(len(grid))
     least, found, where = -1.0, np.empty(0), 0.0
     for _ in range(REWEIGHTING_STEPS):
-        cost = bend.T @ ((weight * quadrature)[:, None] * bend)
-        cost += stiff * twist.T @ (quadrature[:, None] * twist)
-        system = np.block([[cost, fixed.T], [fixed, np.zeros((len(fixed), len(fixed)))]])
-        right = np.vstack([np.zeros((len(cost), 2)), values])
-        c = np.linalg.solve(system, right)[: len(cost)]
+        cost = bend.T @ diags_array(weight * quadrature) @ bend + stiffness
+        system = block_array([[cost, fixed.T], [fixed, None]], format="csc")
+        c = splu(system).solve(right)[: cost.shape[0]]
         d1, d2 = slope @ c, bend @ c
         speed = np.hypot(d1[:, 0], d1[:, 1])
         curvature = np.abs(d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / np.maximum(speed, 1e-9) ** 3
@@ -120,14 +121,18 @@ def _fit(
     return spline, (where, least) if least < max(radius, 1e-3) else None
 
 
-def _conditions(waypoints: Sequence[Waypoint], s: Array, functions: BSpline) -> tuple[Array, Array]:
+def _conditions(
+    waypoints: Sequence[Waypoint], s: Array, knots: Array
+) -> tuple[csr_array, list[tuple[float, float]]]:
     """Return the linear conditions on the coefficients: places, and headings at unit speed."""
-    rows, values = list(functions(s)), [(w.x, w.y) for w in waypoints]
-    for waypoint, slope in zip(waypoints, functions.derivative()(s), strict=True):
-        if waypoint.heading is not None:
-            rows.append(slope)
-            values.append((math.cos(waypoint.heading), math.sin(waypoint.heading)))
-    return np.array(rows), np.array(values)
+    headings = [(k, w.heading) for k, w in enumerate(waypoints) if w.heading is not None]
+    places, slopes = (basis_at(knots, s, order) for order in (0, 1))
+    rows = vstack([places, slopes[np.array([k for k, _ in headings], int)]])
+    values = [(w.x, w.y) for w in waypoints]
+    return csr_array(rows), [
+        *values,
+        *((math.cos(angle), math.sin(angle)) for _, angle in headings),
+    ]
 
 
 def _path(spline: BSpline) -> Path:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.sparse import csr_array, diags_array
 
 from rpctl.arrays import Array
 
@@ -32,6 +33,26 @@ def quintic(knots: Array, coefficients: Array) -> BSpline:
 def basis(knots: Array) -> BSpline:
     """Return the m basis functions over knots (m + 6,), as one spline with values (m,)."""
     return quintic(knots, np.eye(len(knots) - DEGREE - 1))
+
+
+def basis_at(knots: Array, points: Array, order: int) -> csr_array:
+    """Return the m basis functions, or a derivative of them, at points: (N, m), six in a row.
+
+    Args:
+        knots: (m + 6,), clamped.
+        points: (N,), between the outer knots.
+        order: Of the derivative; 0 for the functions.
+    """
+    to_derivative = diags_array(np.ones(len(knots) - DEGREE - 1))
+    for degree in range(DEGREE, DEGREE - order, -1):
+        # The derivative's coefficients are differences of the spline's: de Boor, 1978, ch. X.
+        width = knots[degree + 1 : -1] - knots[1 : -degree - 1]
+        rate = degree / width
+        shape = len(rate), len(rate) + 1
+        to_derivative = diags_array([-rate, rate], offsets=[0, 1], shape=shape) @ to_derivative
+        knots = knots[1:-1]
+    functions = BSpline.design_matrix(points, knots, DEGREE - order)
+    return csr_array(csr_array(functions) @ to_derivative)
 
 
 def through(t: Array, values: Array, ends: Any = None) -> BSpline:

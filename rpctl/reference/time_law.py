@@ -13,6 +13,7 @@ from scipy.sparse import coo_array
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.reference.paths import PathTime
 from rpctl.reference.splines import DEGREE, quintic, uniform_knots
 
@@ -117,6 +118,11 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
     rate = np.sqrt(max_squared_rate(s, bounds))
     pace = 0.5 * (rate[1:] + rate[:-1])
     times = np.concatenate([[0.0], np.cumsum(np.diff(s) / np.maximum(pace, 1e-12))])
+    most = cap("MAX_REFERENCE_SECONDS")
+    if times[-1] > most:
+        fault = f"the path takes {times[-1]:.3g} s at these limits, and {most} s are the most"
+        fix = "shorten it or raise the limits of speed and acceleration"
+        raise RpctlError(f"{fault}; {fix}; {how_to_raise('MAX_REFERENCE_SECONDS')}")
     count = max(2, math.ceil(times[-1] / KNOT_SPACING))
     samples = _positions(np.linspace(0.0, times[-1], count + 1), times, s, rate)
     ends = np.ones(DEGREE - 1)

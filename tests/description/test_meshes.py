@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from rpctl.description import mesh_files
 from rpctl.description.mesh_files import read
 from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.files.opening import read_input
 
 TEAPOT = """<?xml version="1.0"?>{doctype}
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -199,13 +201,12 @@ def test_obj_opens_no_file_but_the_mtl_beside_it(
     (folder / "a.obj").write_text("mtllib a.mtl\n" + shape)
     (folder / "b.obj").write_text("mtllib ../outside.mtl\n" + shape)
     opened: list[Path] = []
-    original = Path.read_bytes
 
-    def spy(path: Path) -> bytes:
+    def spy(path: Path, cap_name: str, kind: str) -> bytes:
         opened.append(path)
-        return original(path)
+        return read_input(path, cap_name, kind)
 
-    monkeypatch.setattr(Path, "read_bytes", spy)
+    monkeypatch.setattr(mesh_files, "read_input", spy)
     (inside,) = read(folder / "a.obj")
     (outside,) = read(folder / "b.obj")
     assert inside.rgba == pytest.approx((1.0, 0.0, 0.0, 1.0), abs=0.01)
@@ -216,5 +217,5 @@ def test_obj_opens_no_file_but_the_mtl_beside_it(
 @pytest.mark.parametrize("content", [b"", b"solid x\nendsolid x\n", b"\x00" * 100])
 def test_damaged_mesh_is_named_as_such(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.stl").write_bytes(content)
-    with pytest.raises(MeshError, match=r"not readable|no triangles"):
+    with pytest.raises(MeshError, match=r"not readable|no triangles|length is not theirs"):
         read(tmp_path / "a.stl")

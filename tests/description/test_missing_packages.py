@@ -183,13 +183,6 @@ def test_an_undeclared_prefix_and_the_folder_of_a_file(tmp_path: Path) -> None:
     ]
 
 
-def test_the_environment_may_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = xacro(tmp_path / "r.urdf.xacro", link("base", "$(optenv BOT_MASS 3)"))
-    assert '<mass value="3"/>' in expand(path).text
-    monkeypatch.setenv("BOT_MASS", "5")
-    assert '<mass value="5"/>' in expand(path).text
-
-
 def test_an_include_is_found_where_the_source_keeps_it(tmp_path: Path) -> None:
     """An installation drops the folder "description"; the path in the file is the installed one."""
     bot = package(tmp_path / "src" / "bot")

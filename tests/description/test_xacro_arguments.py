@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
+from rpctl.description.argument_messages import XacroArgument
 from rpctl.description.expansion import expand, list_arguments
-from rpctl.description.expansion_messages import ExpansionError, XacroArgument
+from rpctl.description.expansion_messages import ExpansionError
 from rpctl.description.read_settings import read_settings
 from rpctl.errors import DescriptionError
 from tests.workspaces import link, package, write, xacro

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from rpctl.reference.curve import Waypoint, curve_through
 from rpctl.reference.limits import Limits, wheel_rates
 from rpctl.reference.load import load_reference
 from rpctl.reference.planned import SLALOM, along_waypoints
+from rpctl.reference.splines import basis, basis_at, clamped_knots
 from rpctl.reference.timed_path import TimedPath, along
 from tests.reference.differences import check_derivatives, check_rest
 
@@ -53,7 +56,7 @@ def test_two_waypoints_make_a_straight_line() -> None:
         ([(0, 0)], 0, "1 waypoints; give two or more"),
         ([(0, 0), (1, 0), (1, 0), (2, 0)], 0, "waypoint 3 repeats waypoint 2"),
         ([(0, 0), (1, 0), (0.1, 0.01)], 0, "waypoint 2 turns the path back by 179 degrees"),
-        ([(0, 0), (1, 0), (1, 1)], 5.0, "waypoint 3: near it the path bends with a radius of"),
+        ([(0, 0), (1, 0), (1, 1)], 5.0, "waypoint [13]: near it the path bends with a radius of"),
     ],
 )
 def test_what_no_curve_can_pass_is_told(
@@ -147,4 +150,36 @@ def test_bad_path_files_are_told(text: str, tmp_path: Path, paper: Robot) -> Non
     path = tmp_path / "path.toml"
     path.write_text(text)
     with pytest.raises(DescriptionError, match=f"path.toml: error: (.|\n)*{FAULTS[text]}"):
+        load_reference(paper, str(path))
+
+
+def test_a_thousand_waypoints_take_little_memory() -> None:
+    """Each function of the spline lives on six spans: dense, its matrices would take 3 GB."""
+    passed = [Waypoint(0.5 * k, 0.3 * math.sin(0.4 * k)) for k in range(1000)]
+    tracemalloc.start()
+    try:
+        path, end = curve_through(passed, 0.1)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 50e6
+    legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(passed)]
+    assert end == pytest.approx(sum(legs), rel=1e-12)
+    for k in range(0, 1000, 37):
+        np.testing.assert_allclose(path(sum(legs[:k])).pose[:2], passed[k][:2], atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_the_sparse_basis_is_the_dense_one(order: int) -> None:
+    rng = np.random.default_rng(order)
+    knots = clamped_knots(np.cumsum(rng.uniform(0.1, 2.0, 12)))
+    points = np.concatenate([knots[5:-5], rng.uniform(knots[0], knots[-1], 20)])
+    dense = basis(knots).derivative(order)(points) if order else basis(knots)(points)
+    np.testing.assert_allclose(basis_at(knots, points, order).toarray(), dense, atol=1e-9)
+
+
+def test_a_path_of_days_is_refused(tmp_path: Path, paper: Robot) -> None:
+    path = tmp_path / "path.toml"
+    path.write_text("waypoints = [[0, 0], [9999, 0]]\n[limits]\nspeed = 0.1")
+    with pytest.raises(DescriptionError, match=r"takes 1e\+05 s at these limits, and 86400 s are"):
         load_reference(paper, str(path))

@@ -106,7 +106,7 @@ def _tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | Non
 def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | None:
     """Return the tread that bounds a mesh, its centre on the link's z axis turned to ``axis``."""
     try:
-        surfaces = mesh_files.read(paths.resolve(str(shape.mesh)))
+        surfaces = mesh_files.read_shape(str(shape.mesh), shape.size, paths).surfaces
     except MeshError:
         return None
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_files import Surface, read
+from rpctl.description.mesh_files import Mesh, Surface, read_shape, require_extent
 from rpctl.description.records import Link, Shape
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
@@ -19,7 +19,7 @@ STICK_RGBA = (0.45, 0.52, 0.62, 1.0)
 CYLINDER_SIDES = 40  # sides of a cylinder
 
 Key = tuple[object, ...]
-MeshCache = dict[str, tuple[Surface, ...]]
+MeshCache = dict[tuple[str, tuple[float, ...]], Mesh]  # by name and scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,7 @@ class PlacedSurface:
         surface: The triangles.
         rgba: Colour, each in [0, 1]; None where neither the URDF nor the mesh gives one.
         stands_in: Whether it is drawn in the place of a mesh that is missing.
+        foreign: Whether a mesh file gives its triangles.
     """
 
     joint: int
@@ -41,6 +42,7 @@ class PlacedSurface:
     surface: Surface
     rgba: tuple[float, ...] | None
     stands_in: bool = False
+    foreign: bool = False
 
 
 def place_shape(
@@ -52,24 +54,28 @@ def place_shape(
         robot: The robot.
         link: The link of the shape.
         shape: The shape; one that is fully transparent has no surface.
-        cache: Meshes that were read already, by name; what is read is added.
+        cache: Meshes that were read already; what is read is added.
 
     Raises:
-        MeshError: Its mesh is missing, refused, or cannot be read.
+        MeshError: Its mesh is missing, refused, or cannot be read; or it is of no sensible size.
     """
     if shape.rgba is not None and shape.rgba[3] <= 0.0:
         return
     joint, frame = link_frame(robot, link)
     pose = frame @ shape.origin
     if shape.mesh is None:
-        yield PlacedSurface(joint, pose, (shape.kind, shape.size), _primitive(shape), shape.rgba)
+        surface = _primitive(shape)
+        require_extent([surface], pose, "")
+        yield PlacedSurface(joint, pose, (shape.kind, shape.size), surface, shape.rgba)
         return
-    if shape.mesh not in cache:
-        cache[shape.mesh] = read(robot.description.mesh_paths.resolve(shape.mesh))
+    read = (shape.mesh, shape.size)
+    if read not in cache:
+        cache[read] = read_shape(shape.mesh, shape.size, robot.description.mesh_paths)
     pose = pose @ np.diag([*shape.size, 1.0])
-    for number, surface in enumerate(cache[shape.mesh]):
+    require_extent(cache[read].surfaces, pose, "")
+    for number, surface in enumerate(cache[read].surfaces):
         key, rgba = ("mesh", shape.mesh, number), shape.rgba or surface.rgba
-        yield PlacedSurface(joint, pose, key, surface, rgba)
+        yield PlacedSurface(joint, pose, key, surface, rgba, foreign=True)
 
 
 def link_frame(robot: Robot, link: Link) -> tuple[int, Array]:

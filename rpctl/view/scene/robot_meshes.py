@@ -11,11 +11,12 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.mesh_files import Surface
 from rpctl.description.mesh_paths import MeshError
+from rpctl.description.mesh_shading import ShadedMesh
 from rpctl.description.records import Shape
 from rpctl.robot.model import Robot
 from rpctl.view.scene import stand_ins
 from rpctl.view.scene.placed_shapes import MeshCache, PlacedSurface, place_shape, sticks
-from rpctl.view.scene.shading import ShadedMesh, shade, simplify
+from rpctl.view.scene.shaded_surfaces import shade_surface
 from rpctl.view.scene.stand_ins import StandIn
 
 MAX_TRIANGLES = 45_000  # of a whole robot: it stays recognisable, and its report small
@@ -85,48 +86,65 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
             try:
                 placed_surfaces.extend(place_shape(robot, link, shape, cache))
             except MeshError as error:  # noqa: PERF203 - one bad mesh must not cost the others
-                skipped.setdefault(str(error), []).append((_mesh_label(shape), link.name))
+                skipped.setdefault(str(error), []).append((_label(shape), link.name))
                 whole = False
         if not whole:
             instead, surfaces_instead = stand_ins.stand_in(robot, link, size, cache)
             found.append(instead)
             placed_surfaces += surfaces_instead
     notes = [_note(reason, where) for reason, where in skipped.items()]
+    notes += [f'mesh "{_file_label(name)}": {each}' for name, each in _remarks(cache)]
     if len(placed_surfaces) == sum(each.kind == "marker" for each in found):
         notes.append("no shape of this robot can be drawn: sticks stand for its links")
         placed_surfaces, found = list(sticks(robot)), []
     elif found:
         notes.append(stand_ins.note(found))
-    parts, surfaces = _shaded(placed_surfaces, triangles)
-    return Bodies(parts, surfaces, tuple(notes), tuple(found), size)
+    parts, surfaces, more = _shaded(placed_surfaces, triangles)
+    return Bodies(parts, surfaces, (*notes, *more), tuple(found), size)
 
 
-def _mesh_label(shape: Shape) -> str:
+def _label(shape: Shape) -> str:
+    """Return what a shape is called in a note."""
+    return f"the {shape.kind}" if shape.mesh is None else f'mesh "{_file_label(shape.mesh)}"'
+
+
+def _file_label(name: str) -> str:
     """Return a mesh's name in the URDF, of an absolute path its file name: reports are shared."""
-    name = shape.mesh or shape.kind
     outside = PurePath(name).is_absolute() or name.startswith("file:")
     return PurePath(name).name if outside else name
 
 
+def _remarks(cache: MeshCache) -> list[tuple[str, str]]:
+    """Return what was left out of meshes, each with its name, once."""
+    said = ((name, remark) for (name, _), mesh in cache.items() for remark in mesh.remarks)
+    return list(dict.fromkeys(said))
+
+
 def _note(reason: str, where: list[tuple[str, str]]) -> str:
-    """Return the note on meshes that share a fault, from their names and links."""
+    """Return the note on shapes that share a fault, from their names and links."""
     (mesh, link), more = where[0], len(where) - 1
     others = f" and {more} more are" if more else " is"
-    return f'mesh "{mesh}" of link "{link}"{others} not drawn: {reason}'
+    return f'{mesh} of link "{link}"{others} not drawn: {reason}'
 
 
 def _shaded(
     placed_surfaces: list[PlacedSurface], triangles: int
-) -> tuple[tuple[BodyPart, ...], tuple[ShadedMesh, ...]]:
-    """Return the parts and their surfaces, simplified to a budget that each mesh enters once."""
+) -> tuple[tuple[BodyPart, ...], tuple[ShadedMesh, ...], tuple[str, ...]]:
+    """Return the parts, their surfaces, simplified to a budget that each enters once, and notes."""
     digest_of = {item.key: _digest(item.surface) for item in placed_surfaces}
     unique = {
         digest_of[item.key]: item.surface for item in placed_surfaces
     }  # two files may hold one mesh
     index = {each: number for number, each in enumerate(unique)}
     cap = _cap([len(surface.faces) for surface in unique.values()], triangles)
-    surfaces = tuple(
-        shade(*simplify(surface.vertices, surface.faces, cap)) for surface in unique.values()
+    foreign = {digest_of[item.key] for item in placed_surfaces if item.foreign}
+    shaded = [shade_surface(surface, cap, key in foreign) for key, surface in unique.items()]
+    surfaces = tuple(mesh for mesh, _ in shaded)
+    faults = {key: fault for key, (_, fault) in zip(unique, shaded, strict=True) if fault}
+    named = {digest_of[item.key]: item.key[1] for item in placed_surfaces if item.foreign}
+    notes = tuple(
+        f'mesh "{_file_label(str(named.get(key, "")))}" is drawn as a box: {fault}'
+        for key, fault in faults.items()
     )
     parts = tuple(
         BodyPart(
@@ -138,7 +156,7 @@ def _shaded(
         )
         for item in placed_surfaces
     )
-    return parts, surfaces
+    return parts, surfaces, notes
 
 
 def _digest(surface: Surface) -> bytes:

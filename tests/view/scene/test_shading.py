@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from rpctl.description.mesh_shading import shade, simplify, weld
 from rpctl.view.scene import ground, trails
-from rpctl.view.scene.shading import shade, simplify, weld
 
 
 def test_edges_of_a_box_stay_sharp() -> None:

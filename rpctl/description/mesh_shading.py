@@ -13,6 +13,7 @@ Faces = NDArray[np.int64]
 
 CREASE_RAD = math.radians(35.0)  # faces that meet at a larger angle keep an edge between them
 NORMAL_STEPS = 127  # normals are told apart, and sent, in signed bytes
+MAX_FAN = 64  # corners at a vertex; where more meet, as in a disc's middle, each keeps its face's
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,8 @@ def shade(vertices: Floats, faces: Faces, crease: float = CREASE_RAD) -> ShadedM
     """Return the mesh with a normal for every corner.
 
     The normal of a corner is the area-weighted mean of those faces around the vertex that meet
-    its own face at less than ``crease``.
+    its own face at less than ``crease``; where more than ``MAX_FAN`` meet it is that of its face,
+    for the pairs of a fan's faces grow with their square.
 
     Args:
         vertices: (n, 3), welded.
@@ -76,12 +78,14 @@ def shade(vertices: Floats, faces: Faces, crease: float = CREASE_RAD) -> ShadedM
     corners, owner = faces.reshape(-1), np.repeat(np.arange(len(faces)), 3)
     shape = (len(corners), len(vertices))
     at = sparse.csr_matrix((np.ones(len(corners)), (np.arange(len(corners)), corners)), shape)
-    pairs = (at @ at.T).tocoo()
-    own, other = owner[pairs.row], owner[pairs.col]
+    few = np.flatnonzero(np.bincount(corners, minlength=len(vertices))[corners] <= MAX_FAN)
+    pairs = (at[few] @ at[few].T).tocoo()
+    own, other = owner[few][pairs.row], owner[few][pairs.col]
     near = np.einsum("ij,ij->i", units[own], units[other]) >= math.cos(crease)
-    sums = np.stack(
-        [np.bincount(pairs.row[near], areas[other[near], i], len(corners)) for i in range(3)], 1
-    ).astype(float)  # an empty mesh would count in integers
+    sums = units[owner]
+    sums[few] = np.stack(
+        [np.bincount(pairs.row[near], areas[other[near], i], len(few)) for i in range(3)], 1
+    )
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
     normals = np.rint(sums * NORMAL_STEPS).astype(np.int64)
     keys, index = np.unique(np.column_stack([corners, normals]), axis=0, return_inverse=True)

@@ -1,0 +1,151 @@
+"""What an expansion may see of the disk: files below declared folders, and ROS packages.
+
+The process that expands opens nothing itself. It asks here, and what it says is foreign.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+from collections.abc import Callable
+from glob import iglob
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from rpctl.description.expansion_answer import GONE, READ
+from rpctl.description.package_index import has_manifest
+from rpctl.description.packages import DECLARE, Packages, inside
+from rpctl.errors import InputError
+from rpctl.files.caps import cap
+from rpctl.files.opening import read_input
+
+OUTSIDE = f"refused: it lies outside the folders that the file may use; {DECLARE}"
+HIDDEN = "refused: it lies in a hidden folder, or is hidden; move what the robot needs out of it"
+WILD = re.compile(r"[*?[]")
+MAX_MATCHES = 1000  # files that one pattern or path is looked up to
+
+
+class XacroFiles:
+    """The files that one expansion may read.
+
+    Attributes:
+        known: Paths that were asked for, as they were asked for.
+        missing: Those where there is no file.
+    """
+
+    def __init__(self, file: Path, packages: Packages) -> None:
+        """Take the folders that the file may use.
+
+        Args:
+            file: The file to expand, absolute.
+            packages: Where packages lie around it.
+        """
+        self._file = os.path.realpath(file)
+        self._packages = packages
+        self._found: dict[str, None] = {}  # folders that were told, in order
+        places = (packages.declared, packages.around, packages.searched)
+        anchors = {*packages.own, *(os.path.realpath(f) for each in places for f in each)}
+        self._anchors = sorted(anchors, key=len, reverse=True)
+        self.known = {str(file)}
+        self.missing: set[str] = set()
+
+    def reply(self, verb: object, asked: object) -> bytes:
+        """Return the answer to a request.
+
+        Raises:
+            ValueError: There is no such request.
+        """
+        verbs: dict[object, Callable[[str], Any]] = {
+            "find": self.find, "place": self.place, "match": self.match
+        }  # fmt: skip
+        if not isinstance(asked, str) or "\0" in asked:
+            raise ValueError("a path or a name is a text")
+        if verb == "read":
+            return self._read(asked)
+        return json.dumps(verbs[verb](asked)).encode()
+
+    def read(self, path: str) -> bytes:
+        """Return a file's bytes.
+
+        Raises:
+            OSError: It may not be read, is not there, or is none.
+        """
+        self.known |= {path, os.path.normpath(path)}
+        real = os.path.realpath(path)
+        reason = self._refusal(real)
+        if reason:
+            raise PermissionError(errno.EACCES, reason, path)
+        if not os.path.exists(real):  # noqa: PTH110 - as Packages': texts
+            self.missing.add(path)
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), path)
+        try:
+            return read_input(real, "MAX_BYTES", "a file of xacro or YAML")
+        except InputError as error:
+            raise OSError(errno.EIO, error.fault, path) from None
+
+    def find(self, name: str) -> tuple[str, ...]:
+        """Return the folders that a package's name may mean, the likeliest first.
+
+        A package has a manifest. A folder without one counts where paths reach it anyway: below
+        the file's own folder, or a declared one.
+        """
+        folders = tuple(folder for folder in self._packages.find(name) if self._is_package(folder))
+        self._found |= dict.fromkeys(folders[:1])
+        return folders
+
+    def place(self, path: str) -> str | None:
+        """Return where a file of a package lies in its source; None: as the path says, or nowhere.
+
+        Packages install their folders elsewhere than they keep them: ``description/urdf`` becomes
+        ``urdf``. Such a path has but one place in the source that ends like it.
+        """
+        folder = next((f for f in self._found if path.startswith(f"{f}/")), None)
+        if folder is None or os.path.isfile(path) or ".." in Path(path).parts:  # noqa: PTH113
+            return None
+        rest, name = path.removeprefix(folder), Path(path).name
+        steps = islice(os.walk(folder), cap("MAX_FOLDERS"))
+        places = [f"{here}/{name}" for here, _, names in steps if name in names]
+        places = [place for place in places if place.endswith(rest)]
+        may = [place for place in places if not self._refusal(os.path.realpath(place))]
+        return may[0] if len(may) == 1 else None
+
+    def match(self, pattern: str) -> list[str]:
+        """Return the files that a pattern names and that may be read."""
+        folder = os.path.realpath(os.path.dirname(WILD.split(pattern)[0]))  # noqa: PTH120
+        if self._refusal(folder):
+            return []
+        found = islice(iglob(pattern), MAX_MATCHES)  # noqa: PTH207 - as xacro
+        return [path for path in found if not self._refusal(os.path.realpath(path))]
+
+    def _read(self, path: str) -> bytes:
+        try:
+            return READ + self.read(path)
+        except OSError as error:
+            return GONE + json.dumps((error.errno, error.strerror)).encode()
+
+    def _refusal(self, real: str) -> str | None:
+        """Return why a path, symlinks followed, may not be read; None if it may."""
+        if real == self._file:
+            return None
+        roots = [root for root in (*self._packages.own, *self._found) if inside(real, (root,))]
+        if not roots:
+            index = (each for folders in self._packages.index.values() for each in folders)
+            roots = [root for root in index if inside(real, (root,)) and self._is_package(root)]
+        if not roots:
+            return OUTSIDE
+        return HIDDEN if all(_has_hidden(real, root) for root in roots) else None
+
+    def _is_package(self, folder: str) -> bool:
+        """Whether a folder is one of ROS packages that files may come from."""
+        anchor = next((a for a in self._anchors if inside(folder, (a,))), os.sep)
+        if _has_hidden(folder, anchor):
+            return False
+        return has_manifest(folder) or inside(folder, self._packages.own)
+
+
+def _has_hidden(path: str, root: str) -> bool:
+    """Whether a path goes through hidden folders below a root, or is hidden."""
+    return any(part.startswith(".") for part in Path(path).relative_to(root).parts)
