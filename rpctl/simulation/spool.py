@@ -59,6 +59,7 @@ class Spool:
         self.folder, self.notes = Path(folder), tuple[str, ...]()
         self._id, self._rows, self._chunks = uuid.uuid4().hex, 0, 0
         self._written_at, self._failed = time.perf_counter(), False
+        self._made = not self.folder.parent.exists()
         make_folder(self.folder.parent)
         try:
             self._lock = self._take()
@@ -76,7 +77,12 @@ class Spool:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Let go of the lock; the folder stays."""
+        """Let go of the lock; the folder stays if there are samples in it."""
+        if not self._chunks:
+            self.remove()
+            if self._made:
+                with suppress(OSError):
+                    self.folder.parent.rmdir()
         os.close(self._lock)
 
     def _take(self) -> int:
