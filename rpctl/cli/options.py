@@ -47,7 +47,8 @@ XacroArgsOption = Annotated[
     typer.Option(
         XACRO_OPTION,
         metavar="NAME:=VALUE",
-        help="An argument of a .xacro; a plain word NAME:=VALUE says the same. Repeatable.",
+        help="An argument of a .xacro; a plain word NAME:=VALUE says the same. env:NAME:=VALUE is "
+        "a variable for its $(env NAME), which sees none of yours. Repeatable.",
     ),
 ]
 JsonOption = Annotated[

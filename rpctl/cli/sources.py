@@ -19,7 +19,8 @@ from rpctl.robot.robot_descriptions import PACKAGE, PublicRobot, cache_folder, l
 
 def expand_command(
     robot: Annotated[
-        str, typer.Argument(metavar="FILE", help="A .xacro file, or a name. It is evaluated.")
+        str,
+        typer.Argument(metavar="FILE", help="A .xacro file, or a name. Its expressions are run."),
     ],
     package_dir: PackageDirOption = None,
     ignore_missing_packages: IgnoreOption = False,

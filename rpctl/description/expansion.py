@@ -69,8 +69,13 @@ def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
     """Return what a file of xacro expands to.
 
     What it includes lies in the folders that it may use
-    (:class:`rpctl.description.packages.Packages`) or in the packages that it finds. Such a file
-    is code: its expressions are evaluated by Python, so it has to be trusted.
+    (:class:`rpctl.description.xacro_files.XacroFiles`) or in the packages that it finds. Such a
+    file is code, and xacro does not keep its expressions from any Python. They are evaluated in a
+    process that is bounded in time and memory and that Linux (seccomp, Landlock) keeps from
+    opening files, starting processes and the network; what it may read is handed to it. Where the
+    system lacks these measures, the "rpctl" logger says so before, and a warning among the
+    findings. What the file makes of what it reads is the robot: its masses, meshes and names are
+    its author's word.
 
     Args:
         path: The file.
@@ -126,7 +131,9 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
         },
         "lenient": settings.ignore_missing_packages,
     }
-    files = XacroFiles(path.absolute(), find_packages(path, settings.package_dirs))
+    packages = find_packages(path, settings.package_dirs)
+    packages.index  # noqa: B018 - the search takes none of the process's time
+    files = XacroFiles(path.absolute(), packages)
     seconds = cap("MAX_XACRO_SECONDS")
     try:
         with Worker(WORKER, cap("MAX_XACRO_MEMORY"), seconds) as worker:

@@ -15,7 +15,12 @@ from collections.abc import Sequence
 from struct import pack
 from typing import Any
 
-from rpctl.files.system_calls import ALLOWED, AUDIT_ARCHITECTURES, READING, WITH_ARGUMENT
+from rpctl.files.system_calls import (
+    ALLOWED,
+    AUDIT_ARCHITECTURES,
+    WITH_ARGUMENT,
+    CallWithArgument,
+)
 
 resource: Any
 try:
@@ -25,18 +30,16 @@ except ImportError:  # Windows
 
 MEASURES = ("rlimits", "seccomp", "landlock")  # all there are
 SPOKEN = 2**16  # bytes of its standard error, if that is a file; it opens no other for writing
-FEW_FILES = 64  # file descriptors of a process that may read some
 
 PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS = 1, 38
 SIGKILL = 9
 SECCOMP_SET_MODE_FILTER, SECCOMP_FILTER_FLAG_TSYNC = 1, 1
 SECCOMP = {"x86_64": 317, "aarch64": 277}  # numbers of the call itself
-CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # of Landlock, on every architecture
-LANDLOCK_VERSION, RULE_PATH_BENEATH = 1, 1
+CREATE_RULESET, RESTRICT_SELF = 444, 446  # of Landlock, on every architecture
+LANDLOCK_VERSION = 1  # a flag: ask for the version
 ACCESS_FILES = {1: (1 << 13) - 1, 2: (1 << 14) - 1, 3: (1 << 15) - 1, 5: (1 << 16) - 1}  # by ABI
 ACCESS_NETWORK = {4: 3}  # bind, connect
 SCOPES = {6: 3}  # abstract UNIX sockets, signals
-READ_FILE, READ_FOLDER = 1 << 2, 1 << 3
 
 KILL, REFUSE, ALLOW = 0x80000000, 0x00050000 | 1, 0x7FFF0000  # REFUSE answers EPERM
 LOAD, IF_EQUAL, IF_LEAST, IF_ANY_BIT, RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # of classic BPF
@@ -46,26 +49,24 @@ X32 = 0x40000000  # a bit of the numbers of a second set of calls on x86_64
 Instruction = tuple[int, int, int, int]
 
 
-def confine(memory: int, seconds: int, readable: Sequence[str] = ()) -> tuple[str, ...]:
+def confine(memory: int, seconds: int) -> tuple[str, ...]:
     """Give up for good all but computing and the open files; to be called with one thread.
 
-    What is in force: no file is opened but those below ``readable``, and these only read; no
-    process is started or signalled, no socket made, no memory made executable unless files may be
-    read. The process ends with the thread that started it.
+    What is in force: no file is opened, listed or asked for, no process is started or signalled,
+    no socket made, no memory made executable. The process ends with the thread that started it.
 
     Args:
         memory: Bytes of address space.
         seconds: Of processor time, s.
-        readable: Files, and folders with all below them, that may be read.
 
     Returns:
         The measures in force, of :data:`MEASURES`; the other ones this system lacks.
     """
     libc = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
     bound = libc is not None and _renounce_rights(libc)
-    closed = bound and _close_files(libc, readable)
-    limited = _limit(memory, seconds, FEW_FILES if readable else 0)
-    filtered = bound and _filter_calls(libc, bool(readable))  # last: it refuses the others
+    closed = bound and _close_files(libc)
+    limited = _limit(memory, seconds)
+    filtered = bound and _filter_calls(libc)  # last: it refuses the others
     in_force = zip(MEASURES, (limited, filtered, closed), strict=True)
     return tuple(name for name, holds in in_force if holds)
 
@@ -93,7 +94,7 @@ def _call(function: Any, *words: int | bytes | None) -> int:
     return int(function(*(ctypes.c_long(w) if isinstance(w, int) else w for w in words)))
 
 
-def _limit(memory: int, seconds: int, files: int) -> bool:
+def _limit(memory: int, seconds: int) -> bool:
     """Bound what this process may use; return whether memory and time are bounded."""
     if resource is None:
         return False
@@ -101,7 +102,7 @@ def _limit(memory: int, seconds: int, files: int) -> bool:
         "RLIMIT_CORE": 0,
         "RLIMIT_FSIZE": SPOKEN,
         "RLIMIT_NPROC": 0,
-        "RLIMIT_NOFILE": files,
+        "RLIMIT_NOFILE": 0,
         "RLIMIT_CPU": seconds,
         "RLIMIT_AS": memory,
     }
@@ -123,36 +124,20 @@ def _limit_one(name: str, bound: int) -> bool:
     return True
 
 
-def _close_files(libc: Any, readable: Sequence[str]) -> bool:
-    """Close the file system but for reading below some places; return whether it is closed."""
+def _close_files(libc: Any) -> bool:
+    """Close the file system, and what else Landlock guards; return whether it is closed."""
     version = _call(libc.syscall, CREATE_RULESET, None, 0, LANDLOCK_VERSION)
     if version < 1:
         return False
-    known = [_newest(table, version) for table in (ACCESS_FILES, ACCESS_NETWORK, SCOPES)]
-    rules = pack("=QQQ", *known)
+    guarded = [_newest(table, version) for table in (ACCESS_FILES, ACCESS_NETWORK, SCOPES)]
+    rules = pack("=QQQ", *guarded)  # and no exceptions
     ruleset = _call(libc.syscall, CREATE_RULESET, rules, len(rules), 0)
     if ruleset < 0:
         return False
     try:
-        for place in readable:
-            _allow_reading(libc, ruleset, place)
         return _call(libc.syscall, RESTRICT_SELF, ruleset, 0) == 0
     finally:
         os.close(ruleset)
-
-
-def _allow_reading(libc: Any, ruleset: int, place: str) -> None:
-    """Allow reading a file or a folder; one that is not there stays closed."""
-    try:
-        opened = os.open(place, os.O_PATH | os.O_CLOEXEC)
-    except OSError:
-        return
-    try:
-        folder = os.path.isdir(place)  # noqa: PTH112 - no pathlib in the process
-        rule = pack("=Qi", READ_FILE | READ_FOLDER if folder else READ_FILE, opened)
-        _call(libc.syscall, ADD_RULE, ruleset, RULE_PATH_BENEATH, rule, 0)
-    finally:
-        os.close(opened)
 
 
 def _newest(table: dict[int, int], version: int) -> int:
@@ -160,24 +145,23 @@ def _newest(table: dict[int, int], version: int) -> int:
     return max((bits for since, bits in table.items() if since <= version), default=0)
 
 
-def _filter_calls(libc: Any, reading: bool) -> bool:
+def _filter_calls(libc: Any) -> bool:
     """Refuse all system calls but those named; return whether they are refused."""
     machine = os.uname().machine
     if machine not in AUDIT_ARCHITECTURES or sys.maxsize < 2**32:
         return False
-    text = b"".join(pack("=HBBI", *each) for each in seccomp_program(machine, reading))
+    text = b"".join(pack("=HBBI", *each) for each in seccomp_program(machine))
     code = ctypes.create_string_buffer(text, len(text))
     program = pack("@HP", len(text) // 8, ctypes.addressof(code))
     flags = SECCOMP_FILTER_FLAG_TSYNC
     return _call(libc.syscall, SECCOMP[machine], SECCOMP_SET_MODE_FILTER, flags, program) == 0
 
 
-def seccomp_program(machine: str, reading: bool) -> list[Instruction]:
+def seccomp_program(machine: str) -> list[Instruction]:
     """Return the filter: foreign architectures end the process, calls not named are refused.
 
     Args:
         machine: ``"x86_64"`` or ``"aarch64"``.
-        reading: Whether files may be opened for reading, and code be loaded from them.
     """
     column = list(AUDIT_ARCHITECTURES).index(machine)
     program = [
@@ -188,35 +172,23 @@ def seccomp_program(machine: str, reading: bool) -> list[Instruction]:
         (IF_LEAST, 0, 1, X32),
         (RETURN, 0, 0, KILL),
     ]
-    for numbers in ({**ALLOWED, **READING} if reading else ALLOWED).values():
+    for numbers in ALLOWED.values():
         if (number := numbers[column]) is not None:
             program += [(IF_EQUAL, 0, 1, number), (RETURN, 0, 0, ALLOW)]
     for each in WITH_ARGUMENT:
-        if not reading and each.reading_only:
-            continue
-        if reading and each.unless_reading:
-            program += [(IF_EQUAL, 0, 1, each.numbers[column]), (RETURN, 0, 0, ALLOW)]
-            continue
-        program += _with_argument(each.numbers[column], each.index, each.values, each.no_bits)
+        tests = _tests(each)
+        program += [(IF_EQUAL, 0, len(tests), each.numbers[column]), *tests]
     return [*program, (RETURN, 0, 0, REFUSE)]
 
 
-def _with_argument(
-    number: int, index: int, values: Sequence[int], no_bits: int
-) -> list[Instruction]:
+def _tests(call: CallWithArgument) -> list[Instruction]:
     """Return the part of the filter that allows a call if one of its arguments is harmless.
 
-    Args:
-        number: Of the call.
-        index: Of the argument; its lower half is looked at, as the kernel does with flags.
-        values: What it may be; nothing: whatever lacks the bits.
-        no_bits: Bits that it must not have.
+    The lower half of the argument is looked at, as the kernel does with flags and commands.
     """
-    tests = [(IF_EQUAL, 0, 1, value) for value in values]
-    body: list[Instruction] = [(LOAD, 0, 0, ARGUMENTS + 8 * index)]
-    for test in tests:
-        body += [test, (RETURN, 0, 0, ALLOW)]
-    if not values:
-        body += [(IF_ANY_BIT, 1, 0, no_bits), (RETURN, 0, 0, ALLOW)]
-    body += [(RETURN, 0, 0, REFUSE)]
-    return [(IF_EQUAL, 0, len(body), number), *body]
+    program: list[Instruction] = [(LOAD, 0, 0, ARGUMENTS + 8 * call.index)]
+    for value in call.values:
+        program += [(IF_EQUAL, 0, 1, value), (RETURN, 0, 0, ALLOW)]
+    if not call.values:
+        program += [(IF_ANY_BIT, 1, 0, call.no_bits), (RETURN, 0, 0, ALLOW)]
+    return [*program, (RETURN, 0, 0, REFUSE)]

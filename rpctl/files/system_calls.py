@@ -1,7 +1,7 @@
 """The system calls that a confined process may make, by the numbers of two architectures.
 
-What is not named here is refused: whatever starts or signals processes, opens sockets, writes,
-renames or maps files, traces, mounts, or was added to Linux since.
+What is not named here is refused: whatever opens or changes files, starts or signals processes,
+makes sockets, traces, mounts, or was added to Linux since.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ AUDIT_ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 F_DUPFD, F_GETFD, F_SETFD, F_GETFL, F_DUPFD_CLOEXEC = 0, 1, 2, 3, 1030
 TCGETS, FIOCLEX = 0x5401, 0x5451
 PROT_EXEC = 4
-WRITING = 0o3 | 0o100 | 0o1000  # flags of open: write, both, create, truncate
 
 Numbers = tuple[int | None, int | None]  # as AUDIT_ARCHITECTURES; None: there is none
 
@@ -59,18 +58,6 @@ ALLOWED: dict[str, Numbers] = {  # computing, waiting, and what is open already
     "getrandom": (318, 278),
     "membarrier": (324, 283),
 }
-READING: dict[str, Numbers] = {  # what besides a process needs that may read some files
-    "stat": (4, None),
-    "lstat": (6, None),
-    "access": (21, None),
-    "getdents64": (217, 61),
-    "readlink": (89, None),
-    "newfstatat": (262, 79),
-    "readlinkat": (267, 78),
-    "faccessat": (269, 48),
-    "statx": (332, 291),
-    "faccessat2": (439, 439),
-}
 
 
 @dataclass(frozen=True)
@@ -82,23 +69,18 @@ class CallWithArgument:
         index: Of the argument.
         values: What the argument may be; nothing: whatever lacks some bits.
         no_bits: These bits.
-        reading_only: Whether only a process that may read files needs it.
-        unless_reading: Whether a process that may read files makes it with any argument.
     """
 
     numbers: tuple[int, int]
     index: int
     values: tuple[int, ...] = ()
     no_bits: int = 0
-    reading_only: bool = False
-    unless_reading: bool = False
 
 
 WITH_ARGUMENT = (
-    CallWithArgument((9, 222), 2, no_bits=PROT_EXEC, unless_reading=True),  # mmap
-    CallWithArgument((10, 226), 2, no_bits=PROT_EXEC, unless_reading=True),  # mprotect
+    CallWithArgument((9, 222), 2, no_bits=PROT_EXEC),  # mmap
+    CallWithArgument((10, 226), 2, no_bits=PROT_EXEC),  # mprotect
     CallWithArgument((16, 29), 1, values=(TCGETS, FIOCLEX)),  # ioctl
     # fcntl: owners and signals of a file would reach other processes.
     CallWithArgument((72, 25), 1, values=(F_DUPFD, F_GETFD, F_SETFD, F_GETFL, F_DUPFD_CLOEXEC)),
-    CallWithArgument((257, 56), 2, no_bits=WRITING, reading_only=True),  # openat
 )

@@ -14,7 +14,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Timer
@@ -89,18 +88,15 @@ class Worker:
             sent anything of a file.
     """
 
-    def __init__(
-        self, module: str, memory: int, seconds: float, readable: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, module: str, memory: int, seconds: float) -> None:
         """Start a process; it imports its module, is confined, and waits for messages.
 
         Args:
             module: Name of a module of rpctl that needs no other part of it to be imported first;
-                it imports all that its ``main`` needs, for nothing is found afterwards but what
-                is ``readable``. If it has a function ``prepare``, that is called before.
+                it imports all that its ``main`` needs, for nothing is found afterwards. If
+                it has a function ``prepare``, that is called before.
             memory: Bytes of address space that it may take.
             seconds: After which it is ended, whatever it does, s.
-            readable: Files and folders that it may read.
 
         Raises:
             WorkerError: It could not be started.
@@ -122,14 +118,14 @@ class Worker:
         self._channel = Channel(self._process.stdout, self._process.stdin)
         self._timer = self._started_timer(seconds)
         try:
-            self.measures = self._confine(memory, seconds, readable)
+            self.measures = self._confine(memory, seconds)
         except BaseException:
             self.close()
             raise
 
-    def _confine(self, memory: int, seconds: float, readable: Sequence[str]) -> tuple[str, ...]:
+    def _confine(self, memory: int, seconds: float) -> tuple[str, ...]:
         path = [entry for entry in sys.path if entry]
-        settings = path, memory, int(seconds) + GRACE_S, list(readable)
+        settings = path, memory, int(seconds) + GRACE_S
         self.send(json.dumps(settings).encode())
         return tuple(json.loads(self.receive(SHORT)))
 
@@ -218,11 +214,11 @@ def serve(module: str) -> None:
     incoming, outgoing = io.FileIO(os.dup(0)), io.FileIO(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is printed is no message
     channel = Channel(io.BufferedReader(incoming), io.BufferedWriter(outgoing))
-    path, memory, seconds, readable = json.loads(channel.receive(SHORT))
+    path, memory, seconds = json.loads(channel.receive(SHORT))
     sys.path[:] = path
     loaded = importlib.import_module(module)
     if hasattr(loaded, "prepare"):
         loaded.prepare()
     os.environ.clear()
-    channel.send(json.dumps(confine(memory, seconds, readable)).encode())
+    channel.send(json.dumps(confine(memory, seconds)).encode())
     loaded.main(channel)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
+from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +14,15 @@ from rpctl.arrays import Array
 from rpctl.description.findings import Fault, excerpt, parse_numbers
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import read_text
+from rpctl.reference.csv_header import (
+    QUATERNION,
+    header_faults,
+)
+from rpctl.reference.csv_rows import TextRow, read_rows, separator_fault
 
-BASE_COLUMNS, HEADING = ("x", "y"), "theta"
-EE_COLUMNS, QUATERNION = ("ee_x", "ee_y", "ee_z"), ("ee_qx", "ee_qy", "ee_qz", "ee_qw")
-POSE_COLUMNS = (*BASE_COLUMNS, HEADING, *EE_COLUMNS, *QUATERNION)
 MIN_ROWS = 6  # rows that a quintic spline takes
 QUATERNION_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1
-MAX_ABSOLUTE = 1e6  # m, rad or s: no row of a robot's motion reaches it
+MAX_ABSOLUTE = 1e6  # m or rad: no row of a robot's motion reaches it
 
 
 @dataclass(frozen=True)
@@ -72,31 +71,20 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     Raises:
         DescriptionError: The file is missing or has faults; all are named with their lines.
     """
-    reader = csv.reader(io.StringIO(read_text(path, "MAX_BYTES", "a reference file"), newline=""))
-    rows: list[tuple[int, list[str]]] = []
-    most = cap("MAX_ROWS")
-    try:
-        for row in reader:
-            if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#"):
-                rows.append((reader.line_num, [cell.strip() for cell in row]))
-            if len(rows) > most + 1:
-                fault = f"over {most} rows; thin it out, or {how_to_raise('MAX_ROWS')}"
-                raise refusal(path, [(reader.line_num, fault)])
-    except csv.Error as error:
-        fault = f"not CSV: {error}; separate numbers by commas"
-        raise refusal(path, [(reader.line_num, fault)]) from None
-    if not rows:
+    rows = read_rows(path)
+    first = next(rows, None)
+    if first is None:
         raise refusal(path, [(None, "empty; give a header such as t,x,y,theta, and rows")])
-    (header, names), *rows = rows
-    faults = _header_faults(names, joints)
+    header, names = first
+    faults = header_faults(names, joints)
     if faults:
         raise refusal(path, [(header, fault) for fault in faults])
     values, lines, bad = _values(rows, names)
     bad += _time_faults(values, lines, names.index("t"))
     if set(QUATERNION) <= set(names):
         bad += _quaternion_faults(values, lines, [names.index(name) for name in QUATERNION])
-    if not bad and len(rows) < MIN_ROWS:
-        bad.append((lines[-1] if lines else header, f"{len(rows)} rows; give {MIN_ROWS} or more"))
+    if not bad and len(lines) < MIN_ROWS:
+        bad.append((lines[-1] if lines else header, f"{len(lines)} rows; give {MIN_ROWS} or more"))
     if bad:
         raise refusal(path, sorted(bad))
     columns = dict(zip(names, values.T, strict=True))
@@ -104,70 +92,73 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     return Table(str(path), tuple(lines), header, t - t[0], columns)
 
 
-def _header_faults(names: list[str], joints: Sequence[str]) -> list[str]:
-    known = ("t", *POSE_COLUMNS, *joints)
-    faults = []
-    for name in dict.fromkeys(names):
-        if name not in known:
-            near = get_close_matches(name, known, n=1, cutoff=0.5)
-            hint = f"did you mean {near[0]}?" if near else f"columns are {', '.join(known)}"
-            faults.append(f'column "{excerpt(name)}" is not known; {hint}')
-        if names.count(name) > 1:
-            faults.append(f'column "{excerpt(name)}" comes {names.count(name)} times; keep one')
-    if "t" not in names:
-        faults.append("no column t; add the time in s")
-    for group in (BASE_COLUMNS, EE_COLUMNS, QUATERNION):
-        missing = [name for name in group if name not in names]
-        if missing and len(missing) < len(group):
-            there = next(name for name in group if name in names)
-            faults.append(f"column {', '.join(missing)} is missing beside {there}; add it")
-    for name, needed in ((HEADING, BASE_COLUMNS), (QUATERNION[0], EE_COLUMNS)):
-        if name in names and needed[0] not in names:
-            faults.append(f"column {name} needs {', '.join(needed)} beside it; add them")
-    if not faults and len(names) == 1:
-        faults.append("only times; add x,y or ee_x,ee_y,ee_z or joints")
-    return faults
-
-
 def _values(
-    rows: list[tuple[int, list[str]]], names: list[str]
+    rows: Iterable[TextRow], names: list[str]
 ) -> tuple[Array, list[int], list[tuple[int, str]]]:
     """Return the numbers (K, n) of good rows, their lines, and the faults of the others."""
-    values: list[list[float]] = []
+    values = array("d")
     lines: list[int] = []
     faults: list[tuple[int, str]] = []
     for line, row in rows:
         found = len(faults)
+        if wrong := _length_fault(row, names):
+            faults.append((line, wrong))
+            continue
         numbers = []
-        if len(row) != len(names):
-            faults.append((line, f"{len(row)} entries where the header names {len(names)}; "
-                           "complete the row or leave it out"))  # fmt: skip
-        for name, text in zip(names, row, strict=False):
+        for name, text in zip(names, row, strict=True):
             try:
-                number = parse_numbers(text, 1)[0] if text else None
+                number = _number(name, text)
             except Fault as fault:
-                faults.append((line, f'{name} "{excerpt(text)}" {fault}'))
+                faults.append((line, str(fault)))
                 continue
-            if number is None:
-                faults.append((line, f"{name} is empty; give a number or leave the row out"))
-            elif abs(number) > MAX_ABSOLUTE:
-                faults.append((line, f"{name} is {number:g}, which is absurd; use s, m and rad"))
-            else:
-                numbers.append(number)
+            numbers.append(number)
         if len(faults) == found:
-            values.append(numbers)
+            values.extend(numbers)
             lines.append(line)
     return np.array(values).reshape(-1, len(names)), lines, faults
 
 
+def _length_fault(row: list[str], names: list[str]) -> str:
+    """Return what is wrong with the number of a row's entries; empty if nothing is."""
+    if len(row) == len(names):
+        return ""
+    fault = f"{len(row)} entries where the header names {len(names)}"
+    if separated := separator_fault(row):
+        return f"{fault}: {separated}"
+    if len(row) > len(names) and not any("." in text for text in row):
+        return f"{fault}; if its numbers have decimal commas, write points, as 0.5 for 0,5"
+    return f"{fault}; complete the row or leave it out"
+
+
+def _number(name: str, text: str) -> float:
+    """Return the number in a cell.
+
+    Raises:
+        Fault: There is none, or none of a robot's.
+    """
+    if not text:
+        raise Fault(f"{name} is empty; give a number or leave the row out")
+    try:
+        number = parse_numbers(text, 1)[0]
+    except Fault as fault:
+        raise Fault(f'{name} "{excerpt(text)}" {fault}') from None
+    if abs(number) > MAX_ABSOLUTE and name != "t":  # times may count from 1970 on
+        raise Fault(f"{name} is {number:g}, which is absurd; use s, m and rad")
+    return number
+
+
 def _time_faults(values: Array, lines: list[int], column: int) -> list[tuple[int, str]]:
     faults: list[tuple[int, str]] = []
-    latest = -math.inf
-    for line, t in zip(lines, values[:, column], strict=True):
+    most, latest = cap("MAX_REFERENCE_SECONDS"), -math.inf
+    times = values[:, column].tolist()
+    for line, t in zip(lines, times, strict=True):
         if t <= latest:
-            faults.append((line, f"t is {t:g} after {latest:g}; times must increase"))
-        else:
-            latest = t
+            faults.append((line, f"t is {t:.12g} after {latest:.12g}; times must increase"))
+            continue
+        latest = t
+        if t - times[0] > most:
+            fault = f"t is {t:.12g}, over {most} s after the first row; use seconds"
+            faults.append((line, f"{fault}; {how_to_raise('MAX_REFERENCE_SECONDS')}"))
     return faults
 
 

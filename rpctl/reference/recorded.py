@@ -10,18 +10,19 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
-from rpctl.reference.csv_file import (
+from rpctl.reference.csv_file import Table
+from rpctl.reference.csv_header import (
     BASE_COLUMNS,
     EE_COLUMNS,
     HEADING,
     POSE_COLUMNS,
     QUATERNION,
-    Table,
 )
 from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal
 from rpctl.reference.limits import Limits
 from rpctl.reference.paths import Path, PathPoint, PathTime, ramped_time
+from rpctl.reference.recorded_speeds import speed_faults
 from rpctl.reference.splines import Curves, through
 from rpctl.reference.timed_path import TimedPath, still
 from rpctl.robot.model import Robot
@@ -166,8 +167,9 @@ def _check_fit(robot: Robot, table: Table) -> None:
         if (values := table.columns.get(joint.name)) is not None
         for row in np.flatnonzero((values < joint.lower) | (values > joint.upper))
     ]
+    beyond += speed_faults(robot, table)
     if beyond:
-        raise table.refuse(beyond)
+        raise table.refuse(sorted(beyond))
 
 
 def _fit_joints(robot: Robot, table: Table) -> FittedSpline:

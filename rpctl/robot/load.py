@@ -47,9 +47,10 @@ def load(
     """Load a robot.
 
     Args:
-        source: A URDF path, a .xacro that becomes one (it is evaluated, so trust it), or a
-            name (``rpctl robots``): of the catalogue, or of robot_descriptions
-            (``"fetch_description"``) if that package is installed and its cache filled.
+        source: A URDF path, a .xacro that becomes one (its expressions are run; what
+            confines them: :func:`rpctl.description.expansion.expand`), or a name (``rpctl
+            robots``): of the catalogue, or of robot_descriptions (``"fetch_description"``) if
+            that package is installed and its cache filled.
         drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
             drive file (TOML); None finds it.
         lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
@@ -62,7 +63,8 @@ def load(
         package_dirs: Packages, or folders that hold packages, where ``package://`` and
             ``$(find ...)`` look first, at any depth (``~/ws/src``); the workspace around the file,
             ROS_PACKAGE_PATH and AMENT_PREFIX_PATH come after them.
-        xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name.
+        xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name; ``"env:NAME"``
+            is a variable for its ``$(env NAME)``, which sees none of the environment's.
         ignore_missing_packages: Whether what a .xacro includes from packages that are not found
             is left out.
         home: The posture of the arm that references start from: ``{joint: position}`` (rad or m),

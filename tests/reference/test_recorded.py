@@ -245,7 +245,7 @@ FAULTS = {
     f"# made by hand\n\nt,x,y\n{GOOD}\n0.2,1,0": "a.csv:12: error: t is 0.2 after 0.7",
     f"t,x,y\n{GOOD}\n0.8,1e9,0": "a.csv:10: error: x is 1e+09, which is absurd",
     f"t,x,y\n{GOOD[:25]}\n": "rows; give 6 or more",
-    't,x,y\n0,"1\n2': "a.csv:3: error: 2 entries",
+    't,x,y\n0,"1\n2': "a.csv:2: error: not CSV: unexpected end of data in a cell with quotation",
     "t,ee_x,ee_y,ee_z,ee_qx,ee_qy,ee_qz,ee_qw\n0,1,0,1,0,0,0,2": "a.csv:2: error: the quaternion "
     "ee_qx, ee_qy, ee_qz, ee_qw has length 2; scale it to length 1",
     f"t,ee_x,ee_y\n{GOOD}": "a.csv:1: error: column ee_z is missing beside ee_x; add it",

@@ -1,0 +1,184 @@
+"""Tables as spreadsheets and other programs write them, and such as no robot can follow."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.errors import DescriptionError
+from rpctl.reference.csv_file import read_table
+from rpctl.reference.csv_rows import MAX_LINE
+from rpctl.reference.load import load_reference
+from rpctl.reference.recorded_speeds import base_limits, speed_faults
+
+HEADER = "t,x,y,theta"
+ROWS = [f"{0.1 * k:.1f},{0.05 * k:.2f},0.5,0.0" for k in range(8)]
+TABLE = "\n".join([HEADER, *ROWS])
+
+
+def faults(path: Path, text: str, robot: Robot | None = None) -> list[str]:
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_table(path) if robot is None else load_reference(robot, str(path))
+    return [line.removeprefix(f"{path}:") for line in str(caught.value).splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("separator", "comma", "name"),
+    [(";", ".", "semicolons"), (";", ",", "semicolons"), ("\t", ",", "tabs"), ("|", ".", "bars"),
+     (" ", ".", "blanks")],
+)  # fmt: skip
+def test_another_separator_is_named_with_a_command_that_mends_it(
+    separator: str, comma: str, name: str, tmp_path: Path
+) -> None:
+    text = TABLE.replace(".", "·").replace(",", separator).replace("·", comma)
+    (fault,) = faults(tmp_path / "FILE", text + "\n")
+    assert fault.startswith(f"1: error: separated by {name}; put commas between the columns")
+    command = fault[fault.index("tr ") :].removesuffix(" does")
+    subprocess.run(command, shell=True, check=True, cwd=tmp_path)
+    mended = read_table(tmp_path / "NEW.csv")
+    np.testing.assert_allclose(mended.stack(["x", "y"])[3], [0.15, 0.5], atol=1e-12)
+
+
+def test_a_decimal_comma_between_commas_is_told(tmp_path: Path) -> None:
+    text = "\n".join([HEADER, *(row.replace(".", ",") for row in ROWS)])
+    found = faults(tmp_path / "a.csv", text)
+    assert len(found) == len(ROWS)
+    assert found[0] == (
+        "2: error: 8 entries where the header names 4; if its numbers have decimal commas, write "
+        "points, as 0.5 for 0,5"
+    )
+
+
+@pytest.mark.parametrize("blank", ["", " "])
+def test_a_quoted_table_is_read(blank: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    lines = (f'"{line}"'.replace(",", f'",{blank}"') for line in TABLE.split("\n"))
+    path.write_text("\n".join(lines))
+    assert read_table(path).columns["x"][7] == 0.35
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_lines_are_counted_however_they_end(end: str, mark: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    lines = ["# by hand", "", HEADER, *ROWS[:3], ",,,", "# half way", *ROWS[3:]]
+    path.write_bytes((mark + end.join(lines)).encode())
+    assert read_table(path).lines == (4, 5, 6, 9, 10, 11, 12, 13)
+
+
+@pytest.mark.parametrize(
+    ("header", "told"),
+    [
+        ("Time,X,Y,yaw", ["Time: t", "X: x", "Y: y", "yaw: theta"]),
+        ("t [s],x [m],y (m),theta [rad]", ["t [s]: t", "x [m]: x", "y (m): y",
+         "theta [rad]: theta"]),
+        ("Zeit,x,y,heading", ["Zeit: t", "heading: theta"]),
+    ],
+)  # fmt: skip
+def test_columns_by_other_names_are_told_theirs(
+    header: str, told: list[str], tmp_path: Path
+) -> None:
+    found = faults(tmp_path / "a.csv", "\n".join([header, *ROWS]))
+    for pair in told:
+        name, meant = pair.split(": ")
+        assert f'1: error: column "{name}" is not known; did you mean {meant}?' in found
+
+
+def test_numbers_for_a_header_are_told(tmp_path: Path) -> None:
+    assert faults(tmp_path / "a.csv", "\n".join(ROWS)) == [
+        "1: error: numbers where the columns' names belong; write them above, as t,x,y,theta"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (",".join("c" * 300), "1: error: 300 columns; 200 are the most; if it is meant, set "
+         "RPCTL_MAX_COLUMNS"),
+        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; {MAX_LINE}"
+         " are the most; keep to t"),
+        (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; 200 are the most"),
+        (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; use "
+         "seconds; if it is meant, set RPCTL_MAX_REFERENCE_SECONDS"),
+        (f"{TABLE}\n0.9;1;0;0", "10: error: 1 entries where the header names 4: separated by semi"),
+        (f"{TABLE}\n\0,1,0,0", r'10: error: t "\x00" is not a number'),
+    ],
+)  # fmt: skip
+def test_rows_beyond_all_bounds_are_told_by_their_lines(
+    text: str, told: str, tmp_path: Path
+) -> None:
+    (fault,) = faults(tmp_path / "a.csv", text)
+    assert fault.startswith(told)
+
+
+def test_times_may_count_from_1970_on(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = [f"{1.7e9 + 0.5 * k},{0.1 * k},0,0" for k in range(8)]
+    path.write_text("\n".join([HEADER, *rows]))
+    np.testing.assert_array_equal(read_table(path).t, 0.5 * np.arange(8))
+
+
+def test_the_robot_s_own_limits_say_what_is_impossible(tmp_path: Path, paper: Robot) -> None:
+    """Wheels of 0.15 m at 12 rad/s: 1.8 m/s; at 0.75 m from the middle: 2.4 rad/s."""
+    assert base_limits(paper) == pytest.approx((1.8, 2.4))
+    (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n0.8,2.2,0.5,0", paper)
+    assert fault == (
+        "10: error: x, y move at 18.5 m/s from the row before, where paper's limit is 1.8; use s, "
+        "m and rad, or mend the row"
+    )
+    (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n0.8,0.4,0.5,-2.5", paper)
+    assert "theta turns at 25 rad/s from the row before, where paper's limit is 2.4" in fault
+
+
+def impossible(path: Path, robot: Robot, text: str) -> list[tuple[int, str]]:
+    path.write_text(text, encoding="utf-8")
+    return speed_faults(robot, read_table(path, robot.joint_names))
+
+
+def test_what_is_less_than_ten_times_too_fast_is_left_to_the_run(
+    tmp_path: Path, paper: Robot
+) -> None:
+    path = tmp_path / "a.csv"
+    assert not impossible(path, paper, f"{TABLE}\n0.8,2.1,0.5,2.3")  # 17.5 m/s, 23 rad/s
+    whole = 2.0 * math.pi + 0.1  # an angle within ±π jumps by whole turns
+    assert not impossible(path, paper, f"{TABLE}\n0.8,0.4,0.5,{whole}")
+
+
+def test_joints_and_end_effectors_are_looked_at(tmp_path: Path, paper: Robot) -> None:
+    joint = paper.joints[1]
+    assert (joint.kind, joint.velocity) == ("prismatic", 0.6)
+    rows = "\n".join(f"{0.01 * k:.2f},{0.4 + 0.001 * k}" for k in range(8))
+    text = f"t,{joint.name}\n{rows}\n0.08,0.9"
+    assert impossible(tmp_path / "a.csv", paper, text) == [
+        (10, f"{joint.name} moves at 49.3 m/s from the row before, where paper's limit is 0.6; "
+         "use s, m and rad, or mend the row")
+    ]  # fmt: skip
+    rows = "\n".join(f"{0.01 * k:.2f},{0.01 * k},0,1" for k in range(8))
+    text = f"t,ee_x,ee_y,ee_z\n{rows}\n0.08,0.07,1.01,1"
+    assert impossible(tmp_path / "a.csv", paper, text) == [
+        (10, "ee_x, ee_y, ee_z move at 101 m/s from the row before; use s, m and rad, or mend the "
+         "row")
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "drive", "turn"),
+    [
+        ("mecanum", 16.0 / math.hypot(8.0, 8.0), 16.0 / 4.48),  # rollers at 45 degrees
+        ("omni", 20.0 * 0.07, 6.087),
+        ("car", 35.0 * 0.14, 35.0 * 0.14 / 0.26),  # of the rear wheels, half their track
+        ("swerve", 22.0 * 0.09, math.inf),  # every wheel may stand across the turn
+        ("casters", 18.0 * 0.09, 18.0 * 0.09 / 0.2),
+    ],
+)
+def test_the_limits_of_every_drive_are_those_of_its_wheels(
+    name: str, drive: float, turn: float
+) -> None:
+    assert base_limits(rpctl.load(name)) == pytest.approx((drive, turn), rel=1e-4)
