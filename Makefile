@@ -2,12 +2,16 @@
 # Each kind of check has a quick case in `make test`; `make slow` runs in CI as well, and
 # `make thorough` runs the whole grids before a release.
 
+#
+# `make versions` tests the lowest and the newest dependencies on every Python from 3.10 on that is
+# installed; VERSIONS chooses, as VERSIONS='--python 3.10 --resolution lowest'.
+
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test slow thorough lint types bench pictures clean
+.PHONY: demo test slow thorough versions lint types bench pictures clean
 
 demo: $(READY)
 	$(BIN)/rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1 --out runs/demo
@@ -23,6 +27,9 @@ slow: $(READY)
 
 thorough: $(READY)
 	$(BIN)/python -m pytest -m thorough -n auto --dist worksteal
+
+versions: $(READY)
+	$(BIN)/python tests/versions.py $(VERSIONS)
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -29,9 +29,10 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.writing import to_json, write_atomically
+from rpctl.files.writing import make_folder, require_writable, to_json, write_atomically
 from rpctl.reference.sizing import SizingRequest
 from rpctl.simulation.outcome import TRACKED
+from rpctl.simulation.table import FORMULA
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
 from rpctl.study.scenarios import PAPER, SCENARIOS, LawPair, controllers, proposed
 from rpctl.study.verdicts import MEASURES, TIE_RATIO, Verdict, best, group_rows, verdicts
@@ -40,6 +41,7 @@ MM_PER_M, US_PER_S = 1e3, 1e6
 DPI = 200
 TABLE_WIDTH = 136  # characters that the table needs
 AUTO = "auto"
+SUFFIXES = (".json", ".csv", ".pdf", ".png")  # of the files
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,9 @@ def compare_command(
     error = read_triple(initial_error)
     cells = selection.cells()
     loaded = options.load(robot)
+    folder = out or default_folder(loaded.name, "compare")
+    for suffix in SUFFIXES:
+        require_writable(folder / f"compare{suffix}", makes_folder=True)
     bench = Benchmark(loaded, duration, error, SizingRequest(size, speed, laps))
     with progress_bar("compare") as advance:
         rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
@@ -129,7 +134,6 @@ def compare_command(
         raise RpctlError(f"nothing ran: {rows[0].failure}")
     ours = proposed(loaded)
     summary = _summary(bench, rows, ours)
-    folder = out or default_folder(f"{loaded.name}-compare")
     _write(folder, summary, rows, ours)
     if as_json:
         print_json(summary)
@@ -157,15 +161,16 @@ def _write(folder: Path, summary: Mapping[str, Any], rows: Sequence[Row], ours: 
     from rpctl.view.plots.figures import to_pdf, to_png
     from rpctl.view.plots.study import study_figure
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
-    write_atomically(folder / "compare.json", (to_json(summary) + "\n").encode())
-    write_atomically(folder / "compare.csv", _csv(summary["rows"]).encode())
+    make_folder(folder)
+
+    def write(suffix: str, content: bytes) -> None:
+        write_atomically(folder / f"compare{suffix}", content, follow_links=False)
+
+    write(".json", (to_json(summary) + "\n").encode())
+    write(".csv", _csv(summary["rows"]).encode("utf-8", "backslashreplace"))
     figure = study_figure(rows, summary["robot"], ours)
-    write_atomically(folder / "compare.pdf", to_pdf(figure))
-    write_atomically(folder / "compare.png", to_png(figure, DPI))
+    write(".pdf", to_pdf(figure))
+    write(".png", to_png(figure, DPI))
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -173,8 +178,14 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({**row, "violations": "; ".join(row["violations"] or ())})
+        cells = {**row, "violations": "; ".join(row["violations"] or ())}
+        writer.writerow({name: _literal(cell) for name, cell in cells.items()})
     return text.getvalue()
+
+
+def _literal(cell: Any) -> Any:
+    """Return a cell that no spreadsheet takes for a formula."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell
 
 
 def show_comparison(rows: Sequence[Row], ours: LawPair, folder: Path) -> None:

@@ -18,6 +18,7 @@ from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
 from rpctl.robot.names import find_source
 
+MAX_WORD = 40  # characters of a name in that of a folder: at most 160 of its 255 bytes
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 
 RobotArgument = Annotated[
@@ -202,6 +203,12 @@ def split_names(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def default_folder(name: str) -> Path:
-    """Return the folder below ``runs`` for results of this name; it cannot lead out of ``runs``."""
-    return Path("runs") / re.sub(r"[^\w.-]", "_", name)
+def default_folder(robot: str, what: str) -> Path:
+    """Return the folder below ``runs`` for results; no name leads out of it, or is too long.
+
+    Args:
+        robot: The robot's name.
+        what: Of its results, as the name of a reference.
+    """
+    words = (re.sub(r"[^\w.-]", "_", word).lstrip("-.")[:MAX_WORD] or "_" for word in (robot, what))
+    return Path("runs") / "-".join(words)

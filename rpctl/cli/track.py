@@ -28,6 +28,7 @@ from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
+from rpctl.files.writing import require_writable
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
@@ -178,12 +179,16 @@ class ResultOptions:
         """Return whether to tell what to expect: not where the user has set a plant himself."""
         return self.perturbed and config.plant == Plant()
 
-    def require_browser(self) -> None:
-        """Refuse a picture that could not be drawn, before the simulation.
+    def require_possible(self, folder: Path) -> None:
+        """Refuse what could not be written or drawn, before the simulation.
 
         Raises:
-            RpctlError: A picture is asked for, and there is no browser.
+            RpctlError: The folder cannot be written to, or there is no browser for a picture.
         """
+        from rpctl.view.run_folder import FIGURE_FILE, REPORT_FILE, RUN_FILE, SUMMARY_FILE
+
+        for name in (RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE):
+            require_writable(folder / name, makes_folder=True)
         if self.png:
             from rpctl.view.film.browser import require_browser
 
@@ -223,8 +228,8 @@ def track_command(
     reference = config.run.load_reference(loaded)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
-    folder = results.out or default_folder(f"{loaded.name}-{reference_label(config.run.reference)}")
-    results.require_browser()
+    folder = results.out or default_folder(loaded.name, reference_label(config.run.reference))
+    results.require_possible(folder)
     output = console(stderr=as_json)
     output.print(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"

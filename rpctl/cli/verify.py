@@ -15,6 +15,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.equivalence.row import CONTACT_ORACLE
 from rpctl.equivalence.verify import verify
+from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot
 
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
@@ -39,6 +40,8 @@ def verify_command(
     as_json: JsonOption = False,
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
+    if html is not None:
+        require_writable(html)
     wanted = [] if engines == "none" else engines.split(",")
     certificate = certify(options.load(robot), samples, seed, wanted, options.strict, contact)
     if html is not None:

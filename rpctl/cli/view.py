@@ -14,7 +14,7 @@ from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.streams import print_json, say
 from rpctl.cli.terminal import progress_bar
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.writing import write_atomically
+from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.chart import PANELS
 
@@ -57,6 +57,8 @@ class FilmOptions:
                 raise RpctlError(f"--{name} is for a picture or a film; give --png or --video, too")
         if wanted is None:
             return False
+        for path in filter(None, (self.png, self.video)):
+            require_writable(path)
         from rpctl.view.film.film import write_film, write_still
         from rpctl.view.run_folder import is_run, load_run
 
@@ -94,6 +96,8 @@ def view_command(
 
     if film.write(what):
         return
+    if html is not None:
+        require_writable(html)
     if len(what) > 1 or is_run(what[0]):
         from rpctl.view.serve.live import serve
 
@@ -173,6 +177,9 @@ def plot_command(
     from rpctl.view.run_folder import load_run
 
     path = out or (run if run.is_dir() else run.parent) / DEFAULT_FIGURE
+    if out is None and path.is_symlink():
+        path.unlink()  # the folder may be another's, and the link lead to any file
+    require_writable(path)
     save_figure(load_run(run), path, panels=split_names(panels), column=column)
     if as_json:
         print_json({"figure": str(path)})

@@ -32,6 +32,7 @@ from rpctl.files.opening import read_source
 from rpctl.files.worker import Worker, WorkerError
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
+MAX_SAID = 4 * 2**20  # bytes of a message of the process: JSON may take 30 times as many to read
 WORKER = "rpctl.description.expansion_worker"
 COMMENT = re.compile(rb"<!--(?:.*?-->|.*)", re.DOTALL)
 XACRO = re.compile(  # an element of xacro, or a substitution; both mean nothing to a URDF's readers
@@ -158,20 +159,19 @@ def _converse(worker: Worker, files: XacroFiles) -> dict[str, Any] | None:
     Raises:
         WorkerError: It has ended, or speaks out of turn.
     """
-    most = 2 * cap("MAX_BYTES")  # JSON escapes
     while True:
-        message = worker.receive(most)
+        message = worker.receive(MAX_SAID)
         try:
             verb, content = json.loads(message)
-            if verb != "answer":
-                reply = files.reply(verb, content)
-            elif not content.keys() - {"told"}:
-                return None
-            else:
-                return check_answer(content, files.known, files.missing)
+            if verb == "answer":
+                answer = check_answer(content, files.known, files.missing)
+                break
+            reply = files.reply(verb, content)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise WorkerError("it answers nonsense") from None
         worker.send(reply)
+    text = worker.receive(2 * cap("MAX_BYTES")).decode("utf-8", "replace")
+    return answer | {"text": text} if text or "error" in answer else None
 
 
 def _warn_of_what_is_open(path: Path, measures: Sequence[str]) -> str | None:

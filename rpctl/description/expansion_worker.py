@@ -42,9 +42,9 @@ MAX_WARNING_CHARS = 2000  # characters of xacro's own messages that are passed o
 
 
 def main(channel: Channel) -> None:
-    """Answer one request with ``text``, or ``error`` and where it is.
+    """Answer one request with the text, or ``error`` and where it is.
 
-    An answer without either is a lack of memory. What else there is to say of the file comes
+    An empty text without an error is a lack of memory. What else there is to say of the file comes
     along: packages that it wants and that are not found, arguments that it declares.
     """
     request = json.loads(channel.receive(MAX_REQUEST))
@@ -57,7 +57,9 @@ def main(channel: Channel) -> None:
     except MemoryError:
         answer = {}
     answer["told"] = captured.getvalue()[:MAX_WARNING_CHARS]
+    text = answer.pop("text", "")
     channel.send(json.dumps(("answer", answer)).encode())
+    channel.send(text.encode("utf-8", "backslashreplace"))
 
 
 def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:

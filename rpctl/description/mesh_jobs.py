@@ -14,6 +14,7 @@ from rpctl.description.mesh_shading import shade, simplify
 from rpctl.libraries import library
 
 MAX_COORDINATE = 1e9  # in units of the file, DAE's in m; of what is 10 m large, that is 10 nm
+SIDES = 40  # of a cylinder
 FLAT = 1e-12  # of its extents' square: an area below it is rounding
 
 Head = dict[str, Any]
@@ -197,6 +198,29 @@ def _colour(mesh: Any) -> tuple[float, ...] | None:
     raw = visual.main_color if material is None else material.main_color
     red, green, blue = (round(float(value) / 255.0, 3) for value in raw[:3])
     return red, green, blue, 1.0
+
+
+def make_primitive(head: Mapping[str, Any], arrays: Sequence[Any] = ()) -> Answer:
+    """Return a shape of the URDF as a mesh, as :func:`read_mesh` does.
+
+    Args:
+        head: ``kind``, and ``size``, m, as :class:`rpctl.description.records.Shape` has them.
+        arrays: None.
+    """
+    creation = library("trimesh.creation")
+    unit = max(head["size"])  # trimesh drops triangles that are tiny in its own unit
+    size = [edge / unit for edge in head["size"]]
+    if head["kind"] == "box":
+        mesh = creation.box(size)
+    elif head["kind"] == "cylinder":
+        mesh = creation.cylinder(*size, sections=SIDES)
+    elif head["kind"] == "capsule":
+        radius, length = size
+        mesh = creation.capsule(length, radius, count=[SIDES, SIDES])
+    else:
+        mesh = creation.uv_sphere(*size, count=[SIDES // 2, SIDES])
+    vertices = unit * np.asarray(mesh.vertices, "<f8")
+    return {"colours": [None], "remarks": []}, [vertices, np.asarray(mesh.faces, "<u4")]
 
 
 def shade_mesh(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:

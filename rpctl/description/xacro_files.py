@@ -10,7 +10,7 @@ import json
 import os
 import re
 from collections.abc import Callable
-from glob import iglob
+from fnmatch import filter as matching
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,11 @@ from rpctl.files.opening import read_input
 
 OUTSIDE = f"refused: it lies outside the folders that the file may use; {DECLARE}"
 HIDDEN = "refused: it lies in a hidden folder, or is hidden; move what the robot needs out of it"
+SYSTEM = ("/proc", "/sys", "/dev")  # below no robot's folder, though it be the whole disk
 WILD = re.compile(r"[*?[]")
-MAX_MATCHES = 1000  # files that one pattern or path is looked up to
+MAX_MATCHES = 1000  # files of one pattern that are told
+MAX_REQUESTS = 10_000  # of one expansion; the largest public ones make some hundred
+MAX_PATH = 4096  # characters, as Linux has it
 
 
 class XacroFiles:
@@ -49,6 +52,7 @@ class XacroFiles:
         places = (packages.declared, packages.around, packages.searched)
         anchors = {*packages.own, *(os.path.realpath(f) for each in places for f in each)}
         self._anchors = sorted(anchors, key=len, reverse=True)
+        self._requests = 0
         self.known = {str(file)}
         self.missing: set[str] = set()
 
@@ -56,13 +60,18 @@ class XacroFiles:
         """Return the answer to a request.
 
         Raises:
-            ValueError: There is no such request.
+            ValueError: There is no such request, or they are too many.
         """
+        self._requests += 1
+        if self._requests > MAX_REQUESTS:
+            raise ValueError("too many requests")
         verbs: dict[object, Callable[[str], Any]] = {
             "find": self.find, "place": self.place, "match": self.match
         }  # fmt: skip
         if not isinstance(asked, str) or "\0" in asked:
             raise ValueError("a path or a name is a text")
+        if len(asked) > MAX_PATH:
+            raise ValueError("it is too long for a path")
         if verb == "read":
             return self._read(asked)
         return json.dumps(verbs[verb](asked)).encode()
@@ -114,11 +123,26 @@ class XacroFiles:
 
     def match(self, pattern: str) -> list[str]:
         """Return the files that a pattern names and that may be read."""
-        folder = os.path.realpath(os.path.dirname(WILD.split(pattern)[0]))  # noqa: PTH120
-        if self._refusal(folder):
+        start, *parts = Path(pattern).parts or ("",)
+        paths, looks = [start], cap("MAX_FOLDERS")
+        for part in parts:
+            if WILD.search(part):
+                folders, looks = paths[:looks], looks - len(paths[:looks])
+                paths = [path for folder in folders for path in self._matching(folder, part)]
+            else:
+                paths = [os.path.join(path, part) for path in paths]  # noqa: PTH118
+        paths = [path for path in paths if os.path.isfile(path)]  # noqa: PTH113
+        return [path for path in paths if not self._refusal(os.path.realpath(path))][:MAX_MATCHES]
+
+    def _matching(self, folder: str, pattern: str) -> list[str]:
+        """Return what is called so in a folder, if it may be listed; not what is hidden."""
+        if self._refusal(os.path.realpath(folder)):
             return []
-        found = islice(iglob(pattern), MAX_MATCHES)  # noqa: PTH207 - as xacro
-        return [path for path in found if not self._refusal(os.path.realpath(path))]
+        try:
+            names = sorted(matching(os.listdir(folder), pattern))  # noqa: PTH208
+        except OSError:
+            return []
+        return [os.path.join(folder, name) for name in names if name[0] != "."]  # noqa: PTH118
 
     def _read(self, path: str) -> bytes:
         try:
@@ -130,6 +154,8 @@ class XacroFiles:
         """Return why a path, symlinks followed, may not be read; None if it may."""
         if real == self._file:
             return None
+        if inside(real, SYSTEM):
+            return OUTSIDE
         roots = [root for root in (*self._packages.own, *self._found) if inside(real, (root,))]
         if not roots:
             index = (each for folders in self._packages.index.values() for each in folders)

@@ -8,6 +8,7 @@ from rpctl.errors import RpctlError
 
 MAX_BYTES = 32 * 2**20  # of a URDF; the largest public ones are near 1 MB
 MAX_TOML_BYTES = 2**20  # of a file in TOML; a thousand waypoints have 50 kB, each MB takes 2 s
+MAX_PARAMETER_BYTES = 2**17  # of a file of ROS parameters; the largest public ones have a tenth
 MAX_ELEMENTS = 100_000  # of XML; the largest public URDFs have a tenth, and each takes 30 µs
 MAX_ATTRIBUTES = 1_000_000  # of XML; each takes 300 bytes
 MAX_LINKS = 2000  # Pinocchio's time grows with the square of the links

@@ -75,8 +75,8 @@ def open_ways(measures: Sequence[str]) -> tuple[str, ...]:
     """Return what hostile code could still do in a process with so many measures, in words."""
     ways = []
     if "seccomp" not in measures:
-        if "landlock" not in measures:
-            ways += ["reading and writing your files"]
+        closed = "landlock" in measures  # it guards no modes, owners or times
+        ways += ["changing your files' modes" if closed else "reading and writing your files"]
         ways += ["starting processes", "using the network"]
     if "rlimits" not in measures:
         ways += ["taking all memory"]

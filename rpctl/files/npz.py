@@ -7,7 +7,7 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -34,6 +34,9 @@ FAULTS = (  # what zipfile raises of damaged files
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, RuntimeError,
     KeyError, IndexError, OverflowError, NotImplementedError,
 )  # fmt: skip
+
+
+Filled = Callable[[Array, int, int], object]
 
 
 class NpzError(RpctlError):
@@ -134,25 +137,30 @@ class Npz:
         except UnicodeDecodeError:
             raise NpzError(f'entry "{name}": no text') from None
 
-    def numbers(self, entry: NpzEntry, out: Array) -> None:
+    def numbers(self, entry: NpzEntry, out: Array, filled: Filled | None = None) -> None:
         """Read an entry of numbers into an array of its shape.
 
         Args:
             entry: From :meth:`entry`.
             out: Filled; it may be larger than memory unless the entry's first index runs fastest.
+            filled: Called with ``out`` as one row, the first of the numbers that were filled, and
+                the one behind the last.
 
         Raises:
             NpzError: It is damaged.
         """
-        if entry.fortran:
-            data = b"".join(self.pieces(entry))
-            out[...] = np.frombuffer(data, "<f8").reshape(entry.shape, order="F")
+        if entry.fortran:  # none of rpctl's own arrays are so
+            whole = np.frombuffer(b"".join(self.pieces(entry)), "<f8")
+            out[...] = whole.reshape(entry.shape, order="F")
             return
         flat, first = out.reshape(-1), 0
         for piece in self.pieces(entry):
             numbers = np.frombuffer(piece, "<f8")
-            flat[first : first + len(numbers)] = numbers
-            first += len(numbers)
+            last = first + len(numbers)
+            flat[first:last] = numbers
+            if filled is not None:
+                filled(flat, first, last)
+            first = last
 
     @contextmanager
     def _open(self, name: str) -> Iterator[zipfile.ZipExtFile]:

@@ -67,14 +67,15 @@ def writing(path: str | Path, *, follow_links: bool = True) -> Iterator[BinaryIO
         with _open_stream(target) if through else _replacing(target) as file:
             yield file
     except OSError as error:
-        raise RpctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise _refusal(path, error) from None
 
 
-def require_writable(path: str | Path) -> None:
+def require_writable(path: str | Path, *, makes_folder: bool = False) -> None:
     """Refuse a file that could not be written; called before long work. Nothing is left behind.
 
     Args:
-        path: The file. Folders above it that are not there would be made.
+        path: The file.
+        makes_folder: Whether its folder, and those above it, would be made.
 
     Raises:
         RpctlError: It cannot be written, or its folder cannot be made.
@@ -84,14 +85,14 @@ def require_writable(path: str | Path) -> None:
         if _is_stream(target):
             return
         folder = target.parent
-        while not folder.exists() and folder != folder.parent:
+        while makes_folder and not folder.exists() and folder != folder.parent:
             folder = folder.parent
         _older(target)
         number, name = _open_unfinished(folder / target.name, NEW_MODE)
         os.close(number)
         name.unlink()
     except OSError as error:
-        raise RpctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise _refusal(path, error) from None
 
 
 def make_folder(folder: Path) -> None:
@@ -104,6 +105,13 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
+
+
+def _refusal(path: str | Path, error: OSError) -> RpctlError:
+    folder = Path(path).parent
+    if isinstance(error, FileNotFoundError) and not folder.exists():
+        return RpctlError(f"{path}: there is no folder {folder}; make it first")
+    return RpctlError(f"{path}: cannot be written: {error.strerror or error}")
 
 
 def _follow(path: Path) -> Path:

@@ -197,4 +197,9 @@ def write_config(config: Config, path: str | Path) -> Path:
     config_from_tables(tables, faults)
     if faults:
         raise RpctlError(f"no file can say the configuration: {'; '.join(faults)}")
-    return write_atomically(path, (HEADER + tomli_w.dumps(tables)).encode())
+    try:
+        return write_atomically(path, (HEADER + tomli_w.dumps(tables)).encode())
+    except UnicodeEncodeError:
+        raise RpctlError(
+            f"{path}: TOML is UTF-8, and a name in the configuration is not; rename its file"
+        ) from None

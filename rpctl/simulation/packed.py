@@ -16,7 +16,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.npz import SUFFIX, Npz, NpzEntry
-from rpctl.simulation.columns import scratch
+from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.kinds import EntryError, fault, many, mapping, table, whole
 from rpctl.simulation.packing import PLANES, pack, unpack
 from rpctl.simulation.run_schema import check_numbers
@@ -134,6 +134,7 @@ def read_columns(npz: Npz, layout: Layout, single: bool) -> dict[str, Array]:
             for (name, k), put in users[number]:
                 place = arrays[name].reshape(rows, -1)[:, k]
                 place[:] = put(place, column)
+                release(arrays[name])
     for name, array in arrays.items():
         check_numbers(name, array)
         array.setflags(write=False)

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from rpctl.arrays import Array
 
 PLANES = 8  # bytes of a double
+BLOCK = 2**16  # numbers of a column that are predicted together, so that memory stays small
 # Of the numbers 1, 3, 5, 7 and 9 half steps away, on both sides: the polynomial of degree 9.
 WEIGHTS = tuple(w / 65536.0 for w in (39690.0, -8820.0, 2268.0, -405.0, 35.0))
 
@@ -40,12 +41,10 @@ def pack(columns: Array, single: bool = False) -> Bytes:
     codes: Codes = np.empty((count, rows), np.int64)
     codes[:, :1] = _ranks(columns[:, :1])
     at = 1
-    for known, middle in _levels(rows):
-        wanted = columns[:, middle]
+    for known, wanted, first in _levels(columns):
         end = at + wanted.shape[1]
-        codes[:, at:end] = _ranks(wanted) - _ranks(
-            _interpolated(columns[:, known], wanted.shape[1], single)
-        )
+        predicted = _interpolated(known, first, wanted.shape[1], single)
+        codes[:, at:end] = _ranks(wanted) - _ranks(predicted)
         at = end
     codes = (codes << 1) ^ (codes >> 63)  # the sign last, so that small differences are small
     raw = codes.astype("<i8", copy=False).view(np.uint8).reshape(count, rows, PLANES)
@@ -66,26 +65,37 @@ def unpack(planes: Bytes, single: bool = False) -> Array:
     columns = np.empty((count, rows))
     columns[:, :1] = _numbers(codes[:, :1])
     at = 1
-    for known, middle in _levels(rows):
-        wanted = columns[:, middle]
+    for known, wanted, first in _levels(columns):
         end = at + wanted.shape[1]
-        predicted = _interpolated(columns[:, known], wanted.shape[1], single)
+        predicted = _interpolated(known, first, wanted.shape[1], single)
         wanted[:] = _numbers(_ranks(predicted) + codes[:, at:end])
         at = end
     return columns
 
 
-def _levels(rows: int) -> Iterator[tuple[slice, slice]]:
-    """Yield the rows that are known, and those between them that come next; the first row is."""
-    step = 1 << max(rows - 1, 0).bit_length() >> 1
+def _levels(columns: Array) -> Iterator[tuple[Array, Array, int]]:
+    """Yield what is known, a block of what comes next, and the number of its first; views all.
+
+    What comes next lies in the middle behind each number known; the first number of all is known.
+    """
+    step = 1 << max(columns.shape[1] - 1, 0).bit_length() >> 1
     while step:
-        yield slice(0, None, 2 * step), slice(step, None, 2 * step)
+        known, middle = columns[:, :: 2 * step], columns[:, step :: 2 * step]
+        for first in range(0, middle.shape[1], BLOCK):
+            yield known, middle[:, first : first + BLOCK], first
         step //= 2
 
 
-def _interpolated(known: Array, count: int, single: bool) -> Array:
-    """Return predictions (n, count) of the numbers in the middle behind each known one."""
-    at, last = np.arange(count), known.shape[1] - 1
+def _interpolated(known: Array, first: int, count: int, single: bool) -> Array:
+    """Return predictions (n, count) of the numbers in the middle behind the known ones.
+
+    Args:
+        known: Numbers (n, m).
+        first: Number of the known one before the first that is predicted.
+        count: How many are predicted.
+        single: Whether they are of single precision.
+    """
+    at, last = np.arange(first, first + count), known.shape[1] - 1
     found = np.zeros((known.shape[0], count))
     with np.errstate(all="ignore"):
         for k, weight in enumerate(WEIGHTS):

@@ -50,7 +50,7 @@ from rpctl.files.npz import SUFFIX, Npz, NpzError, open_npz
 from rpctl.files.opening import open_input
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing
-from rpctl.simulation.columns import scratch
+from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.kinds import EntryError
 from rpctl.simulation.packed import (
     COLUMNS_ENTRY,
@@ -206,7 +206,7 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     arrays = {name: scratch(shape) for name, shape in shapes.items()}
     for name, array in arrays.items():
         if name in headers:
-            npz.numbers(headers[name], array)
+            npz.numbers(headers[name], array, release)
         check_numbers(name, array)
         array.setflags(write=False)
     return {**known, **arrays}

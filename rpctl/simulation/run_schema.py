@@ -11,6 +11,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import BASE_SPEEDS, Drive, Swivel, Wheel
 from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
+from rpctl.simulation.columns import blocks
 from rpctl.simulation.config import Config
 from rpctl.simulation.kinds import (
     EntryError,
@@ -181,7 +182,7 @@ META: dict[str, Kind] = {  # entries of JSON
     "kinematic_report": mapping(figure),
     "notes": many(text),
     "certificate": optional(plain(CERTIFICATE)),
-    "wall_time": number,
+    "wall_time": positive,
     "sizing": optional(SIZING),
     "perturbed": optional(plain(table({"sentence": text}, {}, free))),
 }
@@ -303,15 +304,19 @@ def check_numbers(name: str, numbers: Array) -> None:
 
     Args:
         name: Of the entry.
-        numbers: Some of its samples, in their order.
+        numbers: All samples; they may be larger than memory.
 
     Raises:
         EntryError: Naming the entry.
     """
-    if name not in MAY_BE_INFINITE and not np.isfinite(numbers).all():
-        raise EntryError(f'entry "{name}" holds other than finite numbers')
-    if name == "t":
-        with np.errstate(over="ignore"):
-            steps = np.diff(numbers)
-        if not ((steps > 0.0) & np.isfinite(steps)).all():
+    before = -np.inf
+    for (block,) in blocks(numbers):
+        if name not in MAY_BE_INFINITE and not np.isfinite(block).all():
+            raise EntryError(f'entry "{name}" holds other than finite numbers')
+        if name != "t":
+            continue
+        if not (block[0] > before and (np.diff(block) > 0.0).all()):
             raise EntryError('entry "t" does not run: each time must be later than the one before')
+        before = block[-1]
+    if name == "t" and not np.isfinite(numbers[-1] - numbers[0]):
+        raise EntryError('entry "t" runs longer than numbers can say')

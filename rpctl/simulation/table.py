@@ -14,6 +14,7 @@ from rpctl.simulation.log import Log
 
 POSE = ("x", "y", "theta")
 POINT = ("x", "y", "z")
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet takes for the beginning of one
 ERRORS = ("longitudinal", "lateral", "heading")
 
 
@@ -21,7 +22,8 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
     """Return the columns (K,) of a run by name, in SI units.
 
     ``t``; of P ``x``, ``y``, ``theta``; each joint's position by the joint's name (behind
-    ``joint_`` where that name is taken, as "x" is); both again with ``_ref``. Then, by prefix,
+    ``joint_`` where that name is taken, as "x" is, or would begin a formula); both again with
+    ``_ref``. Then, by prefix,
     ``e_`` tracking errors, ``nu_``, ``nu_d_``, ``nu_ref_`` quasi-velocities, ``tau_`` efforts,
     ``rate_`` rates of the actuators' joints, ``ee_`` the end effector, ``load_`` vertical forces of
     the ground, and single figures by their name in the log.
@@ -54,7 +56,8 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
         if values.shape[1]:  # what is not defined for a robot has no columns
             for name, column in zip(names, values.T, strict=True):
                 label = f"{prefix}{name}{suffix}"
-                table[f"joint_{label}" if label in table else label] = column
+                taken = label in table or label.startswith(FORMULA)
+                table[f"joint_{label}" if taken else label] = column
     for name in ("ee_angle", "tip_margin", "slip_ratio", "energy", "work"):
         values = getattr(log, name)
         if values.ndim == 1:

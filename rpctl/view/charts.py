@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Chart, Line, Panel
-from rpctl.view.labels import shorten
+from rpctl.view.labels import literal, shorten
 
 BASE_SPEED_LABELS = {
     "v": ("v", "m/s"),
@@ -114,11 +114,11 @@ def _speeds(run: Run) -> list[Chart]:
         else:
             group = arm if name in run.robot.joint_names else rest
             colour, label, unit = _colour(run, name), name, f"{_unit(run, name)}/s"
-        printed = f"{PRINTED_SYMBOLS.get(label, label)}, {unit}"
+        printed = f"{PRINTED_SYMBOLS.get(label) or literal(label)}, {unit}"
         group.append(Line(label, unit, actual, colour, reference=wanted, printed=printed))
     short = shorten([line.label for line in rest])
     joining = tuple(
-        replace(line, colour=k, printed=f"{name}, {line.unit}")
+        replace(line, colour=k, printed=f"{literal(name)}, {line.unit}")
         for k, (line, name) in enumerate(zip(rest, short.names, strict=True), len(base))
     )
     unit = _units([*base, *joining], " or ")

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
+from rpctl.errors import printable
+
 SEPARATORS = "_/.: -"
 SUFFIX = "_joint"
 FITTING_LENGTH = 14  # characters of a name that fits into every legend; such names stay whole
@@ -60,6 +62,15 @@ def fold(name: str, length: int) -> str:
         while len(lines[-1]) > length:
             lines[-1:] = [lines[-1][:length], lines[-1][length:]]
     return "\n".join(line.strip() for line in lines)
+
+
+def literal(text: str) -> str:
+    """Return a text of others that Matplotlib draws as it is: no formula, and never left out.
+
+    It leaves labels that begin with a low line out of a legend.
+    """
+    text = printable(text, keep="\n").replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def _common_words(names: Sequence[str]) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import base64
+import html
 import re
 import zlib
-from html import escape
 from pathlib import PurePath
 from string import Template
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from rpctl.errors import RpctlError
 from rpctl.simulation.run import Run
-from rpctl.view.pages.page import asset, policy
+from rpctl.view.pages.page import asset, escape, policy
 from rpctl.view.pages.scene_page import player
 from rpctl.view.scene.scene import build_scene
 
@@ -51,7 +51,7 @@ def show(run: Run) -> str:
     return IFRAME.substitute(
         summary=summary,
         title=escape(run.robot.name),
-        page=escape(pack(page)),
+        page=html.escape(pack(page)),
         width=MAX_WIDTH_PX,
         aspect=f"{ASPECT:.4f}",
     )

@@ -18,8 +18,8 @@ from rpctl.description.expansion_answer import ROWS, SINGLES, TEXTS, check_answe
 from rpctl.description.expansion_messages import ExpansionError
 from rpctl.description.packages import find_packages
 from rpctl.description.read_settings import read_settings
-from rpctl.description.xacro_files import XacroFiles
-from rpctl.files.confinement import MEASURES, open_ways
+from rpctl.description.xacro_files import MAX_REQUESTS, XacroFiles
+from rpctl.files.confinement import open_ways
 from rpctl.files.worker import Worker
 from tests.description.hostile import ROUTES, run_in_xacro
 from tests.grids import every
@@ -114,7 +114,7 @@ def test_hostile_code_asks_for_files_in_vain(tmp_path: Path) -> None:
 
 
 FRAMES = [
-    b'["answer", {"text": 5}]', b'["answer", {"text": "t", "arguments": [["a"]]}]',
+    b'["answer", {"error": 5}]', b'["answer", {"arguments": [["a"]]}]',
     b'["answer", []]', b'["read", "\\u0000"]', b"[" * 99_999, b'["shut", "x"]', b'["read", 7]',
     b'["find", "\\ud800"]', b"\xff", b'[["a"], ""]',
 ]  # fmt: skip
@@ -128,7 +128,7 @@ def test_a_forged_answer_is_told(frame: bytes, tmp_path: Path) -> None:
 
 
 ANSWER: dict[str, Any] = {
-    "told": "", "text": "<robot/>", "file": "/a", "line": 3, "macros": ["m"],
+    "told": "", "error": "no", "file": "/a", "line": 3, "macros": ["m"],
     "wants": [["p", "/a", None, "text"]], "left_out": [["/a", 4, "xacro:x"]],
     "moved": [["/a", "/b"]], "undeclared": ["/a"], "arguments": [["n", None, "/a", 2]],
     "old": [["/a", "macro", 2]], "early": [], "unused": ["u"], "asked": ["A"], "dropped": ["d"],
@@ -208,6 +208,14 @@ def test_files_are_read_where_the_file_may_name_them(tmp_path: Path) -> None:
     assert files_of(path.parent / ".env").read(str(path.parent / ".env")) == SECRET.encode()
 
 
+def test_the_systems_own_files_are_nobodys(tmp_path: Path) -> None:
+    """Also where the robot lies in the root of a container: its folder is the whole disk."""
+    for own in (Path("/r.xacro"), tmp_path / "r.xacro"):
+        for file in ("/proc/self/environ", "/proc/1/cmdline", "/sys/kernel/notes", "/dev/null"):
+            with pytest.raises(PermissionError):
+                files_of(own).read(file)
+
+
 def test_requests_in_any_form_are_answered_or_refused(tmp_path: Path) -> None:
     path, random = home(tmp_path), Random(14)
     files = files_of(path)
@@ -220,7 +228,33 @@ def test_requests_in_any_form_are_answered_or_refused(tmp_path: Path) -> None:
         try:
             assert SECRET.encode() not in files.reply(verb, text), case
         except (ValueError, KeyError):
-            assert verb not in verbs[:4] or "\0" in text or "\ud800" in text, case
+            odd = "\0" in text or "\ud800" in text or len(text) > 4096
+            assert verb not in verbs[:4] or odd, case
+
+
+def test_requests_are_bounded_in_length_and_number(tmp_path: Path) -> None:
+    files = files_of(home(tmp_path))
+    for verb in ("read", "find", "place", "match"):
+        with pytest.raises(ValueError, match="too long"):
+            files.reply(verb, "/" + "a" * 5000)
+    assert len(files.known) == 1
+    with pytest.raises(ValueError, match="too many"):
+        for case in range(20_000):
+            files.reply("read", f"/{case}")
+    assert len(files.known) <= MAX_REQUESTS + 1
+
+
+def test_patterns_name_files_that_may_be_read(tmp_path: Path) -> None:
+    path = home(tmp_path)
+    for name in ("a/1.xacro", "a/2.xacro", "b/1.xacro", "b/.c/1.xacro", ".d/1.xacro", "b/x"):
+        write(path.parent / name, "")
+    files, here = files_of(path), path.parent
+    assert files.match(f"{here}/*/1.xacro") == [f"{here}/a/1.xacro", f"{here}/b/1.xacro"]
+    assert files.match(f"{here}/a/[12].xac??") == [f"{here}/a/1.xacro", f"{here}/a/2.xacro"]
+    assert files.match(f"{here}/a/../b/*.xacro") == [f"{here}/a/../b/1.xacro"]
+    for none in ("*/none", ".*", "*/.*/1.xacro", ".d/*", "../*", "../.ssh/*", "keys/*", "r*/.."):
+        assert files.match(f"{here}/{none}") == [], none
+    assert files.match("*") == files.match("/*") == files.match("/etc/pass*") == []
 
 
 def test_variables_are_those_that_are_given(
@@ -277,10 +311,3 @@ def test_what_a_system_lacks_is_told_before_expanding(
         "starting processes or using the network; expand only what you trust"
     )
     assert caplog.messages == [f"{path}: warning: {finding.message}"]
-
-
-def test_what_measures_leave_open() -> None:
-    assert open_ways(MEASURES) == ()
-    assert open_ways(("rlimits", "seccomp")) == ()  # no file can be opened at all
-    assert open_ways(("rlimits", "landlock")) == ("starting processes", "using the network")
-    assert "taking all memory" in open_ways(("seccomp",))

@@ -10,10 +10,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from struct import pack, unpack_from
+from types import SimpleNamespace
 
 import pytest
 
 import rpctl
+from rpctl.files import confinement
 from rpctl.files.confinement import (
     ALLOW,
     IF_ANY_BIT,
@@ -25,10 +27,11 @@ from rpctl.files.confinement import (
     REFUSE,
     RETURN,
     X32,
+    open_ways,
     seccomp_program,
 )
 from rpctl.files.system_calls import ALLOWED, AUDIT_ARCHITECTURES, WITH_ARGUMENT
-from rpctl.files.worker import SHORT, Worker, WorkerError
+from rpctl.files.worker import GRACE_S, SHORT, Worker, WorkerError
 from tests.grids import every
 
 MODULE = "tests.files.confined"
@@ -106,6 +109,30 @@ def test_it_knows_nothing_of_who_started_it(blind: Worker) -> None:
     held = ask(blind, "[k for k in range(3, 64) if not os.get_inheritable(k)]")
     assert "Bad file descriptor" in held  # 3 and 4 are its pipes
     assert "s3cret" not in Path(f"/proc/{blind._process.pid}/environ").read_text("utf-8")
+
+
+@linux
+def test_its_limits_are_those_asked_for(blind: Worker) -> None:
+    lines = Path(f"/proc/{blind._process.pid}/limits").read_text("utf-8").splitlines()
+    limits = {line[:26].strip(): tuple(line[26:].split()[:2]) for line in lines}
+    expected = {"cpu time": PATIENCE + GRACE_S, "address space": MEMORY, "open files": 0,
+                "processes": 0, "core file size": 0, "file size": confinement.SPOKEN}  # fmt: skip
+    for name, bound in expected.items():
+        assert limits[f"Max {name}"] == (str(bound), str(bound)), name
+
+
+def test_what_measures_leave_open() -> None:
+    assert open_ways(MEASURES) == ()
+    assert open_ways(("rlimits", "seccomp")) == ()  # no file can be opened at all
+    without = ("changing your files' modes", "starting processes", "using the network")
+    assert open_ways(("rlimits", "landlock")) == without
+    assert open_ways(("rlimits",)) == ("reading and writing your files", *without[1:])
+    assert open_ways(("seccomp", "landlock")) == ("taking all memory",)
+
+
+def test_an_unknown_architecture_has_no_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "uname", lambda: SimpleNamespace(machine="riscv64"))
+    assert not confinement._filter_calls(None)
 
 
 def test_memory_ends_in_an_error(blind: Worker) -> None:
@@ -238,6 +265,60 @@ def test_numbers_are_those_of_the_architecture(machine: str) -> None:
         assert decide(program, AUDIT_ARCHITECTURES[machine], number) == REFUSE, number
 
 
+def test_landlock_guards_all_that_its_version_knows() -> None:
+    versions = range(1, 8)
+    bits = [0x1FFF, 0x3FFF, 0x7FFF, 0x7FFF, 0xFFFF, 0xFFFF, 0xFFFF]
+    assert [confinement._newest(confinement.ACCESS_FILES, v) for v in versions] == bits
+    network = [confinement._newest(confinement.ACCESS_NETWORK, v) for v in versions]
+    assert network == [0, 0, 0, 3, 3, 3, 3]
+    assert [confinement._newest(confinement.SCOPES, v) for v in versions] == [0, 0, 0, 0, 0, 3, 3]
+
+
+class Resources:
+    """Limits as a system may have them."""
+
+    def __init__(self, *missing: str, hard: int = -1, refused: int = -1) -> None:
+        names = ("CORE", "FSIZE", "NPROC", "NOFILE", "CPU", "AS")
+        self.__dict__.update({f"RLIMIT_{name}": k for k, name in enumerate(names)})
+        for name in missing:
+            del self.__dict__[name]
+        self._hard, self._refused = hard, refused
+        self.set: dict[int, tuple[int, int]] = {}
+
+    def getrlimit(self, _: int) -> tuple[int, int]:
+        return 0, self._hard
+
+    def setrlimit(self, kind: int, bounds: tuple[int, int]) -> None:
+        if kind == self._refused:
+            raise ValueError
+        self.set[kind] = bounds
+
+
+@pytest.mark.parametrize(
+    ("system", "holds"),
+    [
+        (Resources(), True), (None, False), (Resources("RLIMIT_AS"), False),
+        (Resources(refused=4), False),
+    ],
+)  # fmt: skip
+def test_limits_count_where_all_are_set(
+    system: Resources | None, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(confinement, "resource", system)
+    assert confinement._limit(1000, 9) is holds
+    if system is not None:
+        expected = {0: 0, 1: confinement.SPOKEN, 2: 0, 3: 0, 4: 9, 5: 1000}
+        assert system.set.items() <= {k: (v, v) for k, v in expected.items()}.items()
+        assert len(system.set) == (6 if holds else 5)
+
+
+def test_a_limit_in_force_is_not_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = Resources(hard=7)
+    monkeypatch.setattr(confinement, "resource", system)
+    assert confinement._limit(1000, 3)
+    assert (system.set[4], system.set[5]) == ((3, 3), (7, 7))
+
+
 def _alive(pid: int) -> bool:
     """Whether a process runs; one that is dead and not yet buried does not."""
     try:
@@ -273,6 +354,14 @@ os.kill(os.getpid(), 9)
 """
 
 
+@pytest.mark.slow
+def test_who_forgets_it_ends_all_the_same() -> None:
+    forgetful = ORPHAN.replace("os.kill(os.getpid(), 9)", "")
+    begin = time.monotonic()
+    subprocess.run([sys.executable, "-c", forgetful], check=True, timeout=2 * PATIENCE)
+    assert time.monotonic() - begin < PATIENCE / 2
+
+
 @linux
 def test_it_ends_with_who_started_it() -> None:
     done = subprocess.run(
@@ -306,6 +395,17 @@ def test_one_that_answers_badly_is_told(code: str, expected: str) -> None:
         assert not caught.value.late
 
 
+def test_nobody_is_ended_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its number may be another process's once it has ended."""
+    with Worker(MODULE, MEMORY, PATIENCE) as worker:
+        pass
+    ended: list[int] = []
+    monkeypatch.setattr(os, "killpg", lambda number, _: ended.append(number))
+    worker.close()
+    worker._end_late()
+    assert ended == []
+
+
 def test_what_it_prints_is_no_message(blind: Worker) -> None:
     assert ask(blind, "print('x' * 10, flush=True)") == "None"
     assert ask(blind, "print('x' * 10, flush=True, file=sys.stderr)") == "None"
@@ -313,5 +413,8 @@ def test_what_it_prints_is_no_message(blind: Worker) -> None:
 
 
 def test_a_module_that_is_not_there_is_told() -> None:
-    with pytest.raises(WorkerError, match="No module named"):
-        Worker("tests.files.nowhere", MEMORY, PATIENCE)
+    with (
+        Worker("tests.files.nowhere", MEMORY, PATIENCE) as worker,
+        pytest.raises(WorkerError, match="No module named"),
+    ):
+        worker.receive(SHORT)

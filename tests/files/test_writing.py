@@ -267,7 +267,11 @@ def test_a_long_name_can_be_written(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_told_without_a_trace(tmp_path: Path) -> None:
-    require_writable(tmp_path / "not" / "there" / "yet")
+    missing = tmp_path / "not" / "there" / "yet"
+    require_writable(missing, makes_folder=True)
+    for write in (lambda: require_writable(missing), lambda: write_atomically(missing, NEW)):
+        with pytest.raises(RpctlError, match=f"yet: there is no folder {missing.parent}; make it"):
+            write()
     require_writable("/dev/null")
     (tmp_path / "file").write_bytes(OLD)
     require_writable(tmp_path / "file")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpctl.errors import RpctlError
-from rpctl.files.writing import write_atomically
+from rpctl.files.writing import require_writable, write_atomically
 from rpctl.simulation.run import Run
 from rpctl.view.film.browser import open_page
 from rpctl.view.film.video import CENTISECONDS, MAX_GIF_RATE_HZ, Encoder, gif, mp4
@@ -74,7 +74,7 @@ def write_film(
     size, rate = _checked(size or form.size), rate or form.rate
     if form.encode is gif and (CENTISECONDS % rate or rate > MAX_GIF_RATE_HZ):
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
-    _require_folder(path)
+    require_writable(path)
     count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
     with _camera(run, size) as photograph:
 
@@ -108,16 +108,10 @@ def write_still(
     time = duration if time is None else time
     if not 0.0 <= time <= duration:
         raise RpctlError(f"{time:g} s is not within the run; give 0 to {duration:g}")
-    _require_folder(path)
+    require_writable(path)
     with _camera(run, _checked(size or FORMATS[".mp4"].size)) as photograph:
         picture = photograph(time, False)
     return write_atomically(path, picture)
-
-
-def _require_folder(path: Path) -> None:
-    """Raise if a file cannot be written; called before the film is drawn, which takes long."""
-    if not path.parent.is_dir():
-        raise RpctlError(f"{path}: there is no folder {path.parent}; make it first")
 
 
 def _checked(size: Size) -> Size:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 from rpctl.equivalence.certificate import Certificate
@@ -11,7 +10,7 @@ from rpctl.equivalence.contact.record import Gap
 from rpctl.equivalence.row import Check, Skipped
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.contact_section import contact_section
-from rpctl.view.pages.page import asset, badge, policy
+from rpctl.view.pages.page import asset, badge, escape, policy
 from rpctl.view.pages.summary_panel import residual
 
 STYLE = """
@@ -84,7 +83,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
             ]
         ),
     )
-    return write_atomically(path, page.encode())
+    return write_atomically(path, page.encode("utf-8", "backslashreplace"))
 
 
 def _estimates(links: Sequence[str]) -> str:

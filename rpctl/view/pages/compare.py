@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from html import escape
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from rpctl.view.pages.merits import (
     merits,
     outcome_badge,
 )
+from rpctl.view.pages.page import escape
 from rpctl.view.pages.summary_panel import (
     keyboard_section,
     legend_entry,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.view.pages.contact_plan_view import plan_view
-from rpctl.view.pages.page import asset, badge
+from rpctl.view.pages.page import asset, badge, escape
 
 CHART_WIDTH, CHART_HEIGHT = 360.0, 170.0
 LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN, BOTTOM_MARGIN = 44.0, 12.0, 12.0, 24.0

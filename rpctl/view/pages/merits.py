@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any, TypeGuard
 
 from rpctl.simulation.outcome import SUCCESSES
@@ -12,7 +11,7 @@ from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
 from rpctl.simulation.texts import lag, length
 from rpctl.view.charts import has_base
-from rpctl.view.pages.page import badge, definitions, section
+from rpctl.view.pages.page import badge, definitions, escape, section
 
 MERIT_LABELS = {
     "rms_base_error": "Base, rms",

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import html
 import json
+import re
 from collections.abc import Iterable
-from html import escape
 from importlib.resources import files
 from typing import Any
+
+from rpctl.errors import printable
+
+PAIR = r"\\ud[89ab][0-9a-f]{2}\\ud[c-f][0-9a-f]{2}"  # of surrogates, in JSON
+ESCAPED = re.compile(rf"\\\\|({PAIR}|\\u[0-9a-f]{{4}})")  # a backslash, or a sign beyond ASCII
 
 
 def asset(name: str) -> str:
@@ -16,12 +22,32 @@ def asset(name: str) -> str:
     return files("rpctl.view").joinpath("assets", name).read_text(encoding="utf-8")
 
 
-def embed(value: Any) -> str:
-    """Return JSON that can stand inside a ``<script>``: no ``<``, so nothing ends it early."""
+def escape(text: str) -> str:
+    """Return a text of others as HTML that shows it: no markup, and nothing that is not seen."""
+    return html.escape(printable(text, keep="\n"))
+
+
+def embed(value: Any, *, shown: bool = True) -> str:
+    """Return JSON that can stand inside a ``<script>``: no ``<``, so nothing ends it early.
+
+    Args:
+        value: What the page is given.
+        shown: Whether its texts are only shown; what would not be seen in them is escaped. Names
+            that the page sends back stay as they are.
+    """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
+    return ESCAPED.sub(_seen, text) if shown else text
+
+
+def _seen(found: re.Match[str]) -> str:
+    """Return a sign of JSON as it is if it is seen, else the text that stands for it."""
+    if found[1] is None:
+        return found[0]
+    sign = json.loads(f'"{found[1]}"')
+    text = printable(sign)
+    return found[0] if text == sign else text.replace("\\", r"\\")
 
 
 def policy(*scripts: str, served: bool = False) -> str:

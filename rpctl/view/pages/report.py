@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -21,7 +20,7 @@ from rpctl.simulation.summary import Summary, summarize
 from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
-from rpctl.view.pages.page import asset, embed, policy
+from rpctl.view.pages.page import asset, embed, escape, policy
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.scene.scene import Scene, build_scene
@@ -79,7 +78,7 @@ def write_report(
         robot = robot or runs[0].load_robot()
         scene = scene or build_scene(robot, runs[0])
         page = single(runs[0], robot, scene, summary or summarize(runs[0]))
-    return write_atomically(path, _render(page).encode())
+    return write_atomically(path, _render(page).encode("utf-8", "backslashreplace"))
 
 
 def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:

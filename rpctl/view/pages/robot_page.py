@@ -10,7 +10,6 @@ import base64
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -22,7 +21,7 @@ from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import AvoidedObstacle
 from rpctl.view.labels import shorten
-from rpctl.view.pages.page import asset, embed, policy
+from rpctl.view.pages.page import asset, embed, escape, policy
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.scene import materials, obstacle_shapes, stand_ins, threejs, trails
 from rpctl.view.scene.ground import ground_command, lights_command
@@ -122,7 +121,7 @@ def robot_page(
         notes=_notes(bodies),
         stand_ins=_stand_ins(bodies),
         named=_named(robot),
-        data=embed(data),
+        data=embed(data, shown=False),
         licences=licences_html(charts=served),
         scripts="\n".join(f"<script>{text}</script>" for text in scripts),
     )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import base64
-from html import escape
 from string import Template
 
 import numpy as np
 
-from rpctl.view.pages.page import asset, embed, policy
+from rpctl.view.pages.page import asset, embed, escape, policy
 from rpctl.view.pages.third_party import licences_html, meshcat_script
 from rpctl.view.scene.camera import FIELD_OF_VIEW, fit_camera
 from rpctl.view.scene.scene import Scene

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
-from html import escape
 from pathlib import PurePath
 from typing import Any
 
@@ -22,7 +21,7 @@ from rpctl.view.pages.merits import (
     merits_section,
     outcome_badge,
 )
-from rpctl.view.pages.page import definitions, section
+from rpctl.view.pages.page import definitions, escape, section
 from rpctl.view.scene.stand_ins import StandIn, label, note
 
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws

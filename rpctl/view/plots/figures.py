@@ -21,6 +21,7 @@ from rpctl.view.plots.style import (
     joint_legend,
     joint_names,
     legend_columns,
+    own_settings,
     style_axes,
 )
 
@@ -83,6 +84,7 @@ def save_figure(
     return write_atomically(path, to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI))
 
 
+@own_settings()
 def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
     """Return the figure of a run; panels without data are left out.
 
@@ -145,6 +147,7 @@ def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
     return [each for name in wanted for each in found if each[0].name == name]
 
 
+@own_settings()
 def to_png(figure: Figure, dpi: int) -> bytes:
     """Return a figure as the bytes of a PNG with a palette of 256 colours."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -159,6 +162,7 @@ def to_png(figure: Figure, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
+@own_settings()
 def to_pdf(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PDF, its fonts in it."""
     from matplotlib import rc_context

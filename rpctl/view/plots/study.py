@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rpctl.study.benchmark import Row
 from rpctl.study.scenarios import PAPER, LawPair
 from rpctl.study.verdicts import group_rows
+from rpctl.view.labels import literal
 from rpctl.view.plots import style
 from rpctl.view.plots.style import (
     COLUMN_GAP_IN,
@@ -34,6 +35,7 @@ Colours = dict[LawPair, str]  # of the two that matter
 BROKEN_LIMIT_STYLE: dict[str, Any] = {"marker": "^", "color": style.INK, "ms": 3.0, "ls": ""}
 
 
+@style.own_settings()
 def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
     """Return the figure: rms errors of base and end effector; one axis a reference.
 
@@ -70,14 +72,14 @@ def study_figure(rows: Sequence[Row], title: str, proposed: LawPair) -> Figure:
             shown, last = groups.get((scenario, reference), []), i == len(scenarios) - 1
             _panel(axes, shown, laws, colours, spans[reference], last)
             if i == 0:
-                axes.set_title(reference, pad=5, **TITLE_STYLE)
+                axes.set_title(literal(reference), pad=5, **TITLE_STYLE)
             if j == 0:
                 _names(axes, scenario, laws, colours, labels_width)
     middle = labels_width + 0.5 * PANEL_WIDTH_IN * len(references)
     figure.text(middle / width, (0.36 + more) / height, "rms error, mm (logarithmic)", ha="center",
                 fontsize=SMALL_PT, color=style.INK)  # fmt: skip
     heading = {**TITLE_STYLE, "fontsize": TEXT_PT + 1}
-    figure.text(0.08 / width, 1.0 - 0.16 / height, title, va="center", **heading)
+    figure.text(0.08 / width, 1.0 - 0.16 / height, literal(title), va="center", **heading)
     _legend(figure, height, looks, columns)
     return figure
 

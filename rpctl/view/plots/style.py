@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rpctl.arrays import Array
-from rpctl.view.labels import fold, shorten
+from rpctl.view.labels import fold, literal, shorten
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +38,19 @@ DESIRED_STYLE: dict[str, Any] = {"color": DESIRED, "lw": 0.8, "ls": (0, (3, 3)),
 LIMIT_STYLE: dict[str, Any] = {"lw": 0.8, "ls": (0, (6, 3))}
 MAX_POINTS = 12_000  # of one line: more cannot be told apart on paper
 DASH_STYLES = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+
+
+@contextmanager
+def own_settings() -> Iterator[None]:
+    """Draw as rpctl does, whatever the user's settings: TeX reads no name, and lacks no glyph.
+
+    A sign that the font lacks is drawn as a box; the warnings of it would name files of Matplotlib.
+    """
+    from matplotlib import rc_context
+
+    with rc_context({"text.usetex": False}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)
+        yield
 
 
 def thin(values: Array) -> Array:
@@ -101,7 +116,7 @@ def add_legend(axes: Axes, below: bool = False, title: str = "") -> None:
         handles,
         [fold(name, MAX_NAME_LENGTH) for name in names],
         **place,
-        title=_plain(title),
+        title=literal(title),
         title_fontsize=LEGEND_PT,
         fontsize=LEGEND_PT,
         labelcolor=INK,
@@ -132,7 +147,7 @@ def text_width(text: str, size: float = LEGEND_PT) -> float:
     """Return the width of the widest line of a text of a size (pt), inches."""
     from matplotlib.textpath import TextPath
 
-    lines = [TextPath((0.0, 0.0), line, size=size) for line in _plain(text).split("\n") if line]
+    lines = [TextPath((0.0, 0.0), line, size=size) for line in literal(text).split("\n") if line]
     return max((float(line.get_extents().x1) for line in lines), default=0.0) / PT_PER_IN
 
 
@@ -154,7 +169,7 @@ def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
 
     names, title = joint_names(joints)
     handles = [
-        Line2D([], [], label=_plain(name), **line_style(colour, joints=len(joints)))
+        Line2D([], [], label=literal(name), **line_style(colour, joints=len(joints)))
         for colour, name in enumerate(names)
     ]
     if handles:
@@ -162,7 +177,7 @@ def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
             handles=handles,
             loc="outside lower center",
             ncols=columns,
-            title=_plain(title),
+            title=literal(title),
             title_fontsize=LEGEND_PT,
             fontsize=LEGEND_PT,
             labelcolor=INK,
@@ -171,8 +186,3 @@ def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
             columnspacing=1.4,
             labelspacing=0.3,
         )
-
-
-def _plain(text: str) -> str:
-    """Return a text in which a dollar starts no formula."""
-    return text.replace("$", r"\$")

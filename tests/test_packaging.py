@@ -1,0 +1,219 @@
+"""What is built and handed out: the wheel's bill of materials, its licences, its description."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import re
+import sys
+import zipfile
+from collections.abc import Iterator
+from email.message import Message
+from email.parser import Parser
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import rpctl
+from rpctl.files import caps
+from rpctl.view.pages import third_party
+from rpctl.view.serve import server
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {  # what is imported under another name than it is installed by
+    "pinocchio": "pin",
+    "PIL": "pillow",
+    "umsgpack": "u-msgpack-python",
+    "yaml": "pyyaml",
+    "tomli_w": "tomli-w",
+    "fast_simplification": "fast-simplification",
+}
+NEVER_IMPORTED = {"example-robot-data", "meshcat"}  # their files are read
+BY_NAME = {"yourdfpy"}  # imported by rpctl.libraries
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[zipfile.ZipFile]:
+    builders = pytest.importorskip("hatchling.builders.wheel")
+    pytest.importorskip("cyclonedx")
+    (file,) = builders.WheelBuilder(str(ROOT)).build(
+        directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"]
+    )
+    with zipfile.ZipFile(file) as archive:
+        yield archive
+
+
+def read(wheel: zipfile.ZipFile, name: str) -> str:
+    return wheel.read(f"rpctl-{rpctl.__version__}.dist-info/{name}").decode()
+
+
+@pytest.fixture(scope="module")
+def metadata(wheel: zipfile.ZipFile) -> Message:
+    return Parser().parsestr(read(wheel, "METADATA"))
+
+
+@pytest.fixture(scope="module")
+def bill(wheel: zipfile.ZipFile) -> dict[str, Any]:
+    return dict(json.loads(read(wheel, "sboms/rpctl.cdx.json")))
+
+
+def requirements(metadata: Message) -> dict[str, str]:
+    """Return the ranges of what the wheel asks for always, by package."""
+    lines = [line for line in metadata.get_all("Requires-Dist", []) if "extra ==" not in line]
+    parts = (re.match(r"([\w.-]+)([^;]*)", line) for line in lines)
+    return {part[1]: part[2] for part in parts if part is not None}
+
+
+@pytest.mark.slow
+def test_the_bill_of_materials_is_valid(wheel: zipfile.ZipFile) -> None:
+    validators = pytest.importorskip("cyclonedx.validation.json")
+    schema = pytest.importorskip("cyclonedx.schema").SchemaVersion.V1_6
+    text = read(wheel, "sboms/rpctl.cdx.json")
+    assert validators.JsonStrictValidator(schema).validate_str(text) is None
+    assert validators.JsonStrictValidator(schema).validate_str(text.replace('"library"', '"x"'))
+
+
+def test_the_bill_names_every_dependency_with_its_range(
+    bill: dict[str, Any], metadata: Message
+) -> None:
+    parts = {part["name"]: part for part in bill["components"]}
+    for name, versions in requirements(metadata).items():
+        part = parts.pop(name)
+        said = {each["value"] for each in part["properties"] if each["name"] == "rpctl:range"}
+        assert said == {versions}, name
+        assert part["scope"] == "required"
+        assert part["purl"] == f"pkg:pypi/{name}"
+    optional = {"av", "mujoco", "playwright", "robot-descriptions", "xacro"}
+    assert set(parts) == {"uPlot"} | optional
+    assert {parts[name]["scope"] for name in optional} == {"optional"}
+    own = bill["metadata"]["component"]
+    assert (own["name"], own["version"]) == ("rpctl", rpctl.__version__)
+    (links,) = (each for each in bill["dependencies"] if each["ref"] == own["bom-ref"])
+    assert set(links["dependsOn"]) == {part["bom-ref"] for part in bill["components"]}
+
+
+def test_the_bill_names_every_bundled_file_as_the_wheel_has_it(
+    bill: dict[str, Any], wheel: zipfile.ZipFile
+) -> None:
+    (uplot,) = (part for part in bill["components"] if part["name"] == "uPlot")
+    assert f"uPlot {uplot['version']}" == third_party.UPLOT
+    assert uplot["licenses"] == [{"license": {"id": "MIT"}}]
+    hashes = {each["name"]: each["hashes"][0]["content"] for each in uplot["components"]}
+    bundled = {name for name in wheel.namelist() if re.match("rpctl/.*/assets/[^/]+/", name)}
+    assert set(hashes) == bundled
+    for name, digest in hashes.items():
+        assert digest == hashlib.sha256(wheel.read(name)).hexdigest()
+    script = f"rpctl/view/assets/uplot/{third_party.UPLOT_SCRIPT}"
+    assert hashes[script] == third_party.SHA256[third_party.UPLOT_SCRIPT]
+
+
+def test_the_wheel_is_the_same_whenever_it_is_built(bill: dict[str, Any]) -> None:
+    hook = load_hook("sbom")
+    again = hook.build_bill(("rpctl", rpctl.__version__, "MIT"), {}, [], ROOT)
+    assert bill["serialNumber"] == f"urn:uuid:{again.serial_number}"
+    assert bill["metadata"]["timestamp"] == again.metadata.timestamp.isoformat()
+
+
+def test_the_wheel_carries_the_licences_of_what_is_in_it(
+    wheel: zipfile.ZipFile, metadata: Message
+) -> None:
+    files = metadata.get_all("License-File", [])
+    texts = [read(wheel, f"licenses/{name}") for name in files]
+    assert metadata["License-Expression"] == "BSD-2-Clause AND MIT"
+    assert any(text.startswith("BSD 2-Clause License") for text in texts)
+    assert any("Leon Sorokin" in text for text in texts)
+
+
+def test_every_dependency_has_a_lower_and_an_upper_bound(metadata: Message) -> None:
+    lines = metadata.get_all("Requires-Dist", [])
+    assert len(lines) > 20
+    for line in lines:
+        assert ">=" in line.partition(";")[0], line
+        assert "<" in line.partition(";")[0], line
+
+
+def test_what_is_imported_is_asked_for(metadata: Message) -> None:
+    """A package that only comes along with another one leaves when that one drops it."""
+    lines = [str(line) for line in metadata.get_all("Requires-Dist", [])]
+    asked = {re.split(r"[\[<>=; ]", line)[0].replace("-", "_").lower() for line in lines}
+    found = set()
+    for file in Path(rpctl.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+    foreign = found - sys.stdlib_module_names - {"rpctl", "tomllib", "IPython", "pandas"}
+    packages = {PACKAGES.get(name, name).replace("-", "_").lower() for name in foreign}
+    assert packages <= asked, packages - asked
+    always = {name.replace("-", "_") for name in set(requirements(metadata)) - NEVER_IMPORTED}
+    assert always <= packages | BY_NAME
+
+
+def load_hook(name: str) -> ModuleType:
+    pytest.importorskip("hatchling")
+    pytest.importorskip("cyclonedx")
+    spec = spec_from_file_location(f"build_hooks_{name}", ROOT / "build_hooks" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+README = "![A robot](demos/a.png) [words](CONTRIBUTING.md) [site](https://x.example/y) [up](#top)"
+
+
+@pytest.mark.parametrize(
+    "repository", ["https://code.example/rpctl", "https://code.example/rpctl/"]
+)
+def test_with_a_repository_pictures_and_links_lead_there(repository: str) -> None:
+    text = load_hook("readme").readme(README, repository, "v1.2")
+    assert text == (
+        "![A robot](https://code.example/rpctl/raw/v1.2/demos/a.png) "
+        "[words](https://code.example/rpctl/blob/v1.2/CONTRIBUTING.md) "
+        "[site](https://x.example/y) [up](#top)"
+    )
+
+
+def test_without_a_repository_no_picture_is_broken() -> None:
+    text = load_hook("readme").readme(README, None, "v1.2")
+    assert text == "*A robot* words [site](https://x.example/y) [up](#top)"
+
+
+def test_the_description_has_no_link_that_an_index_cannot_follow(metadata: Message) -> None:
+    """Every picture of the README is in the description: as itself, or as its words."""
+    text = str(metadata.get_payload())
+    assert metadata["Description-Content-Type"].startswith("text/markdown")
+    assert not re.findall(r"\]\((?!https://|#)[^)]*\)", text)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    pictures = re.findall(r"!\[([^\]]+)\]\(([^)]+)\)", readme)
+    assert len(pictures) >= 4
+    for words, path in pictures:
+        assert (ROOT / path).is_file()
+        assert f"*{words}*" in text or f"![{words}](https://" in text
+
+
+def test_one_setting_brings_the_pictures_to_an_index() -> None:
+    hook = load_hook("readme").ReadmeHook(str(ROOT), {})
+    urls = {"Repository": "https://code.example/rpctl"}
+    project = {"name": "rpctl", "version": "9.8", "urls": urls}
+    hook.update(project)
+    text = project["readme"]["text"]  # type: ignore[index]
+    assert "](https://code.example/rpctl/raw/v9.8/demos/tiago.png)" in text
+    assert not re.findall(r"\]\((?!https://|#)[^)]*\)", text)
+
+
+def test_what_the_threat_model_names_is_there() -> None:
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"\bMAX_\w+", text))
+    assert len(named) > 10
+    assert not [name for name in named if not isinstance(getattr(caps, name, None), int)]
+    files = re.findall(r"`(rpctl/[\w/]+\.py)`", text)
+    assert files
+    assert all((ROOT / file).is_file() for file in files)
+    assert f"{8 * server.TOKEN_BYTES}\nbits" in text
