@@ -203,7 +203,7 @@ class ResultOptions:
             if self.png:
                 from rpctl.view.film.film import SCENE_FILE, write_still
 
-                write_still(run, folder / SCENE_FILE)
+                write_still(replace(run, digest=written.digest), folder / SCENE_FILE)
         return written
 
 

@@ -42,6 +42,8 @@ class Run:
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
         simulated: The robot itself, of a run that was simulated by this process; None of one that
             was read. No file has it.
+        digest: SHA-256 digest of its file, which files made from it carry; None where none is
+            known.
     """
 
     log: Log
@@ -56,6 +58,7 @@ class Run:
     sizing: Sizing | None = None
     perturbed: Mapping[str, Any] | None = None
     simulated: Robot | None = None
+    digest: str | None = None
 
     def __repr__(self) -> str:
         return (
@@ -182,6 +185,7 @@ RECORDS: dict[str, type[Log | RobotFacts | GroundFacts]] = {
     "robot": RobotFacts,
     "ground": GroundFacts,
 }
+UNSAVED = ("simulated", "digest")  # what a run knows of itself and no file of it can say
 
 
 def _entry_places() -> dict[str, tuple[str | None, str]]:
@@ -195,7 +199,7 @@ def _entry_places() -> dict[str, tuple[str | None, str]]:
     for record, kind in RECORDS.items():
         for item in fields(kind):
             places[renamed.get((record, item.name), item.name)] = record, item.name
-    rest = (item.name for item in fields(Run) if item.name not in (*RECORDS, "simulated"))
+    rest = (item.name for item in fields(Run) if item.name not in (*RECORDS, *UNSAVED))
     return {**places, **{name: (None, name) for name in rest}}
 
 
