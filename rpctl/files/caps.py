@@ -23,6 +23,7 @@ MAX_XACRO_SECONDS = 30  # that a .xacro may take to expand; the largest public o
 MAX_XACRO_MEMORY = 2**30  # bytes that its expansion may take
 MAX_FOLDERS = 20_000  # that one search for packages looks into; 80 public repositories have 4300
 MAX_ROWS = 100_000  # of a table of poses; 1 kHz for 100 s
+MAX_SHOWN_BYTES = 2**31  # of a file in a run's folder whose mark is looked for, or digest taken
 MAX_COLUMNS = 200  # of a table of poses; more than a robot has moving joints
 MAX_REFERENCE_SECONDS = 86_400  # that a file's reference takes; a day
 MAX_WAYPOINTS = 1000  # of a path: at half a metre a second it takes half an hour and more
