@@ -19,7 +19,9 @@ from typing import Any
 import pytest
 
 import rpctl
+from rpctl.files import caps
 from rpctl.view.pages import third_party
+from rpctl.view.serve import server
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {  # what is imported under another name than it is installed by
@@ -204,3 +206,14 @@ def test_one_setting_brings_the_pictures_to_an_index() -> None:
     text = project["readme"]["text"]  # type: ignore[index]
     assert "](https://code.example/rpctl/raw/v9.8/demos/tiago.png)" in text
     assert not re.findall(r"\]\((?!https://|#)[^)]*\)", text)
+
+
+def test_what_the_threat_model_names_is_there() -> None:
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"\bMAX_\w+", text))
+    assert len(named) > 10
+    assert not [name for name in named if not isinstance(getattr(caps, name, None), int)]
+    files = re.findall(r"`(rpctl/[\w/]+\.py)`", text)
+    assert files
+    assert all((ROOT / file).is_file() for file in files)
+    assert f"{8 * server.TOKEN_BYTES}\nbits" in text

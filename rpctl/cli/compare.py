@@ -162,13 +162,15 @@ def _write(folder: Path, summary: Mapping[str, Any], rows: Sequence[Row], ours: 
     from rpctl.view.plots.study import study_figure
 
     make_folder(folder)
-    write_atomically(folder / "compare.json", (to_json(summary) + "\n").encode())
-    write_atomically(
-        folder / "compare.csv", _csv(summary["rows"]).encode("utf-8", "backslashreplace")
-    )
+
+    def write(suffix: str, content: bytes) -> None:
+        write_atomically(folder / f"compare{suffix}", content, follow_links=False)
+
+    write(".json", (to_json(summary) + "\n").encode())
+    write(".csv", _csv(summary["rows"]).encode("utf-8", "backslashreplace"))
     figure = study_figure(rows, summary["robot"], ours)
-    write_atomically(folder / "compare.pdf", to_pdf(figure))
-    write_atomically(folder / "compare.png", to_png(figure, DPI))
+    write(".pdf", to_pdf(figure))
+    write(".png", to_png(figure, DPI))
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -8,16 +8,17 @@ import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
 from rpctl.derive.subexpressions import readable
+from rpctl.errors import printable
 
 
 def to_text(form: ClosedForm) -> str:
     """Return a closed form as plain text; expressions are valid SymPy and Python."""
     rates = ", ".join(map(str, form.rates))
-    lines = [f"{_shown(form.robot)}: M nu_dot + h = B tau", ""]
-    lines += [f"nu  = ({rates})", f"tau = ({', '.join(map(_shown, form.actuators))})"]
+    lines = [f"{printable(form.robot)}: M nu_dot + h = B tau", ""]
+    lines += [f"nu  = ({rates})", f"tau = ({', '.join(map(printable, form.actuators))})"]
     rows = [(str(symbol), what) for symbol, what in legend(form)]
     lines += ["", *_columns(rows)]
-    numbers = [(f"{p.symbol} = {p.value:g} {p.unit}", _shown(p.of)) for p in form.parameters]
+    numbers = [(f"{p.symbol} = {p.value:g} {p.unit}", printable(p.of)) for p in form.parameters]
     lines += ["", *_columns(numbers)] if numbers else []
     named = [f"  {symbol} = {_text(value)}" for symbol, value in form.definitions]
     lines += ["", *named] if named else []
@@ -44,7 +45,7 @@ def legend(form: ClosedForm) -> Iterator[tuple[sp.Symbol, str]]:
         if str(rate) in base:
             yield rate, base[str(rate)]
     for coordinate in form.coordinates:
-        yield coordinate.symbol, f"position of {_shown(coordinate.joint)} [{coordinate.unit}]"
+        yield coordinate.symbol, f"position of {printable(coordinate.joint)} [{coordinate.unit}]"
 
 
 def inertia(form: ClosedForm) -> Iterator[tuple[list[str], sp.Expr]]:
@@ -64,8 +65,3 @@ def _text(expression: sp.Expr) -> str:
 def _columns(rows: list[tuple[str, str]]) -> list[str]:
     width = max((len(left) for left, _ in rows), default=0)
     return [f"  {left.ljust(width)}  {right}" for left, right in rows]
-
-
-def _shown(name: str) -> str:
-    """Return a name with nothing in it that a terminal would obey."""
-    return "".join(c if c.isprintable() else "?" for c in name)

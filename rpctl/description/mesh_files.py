@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.description.mesh_jobs import MAX_COORDINATE, make_primitive
 from rpctl.description.mesh_paths import MeshError, MeshPaths
 from rpctl.description.mesh_service import StalledMeshError, ask
 from rpctl.errors import InputError
@@ -28,8 +29,7 @@ LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet 
 CAPS = ("MAX_MESH_TRIANGLES", "MAX_MESH_PARTS", "MAX_MESH_SECONDS", "MAX_MESH_MEMORY")
 KEPT_BYTES = 2**25  # of meshes that are not read again; a wheel's is asked for four times
 KEPT_FAULTS = 1000  # meshes that are not tried again
-MAX_STALLED = 3  # meshes of a robot that may take too long; the rest is not tried
-MAX_COORDINATE = 1e9  # of a vertex in its file's unit, a DAE's in m
+MAX_STALLED = 2  # meshes of a robot that may take too long; the rest is not tried
 EXTENT_RANGE_M = (1e-6, 1e4)  # m: of a mesh at its scale, and how far it reaches from its origin
 IN_METRES = "is it in another unit? give m"
 
@@ -156,6 +156,27 @@ def read_shape(name: str, scale: Sequence[float], paths: MeshPaths) -> Mesh:
     return mesh
 
 
+def primitive(kind: str, size: Sequence[float]) -> Surface:
+    """Return a shape of the URDF that is no mesh as triangles.
+
+    The process that reads meshes makes it, for its library takes long to import; should there be
+    none, it is imported here.
+
+    Args:
+        kind: Of the shape.
+        size: As :class:`rpctl.description.records.Shape` has it, m.
+
+    Raises:
+        MeshError: It is too large for numbers.
+    """
+    head = {"kind": kind, "size": list(size)}
+    try:
+        answer = ask("primitive", head, [])
+    except MeshError:
+        answer = make_primitive(head)
+    return _mesh_of(answer).surfaces[0]
+
+
 def require_extent(surfaces: Sequence[Surface], pose: Array, where: str) -> None:
     """Refuse triangles that are no part of a robot: too large, too far away, or too small to see.
 
@@ -220,9 +241,17 @@ def _ask(kind: str, content: bytes, material: tuple[str, bytes] | None) -> Mesh:
         "material": material and material[0],
     }
     files = [content] if material is None else [content, material[1]]
-    answer, arrays = ask("read", head, [np.frombuffer(each, np.uint8) for each in files])
+    return _mesh_of(ask("read", head, [np.frombuffer(each, np.uint8) for each in files]))
+
+
+def _mesh_of(answer: tuple[dict[str, Any], Sequence[Any]]) -> Mesh:
+    """Return the mesh that an answer is.
+
+    Raises:
+        MeshError: It is none.
+    """
     try:
-        return _checked(answer, arrays)
+        return _checked(*answer)
     except (TypeError, ValueError, KeyError, AttributeError):
         raise MeshError("not readable: its reader answered with no mesh") from None
 

@@ -14,6 +14,7 @@ from rpctl.description.mesh_shading import shade, simplify
 from rpctl.libraries import library
 
 MAX_COORDINATE = 1e9  # in units of the file, DAE's in m; of what is 10 m large, that is 10 nm
+SIDES = 40  # of a cylinder
 FLAT = 1e-12  # of its extents' square: an area below it is rounding
 
 Head = dict[str, Any]
@@ -44,7 +45,7 @@ def read_mesh(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     scene = _load(content, kind, head.get("material"), material)
     pieces, remarks = _pieces(scene, kind, most)
     if not pieces:
-        raise MeshFaultError(_nothing(scene, promised))
+        raise MeshFaultError(_nothing(scene, promised if kind == "dae" else None))
     surfaces = _by_colour(pieces)
     _require_areas(list(surfaces.values()))
     answer = {"colours": list(surfaces), "remarks": remarks}
@@ -111,9 +112,9 @@ def _pieces(scene: Any, kind: str, most: Size) -> tuple[list[tuple[Any, Any, Any
 
 def _nothing(scene: Any, promised: Size | None) -> str:
     """Return what is wrong with a file of which no triangle was read."""
+    if promised is not None and promised.triangles:
+        return "holds no triangles whose vertices are there and are numbers; export it again"
     points = sum(len(getattr(mesh, "vertices", ())) for mesh in scene.geometry.values())
-    if promised is not None and promised.triangles and not points:
-        return "holds no triangles of vertices that are there; export it again"
     return f"holds no triangles{f', only {points} points' if points else ''}"
 
 
@@ -197,6 +198,29 @@ def _colour(mesh: Any) -> tuple[float, ...] | None:
     raw = visual.main_color if material is None else material.main_color
     red, green, blue = (round(float(value) / 255.0, 3) for value in raw[:3])
     return red, green, blue, 1.0
+
+
+def make_primitive(head: Mapping[str, Any], arrays: Sequence[Any] = ()) -> Answer:
+    """Return a shape of the URDF as a mesh, as :func:`read_mesh` does.
+
+    Args:
+        head: ``kind``, and ``size``, m, as :class:`rpctl.description.records.Shape` has them.
+        arrays: None.
+    """
+    creation = library("trimesh.creation")
+    unit = max(head["size"])  # trimesh drops triangles that are tiny in its own unit
+    size = [edge / unit for edge in head["size"]]
+    if head["kind"] == "box":
+        mesh = creation.box(size)
+    elif head["kind"] == "cylinder":
+        mesh = creation.cylinder(*size, sections=SIDES)
+    elif head["kind"] == "capsule":
+        radius, length = size
+        mesh = creation.capsule(length, radius, count=[SIDES, SIDES])
+    else:
+        mesh = creation.uv_sphere(*size, count=[SIDES // 2, SIDES])
+    vertices = unit * np.asarray(mesh.vertices, "<f8")
+    return {"colours": [None], "remarks": []}, [vertices, np.asarray(mesh.faces, "<u4")]
 
 
 def shade_mesh(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:

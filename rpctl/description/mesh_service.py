@@ -1,4 +1,4 @@
-"""One confined process for all meshes: started when a mesh is read, ended when none is any more."""
+"""Confined processes for all meshes: started when one is read, ended when none is any more."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from rpctl.description.findings import excerpt
@@ -15,7 +16,12 @@ from rpctl.files.array_messages import pack, unpack
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.worker import Worker, WorkerError
 
-MODULE = "rpctl.description.mesh_worker"
+MODULES = {  # which process does a job
+    "read": "rpctl.description.mesh_worker",
+    "shade": "rpctl.description.mesh_worker",
+    "primitive": "rpctl.description.mesh_worker",
+    "solid": "rpctl.description.solid_worker",
+}
 LIFE_S = 3600.0  # s of processor time of one process, however many meshes it reads
 IDLE_S = 10.0  # s after which a process that nobody asks ends: it holds .1 GB
 TRIANGLE_BYTES = 3 * 24 + 12  # of an answer: three vertices and their numbers
@@ -30,15 +36,20 @@ class StalledMeshError(MeshError):
 
 
 class MeshService:
-    """Asks the process, and starts another one when a mesh has ended it."""
+    """Asks a process, and starts another one when a mesh has ended it.
 
-    def __init__(self) -> None:
+    Args:
+        module: What the process runs.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._module = module
         self._lock = threading.Lock()
         self._worker: Worker | None = None
         self._asked = 0.0  # when it was last asked, s
 
     def ask(self, job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
-        """Return the answer to a job of :mod:`rpctl.description.mesh_worker`.
+        """Return the answer to a job.
 
         Args:
             job: Its name.
@@ -102,10 +113,17 @@ class MeshService:
 
     def _start(self) -> Worker:
         try:
-            worker = Worker(MODULE, cap("MAX_MESH_MEMORY"), LIFE_S)
+            return Worker(self._module, cap("MAX_MESH_MEMORY"), LIFE_S)
         except WorkerError as error:
             raise MeshError(f"not read: {excerpt(str(error))}; meshes need a process") from None
-        return worker
+
+    def start(self) -> None:
+        """Start the process if there is none, for it is soon asked; do not wait for it."""
+        with self._lock:
+            if self._worker is None:
+                with suppress(MeshError):  # who asks it will be told
+                    self._worker = self._start()
+                    self._worker.grant(IDLE_S)
 
     def close(self) -> None:
         """End the process, if there is one."""
@@ -119,30 +137,45 @@ def _one_line(text: object) -> str:
     return "".join(filter(str.isprintable, str(text)))[:MAX_FAULT]
 
 
-SERVICE = MeshService()
-INHERITED: list[MeshService] = []  # of a parent process: its process is not ours to ask or end
+def _services() -> dict[str, MeshService]:
+    return {module: MeshService(module) for module in set(MODULES.values())}
 
 
-def _forget() -> None:
-    global SERVICE
-    INHERITED.append(SERVICE)
-    SERVICE = MeshService()
+SERVICES = _services()
+INHERITED: list[dict[str, MeshService]] = []  # of a parent process: not ours to ask or to end
 
 
 def ask(job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
-    """Return the answer of the one process that reads meshes (:meth:`MeshService.ask`).
+    """Return the answer to a job of the process that does it (:meth:`MeshService.ask`).
 
     Args:
-        job: Its name.
+        job: One of ``MODULES``.
         head: Its parameters.
         arrays: What it works on.
 
     Raises:
         MeshError: There is none.
     """
-    return SERVICE.ask(job, head, arrays)
+    return SERVICES[MODULES[job]].ask(job, head, arrays)
+
+
+def start_reader() -> None:
+    """Start the process that reads meshes, while there is something else to do."""
+    SERVICES[MODULES["read"]].start()
+
+
+def close_all() -> None:
+    """End all processes."""
+    for service in SERVICES.values():
+        service.close()
+
+
+def _forget() -> None:
+    global SERVICES
+    INHERITED.append(SERVICES)
+    SERVICES = _services()
 
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
-atexit.register(lambda: SERVICE.close())
+atexit.register(close_all)

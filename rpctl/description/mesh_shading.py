@@ -50,6 +50,18 @@ def simplify(vertices: Floats, faces: Faces, count: int) -> tuple[Floats, Faces]
     return weld(points.astype(float), triangles.astype(np.int64))
 
 
+def _pairs(corners: Faces) -> tuple[Faces, Faces]:
+    """Return the pairs of corners (n,) at one vertex; a corner of a large fan is its own only."""
+    order = np.argsort(corners, kind="stable")
+    _, first, counts = np.unique(corners[order], return_index=True, return_counts=True)
+    large = np.repeat(counts > MAX_FAN, counts)
+    begin = np.where(large, np.arange(len(corners)), np.repeat(first, counts))
+    length = np.where(large, 1, np.repeat(counts, counts))
+    row = np.repeat(np.arange(len(corners)), length)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(length) - length, length)
+    return order[row], order[begin[row] + within]
+
+
 def weld(vertices: Floats, faces: Faces) -> tuple[Floats, Faces]:
     """Return the mesh with equal vertices merged and triangles without an area left out."""
     points, index = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
@@ -70,22 +82,17 @@ def shade(vertices: Floats, faces: Faces, crease: float = CREASE_RAD) -> ShadedM
         faces: (k, 3).
         crease: rad.
     """
-    from scipy import sparse
-
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     areas = np.cross(b - a, c - a)
     units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
     corners, owner = faces.reshape(-1), np.repeat(np.arange(len(faces)), 3)
-    shape = (len(corners), len(vertices))
-    at = sparse.csr_matrix((np.ones(len(corners)), (np.arange(len(corners)), corners)), shape)
-    few = np.flatnonzero(np.bincount(corners, minlength=len(vertices))[corners] <= MAX_FAN)
-    pairs = (at[few] @ at[few].T).tocoo()
-    own, other = owner[few][pairs.row], owner[few][pairs.col]
+    row, column = _pairs(corners)
+    own, other = owner[row], owner[column]
     near = np.einsum("ij,ij->i", units[own], units[other]) >= math.cos(crease)
-    sums = units[owner]
-    sums[few] = np.stack(
-        [np.bincount(pairs.row[near], areas[other[near], i], len(few)) for i in range(3)], 1
-    )
+    row, other = row[near], other[near]
+    sums: Floats = np.stack(
+        [np.bincount(row, areas[other, i], len(corners)) for i in range(3)], 1
+    ).astype(float)  # an empty mesh would count in integers
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
     normals = np.rint(sums * NORMAL_STEPS).astype(np.int64)
     keys, index = np.unique(np.column_stack([corners, normals]), axis=0, return_inverse=True)

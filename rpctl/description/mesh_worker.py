@@ -1,7 +1,7 @@
-"""The process that reads meshes: confined, with neither files nor an environment.
+"""The process that reads and draws meshes: confined, with neither files nor an environment.
 
 Readers of meshes are large, and their input is other people's. What this process answers is
-checked again by who asked.
+checked again by who asked. :mod:`rpctl.description.solid_worker` is a second one, which measures.
 """
 
 from __future__ import annotations
@@ -15,20 +15,18 @@ from importlib import import_module
 from typing import Any
 
 from rpctl.description.mesh_headers import MeshFaultError
-from rpctl.description.mesh_jobs import Answer, measure_solid, read_mesh, shade_mesh
+from rpctl.description.mesh_jobs import Answer, make_primitive, read_mesh, shade_mesh
 from rpctl.files.array_messages import pack, unpack
 from rpctl.files.caps import how_to_raise
 from rpctl.files.worker import Channel
 
-JOBS: dict[str, Callable[[Mapping[str, Any], Sequence[Any]], Answer]] = {
-    "read": read_mesh,
-    "shade": shade_mesh,
-    "solid": measure_solid,
-}
+Job = Callable[[Mapping[str, Any], Sequence[Any]], Answer]
+
+JOBS: dict[str, Job] = {"read": read_mesh, "shade": shade_mesh, "primitive": make_primitive}
 # Trimesh imports them if they are there. No job needs them, and pictures are not to be decoded.
 UNUSED = ("PIL", "networkx", "shapely", "rtree", "jsonschema", "manifold3d", "mapbox_earcut")
-LIBRARIES = ("trimesh", "collada", "lxml.etree", "scipy.sparse", "scipy.spatial",
-             "fast_simplification")  # fmt: skip
+LIBRARIES = ("trimesh.creation", "collada", "lxml.etree", "fast_simplification")
+SLOW = ("scipy",)  # to import, and not needed to read triangles
 MAX_REQUEST = 2**40  # bytes; who asks is trusted
 WORDS = {  # for what the readers' errors mean
     IndexError: "a triangle names a vertex that is not there",
@@ -37,31 +35,38 @@ WORDS = {  # for what the readers' errors mean
 }
 
 
-def prepare() -> None:
-    """Import what the jobs need; nothing is found once the process is confined."""
-    sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
+def prepare(
+    without: Sequence[str] = (*UNUSED, *SLOW), libraries: Sequence[str] = LIBRARIES
+) -> None:
+    """Import what the jobs need; nothing is found once the process is confined.
+
+    Args:
+        without: Modules that are not imported, by whomever.
+        libraries: Modules that are.
+    """
+    sys.modules.update(dict.fromkeys(without))  # type: ignore[arg-type]
     logging.disable()
     warnings.simplefilter("ignore")
-    for name in LIBRARIES:
+    for name in libraries:
         with suppress(ImportError):  # a format that lacks its reader is refused when it comes
             import_module(name)
 
 
-def main(channel: Channel) -> None:
-    """Answer jobs until nobody asks any more."""
+def main(channel: Channel, jobs: Mapping[str, Job] = JOBS) -> None:
+    """Answer jobs, by name, until nobody asks any more."""
     while True:
         try:
             request = channel.receive(MAX_REQUEST)
         except EOFError:
             return
-        channel.send(_answer(request))
+        channel.send(_answer(request, jobs))
 
 
-def _answer(request: bytes) -> bytes:
+def _answer(request: bytes, jobs: Mapping[str, Job]) -> bytes:
     """Return the message that answers one request: what was asked for, or its ``fault``."""
     try:
         head, arrays = unpack(request)
-        return pack(*JOBS[head["job"]](head, arrays))
+        return pack(*jobs[head["job"]](head, arrays))
     except MeshFaultError as error:
         return pack({"fault": str(error)})
     except MemoryError:

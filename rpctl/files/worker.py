@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from threading import Timer
 from types import TracebackType
@@ -83,9 +84,7 @@ class Channel:
 class Worker:
     """A confined process that runs ``main(channel)`` of a module; a context that ends it for sure.
 
-    Attributes:
-        measures: What confines it (:data:`rpctl.files.confinement.MEASURES`), known before it is
-            sent anything of a file.
+    It starts while its owner goes on; whoever asks it first waits.
     """
 
     def __init__(self, module: str, memory: int, seconds: float) -> None:
@@ -117,17 +116,22 @@ class Worker:
         assert self._process.stdout is not None
         self._channel = Channel(self._process.stdout, self._process.stdin)
         self._timer = self._started_timer(seconds)
+        path = [entry for entry in sys.path if entry]
+        settings = path, memory, int(seconds) + GRACE_S
         try:
-            self.measures = self._confine(memory, seconds)
+            self.send(json.dumps(settings).encode())
         except BaseException:
             self.close()
             raise
 
-    def _confine(self, memory: int, seconds: float) -> tuple[str, ...]:
-        path = [entry for entry in sys.path if entry]
-        settings = path, memory, int(seconds) + GRACE_S
-        self.send(json.dumps(settings).encode())
-        return tuple(json.loads(self.receive(SHORT)))
+    @cached_property
+    def measures(self) -> tuple[str, ...]:
+        """What confines it (:data:`rpctl.files.confinement.MEASURES`), before it does anything.
+
+        Raises:
+            WorkerError: It could not be started.
+        """
+        return tuple(json.loads(self._receive(SHORT)))
 
     def send(self, message: bytes) -> None:
         """Send it a message.
@@ -146,6 +150,10 @@ class Worker:
         Raises:
             WorkerError: It has ended, or says more.
         """
+        _ = self.measures  # its first message
+        return self._receive(most)
+
+    def _receive(self, most: int) -> bytes:
         try:
             return self._channel.receive(most)
         except (EOFError, OSError):

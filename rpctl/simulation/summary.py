@@ -124,6 +124,7 @@ class Summary:
         wall_time: What the simulation took, s.
         realtime_factor: Time simulated per time taken.
         sizing: How large and fast the named reference is, and why; None of others.
+        log_every: One sample of so many was logged, and so seen by these figures.
     """
 
     outcome: str
@@ -152,6 +153,7 @@ class Summary:
     wall_time: float
     realtime_factor: float
     sizing: Sizing | None = None
+    log_every: int = 1
 
     @property
     def succeeded(self) -> bool:
@@ -217,6 +219,7 @@ def summarize(run: Run) -> Summary:
         wall_time=run.wall_time,
         realtime_factor=duration / run.wall_time,
         sizing=run.sizing,
+        log_every=run.config.run.log_every,
     )
 
 

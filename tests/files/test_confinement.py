@@ -414,5 +414,8 @@ def test_what_it_prints_is_no_message(blind: Worker) -> None:
 
 
 def test_a_module_that_is_not_there_is_told() -> None:
-    with pytest.raises(WorkerError, match="No module named"):
-        Worker("tests.files.nowhere", MEMORY, PATIENCE)
+    with (
+        Worker("tests.files.nowhere", MEMORY, PATIENCE) as worker,
+        pytest.raises(WorkerError, match="No module named"),
+    ):
+        worker.receive(SHORT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +10,12 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_files import Mesh, Surface, read_shape, require_extent
+from rpctl.description.mesh_files import Mesh, Surface, primitive, read_shape, require_extent
 from rpctl.description.records import Link, Shape
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
 
 STICK_RGBA = (0.45, 0.52, 0.62, 1.0)
-CYLINDER_SIDES = 40  # sides of a cylinder
 
 Key = tuple[object, ...]
 MeshCache = dict[tuple[str, tuple[float, ...]], Mesh]  # by name and scale
@@ -64,7 +63,7 @@ def place_shape(
     joint, frame = link_frame(robot, link)
     pose = frame @ shape.origin
     if shape.mesh is None:
-        surface = _primitive(shape)
+        surface = primitive(shape.kind, shape.size)
         require_extent([surface], pose, "")
         yield PlacedSurface(joint, pose, (shape.kind, shape.size), surface, shape.rgba)
         return
@@ -82,25 +81,6 @@ def link_frame(robot: Robot, link: Link) -> tuple[int, Array]:
     """Return the joint that moves a link, and the link's pose (4, 4) in that joint's frame."""
     frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
     return frame.parentJoint, frame.placement.homogeneous
-
-
-def _primitive(shape: Shape) -> Surface:
-    creation = library("trimesh.creation")
-
-    makers: dict[str, Callable[..., Any]] = {
-        "box": lambda *edges: creation.box(edges),
-        "cylinder": lambda radius, length: creation.cylinder(
-            radius, length, sections=CYLINDER_SIDES
-        ),
-        "capsule": lambda radius, length: creation.capsule(
-            length, radius, count=[CYLINDER_SIDES, CYLINDER_SIDES]
-        ),
-        "sphere": lambda radius: creation.uv_sphere(
-            radius, count=[CYLINDER_SIDES // 2, CYLINDER_SIDES]
-        ),
-    }
-    unit = max(shape.size)  # trimesh drops triangles that are tiny in its own unit
-    return surface_of(makers[shape.kind](*(edge / unit for edge in shape.size)), unit)
 
 
 def surface_of(mesh: Any, unit: float = 1.0) -> Surface:

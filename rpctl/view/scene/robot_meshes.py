@@ -11,6 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.mesh_files import Surface
 from rpctl.description.mesh_paths import MeshError
+from rpctl.description.mesh_service import start_reader
 from rpctl.description.mesh_shading import ShadedMesh
 from rpctl.description.records import Shape
 from rpctl.robot.model import Robot
@@ -79,6 +80,7 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
     skipped: dict[str, list[tuple[str, str]]] = {}
     placed_surfaces: list[PlacedSurface] = []
     found: list[StandIn] = []
+    start_reader()
     size = stand_ins.robot_size(robot)
     for link in links:
         whole = True

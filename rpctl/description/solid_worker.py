@@ -1,0 +1,17 @@
+"""The process that measures the bodies that meshes enclose; it takes long to start, for hulls."""
+
+from __future__ import annotations
+
+from rpctl.description import mesh_worker
+from rpctl.description.mesh_jobs import measure_solid
+from rpctl.files.worker import Channel
+
+
+def prepare() -> None:
+    """Import what hulls need; nothing is found once the process is confined."""
+    mesh_worker.prepare(mesh_worker.UNUSED, ("scipy.spatial", "trimesh"))
+
+
+def main(channel: Channel) -> None:
+    """Answer jobs until nobody asks any more."""
+    mesh_worker.main(channel, {"solid": measure_solid})
