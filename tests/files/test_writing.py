@@ -292,6 +292,7 @@ WRITES = {"savefig", "write_text", "write_bytes", "savez", "savez_compressed", "
 OPENED = {"buffer", "file"}  # what is written to memory, or to a file that the one writer opened
 ELSEWHERE = {
     "files/writing.py": "it is the one writer",
+    "simulation/spool.py": "it sets an older folder aside, under another name",
     "simulation/packed.py": "an entry of an archive that is open for writing",
     "files/worker.py": "it writes to the pipes of a process",
     "view/film/video.py": "encoders want a name: it lies in a folder of this process alone",
