@@ -16,8 +16,19 @@ import rpctl
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
 ROOMS += ["equivalence", "derive", "reference", "control", "simulation", "study", "view", "cli"]
-VIEW = ["labels", "chart", "charts", "obstacles", "scene", "plots", "pages", "serve", "film"]
-VIEW += ["notebook", "run_folder"]
+VIEW = [
+    "labels",
+    "chart",
+    "charts",
+    "obstacles",
+    "marks",
+    "scene",
+    "plots",
+    "pages",
+    "serve",
+    "film",
+]
+VIEW += ["notebook", "run_folder", "shown_run"]
 FORWARDED = {  # methods of Robot that a lower room carries out, imported when they are called
     ("robot/model.py", "rpctl.dynamics.reduced.ReducedDynamics"),
 }

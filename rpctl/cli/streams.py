@@ -39,8 +39,11 @@ class Outlet(io.FileIO):
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print a text of any origin, a line or several, on stdout or stderr."""
-    print(printable(text, keep="\n"), file=sys.stderr if err else sys.stdout)
+    """Print a text of any origin, a line or several, on stdout or stderr, and at once.
+
+    What reads a pipe may wait for it, as for the address of a page.
+    """
+    print(printable(text, keep="\n"), file=sys.stderr if err else sys.stdout, flush=True)
 
 
 def print_json(value: object) -> None:

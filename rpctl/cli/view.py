@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
@@ -43,8 +43,13 @@ class FilmOptions:
         int | None, typer.Option(min=1, max=120, help="Pictures a second; else 30, of a GIF 20.")
     ] = None
 
-    def write(self, what: list[str]) -> bool:
+    def write(self, what: list[str], package_dirs: Sequence[Path | str], expand: bool) -> bool:
         """Write the picture and the film that are asked for; return whether there are any.
+
+        Args:
+            what: The run.
+            package_dirs: Where its packages or its robot's file lie.
+            expand: Whether a .xacro may be evaluated.
 
         Raises:
             RpctlError: An option lacks another, or ``what`` is not one run.
@@ -60,16 +65,23 @@ class FilmOptions:
         for path in filter(None, (self.png, self.video)):
             require_writable(path)
         from rpctl.view.film.film import write_film, write_still
-        from rpctl.view.run_folder import is_run, load_run
+        from rpctl.view.pages.report import robot_of
+        from rpctl.view.shown_run import is_run, load_run
 
         if len(what) > 1 or not is_run(what[0]):
             raise RpctlError(f"{' '.join(what)} is no run; films and pictures are of one run")
-        run, pixels = load_run(Path(what[0])), _read_size(self.size)
+        run, pixels = load_run(Path(what[0]), _note), _read_size(self.size)
+        robot = robot_of(run, package_dirs, expand)
+        if isinstance(robot, RpctlError):
+            _note(f"the robot cannot be drawn: {robot}")
         if self.png is not None:
-            say(f"wrote {write_still(run, self.png, size=pixels, time=self.at)}")
+            file = write_still(run, self.png, size=pixels, time=self.at, robot=robot)
+            say(f"wrote {file}")
         if self.video is not None:
             with progress_bar("film") as advance:
-                write_film(run, self.video, size=pixels, rate=self.fps, progress=advance)
+                write_film(
+                    run, self.video, size=pixels, rate=self.fps, robot=robot, progress=advance
+                )
             say(f"wrote {self.video}")
         return True
 
@@ -87,21 +99,30 @@ def view_command(
         Path | None, typer.Option(metavar="FILE", help="Write the page; serve nothing.")
     ] = None,
     film: FilmOptions,
+    expand: Annotated[
+        bool,
+        typer.Option(
+            "--expand",
+            help="Evaluate the .xacro of an older run that does not hold its robot; it is code.",
+        ),
+    ] = False,
 ) -> None:
     """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.
 
-    Or write the page, a film or a picture.
+    Or write the page, a film or a picture. A run is data: showing it evaluates nothing, and folders
+    that it names are not used.
     """
-    from rpctl.view.run_folder import is_run, report_source
+    from rpctl.view.shown_run import is_run
 
-    if film.write(what):
+    folders = options.package_dir or ()
+    if film.write(what, folders, expand):
         return
     if html is not None:
         require_writable(html)
     if len(what) > 1 or is_run(what[0]):
         from rpctl.view.serve.live import serve
 
-        report = report_source([Path(each) for each in what], options.package_dir or ())
+        report = _report([Path(each) for each in what], folders, expand)
         _write_or(html, report, lambda: serve(report, _say))
         return
     from rpctl.view.pages.robot_page import robot_page
@@ -110,6 +131,23 @@ def view_command(
     robot = _load(what[0], options)  # faults of a later edit are told by the page
     server = GoServer(lambda: options.load(what[0]), f"rpctl track {_words(what[0], options)}")
     _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(_say))
+
+
+def _report(
+    runs: Sequence[Path], package_dirs: Sequence[Path | str], expand: bool
+) -> Callable[[], bytes]:
+    """Return what returns the page of one run or several; it is drawn before."""
+    from rpctl.view.shown_run import RunPage, comparison
+
+    if len(runs) == 1:
+        return RunPage(runs[0], package_dirs, expand, _note)
+    page = comparison(runs, package_dirs, expand, _note)
+    return lambda: page
+
+
+def _note(text: str) -> None:
+    """Print a note beside the output."""
+    say(text, err=True)
 
 
 def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], object]) -> None:
@@ -174,13 +212,13 @@ def plot_command(
 ) -> None:
     """Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG."""
     from rpctl.view.plots.figures import save_figure
-    from rpctl.view.run_folder import load_run
+    from rpctl.view.shown_run import load_run
 
     path = out or (run if run.is_dir() else run.parent) / DEFAULT_FIGURE
     if out is None and path.is_symlink():
         path.unlink()  # the folder may be another's, and the link lead to any file
     require_writable(path)
-    save_figure(load_run(run), path, panels=split_names(panels), column=column)
+    save_figure(load_run(run, _note), path, panels=split_names(panels), column=column)
     if as_json:
         print_json({"figure": str(path)})
     else:

@@ -29,7 +29,7 @@ LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet 
 CAPS = ("MAX_MESH_TRIANGLES", "MAX_MESH_PARTS", "MAX_MESH_SECONDS", "MAX_MESH_MEMORY")
 KEPT_BYTES = 2**25  # of meshes that are not read again; a wheel's is asked for four times
 KEPT_FAULTS = 1000  # meshes that are not tried again
-MAX_STALLED = 3  # meshes of a robot that may take too long; the rest is not tried
+MAX_STALLED = 2  # meshes of a robot that may take too long; the rest is not tried
 EXTENT_RANGE_M = (1e-6, 1e4)  # m: of a mesh at its scale, and how far it reaches from its origin
 IN_METRES = "is it in another unit? give m"
 

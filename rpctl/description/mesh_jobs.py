@@ -45,7 +45,7 @@ def read_mesh(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     scene = _load(content, kind, head.get("material"), material)
     pieces, remarks = _pieces(scene, kind, most)
     if not pieces:
-        raise MeshFaultError(_nothing(scene, promised))
+        raise MeshFaultError(_nothing(scene, promised if kind == "dae" else None))
     surfaces = _by_colour(pieces)
     _require_areas(list(surfaces.values()))
     answer = {"colours": list(surfaces), "remarks": remarks}
@@ -112,9 +112,9 @@ def _pieces(scene: Any, kind: str, most: Size) -> tuple[list[tuple[Any, Any, Any
 
 def _nothing(scene: Any, promised: Size | None) -> str:
     """Return what is wrong with a file of which no triangle was read."""
+    if promised is not None and promised.triangles:
+        return "holds no triangles whose vertices are there and are numbers; export it again"
     points = sum(len(getattr(mesh, "vertices", ())) for mesh in scene.geometry.values())
-    if promised is not None and promised.triangles and not points:
-        return "holds no triangles of vertices that are there; export it again"
     return f"holds no triangles{f', only {points} points' if points else ''}"
 
 

@@ -9,7 +9,9 @@ from collections import defaultdict, deque
 from functools import lru_cache
 from pathlib import Path
 
+from rpctl.errors import InputError
 from rpctl.files.caps import cap
+from rpctl.files.opening import open_input
 
 MANIFEST = "package.xml"
 MANIFEST_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
@@ -69,10 +71,11 @@ def has_manifest(folder: str) -> bool:
 def package_name(folder: str) -> str | None:
     """Return the name that a folder's manifest gives; None without one."""
     try:
-        with Path(folder, MANIFEST).open("rb") as file:
-            match = MANIFEST_NAME.search(COMMENT.sub(b"", file.read(MANIFEST_BYTES)))
-    except OSError:
+        with open_input(f"{folder}/{MANIFEST}", "MAX_BYTES", "a manifest") as file:
+            begins = file.read(MANIFEST_BYTES) or b""
+    except (OSError, InputError):
         return None
+    match = MANIFEST_NAME.search(COMMENT.sub(b"", begins))
     return match[1].decode("utf-8", "replace") if match else None
 
 

@@ -185,6 +185,11 @@ class Description:
         return MeshPaths(self.path, self.read_with.package_dirs)
 
     @property
+    def has_meshes(self) -> bool:
+        """Whether any shape is a file."""
+        return any(s.mesh for link in self.links for s in (*link.visuals, *link.collisions))
+
+    @property
     def estimated_links(self) -> tuple[str, ...]:
         """Names of the links whose mass and inertia are estimates."""
         return tuple(link.name for link in self.links if link.estimated)

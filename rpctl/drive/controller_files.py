@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from glob import escape
 from itertools import islice
@@ -20,9 +21,12 @@ from rpctl.drive.plugins import (
     read_number,
     read_simulator_tags,
 )
+from rpctl.errors import DescriptionError
+from rpctl.files.opening import read_text
 
 MAX_FILES = 100  # that are read
-MAX_FILE_BYTES = 2**17  # of one; the largest public ones have a tenth
+MAX_CHARACTERS = 2**19  # of all that are read, for one robot; YAML takes 8 s per million
+MAX_NODES = 100_000  # of one file: with aliases, a few lines stand for billions
 MAX_DEPTH = 20  # of tables in tables
 FLAGS = ("true", "false")
 PARAMETERS = "ros__parameters"  # the table of a node's parameters in ROS 2
@@ -69,8 +73,8 @@ def _of_robot(description: Description, files: Sequence[Path]) -> tuple[BaseCont
     """Return the controllers in files whose wheels are all joints of the robot."""
     return tuple(
         controller
-        for file in files
-        for controller in _controllers(file)
+        for file, text in _texts(files)
+        for controller in _controllers(file, text)
         if controller.joints and all(name in description.joint for name in controller.joints)
     )
 
@@ -86,9 +90,21 @@ def _neighbours(path: Path) -> Iterator[Path]:
             yield from sorted((*folder.glob("config/*.yaml"), *folder.glob("config/*/*.yaml")))
 
 
-def _controllers(file: Path) -> Iterator[BaseControl]:
-    """Yield the controllers of a base in a file of parameters; none, if it cannot be read."""
-    entries = _read(file)
+def _texts(files: Sequence[Path]) -> Iterator[tuple[Path, str]]:
+    """Yield the files that can be read, with their texts, up to all the characters there may be."""
+    left = MAX_CHARACTERS
+    for file in files:
+        with suppress(DescriptionError):  # a file beside the robot's need not be one of parameters
+            text = read_text(file, "MAX_PARAMETER_BYTES", "a file of parameters")
+            left -= len(text)
+            if left < 0:
+                return
+            yield file, text
+
+
+def _controllers(file: Path, text: str) -> Iterator[BaseControl]:
+    """Yield the controllers of a base in a file of parameters; none, if it is no YAML."""
+    entries = _read(text)
     types = {e.keys[-2]: e.value for e in entries if e.keys[-1] == "type" and len(e.keys) > 1}
     groups: dict[str, list[_Entry]] = {}
     for entry in entries:
@@ -127,31 +143,30 @@ def _number(values: dict[str, _Entry], key: str) -> float | None:
     return None if entry is None else read_number(entry.value)
 
 
-def _read(file: Path) -> list[_Entry]:
-    """Return the entries of a file of parameters; none, if it is too long or no YAML."""
+def _read(text: str) -> list[_Entry]:
+    """Return the entries of a file of parameters; none, if it is no YAML or too much of it."""
     import yaml
 
     try:
-        with file.open("rb") as opened:
-            data = opened.read(MAX_FILE_BYTES + 1)
-        if len(data) > MAX_FILE_BYTES:
-            return []
-        root = yaml.compose(data.decode("utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError):
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except (ValueError, RecursionError, yaml.YAMLError):
         return []
-    return list(_entries(root, ()))
+    entries: list[_Entry] = []
+    pending: list[tuple[Any, tuple[str, ...]]] = [(root, ())]
+    for _ in range(MAX_NODES):
+        if not pending:
+            return entries
+        node, keys = pending.pop()
+        if isinstance(node, yaml.MappingNode) and len(keys) < MAX_DEPTH:
+            pending += [(value, (*keys, *_words(key))) for key, value in reversed(node.value)]
+        elif isinstance(node, yaml.ScalarNode) and keys:
+            entries.append(_Entry(keys, str(node.value), node.start_mark.line + 1))
+        elif isinstance(node, yaml.SequenceNode) and keys:
+            texts = [str(each.value) for each in node.value if isinstance(each, yaml.ScalarNode)]
+            entries.append(_Entry(keys, texts, node.start_mark.line + 1))
+    return []
 
 
-def _entries(node: Any, keys: tuple[str, ...]) -> Iterator[_Entry]:
-    """Yield the scalars and lists of scalars below a node; dots in keys are tables, too."""
-    import yaml
-
-    if isinstance(node, yaml.MappingNode) and len(keys) < MAX_DEPTH:
-        for key, value in node.value:
-            words = [w for w in str(key.value).split(".") if w not in ("", PARAMETERS)]
-            yield from _entries(value, (*keys, *words))
-    elif isinstance(node, yaml.ScalarNode) and keys:
-        yield _Entry(keys, str(node.value), node.start_mark.line + 1)
-    elif isinstance(node, yaml.SequenceNode) and keys:
-        texts = [str(each.value) for each in node.value if isinstance(each, yaml.ScalarNode)]
-        yield _Entry(keys, texts, node.start_mark.line + 1)
+def _words(key: Any) -> list[str]:
+    """Return the words of a key: dots in it are tables, too."""
+    return [word for word in str(key.value).split(".") if word not in ("", PARAMETERS)]

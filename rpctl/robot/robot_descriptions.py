@@ -15,7 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rpctl.errors import RpctlError
+from rpctl.errors import DescriptionError, RpctlError
+from rpctl.files.opening import read_text
 from rpctl.robot.source import Source
 
 PACKAGE = "robot_descriptions"
@@ -141,8 +142,8 @@ def _assignments(folder: Path, name: str) -> dict[str, Any]:
 @lru_cache(maxsize=512)
 def _tree(file: Path) -> ast.Module:
     try:
-        return ast.parse(file.read_text(encoding="utf-8"))
-    except (OSError, SyntaxError, ValueError) as error:
+        return ast.parse(read_text(file, "MAX_BYTES", "a module"))
+    except (DescriptionError, SyntaxError, ValueError) as error:
         raise RpctlError(f"{file}: {PACKAGE} cannot be read ({error}); install it anew") from None
 
 

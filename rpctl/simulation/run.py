@@ -16,6 +16,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
+from rpctl.simulation.part import read_part
 from rpctl.simulation.reload import load_robot
 from rpctl.simulation.run_file import read_run_file, write_run_file
 from rpctl.simulation.run_schema import ARRAYS
@@ -41,6 +42,8 @@ class Run:
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
         simulated: The robot itself, of a run that was simulated by this process; None of one that
             was read. No file has it.
+        digest: SHA-256 digest of its file, which files made from it carry; None where none is
+            known.
     """
 
     log: Log
@@ -55,6 +58,7 @@ class Run:
     sizing: Sizing | None = None
     perturbed: Mapping[str, Any] | None = None
     simulated: Robot | None = None
+    digest: str | None = None
 
     def __repr__(self) -> str:
         return (
@@ -144,12 +148,15 @@ class Run:
 
     @staticmethod
     def load(path: str | Path) -> Run:
-        """Read a run.
+        """Read a run: its file, or the folder that the simulation left when it was stopped.
+
+        Args:
+            path: A ``run.npz``, or a ``run.part``; the run of that says in a note when it ended.
 
         Raises:
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
-        return from_entries(read_run_file(path))
+        return from_entries(read_part(path) if Path(path).is_dir() else read_run_file(path))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = (), expand: bool = False) -> Robot:
         """Return the robot of this run: as it was simulated here, or as the file of a run holds it.
@@ -178,6 +185,7 @@ RECORDS: dict[str, type[Log | RobotFacts | GroundFacts]] = {
     "robot": RobotFacts,
     "ground": GroundFacts,
 }
+UNSAVED = ("simulated", "digest")  # what a run knows of itself and no file of it can say
 
 
 def _entry_places() -> dict[str, tuple[str | None, str]]:
@@ -191,7 +199,7 @@ def _entry_places() -> dict[str, tuple[str | None, str]]:
     for record, kind in RECORDS.items():
         for item in fields(kind):
             places[renamed.get((record, item.name), item.name)] = record, item.name
-    rest = (item.name for item in fields(Run) if item.name not in (*RECORDS, "simulated"))
+    rest = (item.name for item in fields(Run) if item.name not in (*RECORDS, *UNSAVED))
     return {**places, **{name: (None, name) for name in rest}}
 
 

@@ -1,20 +1,25 @@
-"""A run's folder: ``run.npz``, ``summary.json``, ``tracking.png`` and ``report.html``."""
+"""A run's folder: ``run.npz`` and what is made of it; each file says of which run it is.
+
+``run.npz`` is written first. Whenever writing ends, each of the other files is of that run or says
+that it is of another one, and :func:`find_faults` tells: nothing passes for what it is not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 from rpctl.errors import RpctlError
-from rpctl.files.writing import to_json, write_atomically
+from rpctl.files.opening import open_input
+from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, summarize
-from rpctl.view.pages.report import write_report
-from rpctl.view.plots.figures import save_tracking_figure
+from rpctl.view.marks import JSON_KEY, digest, mark_of
+from rpctl.view.pages.report import report_head, report_page
+from rpctl.view.plots.figures import tracking_image
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES
 from rpctl.view.scene.scene import Scene, build_scene
 
@@ -24,6 +29,9 @@ RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE = (
     "tracking.png",
     "report.html",
 )
+MADE_FILES = (SUMMARY_FILE, FIGURE_FILE, REPORT_FILE)  # that every run's folder has
+MARKED_SUFFIXES = (".json", ".png", ".pdf", ".gif", ".mp4", ".html")  # of files that may be marked
+MAX_LOOKED_AT = 200  # files of a folder whose marks are read
 MAX_REPORT_MB = 6.0  # of a report, unless the user says otherwise
 BYTES_PER_MB = 1_000_000  # of a megabyte
 REPORT_ATTEMPTS = 6  # at a report within its size
@@ -42,6 +50,7 @@ class RunFolder:
         report_bytes: Its size.
         notes: What could not be done, in sentences.
         perturbed: What became of the run with a perturbed plant, or None.
+        digest: Digest of its ``run.npz``, which the others carry.
     """
 
     summary: Summary
@@ -49,10 +58,12 @@ class RunFolder:
     report_bytes: int
     notes: tuple[str, ...]
     perturbed: Mapping[str, Any] | None = None
+    digest: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as ``summary.json`` says it."""
         return {
+            JSON_KEY: self.digest,
             **self.summary.to_dict(),
             "perturbed": self.perturbed,
             "report": str(self.report),
@@ -61,13 +72,35 @@ class RunFolder:
         }
 
 
-def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> RunFolder:
-    """Write all files of a run; each is there whole or not at all.
+class FileFault(NamedTuple):
+    """A file of a run's folder that is not there, or not of that run.
+
+    Attributes:
+        name: Of the file.
+        reason: What is wrong, in words that follow the name.
+    """
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        """Return the file and its fault."""
+        return f"{self.name} {self.reason}"
+
+
+def write_folder(
+    run: Run, folder: Path, megabytes: float = MAX_REPORT_MB, precision: str = "double"
+) -> RunFolder:
+    """Write all files of a run; each is there whole or not at all, the run itself first.
+
+    Files that were made from an earlier run are removed once the new one is there. Others, as
+    pictures of a film or a configuration, stay.
 
     Args:
         run: The run.
         folder: Where; made if it is not there.
         megabytes: What the report may take, MB; meshes are simplified until it does.
+        precision: Of the run's file, see :meth:`rpctl.Run.save`; all else is made of the run.
 
     Returns:
         The figures of merit, the report's path and size, and notes on what could not be done.
@@ -75,108 +108,146 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> Ru
     Raises:
         RpctlError: The folder cannot be made or written to.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RpctlError(f"{folder}: cannot be made: {error.strerror or error}") from None
-    run.save(folder / RUN_FILE)
-    robot = run.load_robot()
+    make_folder(folder)
+    path = run.save(folder / RUN_FILE, precision)
+    run = replace(run, digest=digest(path))
+    for fault in find_faults(folder, run.digest or ""):
+        if fault.name in MADE_FILES:
+            (folder / fault.name).unlink(missing_ok=True)
+    made = make_files(run, folder, run.load_robot(), megabytes)
+    write_files(made)
+    return made.folder
+
+
+@dataclass(frozen=True, eq=False)
+class MadeFiles:
+    """What is made of a run, before it is written.
+
+    Attributes:
+        folder: What there is to say of it.
+        content: The files, by their paths.
+    """
+
+    folder: RunFolder
+    content: Mapping[Path, bytes]
+
+    @property
+    def report(self) -> bytes:
+        """The report."""
+        return self.content[self.folder.report]
+
+
+def make_files(
+    run: Run, folder: Path, robot: Robot | RpctlError, megabytes: float = MAX_REPORT_MB
+) -> MadeFiles:
+    """Return what is made of a run that is in its folder already; nothing is written.
+
+    Args:
+        run: The run, with the digest of its file.
+        folder: The folder.
+        robot: The robot of the run, or why it cannot be had.
+        megabytes: What the report may take, MB.
+    """
     summary = summarize(run)
-    save_tracking_figure(run, folder / FIGURE_FILE)
-    report = folder / REPORT_FILE
-    scene = _write_sized(run, robot, summary, report, megabytes)
-    size, notes = report.stat().st_size, tuple(scene.notes)
-    written = RunFolder(summary, report, size, notes, run.perturbed)
-    write_atomically(folder / SUMMARY_FILE, (to_json(written.to_dict()) + "\n").encode())
-    return written
+    report, scene = sized_report(run, robot, summary, megabytes)
+    path, notes = folder / REPORT_FILE, tuple(scene.notes)
+    made = RunFolder(summary, path, len(report), notes, run.perturbed, run.digest)
+    content = {
+        folder / SUMMARY_FILE: (to_json(made.to_dict()) + "\n").encode(),
+        folder / FIGURE_FILE: tracking_image(run),
+        path: report,
+    }
+    return MadeFiles(made, content)
 
 
-def _write_sized(run: Run, robot: Robot, summary: Summary, path: Path, megabytes: float) -> Scene:
-    """Write a report within a size, simplifying meshes until it fits or cannot become smaller."""
+def write_files(made: MadeFiles) -> None:
+    """Write what is made of a run. Links in the folder are replaced, not written through.
+
+    Raises:
+        RpctlError: The folder cannot be written to.
+    """
+    for path, content in made.content.items():
+        write_atomically(path, content, follow_links=False)
+
+
+def sized_report(
+    run: Run, robot: Robot | RpctlError, summary: Summary, megabytes: float = MAX_REPORT_MB
+) -> tuple[bytes, Scene]:
+    """Return a report within a size: meshes are simplified until it fits or cannot become smaller.
+
+    Args:
+        run: The run.
+        robot: Its robot, or why it cannot be had.
+        summary: Its figures of merit.
+        megabytes: The size, MB.
+    """
     triangles = MAX_TRIANGLES
     for _ in range(REPORT_ATTEMPTS):
         scene = build_scene(robot, run, triangles)
-        write_report(run, path, robot=robot, scene=scene, summary=summary)
-        excess = path.stat().st_size - megabytes * BYTES_PER_MB
+        page = report_page(run, robot, scene, summary)
+        excess = len(page) - megabytes * BYTES_PER_MB
         drawing = 4.0 / 3.0 * scene.robot_bytes  # as base64
         if excess <= 0.0 or not triangles:
             break
         triangles = int(SIZE_TARGET_RATIO * triangles * max(1.0 - excess / drawing, 0.0))
     if excess > 0.0:
-        size = path.stat().st_size / BYTES_PER_MB
+        size = len(page) / BYTES_PER_MB
         note = f"the report takes {size:.2f} MB: fewer triangles make it hardly any smaller"
         scene = replace(scene, notes=(*scene.notes, note))
-    return scene
+    return page, scene
 
 
-def is_run(name: str) -> bool:
-    """Return whether a path is a run: a folder that holds ``run.npz``, or an ``.npz``."""
-    path = Path(name)
-    return (path / RUN_FILE).is_file() or path.suffix == ".npz"
+def find_faults(folder: Path, run: str) -> list[FileFault]:
+    """Return which files of a folder are missing or were made from another run than its own.
 
-
-def report_source(
-    runs: Sequence[Path], package_dirs: Sequence[str | Path] = ()
-) -> Callable[[], bytes]:
-    """Return a function that reads the report of one run or several, written first if missing.
+    Files that a user keeps there, and that do not say that they are made from a run, are not told.
 
     Args:
-        runs: Their folders or ``run.npz`` files.
-        package_dirs: Where packages are looked for besides where they were.
-
-    Raises:
-        RunFileError: There is no run, or it cannot be read.
+        folder: The folder.
+        run: Digest of its ``run.npz``.
     """
-    if len(runs) == 1:
-        return find_report(runs[0], package_dirs).read_bytes
-    with TemporaryDirectory(prefix="rpctl-") as folder:
-        content = write_comparison(runs, Path(folder) / REPORT_FILE).read_bytes()
-    return lambda: content
+    faults = []
+    for name in dict.fromkeys((*MADE_FILES, *_names(folder))):
+        path, made = folder / name, name in MADE_FILES
+        mark = _mark(path)
+        if made and not path.exists():
+            faults.append(FileFault(name, "is missing"))
+        elif mark is None and made:
+            faults.append(FileFault(name, "does not say of which run it is"))
+        elif mark is not None and mark != run:
+            faults.append(FileFault(name, "is of another run"))
+        elif name == REPORT_FILE and read_report(folder, run) is None:
+            faults.append(FileFault(name, "was drawn by another version of rpctl"))
+    return faults
 
 
-def find_report(run: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
-    """Return the path of a run's report; it is written first if it is missing.
+def read_report(folder: Path, run: str) -> bytes | None:
+    """Return the report in a folder, if this version of rpctl has drawn it of this run; else None.
+
+    A report that somebody else wrote is shown only if it begins as ours do: with a policy that
+    lets a browser run rpctl's scripts and no others.
 
     Args:
-        run: The folder or file.
-        package_dirs: Where its packages lie now, if not where they lay then.
-
-    Raises:
-        RunFileError: There is no run, or it cannot be read.
+        folder: The folder.
+        run: Digest of its ``run.npz``.
     """
-    folder = run if run.is_dir() else run.parent
-    report = folder / REPORT_FILE
-    if not report.is_file() or not (folder / RUN_FILE).is_file():
-        loaded = load_run(run)
-        robot = loaded.load_robot(package_dirs)
-        _write_sized(loaded, robot, summarize(loaded), report, MAX_REPORT_MB)
-    return report
+    head = report_head(run)
+    try:
+        with open_input(folder / REPORT_FILE, "MAX_SHOWN_BYTES", "a report") as file:
+            return head + file.read() if file.read(len(head)) == head else None
+    except (RpctlError, OSError):
+        return None
 
 
-def write_comparison(paths: Sequence[Path], page: Path) -> Path:
-    """Write the comparison of the runs of folders or ``run.npz`` files as one page.
-
-    The runs are called as their folders or files are, numbered where these are alike.
-
-    Raises:
-        RunFileError: There is no run, or it cannot be read.
-    """
-    names = [_name(path.absolute()) for path in paths]
-    if len(set(names)) < len(names):
-        names = [f"{k}: {name}" for k, name in enumerate(names, 1)]
-    return write_report([load_run(path) for path in paths], page, names=names)
+def _mark(path: Path) -> str | None:
+    try:
+        return mark_of(path)
+    except (RpctlError, OSError):
+        return None
 
 
-def _name(run: Path) -> str:
-    if run.is_dir():
-        return run.name
-    return run.parent.name if run.name == RUN_FILE else run.stem
-
-
-def load_run(run: Path) -> Run:
-    """Load the run of a folder or ``run.npz``.
-
-    Raises:
-        RunFileError: There is no run, or it cannot be read.
-    """
-    return Run.load(run / RUN_FILE if run.is_dir() else run)
+def _names(folder: Path) -> Iterator[str]:
+    """Yield the files of a folder that may say of which run they are."""
+    with_room = (p.name for p in sorted(folder.iterdir()) if p.suffix.lower() in MARKED_SUFFIXES)
+    for name, _ in zip(with_room, range(MAX_LOOKED_AT), strict=False):
+        yield name

@@ -122,3 +122,59 @@ def glb_triangle(**changes: object) -> dict[str, object]:
 
 
 GLB_BINARY = np.asarray(TRIANGLE, "<f4").tobytes() + np.arange(3, dtype="<u4").tobytes()
+LOOP = '<node id="a"><instance_node url="#b"/></node><node id="b"><instance_node url="#a"/></node>'
+
+
+def _scaled(factor: float) -> list[tuple[float, ...]]:
+    return [tuple(factor * value for value in point) for point in TRIANGLE]
+
+
+def _accessor(number: int, **changes: object) -> bytes:
+    """Return a GLB of one triangle, one of whose accessors says something else."""
+    accessors: list[dict[str, object]] = glb_triangle()["accessors"]  # type: ignore[assignment]
+    accessors[number] |= changes
+    return glb(glb_triangle(accessors=accessors), GLB_BINARY)
+
+
+LYING_PLY = ply(TRIANGLE, [(0, 1, 2)]).replace(b"vertex 3", b"vertex 4000000000")
+MANY = "and 1,000,000 are the most; if it is meant, set RPCTL_MAX_MESH_TRIANGLES"
+BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what is said of it
+    "bomb.dae": (dae_bomb(18), "refused: it shows 262,144 parts"),
+    "wide.dae": (dae_bomb(5, 16), f"refused: it shows 1,048,576 triangles, {MANY}"),
+    "deep.dae": (dae_bomb(200), "it shows more than can be counted triangles"),
+    "nested.dae": (dae(scene="<node>" * 400 + "</node>" * 400), "in a circle, or too deeply"),
+    "loop.dae": (dae(nodes=LOOP, scene='<node><instance_node url="#a"/></node>'), "in a circle"),
+    "zero.dae": (dae(unit="0"), 'its unit is "0" m; write a length'),
+    "negative.dae": (dae(unit="-1"), 'its unit is "-1" m'),
+    "infinite.dae": (dae(unit="inf"), 'its unit is "inf" m'),
+    "nan.dae": (dae(unit="nan"), 'its unit is "nan" m'),
+    "huge.dae": (dae(unit="1e300"), 'its unit is "1e300" m'),
+    "tiny.dae": (dae(unit="1e-300"), 'its unit is "1e-300" m'),
+    "words.dae": (dae(unit="mm"), 'its unit is "mm" m'),
+    "below.dae": (dae(indices=(0, 1, -1)), "a triangle names a vertex below 0"),
+    "out.dae": (dae(indices=(0, 1, 9)), "no triangles whose vertices are there"),
+    "far.dae": (dae(points=_scaled(1e30)), "its vertices reach 1e+30 m, and no robot 1e+09"),
+    "over.dae": (dae(points=_scaled(1e300)), "whose vertices are there and are numbers"),
+    "broken.dae": (dae()[:-100], "no XML"),
+    "far.stl": (stl(_scaled(3e38)), "its vertices reach 3e+38 m"),
+    "nan.stl": (stl([(float("nan"), 0, 0), *TRIANGLE[1:]]), "vertices that are no numbers"),
+    "point.stl": (stl([(1, 1, 1)] * 3), "is degenerate: its only triangle has no area"),
+    "line.stl": (stl([(0, 0, 0), (0.1, 0.1, 0.1), (0.3, 0.3, 0.3)] * 2), "all of its 2 triangles"),
+    "count.stl": (stl(TRIANGLE, 2**32 - 1), "its header promises 4294967295 triangles"),
+    "short.stl": (stl(TRIANGLE)[:-1], "its header promises 1 triangles"),
+    "empty.stl": (stl([]), "holds no triangles"),
+    "far.obj": (obj(_scaled(1e300), [(1, 2, 3)]), "its vertices reach 1e+300 m"),
+    "out.obj": (obj(TRIANGLE, [(1, 2, 9)]), "a triangle names a vertex that is not there"),
+    "zero.obj": (obj(TRIANGLE, [(0, 1, 2)]), "names vertex 0, and an OBJ counts from 1"),
+    "points.obj": (obj(TRIANGLE, []), "holds no triangles"),
+    "out.ply": (ply(TRIANGLE, [(0, 1, 9)]), "a triangle names vertex 9 of 3 (from 0)"),
+    "below.ply": (ply(TRIANGLE, [(0, 1, -1)]), "a triangle names vertex -1 of 3 (from 0)"),
+    "points.ply": (ply(TRIANGLE, []), "holds no triangles, only 3 points"),
+    "count.ply": (LYING_PLY, 'its header promises 4000000000 of "vertex", and'),
+    "none.ply": (b"ply\n", "no header of a PLY"),
+    "count.glb": (_accessor(0, count=2**31), f"it shows 715,827,882 triangles, {MANY}"),
+    "zeros.glb": (_accessor(0, bufferView=None, count=2**30), "it shows 357,913,941 triangles"),
+    "below.glb": (_accessor(0, count=-3), "its header is damaged"),
+    "text.glb": (b"glTF" + bytes(40), "no GLB of version 2"),
+    "loop.glb": (glb(glb_triangle(nodes=[{"children": [0]}]), GLB_BINARY), "holds no triangles"),
+}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 import rpctl
 from rpctl import Robot
+from rpctl.drive import controller_files
 from rpctl.drive.plugins import read_simulator_tags
 from rpctl.errors import Finding
 from tests import urdf
@@ -184,6 +186,50 @@ def test_controllers_that_are_not_clearly_the_robots_tell_nothing(
     drive = rpctl.load(workspace(tmp_path, control, package)).drive
     assert drive.type == "skid-steer"
     assert drive.doubts[0].startswith("4 parallel wheels are taken for ordinary ones")
+
+
+def aliases(leaf: str) -> str:
+    """Return lines of YAML, each nine times the one before, from a leaf: 9**12 of it in a page."""
+    tables = (", ".join(f"k{j}: *a{k - 1}" for j in range(9)) for k in range(1, 13))
+    lines = (f"a{k}: &a{k} {{{table}}}\n" for k, table in enumerate((leaf, *tables)))
+    return "".join(lines)
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [aliases(""), aliases("x: 1"), "z: &z {b: *z, c: *z, d: *z}\n", f"z: {'[' * 2000}"],
+    ids=["empty tables", "tables", "a table in itself", "lists in lists"],
+)
+def test_a_file_of_parameters_that_unfolds_without_end_tells_nothing(
+    bomb: str, tmp_path: Path
+) -> None:
+    known = MECANUM + "  front_left_wheel_joint: axle0_left\n"
+    assert rpctl.load(workspace(tmp_path / "a", known)).drive.type == "mecanum"
+    assert rpctl.load(workspace(tmp_path / "b", known + bomb)).drive.type == "skid-steer"
+
+
+def test_what_is_no_file_of_parameters_is_passed_over(tmp_path: Path) -> None:
+    known = MECANUM + "  front_left_wheel_joint: axle0_left\n"
+    path = workspace(tmp_path, known)
+    config = tmp_path / "bot_control" / "config"
+    os.mkfifo(config / "a.yaml")
+    (config / "b.yaml").symlink_to("/dev/zero")
+    (config / "c.yaml").mkdir()
+    (config / "d.yaml").write_bytes(b"\xff")
+    (config / "e.yaml").write_text("# " + "x" * 2**17)
+    assert rpctl.load(path).drive.type == "mecanum"
+
+
+def test_so_much_is_read_of_all_files_of_parameters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = MECANUM + "  front_left_wheel_joint: axle0_left\n"
+    path = workspace(tmp_path, known)
+    (tmp_path / "bot_control" / "config" / "a.yaml").write_text("#" * 100)
+    monkeypatch.setattr(controller_files, "MAX_CHARACTERS", 100 + len(known))
+    assert rpctl.load(path).drive.type == "mecanum"
+    monkeypatch.setattr(controller_files, "MAX_CHARACTERS", 99 + len(known))
+    assert rpctl.load(path).drive.type == "skid-steer"
 
 
 def test_a_file_of_parameters_that_the_robot_names_comes_first(tmp_path: Path) -> None:

@@ -1,16 +1,35 @@
-"""The size of a report, and what is taken for a run."""
+"""A run's folder: its files say of which run they are; the report's size; what is shown of it."""
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import re
+from contextlib import nullcontext
+from functools import partial
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trimesh
+from PIL import Image
 
 import rpctl
-from rpctl import Run
-from rpctl.view.run_folder import BYTES_PER_MB, is_run, report_source, write_folder
+from rpctl import Robot, RpctlError, Run
+from rpctl.files.writing import write_atomically
+from rpctl.view import run_folder, shown_run
+from rpctl.view.marks import mark_of, marked
+from rpctl.view.pages.report import report_head
+from rpctl.view.run_folder import (
+    BYTES_PER_MB,
+    MADE_FILES,
+    find_faults,
+    read_report,
+    write_folder,
+)
+from rpctl.view.shown_run import RunPage, is_run
 from tests.view.samples import mesh_visual, short_run, write_cart
 
 SIZES = (0.3, 0.5)  # m; no two meshes are alike, so each is sent
@@ -47,6 +66,178 @@ def test_size_that_cannot_be_kept_is_told(fine_run: Run, tmp_path: Path) -> None
     assert f"{written.report_bytes / BYTES_PER_MB:.2f} MB" in note
 
 
+def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None:
+    run = rpctl.track(paper, "circle", 0.02)
+    written = write_folder(run, tmp_path)
+    digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
+    assert written.digest == digest
+    assert json.loads((tmp_path / "summary.json").read_text())["run_sha256"] == digest
+    assert {mark_of(tmp_path / name) for name in MADE_FILES} == {digest}
+    assert find_faults(tmp_path, digest) == []
+    report = (tmp_path / "report.html").read_bytes()
+    assert read_report(tmp_path, digest) == report
+    assert report.count(digest.encode()) == 1
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing: files hold what tells them from others, and their marks."""
+
+    def page(run: Run, *_: object) -> tuple[bytes, Any]:
+        return report_head(str(run.digest)) + run.robot.name.encode(), NoScene()
+
+    monkeypatch.setattr(run_folder, "sized_report", page)
+    monkeypatch.setattr(shown_run, "sized_report", page)
+    monkeypatch.setattr(run_folder, "tracking_image", lambda run: marked(PIXEL, ".png", run.digest))
+
+
+class NoScene:
+    notes = ()
+
+
+def pixel() -> bytes:
+    buffer = io.BytesIO()
+    Image.new("RGB", (1, 1)).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+PIXEL = pixel()
+
+
+@pytest.fixture(scope="module")
+def two_runs(paper: Robot) -> tuple[Run, Run]:
+    return rpctl.track(paper, "circle", 0.02), rpctl.track(paper, "line", 0.02)
+
+
+class Killed(BaseException):
+    """What no handler of the code in question expects."""
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize("writes", range(4))
+def test_killed_between_files_nothing_passes_for_another_run(
+    two_runs: tuple[Run, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int
+) -> None:
+    """Of the files of an earlier run none is left as the new one's; ``view`` draws the rest."""
+    old, new = two_runs
+    first = write_folder(old, tmp_path)
+    for name in ("config.toml", "notes.png"):
+        (tmp_path / name).write_bytes(PIXEL)
+    done = iter(range(writes))
+
+    def kill(*words: Any, **options: Any) -> Path:
+        if next(done, None) is None:
+            raise Killed
+        return write_atomically(*words, **options)
+
+    monkeypatch.setattr(run_folder, "write_atomically", kill)
+    with pytest.raises(Killed) if writes < 3 else nullcontext():
+        write_folder(new, tmp_path)
+    monkeypatch.undo()
+    digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
+    assert digest != first.digest
+    left = MADE_FILES[writes:]
+    assert [str(fault) for fault in find_faults(tmp_path, digest)] == [
+        f"{name} is missing" for name in left
+    ]
+    assert not [name for name in left if (tmp_path / name).exists()]
+    assert (tmp_path / "config.toml").read_bytes() == (tmp_path / "notes.png").read_bytes() == PIXEL
+
+
+@pytest.mark.usefixtures("plain")
+def test_killed_before_old_files_are_removed_they_are_told(
+    two_runs: tuple[Run, Run], tmp_path: Path
+) -> None:
+    old, new = two_runs
+    written = write_folder(old, tmp_path)
+    (tmp_path / "figure.pdf").write_bytes(marked(b"%PDF-1.4\n%%EOF", ".pdf", written.digest))
+    new.save(tmp_path / "run.npz")
+    said: list[str] = []
+    page = RunPage(tmp_path, say=said.append)
+    names = (*MADE_FILES, "figure.pdf")
+    assert said == [
+        f"{tmp_path}: {', '.join(f'{name} is of another run' for name in names)}",
+        f"{tmp_path}: {', '.join(MADE_FILES)} are drawn again",
+    ]
+    digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
+    assert [fault.name for fault in find_faults(tmp_path, digest)] == ["figure.pdf"]
+    assert page() == (tmp_path / "report.html").read_bytes() == read_report(tmp_path, digest)
+
+
+@pytest.mark.usefixtures("plain")
+def test_what_is_of_the_run_is_served_as_it_is(two_runs: tuple[Run, Run], tmp_path: Path) -> None:
+    write_folder(two_runs[0], tmp_path)
+    report = tmp_path / "report.html"
+    report.write_bytes(report.read_bytes() + b"kept")
+    said: list[str] = []
+    page = RunPage(tmp_path / "run.npz", say=said.append)
+    assert page().endswith(b"kept")
+    assert said == []
+    write_folder(two_runs[1], tmp_path)  # while it is served
+    assert page() == report.read_bytes()
+    assert not page().endswith(b"kept")
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize("fault", ["script first", "other policy", "no policy", "fifo", "link"])
+def test_a_foreign_report_is_not_shown(
+    two_runs: tuple[Run, Run], tmp_path: Path, fault: str
+) -> None:
+    """Only what begins with the policy that stops all scripts but rpctl's, of this very run."""
+    write_folder(two_runs[0], tmp_path)
+    report = tmp_path / "report.html"
+    own = report.read_bytes()
+    if fault == "script first":
+        report.write_bytes(b"<script>steal()</script>" + own)
+    elif fault == "other policy":
+        report.write_bytes(own.replace(b"default-src 'none'", b"default-src *"))
+    elif fault == "no policy":
+        report.write_bytes(re.sub(rb'<meta http-equiv="[^>]*>\n', b"", own) + b"<script>x</script>")
+    else:
+        report.unlink()
+        (os.mkfifo if fault == "fifo" else partial(os.symlink, "/dev/zero"))(report)
+    outside = tmp_path.parent / "outside"
+    if fault == "link":
+        outside.write_bytes(b"mine")
+        report.unlink()
+        report.symlink_to(outside)
+    said: list[str] = []
+    assert RunPage(tmp_path, say=said.append)() == own
+    assert "report.html" in said[0]
+    if fault == "link":
+        assert outside.read_bytes() == b"mine"
+    if fault != "fifo":  # a pipe would have to be replaced by somebody who may
+        assert report.read_bytes() == own
+        assert not report.is_symlink()
+
+
+@pytest.mark.usefixtures("plain")
+def test_a_folder_that_cannot_be_written_to_is_shown(
+    two_runs: tuple[Run, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> Path:
+        raise RpctlError("the disk is full")
+
+    two_runs[0].save(tmp_path / "run.npz")
+    monkeypatch.setattr(run_folder, "write_atomically", refuse)
+    said: list[str] = []
+    page = RunPage(tmp_path, say=said.append)()
+    assert page.endswith(b"paper")
+    assert said[-1] == "the disk is full; the report is shown, and not kept"
+
+
+@pytest.mark.usefixtures("plain")
+def test_a_run_of_another_name_leaves_the_folder_alone(
+    two_runs: tuple[Run, Run], tmp_path: Path
+) -> None:
+    write_folder(two_runs[0], tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    two_runs[1].save(tmp_path / "other.npz")
+    assert RunPage(tmp_path / "other.npz")().endswith(b"paper")
+    (tmp_path / "other.npz").unlink()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
     (tmp_path / "tiago").mkdir()
     assert not is_run(str(tmp_path / "tiago"))
@@ -56,14 +247,9 @@ def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
     assert is_run("typed/wrongly.npz")
     for robot in ("tiago", "paper", str(tmp_path / "robot.urdf")):
         assert not is_run(robot)
-
-
-def test_report_is_written_where_there_is_none(paper_run: Run, tmp_path: Path) -> None:
-    paper_run.save(tmp_path / "run.npz")
-    page = report_source([tmp_path])
-    assert page() == (tmp_path / "report.html").read_bytes()
-    (tmp_path / "report.html").write_text("kept")
-    assert report_source([tmp_path / "run.npz"])() == b"kept"
+    (tmp_path / "cut" / "run.part").mkdir(parents=True)
+    assert is_run(str(tmp_path / "cut"))
+    assert is_run(str(tmp_path / "cut/run.part"))
 
 
 @pytest.mark.slow

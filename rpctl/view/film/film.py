@@ -14,10 +14,13 @@ import numpy as np
 
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, write_atomically
+from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.view.film.browser import open_page
 from rpctl.view.film.video import CENTISECONDS, MAX_GIF_RATE_HZ, Encoder, gif, mp4
+from rpctl.view.marks import marked
 from rpctl.view.pages.page import asset
+from rpctl.view.pages.report import robot_of
 from rpctl.view.pages.scene_page import player
 from rpctl.view.scene.scene import build_scene
 
@@ -48,6 +51,7 @@ def write_film(
     *,
     size: Size | None = None,
     rate: int | None = None,
+    robot: Robot | RpctlError | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
     """Write a film of a run, in real time; the file is there whole or not at all.
@@ -57,6 +61,7 @@ def write_film(
         path: The file, .mp4 or .gif.
         size: Width and height, even numbers of pixels; 1280 by 720, of a GIF 800 by 450.
         rate: Pictures a second; 30, of a GIF 20. A GIF can have 50, 25, 20, 10, 5, ... of them.
+        robot: The robot of the run, where it is loaded already, or why it cannot be had.
         progress: Called with the number of pictures done and their total.
 
     Returns:
@@ -76,17 +81,22 @@ def write_film(
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     require_writable(path)
     count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
-    with _camera(run, size) as photograph:
+    with _camera(run, size, robot) as photograph:
 
         def take(number: int) -> Image:
             return decode(io.BytesIO(photograph(number / rate, True))).convert("RGB")
 
         film = form.encode(take, count, rate, progress)
-    return write_atomically(path, film)
+    return write_atomically(path, marked(film, path.suffix, run.digest))
 
 
 def write_still(
-    run: Run, path: str | Path, *, size: Size | None = None, time: float | None = None
+    run: Run,
+    path: str | Path,
+    *,
+    size: Size | None = None,
+    time: float | None = None,
+    robot: Robot | RpctlError | None = None,
 ) -> Path:
     """Write one picture of a run as PNG; the file is there whole or not at all.
 
@@ -95,6 +105,7 @@ def write_still(
         path: The file.
         size: Width and height, pixels; 1280 by 720 if not given.
         time: Since the start of the run, s; its end if not given.
+        robot: The robot of the run, where it is loaded already, or why it cannot be had.
 
     Returns:
         The path.
@@ -109,9 +120,9 @@ def write_still(
     if not 0.0 <= time <= duration:
         raise RpctlError(f"{time:g} s is not within the run; give 0 to {duration:g}")
     require_writable(path)
-    with _camera(run, _checked(size or FORMATS[".mp4"].size)) as photograph:
+    with _camera(run, _checked(size or FORMATS[".mp4"].size), robot) as photograph:
         picture = photograph(time, False)
-    return write_atomically(path, picture)
+    return write_atomically(path, marked(picture, path.suffix, run.digest))
 
 
 def _checked(size: Size) -> Size:
@@ -124,9 +135,11 @@ def _checked(size: Size) -> Size:
 
 
 @contextmanager
-def _camera(run: Run, size: Size) -> Iterator[Callable[[float, bool], bytes]]:
+def _camera(
+    run: Run, size: Size, robot: Robot | RpctlError | None
+) -> Iterator[Callable[[float, bool], bytes]]:
     """Open the scene of a run; yields a function that takes a PNG at a time (s), stamped or not."""
-    scene = build_scene(run.load_robot(), run)
+    scene = build_scene(robot or robot_of(run), run)
     html = player(scene, run.robot.name, size[0] / size[1], asset("film.js"))
     with open_page(html, *size) as page:
 

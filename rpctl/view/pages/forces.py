@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.view.charts import BASE_SPEED_LABELS
 from rpctl.view.pages.chart_data import packed
 
 
-def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
+def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]:
     """Return the efforts and, where they were logged, the ground's reactions at frames.
 
     Args:
-        robot: The robot of the run.
+        robot: The robot of the run, or why it cannot be had: efforts colour nothing then.
         run: The run.
         times: Times of the frames (n,), s, from 0.
     """
@@ -26,7 +27,10 @@ def overlay(robot: Robot, run: Run, times: Array) -> dict[str, Any]:
     ratios = np.maximum.reduceat(effort_ratios(run), frames)  # the largest up to the next frame
     return {
         "effort": {
-            "joints": [robot.model.getJointId(name) for name in run.robot.actuators],
+            "joints": [
+                0 if isinstance(robot, RpctlError) else robot.model.getJointId(name)
+                for name in run.robot.actuators
+            ],
             "share": packed(ratios),
         },
         "stance": _stance(run, frames),

@@ -26,12 +26,16 @@ from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_sc
 from rpctl.view.scene.scene import Scene, build_scene
 
 STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
+MARK_TAG = '<meta name="rpctl-run" content="$run">'  # of the template, right after the policy
 SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "scene.js", "page.js")
 
 
 @dataclass(frozen=True)
 class Page:
-    """The content of a report; all texts but ``title`` and ``scene_label`` are HTML already."""
+    """The content of a report; all texts but ``title`` and ``scene_label`` are HTML already.
+
+    ``run`` is the digest of its run's file, if it is of one run and that is known.
+    """
 
     title: str
     subtitle: str
@@ -41,6 +45,7 @@ class Page:
     panel: str
     duration: float
     data: Mapping[str, Any]
+    run: str = ""
 
 
 def write_report(
@@ -66,27 +71,87 @@ def write_report(
         The path.
 
     Raises:
-        RpctlError: The robot of a run cannot be loaded, there is no run, or meshcat lacks its
-            viewer.
+        RpctlError: There is no run, or meshcat lacks its viewer.
     """
     runs = [run] if isinstance(run, Run) else list(run)
     if not runs:
         raise RpctlError("there is no run to report on; give one or several")
     if len(runs) > 1:
-        page = compare(runs, names or _names(runs))
-    else:
-        robot = robot or runs[0].load_robot()
-        scene = scene or build_scene(robot, runs[0])
-        page = single(runs[0], robot, scene, summary or summarize(runs[0]))
-    return write_atomically(path, _render(page).encode("utf-8", "backslashreplace"))
+        return write_atomically(path, comparison_page(runs, names or _names(runs)))
+    found = robot or robot_of(runs[0])
+    scene = scene or build_scene(found, runs[0])
+    page = report_page(runs[0], found, scene, summary or summarize(runs[0]))
+    return write_atomically(path, page)
 
 
-def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
+def report_page(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> bytes:
+    """Return the page of one run.
+
+    Args:
+        run: The run; where its digest is known, the page carries it.
+        robot: Its robot, or why it cannot be had.
+        scene: Its scene.
+        summary: Its figures of merit.
+
+    Raises:
+        RpctlError: meshcat lacks its viewer.
+    """
+    return _encoded(single(run, robot, scene, summary))
+
+
+def comparison_page(
+    runs: Sequence[Run],
+    names: Sequence[str],
+    robots: Sequence[Robot | RpctlError] = (),
+) -> bytes:
+    """Return the page of several runs.
+
+    Args:
+        runs: At least two.
+        names: What they are called.
+        robots: Their robots, or why these cannot be had; none loads them.
+
+    Raises:
+        RpctlError: There are more or fewer names than runs, or meshcat lacks its viewer.
+    """
+    return _encoded(compare(runs, names, robots or [robot_of(run) for run in runs]))
+
+
+def robot_of(
+    run: Run, package_dirs: Sequence[str | Path] = (), expand: bool = False
+) -> Robot | RpctlError:
+    """Return the robot of a run, or why it cannot be had: a run is shown without it, too.
+
+    Args:
+        run: The run.
+        package_dirs: Where its packages or its file lie; see :meth:`rpctl.Run.load_robot`.
+        expand: Whether a .xacro may be evaluated, where the run does not hold its robot.
+    """
+    try:
+        return run.load_robot(package_dirs, expand)
+    except RpctlError as error:
+        return error
+
+
+def report_head(digest: str) -> bytes:
+    """Return how the page of a run begins if this version of rpctl has drawn it.
+
+    That is all up to its policy and its run's digest. After this policy a browser runs no script
+    but rpctl's, whatever else the page holds.
+
+    Args:
+        digest: Of the run's file.
+    """
+    head, mark, _ = asset("template.html").partition(MARK_TAG)
+    return Template(head + mark).substitute(policy=policy(*_scripts()), run=escape(digest)).encode()
+
+
+def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> Page:
     """Return the content of the page of one run.
 
     Args:
         run: The run.
-        robot: Its robot.
+        robot: Its robot, or why it cannot be had.
         scene: Its scene.
         summary: Its figures of merit.
     """
@@ -103,24 +168,32 @@ def single(run: Run, robot: Robot, scene: Scene, summary: Summary) -> Page:
             **overlay(robot, run, scene.times),
             "plots": chart_data([run], [run.robot.name]),
         },
+        run=run.digest or "",
     )
 
 
-def compare(runs: Sequence[Run], names: Sequence[str]) -> Page:
+def compare(
+    runs: Sequence[Run], names: Sequence[str], robots: Sequence[Robot | RpctlError]
+) -> Page:
     """Return the content of the page of several runs.
+
+    Args:
+        runs: The runs.
+        names: What they are called.
+        robots: Their robots, or why these cannot be had.
 
     Raises:
         RpctlError: There are more or fewer names than runs.
     """
     if len(names) != len(runs):
         raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
-    scenes = [build_scene(run.load_robot(), run) for run in runs]
+    scenes = [build_scene(robot, run) for robot, run in zip(robots, runs, strict=True)]
     scene = merge(runs, scenes)
-    robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
+    names_of_robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
     return Page(
-        title=robots,
+        title=names_of_robots,
         subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
-        scene_label=f"{len(runs)} runs of {robots}, in three dimensions",
+        scene_label=f"{len(runs)} runs of {names_of_robots}, in three dimensions",
         figures="",
         legend=compare_legend(runs, names, scene.stand_ins),
         panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
@@ -147,11 +220,15 @@ def _names(runs: Sequence[Run]) -> list[str]:
     return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
 
 
+def _encoded(page: Page) -> bytes:
+    return _render(page).encode("utf-8", "backslashreplace")
+
+
 def _render(page: Page) -> str:
-    meshcat, uplot = meshcat_script(), uplot_script()
-    script = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
+    meshcat, uplot, script = _scripts()
     return Template(asset("template.html")).substitute(
         policy=policy(meshcat, uplot, script),
+        run=escape(page.run),
         title=f"{escape(page.title)} · rpctl",
         css="".join(map(asset, STYLES)),
         name=escape(page.title),
@@ -167,6 +244,12 @@ def _render(page: Page) -> str:
         uplot=uplot,
         script=script,
     )
+
+
+def _scripts() -> tuple[str, str, str]:
+    """Return the scripts of a report: meshcat's, uPlot's and its own."""
+    own = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
+    return meshcat_script(), uplot_script(), own
 
 
 def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from rpctl.files.writing import write_atomically
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Panel
 from rpctl.view.charts import coloured_joints
+from rpctl.view.marks import marked
 from rpctl.view.plots.panels import PanelChart, draw_panel, find_panels
 from rpctl.view.plots.style import (
     PAPER,
@@ -56,7 +57,7 @@ def save_tracking_figure(run: Run, path: str | Path) -> Path:
 
 def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
-    return to_png(tracking_figure(run), DPI)
+    return marked(to_png(tracking_figure(run), DPI), ".png", run.digest)
 
 
 def save_figure(
@@ -81,7 +82,8 @@ def save_figure(
     if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
     figure = tracking_figure(run, panels=panels, column=column)
-    return write_atomically(path, to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI))
+    content = to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI)
+    return write_atomically(path, marked(content, suffix, run.digest))
 
 
 @own_settings()

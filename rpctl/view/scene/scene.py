@@ -9,10 +9,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import run_obstacles
+from rpctl.simulation.reload import has_surroundings
 from rpctl.simulation.run import Run
 from rpctl.view.scene import keyframes, materials, obstacle_shapes, threejs, trails
+from rpctl.view.scene.base_marker import base_marker, base_poses
 from rpctl.view.scene.ground import ground_command, lights_command
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
 from rpctl.view.scene.stand_ins import StandIn
@@ -63,25 +66,29 @@ class Scene:
         return len(self.commands[-2])
 
 
-def build_scene(robot: Robot, run: Run, triangles: int = MAX_TRIANGLES) -> Scene:
+def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANGLES) -> Scene:
     """Return the scene of a run: robot, reference ghost, trails, ground, lights, animation.
 
     Args:
-        robot: The robot of the run.
+        robot: The robot of the run, or why it cannot be had: a wedge at its base is drawn then.
         run: The run.
         triangles: About how many the robot may have; large meshes are simplified first.
     """
-    bodies = build_bodies(robot, triangles)
     frames = _frames(run.t)
-    poses = joint_poses(robot, run.q[frames])
-    ghost = joint_poses(robot, run.q_ref[frames])
+    if isinstance(robot, RpctlError):
+        bodies = base_marker(run, str(robot))
+        poses, ghost = base_poses(run.q[frames]), base_poses(run.q_ref[frames])
+    else:
+        bodies = build_bodies(robot, triangles)
+        poses = joint_poses(robot, run.q[frames])
+        ghost = joint_poses(robot, run.q_ref[frames])
     joints = sorted({part.joint for part in bodies.parts})
-    paths = _paths(robot, run, frames)
+    paths = _paths(run, frames)
     first = _cloud(bodies, joints, poses[:1])
     cloud = np.concatenate(
         [_cloud(bodies, joints, poses), _cloud(bodies, joints, ghost), *paths.values()]
     )
-    obstacles, ground = run_obstacles(run), robot.drive.ground
+    obstacles, ground = run_obstacles(run), run.robot.drive.ground
     size = float(first[:, 2].max()) - ground
     cloud = np.concatenate([cloud, obstacle_shapes.corners(obstacles, cloud, ground, size)])
     lower, upper = cloud.min(axis=0), cloud.max(axis=0)
@@ -106,18 +113,25 @@ def build_scene(robot: Robot, run: Run, triangles: int = MAX_TRIANGLES) -> Scene
         start=np.stack([first.min(axis=0), first.max(axis=0)]),
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
-        notes=(*run.notes, *_estimates(robot), *bodies.notes),
+        notes=(*run.notes, *_robot_notes(robot), *bodies.notes),
         stand_ins=bodies.stand_ins,
     )
 
 
-def _estimates(robot: Robot) -> tuple[str, ...]:
-    """Return the note on links whose inertias are estimates, or nothing."""
-    names = robot.description.estimated_links
-    if not names:
+def _robot_notes(robot: Robot | RpctlError) -> tuple[str, ...]:
+    """Return the notes on links whose inertias are estimates, and on meshes left alone."""
+    notes: list[str] = []
+    if isinstance(robot, RpctlError):
         return ()
-    density = f"{robot.loaded_with.density:g} kg/m³"
-    return (f"mass and inertia of {', '.join(names)} are estimates at {density}",)
+    if names := robot.description.estimated_links:
+        density = f"{robot.loaded_with.density:g} kg/m³"
+        notes.append(f"mass and inertia of {', '.join(names)} are estimates at {density}")
+    if not has_surroundings(robot) and robot.description.has_meshes:
+        notes.append(
+            f"{robot.description.path.name}, the robot's file, is not there as it was: meshes "
+            "beside it are not drawn; declare their folder with --package-dir"
+        )
+    return tuple(notes)
 
 
 def _frames(t: Array) -> NDArray[np.int64]:
@@ -141,9 +155,9 @@ def joint_poses(robot: Robot, q: Array) -> Array:
     return poses
 
 
-def _paths(robot: Robot, run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
+def _paths(run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
     """Return the paths (n, 3) in the world, m: desired and actual, of P and the end effector."""
-    ground = np.full((len(frames), 1), robot.drive.ground)
+    ground = np.full((len(frames), 1), run.robot.drive.ground)
     paths = {
         "base-desired": np.hstack([run.base_ref[frames, :2], ground]),
         "base": np.hstack([run.log.base[frames, :2], ground]),

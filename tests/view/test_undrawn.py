@@ -1,0 +1,104 @@
+"""Runs that somebody else sent: shown from what they hold, and without a robot if need be."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl import Robot, RpctlError, Run
+from rpctl.cli.app import app
+from rpctl.robot.coordinates import read_root
+from rpctl.view import run_folder
+from rpctl.view.pages.report import robot_of, write_report
+from rpctl.view.scene.base_marker import base_marker, base_poses
+from rpctl.view.scene.scene import build_scene, joint_poses
+from tests.runs import vary
+from tests.view.readers import embedded
+from tests.view.samples import write_cart
+
+REASON = RpctlError("there is no file")
+
+
+def test_the_marker_moves_as_the_base_does(paper: Robot, paper_run: Run) -> None:
+    q = paper_run.q[::100]
+    poses, whole = base_poses(q), joint_poses(paper, q)[:, :2]
+    signs = np.sign(np.einsum("kij,kij->ki", poses[..., 3:], whole[..., 3:]))[..., None]
+    whole[..., 3:] *= signs  # of either sign a quaternion is the same turn
+    np.testing.assert_allclose(poses, whole, atol=1e-12)
+
+
+def test_the_marker_points_forward_and_lies_among_the_contacts(paper_run: Run) -> None:
+    bodies = base_marker(paper_run, "no file")
+    (surface,) = bodies.surfaces
+    points, drive = np.array(paper_run.ground.points), paper_run.robot.drive
+    corners = surface.vertices[:, :2] - points.mean(axis=0)
+    forward = corners @ np.array([np.cos(drive.heading), np.sin(drive.heading)])
+    size = np.ptp(points, axis=0).max()
+    assert forward.max() == pytest.approx(0.6 * size, rel=1e-6)
+    assert forward.min() == pytest.approx(-0.4 * size, rel=1e-6)
+    assert np.ptp(surface.vertices[:, 2]) == pytest.approx(0.2 * size, rel=1e-6)
+    assert surface.vertices[:, 2].min() == pytest.approx(drive.ground)
+    volume = np.einsum(
+        "ki,ki->", surface.vertices[surface.faces[:, 0]],
+        np.cross(surface.vertices[surface.faces[:, 1]], surface.vertices[surface.faces[:, 2]]),
+    ) / 6.0  # fmt: skip
+    assert volume == pytest.approx(0.5 * 0.6 * size * size * 0.2 * size, rel=1e-5)
+
+
+def test_a_run_is_reported_without_its_robot(paper_run: Run, tmp_path: Path) -> None:
+    older = vary(paper_run, urdf=None, file_sha256=None, source="/nonexistent/a.urdf")
+    older = replace(older, simulated=None)
+    assert isinstance(robot_of(older), RpctlError)
+    text = write_report(older, tmp_path / "a.html").read_text()
+    data = embedded(text)
+    assert "a wedge stands for its base: /nonexistent/a.urdf" in text
+    assert data["effort"]["joints"] == [0] * len(older.robot.actuators)
+    whole = embedded(write_report(paper_run, tmp_path / "b.html").read_text())
+    assert data["plots"] == whole["plots"]
+    assert (data["stance"], data["duration"]) == (whole["stance"], whole["duration"])
+    scene = build_scene(REASON, older)
+    assert scene.follow == "robot-1"
+    assert scene.origin[:2].tolist() == list(read_root(older.q[0]))[:2]
+
+
+@pytest.fixture
+def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a run that names a .xacro; a process that were started would fail."""
+    folder = tmp_path / "sent"
+    folder.mkdir()
+    (tmp_path / "evil.urdf.xacro").write_text("${open('/etc/passwd')}")
+    run = rpctl.track(rpctl.load(write_cart(tmp_path)), "circle", 0.02)
+    vary(run, source=str(tmp_path / "evil.urdf.xacro")).save(folder / "run.npz")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    monkeypatch.setattr(run_folder, "tracking_image", lambda run: b"a picture takes its time")
+    return folder
+
+
+def test_the_command_line_shows_a_hostile_folder_as_data(hostile: Path, tmp_path: Path) -> None:
+    page = tmp_path / "a.html"
+    result = CliRunner().invoke(app, ["view", str(hostile), "--html", str(page)])
+    assert (result.exit_code, result.stdout) == (0, f"wrote {page}\n")
+    assert "summary.json is missing, tracking.png is missing" in result.stderr
+    assert page.read_bytes() == (hostile / "report.html").read_bytes()
+    assert json.loads((hostile / "summary.json").read_text())["outcome"]
+    assert "wedge" not in page.read_text()
+    older = vary(Run.load(hostile / "run.npz"), urdf=None, file_sha256=None)
+    older.save(hostile / "run.npz")
+    result = CliRunner().invoke(app, ["view", str(hostile), "--html", str(page)])
+    assert result.exit_code == 0
+    assert "of another run" in result.stderr
+    assert "evil.urdf.xacro: the run does not hold its robot, and this file is xacro" in (
+        result.stderr
+    )
+    assert "a wedge stands for its base" in page.read_text()
