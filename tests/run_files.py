@@ -18,7 +18,7 @@ from rpctl.arrays import Array
 from rpctl.simulation.packing import pack
 from rpctl.simulation.run import entries_of
 
-CENTRAL, LOCAL, END = b"PK\x01\x02", b"PK\x03\x04", b"PK\x05\x06"
+CENTRAL, END = b"PK\x01\x02", b"PK\x05\x06"  # marks of a directory's entries and of its end
 HEADERS = (  # of an array; the shape of the columns' goes into the braces
     "{'descr': '|O', 'fortran_order': False, 'shape': (%d, %d, %d), }",
     "{'descr': '<f4', 'fortran_order': False, 'shape': (%d, %d, %d), }",

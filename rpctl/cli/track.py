@@ -38,6 +38,7 @@ from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
+from rpctl.simulation.spool import PART_FOLDER, Spool
 
 if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
@@ -87,6 +88,12 @@ class ConfigOptions:
             "the robot (m) and turned from it (rad); none if not given.",
         ),
     ] = None
+    log_every: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Log one sample of N, and the last; all if not given."
+        ),
+    ] = None
     kinematic: Annotated[
         str | None,
         typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
@@ -128,6 +135,7 @@ class ConfigOptions:
             size=self.size,
             speed=self.speed,
             laps=self.laps,
+            log_every=self.log_every,
         )
 
     def _reference(self) -> str | None:
@@ -158,7 +166,13 @@ class ResultOptions:
     png: Annotated[
         bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
     ] = False
-
+    single: Annotated[
+        bool,
+        typer.Option(
+            "--single",
+            help="Write the run's numbers in single precision, 7 digits, in half of the room.",
+        ),
+    ] = False
     perturbed: Annotated[
         bool,
         typer.Option(
@@ -191,7 +205,9 @@ class ResultOptions:
         from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
 
         with progress_bar("draw"):
-            written = write_folder(run, folder, self.max_megabytes)
+            written = write_folder(
+                run, folder, self.max_megabytes, "single" if self.single else "double"
+            )
             if self.png:
                 from rpctl.view.film.film import SCENE_FILE, write_still
 
@@ -231,23 +247,22 @@ def track_command(
     if certificate is not None:
         output.print(certificate_line(certificate))
     watched = _live_page(loaded, reference, config, output.print) if results.live else nullcontext()
-    with watched as page:
+    with Spool(folder / PART_FOLDER) as spool, watched as page:
         ended: list[Run] = []
         try:
             with progress_bar("simulate") as advance:
                 run = simulate(
-                    loaded, config, reference, certificate, advance, page,
-                    ended=None if page is None else ended.append,
-                )  # fmt: skip
+                    loaded, config, reference, certificate, advance, page, ended.append, spool
+                )
         except BaseException:
-            if page is not None and ended:
-                _keep(ended[0], page, results, folder)
+            if ended:
+                _keep(ended[0], page, results, folder, spool)
             raise
         if page is not None:
             page.end("Simulated")
         if results.perturbs(config):
             run = _with_expectation(run, loaded, config, reference)
-        written = results.write(run, folder)
+        written = _write(run, results, folder, spool)
         if page is not None:
             page.finish(written.report)
     if as_json:
@@ -265,12 +280,28 @@ def _with_expectation(run: Run, robot: Robot, config: Config, reference: Referen
     return replace(run, perturbed=None if expected is None else expected.to_dict())
 
 
-def _keep(run: Run, page: Broadcast, results: ResultOptions, folder: Path) -> None:
-    """Write what was simulated before a live run ended early, and say so in one line."""
-    page.end("Ended")
-    written = results.write(run, folder)
-    page.finish(written.report)
+def _keep(
+    run: Run, page: Broadcast | None, results: ResultOptions, folder: Path, spool: Spool
+) -> None:
+    """Write what was simulated before a run ended early, and say so in one line."""
+    if page is not None:
+        page.end("Ended")
+    written = _write(run, results, folder, spool)
+    if page is not None:
+        page.finish(written.report)
     console(stderr=True).print(f"{escape(run.notes[-1])}: [bold]{escape(str(written.report))}[/]")
+
+
+def _write(run: Run, results: ResultOptions, folder: Path, spool: Spool) -> RunFolder:
+    """Write the files of a run; its part is removed then, and is told of if they cannot be."""
+    try:
+        written = results.write(run, folder)
+    except BaseException:
+        where = escape(str(spool.folder))
+        console(stderr=True).print(f"what was simulated is kept: [bold]{where}[/]")
+        raise
+    spool.remove()
+    return written
 
 
 def reference_label(reference: str) -> str:

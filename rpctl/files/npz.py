@@ -16,6 +16,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, one_line
+from rpctl.files.caps import how_to_raise
 
 SUFFIX = ".npy"  # of an entry's name in the file
 PIECE = 2**20  # bytes that one read asks for
@@ -80,7 +81,9 @@ class Npz:
         for info in infos:
             _require_plain(info, names)
         if (total := sum(info.file_size for info in infos)) > max_bytes:
-            raise NpzError(f"its entries take {total} bytes, over {max_bytes}")
+            raise NpzError(
+                f"its entries take {total} bytes, over {max_bytes}; {how_to_raise('MAX_RUN_BYTES')}"
+            )
         self._archive = archive
         self._infos = {info.filename.removesuffix(SUFFIX): info for info in infos}
         self.names = tuple(self._infos)

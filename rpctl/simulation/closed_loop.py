@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,12 +44,21 @@ class LoopRecord:
     """What a closed loop leaves beside its log.
 
     Attributes:
-        report: Of the kinematic law.
-        wall_time: s, without what watched it.
+        reporter: Returns what the kinematic law has counted so far.
+        wall_time: s until the last sample, without what watched it.
     """
 
-    report: dict[str, float] = field(default_factory=dict)
+    reporter: Callable[[], dict[str, float]] = dict
     wall_time: float = 0.0
+
+    @property
+    def report(self) -> dict[str, float]:
+        """What the kinematic law has counted so far, by name."""
+        return self.reporter()
+
+    def known(self) -> dict[str, Any]:
+        """Return both, by the names of a run's entries."""
+        return {"kinematic_report": self.report, "wall_time": self.wall_time}
 
 
 def close_loop(
@@ -85,7 +94,7 @@ def close_loop(
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
     dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
-    started_at = time.perf_counter()
+    loop.reporter, started_at = kinematic.report, time.perf_counter()
     sent = plant.pipeline(rest.tau, period)
     try:
         for k in range(steps + 1):
@@ -96,6 +105,7 @@ def close_loop(
             efforts = require_efforts(robot, dynamic(controller_dynamics, q, nu, command))
             sent.append(efforts.tau)
             tau = sent.popleft()
+            loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
                 recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
             if not np.abs(nu).max() < DIVERGED_SPEED:
@@ -116,7 +126,6 @@ def close_loop(
                 progress(k, steps)
     finally:
         loop.wall_time = time.perf_counter() - started_at
-        loop.report = kinematic.report()
 
 
 def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+
+import numpy as np
 
 from rpctl.arrays import Array
 
@@ -86,3 +88,7 @@ class Log:
     slip_range: Array
     active_limits: Array
     bound_limits: tuple[tuple[str, str], ...]
+
+
+_NONE = dict.fromkeys((item.name for item in fields(Log)), np.empty(0))
+NO_SAMPLES = Log(**{**_NONE, "bound_limits": ()})  # type: ignore[arg-type]

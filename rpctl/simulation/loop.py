@@ -22,13 +22,14 @@ from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.facts import ground_facts, robot_facts
-from rpctl.simulation.log import Log
+from rpctl.simulation.log import NO_SAMPLES, Log
 from rpctl.simulation.periods import delay_note, duration_note, log_note, whole_periods
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.recorder import Recorder
 from rpctl.simulation.returned import require_callable
-from rpctl.simulation.run import Run
+from rpctl.simulation.run import Run, entries_of
+from rpctl.simulation.spool import Spool
 from rpctl.simulation.watching import Watching
 
 SETTLING_S = 1.0  # s, after the end of one that has it
@@ -132,6 +133,7 @@ def simulate(
     progress: Callable[[int, int], object] | None = None,
     watch: Watcher | None = None,
     ended: Callable[[Run], object] | None = None,
+    spool: Spool | None = None,
 ) -> Run:
     """Simulate a robot as a configuration says, from rest.
 
@@ -145,6 +147,8 @@ def simulate(
             ``progress`` fails, it is not called again, and a note of the run tells it.
         ended: Called with what was simulated if an error or Ctrl-C ends the loop early and there
             is a motion to keep; the exception is raised afterwards.
+        spool: Where the samples are written while they are simulated; :meth:`Run.load` reads its
+            folder, also after the process was killed. None: nowhere.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -160,17 +164,17 @@ def simulate(
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
     derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
-    recorder = Recorder(derivation, steps, settings.log_every)
     loop = LoopRecord()
+    recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
 
-    def run(log: Log, notes: tuple[str, ...]) -> Run:
+    def run(log: Log, steps: int, notes: tuple[str, ...]) -> Run:
         return Run(
             log=log,
             robot=robot_facts(robot),
             ground=ground_facts(contacts, settings.friction),
-            config=recorded(config, recorder.steps),
+            config=recorded(config, steps),
             controller_model=plant.controller_model.name if plant.controller_model else None,
             kinematic_report=loop.report,
             notes=(
@@ -179,6 +183,7 @@ def simulate(
                 *log_note(settings.log_every, period),
                 *watching.notes,
                 *showing.notes,
+                *(() if spool is None else spool.notes),
             ),
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
@@ -186,6 +191,8 @@ def simulate(
             simulated=robot,
         )
 
+    if spool is not None:
+        spool.begin(entries_of(run(NO_SAMPLES, steps, notes))[0])
     try:
         close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
         recorder.derive(ends=True)
@@ -195,9 +202,10 @@ def simulate(
                 recorder.derive(ends=True)
             if recorder.rows >= MIN_SAMPLES:
                 log = recorder.log()
-                ended(run(log, (_end_note(error, float(log.t[-1]), steps * period),)))
+                note = _end_note(error, float(log.t[-1]), steps * period)
+                ended(run(log, recorder.steps, (note,)))
         raise
-    return run(recorder.log(), notes)
+    return run(recorder.log(), recorder.steps, notes)
 
 
 def _end_note(error: BaseException, t: float, duration: float) -> str:

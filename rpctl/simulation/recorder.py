@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.derived import Carry, Derivation
 from rpctl.simulation.log import Log
 from rpctl.simulation.samples import SampleBuffer, Samples
+from rpctl.simulation.spool import Spool
 
 BATCH = 256  # samples that are derived at once: a tenth of a second's work at most
 RELEASED_ROWS = 4096  # of a column in a file, that stay in memory until they are let go
@@ -27,6 +29,7 @@ class _Done(NamedTuple):
     samples: int = 0  # derived
     rows: int = 0  # logged
     carry: Carry | None = None
+    bound: tuple[Limit, ...] = ()  # limits, in the order in which they first bound
 
 
 class Recorder:
@@ -36,11 +39,20 @@ class Recorder:
         derivation: Computes the rest of the log.
         steps: Number of control periods that are simulated; there is one sample more.
         every: Each ``every``-th sample is logged, and the last.
+        spool: Gets what is logged, on disk; None: nothing does.
+        known: Returns what is known of the run besides its samples, for the spool.
     """
 
-    def __init__(self, derivation: Derivation, steps: int, every: int = 1) -> None:
+    def __init__(
+        self,
+        derivation: Derivation,
+        steps: int,
+        every: int = 1,
+        spool: Spool | None = None,
+        known: Callable[[], Mapping[str, Any]] = dict,
+    ) -> None:
         self._derivation, self._every = derivation, every
-        self._steps = steps
+        self._steps, self._spool, self._known = steps, spool, known
         self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1))
         self._count, self._done = 0, _Done()
         self._columns: dict[str, Array] = {}
@@ -88,7 +100,8 @@ class Recorder:
         place = self._count - self._done.samples
         self._buffer.put(place, (t, work, number), (q, nu, tau, command.nu_d, e), state)
         self._count += 1
-        if place + 1 == len(self._buffer):
+        late = self._spool is not None and self._spool.is_late()
+        if late or place + 1 == len(self._buffer):
             self.derive()
 
     def derive(self, ends: bool = False) -> None:
@@ -101,16 +114,18 @@ class Recorder:
             RpctlError: One of them is nothing that a log can hold; those before it are logged.
         """
         samples = self._buffer.first(self._count - self._done.samples)
-        if not len(samples.t):
-            return
         try:
-            self._log(samples, ends)
+            if len(samples.t):
+                self._log(samples, ends)
         except RpctlError:
             count = self._sound(samples)
             if count:
                 self._log(samples.rows(slice(count)), ends=True)
             self._count = self._done.samples  # what follows is no motion
             raise
+        finally:
+            if self._spool is not None:
+                self._spool.take(self._done.rows, self._content, ends)
 
     def _sound(self, samples: Samples) -> int:
         """Return how many samples, up to the first of which no log can be made, can be logged."""
@@ -158,28 +173,31 @@ class Recorder:
         if first // RELEASED_ROWS != rows // RELEASED_ROWS:
             for column in self._columns.values():
                 release(column, 0, rows)
-        self._done = _Done(self._done.samples + len(samples.t), rows, carry)
+        sets = list(self._sets)
+        numbers = dict.fromkeys(columns["limits"].astype(int).tolist())
+        bound = dict.fromkeys((*self._done.bound, *(x for n in numbers for x in sets[n])))
+        self._done = _Done(self._done.samples + len(samples.t), rows, carry, tuple(bound))
+
+    def _content(self, rows: slice) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Return some rows of the log and what else is known, as the spool wants it."""
+        columns = {name: column[rows] for name, column in self._columns.items()}
+        columns["active_limits"] = self._active_limits(columns.pop("limits"))
+        return columns, {**self._known(), "bound_limits": self._done.bound}
 
     def log(self) -> Log:
         """Return the log of the samples that have been derived, one at least."""
         rows = self._done.rows
         columns = {name: column[:rows] for name, column in self._columns.items()}
-        numbers = columns.pop("limits")
-        bound = self.bound_limits(numbers)
-        columns["active_limits"] = self._active_limits(numbers, bound)
+        columns["active_limits"] = self._active_limits(columns.pop("limits"))
         for column in columns.values():
             column.setflags(write=False)
-        return Log(**columns, bound_limits=tuple((limit.joint, limit.kind) for limit in bound))
+        return Log(
+            **columns, bound_limits=tuple((limit.joint, limit.kind) for limit in self._done.bound)
+        )
 
-    def bound_limits(self, numbers: Array) -> tuple[Limit, ...]:
-        """Return the limits of sets (K,), by their numbers, in the order of first appearance."""
-        sets = list(self._sets)
-        used, first = np.unique(numbers, return_index=True)
-        order = used[np.argsort(first)].astype(int).tolist()
-        return tuple(dict.fromkeys(limit for number in order for limit in sets[number]))
-
-    def _active_limits(self, numbers: Array, bound: tuple[Limit, ...]) -> Array:
+    def _active_limits(self, numbers: Array) -> Array:
         """Return which limits bound (K, n_bound), 1 or 0, by the numbers (K,) of their sets."""
+        bound = self._done.bound
         table = np.array([[float(limit in limits) for limit in bound] for limits in self._sets])
         active = scratch((len(numbers), len(bound)))
         for first in range(0, len(numbers), RELEASED_ROWS):

@@ -16,6 +16,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
+from rpctl.simulation.part import read_part
 from rpctl.simulation.reload import load_robot
 from rpctl.simulation.run_file import read_run_file, write_run_file
 from rpctl.simulation.run_schema import ARRAYS
@@ -147,12 +148,15 @@ class Run:
 
     @staticmethod
     def load(path: str | Path) -> Run:
-        """Read a run.
+        """Read a run: its file, or the folder that the simulation left when it was stopped.
+
+        Args:
+            path: A ``run.npz``, or a ``run.part``; the run of that says in a note when it ended.
 
         Raises:
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
-        return from_entries(read_run_file(path))
+        return from_entries(read_part(path) if Path(path).is_dir() else read_run_file(path))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = (), expand: bool = False) -> Robot:
         """Return the robot of this run: as it was simulated here, or as the file of a run holds it.

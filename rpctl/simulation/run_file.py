@@ -155,7 +155,7 @@ def blamed(path: str | Path) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise RunFileError("; ".join(finding.message for finding in error.findings)) from None
+        raise RunFileError(f"{path}: {error.fault}") from None
     except NpzError as error:
         raise RunFileError(f"{path}: damaged or not a run of rpctl: {error}") from None
     except EntryError as error:

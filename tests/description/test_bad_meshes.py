@@ -289,11 +289,11 @@ def test_meshes_are_kept_by_their_bytes_and_within_a_budget(
     path.write_bytes(stl(TRIANGLE))
     first = read_mesh(path)
     assert read_mesh(path) is first
-    path.write_bytes(stl(np.asarray(TRIANGLE) * 2.0))
+    path.write_bytes(stl((np.asarray(TRIANGLE) * 2.0).tolist()))
     assert read_mesh(path).surfaces[0].vertices.max() == 2.0
     monkeypatch.setattr(mesh_files, "KEPT_BYTES", 0)
     second = read_mesh(path)
     assert second.surfaces[0].vertices.max() == 2.0
-    path.write_bytes(stl(np.asarray(TRIANGLE) * 3.0))
+    path.write_bytes(stl((np.asarray(TRIANGLE) * 3.0).tolist()))
     third: Mesh = read_mesh(path)
     assert read_mesh(path) is not third

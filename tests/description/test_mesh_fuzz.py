@@ -7,13 +7,15 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
 from rpctl.description import mesh_files
-from rpctl.description.mesh_files import MAX_COORDINATE, read_mesh
+from rpctl.description.mesh_files import read_mesh
+from rpctl.description.mesh_jobs import MAX_COORDINATE
 from rpctl.description.mesh_paths import MeshError
 from rpctl.description.mesh_service import StalledMeshError
 from tests.description.bad_meshes import GLB_BINARY, dae_bomb, glb, glb_triangle
@@ -26,7 +28,8 @@ SEED = 14
 
 def seeds(kind: str) -> list[bytes]:
     """Return sound files of a kind."""
-    box, cone = trimesh.creation.box(), trimesh.creation.cone(0.2, 0.5, sections=6)
+    box: Any = trimesh.creation.box()
+    cone: Any = trimesh.creation.cone(0.2, 0.5, sections=6)
     if kind == "ascii.stl":
         return [each.export(file_type="stl_ascii").encode() for each in (box, cone)]
     if kind == "ply":
@@ -57,19 +60,23 @@ def exchange_word(data: bytes, random: Random) -> bytes:
     words = data.replace(b'"', b' " ').replace(b"<", b" < ").split(b" ")
     place = random.randrange(len(words))
     other = random.choice((random.choice(NUMBERS).encode(), random.choice(words)))
-    return b" ".join([*words[:place], other, *words[place + 1 :]]).replace(b' " ', b'"')
+    return (
+        b" ".join([*words[:place], other, *words[place + 1 :]])
+        .replace(b' " ', b'"')
+        .replace(b" < ", b"<")
+    )
 
 
 def exchange_value(data: bytes, random: Random) -> bytes:
     """Change a number or a part of a GLB's header."""
     header = glb_triangle()
-    at: object = header
+    at: Any = header
     while isinstance(at, dict | list) and at:
         key = random.choice(list(at) if isinstance(at, dict) else range(len(at)))
-        inner = at[key]  # type: ignore[index, call-overload]
+        inner = at[key]
         if not isinstance(inner, dict | list) or random.random() < 0.2:
-            values = (-1, 0, 1, 2**31, 2**70, 1e300, None, "x", [], {}, True)
-            at[key] = random.choice(values)  # type: ignore[index, call-overload]
+            values: tuple[Any, ...] = (-1, 0, 1, 2**31, 2**70, 1e300, None, "x", [], {}, True)
+            at[key] = random.choice(values)
             break
         at = inner
     return glb(json.loads(json.dumps(header)), GLB_BINARY)

@@ -53,6 +53,9 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
     assert write_atomically(second, NEW) == second
     assert second.is_symlink() and link.is_symlink() and target.read_bytes() == NEW
     assert not target.is_symlink() and names(tmp_path / "far") == ["a.txt"]
+    with writing(link) as file:
+        file.write(OLD)
+    assert link.is_symlink() and target.read_bytes() == OLD
 
 
 def test_a_link_to_nothing_yet_makes_its_file(tmp_path: Path) -> None:
@@ -292,6 +295,7 @@ WRITES = {"savefig", "write_text", "write_bytes", "savez", "savez_compressed", "
 OPENED = {"buffer", "file"}  # what is written to memory, or to a file that the one writer opened
 ELSEWHERE = {
     "files/writing.py": "it is the one writer",
+    "simulation/spool.py": "it sets an older folder aside, under another name",
     "simulation/packed.py": "an entry of an archive that is open for writing",
     "files/worker.py": "it writes to the pipes of a process",
     "view/film/video.py": "encoders want a name: it lies in a folder of this process alone",

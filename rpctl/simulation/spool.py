@@ -1,0 +1,195 @@
+"""A run on disk while it is simulated: what a kill or a loss of power leaves is a valid run.
+
+A part is a folder. ``meta.json`` says what a run is besides its samples, as the entry ``meta`` of a
+run's file does. The samples follow in ``000000.npz``, ``000001.npz`` and so on, each of which
+appears whole or not at all. They are plain NumPy files: the arrays of the log by name, and a text
+``chunk`` of JSON that says which run and which rows they are.
+
+A process that writes a part holds a lock on it, which ends with the process however it ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import json
+import os
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.errors import RpctlError
+from rpctl.files.writing import make_folder, write_atomically
+
+PART_FOLDER = "run.part"  # beside the files of the finished run
+META_FILE, LOCK_FILE, CHUNK_ENTRY = "meta.json", "lock", "chunk"
+PART = "part"  # the member of a label that tells one run's files from another's
+LATER = ("bound_limits", "kinematic_report", "wall_time")  # entries that each chunk tells anew
+Content = Callable[[slice], tuple[Mapping[str, Array], Mapping[str, Any]]]
+CHUNK_PATTERN = "[0-9]" * 6 + "*.npz"
+CHUNK_ROWS = 2048  # of a chunk; TIAGo takes a second for them
+CHUNK_SECONDS = 5.0  # s: a slow law is written as often as this
+
+
+class Spool:
+    """Writes the samples of one run to a folder while they are simulated.
+
+    Use it as a context: it holds the folder's lock. If writing fails, the simulation goes on, and
+    a note tells it.
+
+    Args:
+        folder: The part; made. One that an ended process left with samples is kept beside it.
+
+    Raises:
+        RpctlError: Another process is writing there, or the folder cannot be made.
+
+    Attributes:
+        folder: The part.
+        notes: What became of an older part, and why writing failed, in sentences.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder, self.notes = Path(folder), tuple[str, ...]()
+        self._id, self._rows, self._chunks = uuid.uuid4().hex, 0, 0
+        self._written_at, self._failed = time.perf_counter(), False
+        self._made = not self.folder.parent.exists()
+        make_folder(self.folder.parent)
+        try:
+            self._lock = self._take()
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise RpctlError(f"{self.folder}: cannot be made: {reason}") from None
+
+    def __enter__(self) -> Spool:
+        """Return the spool."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Let go of the lock; the folder stays if there are samples in it."""
+        if not self._chunks:
+            self.remove()
+            if self._made:
+                with suppress(OSError):
+                    self.folder.parent.rmdir()
+        os.close(self._lock)
+
+    def _take(self) -> int:
+        """Return the lock of the folder, which is empty then."""
+        with suppress(FileExistsError):
+            self.folder.mkdir()
+        lock = _locked(self.folder)
+        if chunk_files(self.folder) or not _is_ours(self.folder):
+            aside = _free_name(self.folder)
+            self.folder.rename(aside)  # the old lock goes along
+            os.close(lock)
+            self.notes = (f"{aside} keeps what an earlier simulation left when it was stopped: "
+                          "look at it, then remove it",)  # fmt: skip
+            self.folder.mkdir()
+            lock = _locked(self.folder)
+        (self.folder / META_FILE).unlink(missing_ok=True)
+        return lock
+
+    def begin(self, meta: Mapping[str, Any]) -> None:
+        """Write what the run is besides its samples.
+
+        Args:
+            meta: By the names of the entries of a run's file.
+        """
+        said = {name: value for name, value in meta.items() if name not in LATER}
+        self._write(META_FILE, _json({**said, PART: self._id}).encode())
+
+    def is_late(self) -> bool:
+        """Return whether so much time has passed that what there is should be written."""
+        return time.perf_counter() - self._written_at > CHUNK_SECONDS
+
+    def take(self, rows: int, content: Content, ends: bool = False) -> None:
+        """Write the rows that have not been written, if they are many or it is time.
+
+        Args:
+            rows: How many rows the log has.
+            content: Returns some of the log's rows, its arrays by name, and what else is known by
+                now, by the names in ``LATER``.
+            ends: Whether no rows will follow.
+        """
+        count = rows - self._rows
+        if self._failed or not count or not (ends or count >= CHUNK_ROWS or self.is_late()):
+            return
+        arrays, known = content(slice(self._rows, rows))
+        label = {**known, PART: self._id, "first": self._rows}
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **{CHUNK_ENTRY: np.array(_json(label))}, **arrays)
+        self._write(f"{self._chunks:06d}.npz", buffer.getvalue())
+        self._rows, self._chunks, self._written_at = rows, self._chunks + 1, time.perf_counter()
+
+    def _write(self, name: str, data: bytes) -> None:
+        """Write a file of the part; the first fault ends the writing."""
+        if self._failed:
+            return
+        try:
+            write_atomically(self.folder / name, data, follow_links=False)
+        except RpctlError as error:
+            self._failed = True
+            self.notes += (f"a kill would have lost what was simulated: {error}",)
+
+    def remove(self) -> None:
+        """Remove the part, because all of it is written elsewhere; files of others stay."""
+        with suppress(OSError):
+            (self.folder / META_FILE).unlink(missing_ok=True)  # first: without it there is no part
+            for chunk in chunk_files(self.folder):
+                chunk.unlink()
+            (self.folder / LOCK_FILE).unlink()
+            self.folder.rmdir()
+
+
+def _json(value: Mapping[str, Any]) -> str:
+    return json.dumps(value, default=lambda number: number.tolist())
+
+
+def chunk_files(folder: Path) -> list[Path]:
+    """Return the chunks of a part, in order."""
+    return sorted(folder.glob(CHUNK_PATTERN), key=lambda chunk: (len(chunk.name), chunk.name))
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether a folder holds nothing but what a part without samples does."""
+    names = {each.name for each in folder.iterdir()}
+    return all(name in (META_FILE, LOCK_FILE) or name.startswith(".") for name in names)
+
+
+def _free_name(folder: Path) -> Path:
+    """Return the first name beside a folder, with a number, that nothing has."""
+    number = 1
+    while os.path.lexists(aside := folder.with_name(f"{folder.name}-{number}")):
+        number += 1
+    return aside
+
+
+def _locked(folder: Path) -> int:
+    """Return the open lock of a folder.
+
+    Raises:
+        RpctlError: Another process holds it.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    lock = os.open(folder / LOCK_FILE, flags, 0o666)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise RpctlError(
+            f"{folder}: another simulation is writing there; wait until it ends, or write to "
+            "another folder (--out)"
+        ) from None
+    return lock
