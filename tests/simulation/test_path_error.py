@@ -231,4 +231,4 @@ def test_few_sides_and_many_have_the_same_nearest_point(dimension: int) -> None:
             for nearest in (_nearest_of_few, _nearest_of_many)
             for side, share, point in [nearest(path, here, first, 6, lower)]
         ]
-        np.testing.assert_allclose(*found, atol=1e-12)
+        np.testing.assert_allclose(found[0], found[1], atol=1e-12)
