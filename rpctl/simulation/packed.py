@@ -168,6 +168,7 @@ def _column(arrays: Mapping[str, Array], place: Place, single: bool) -> Array:
     entry, k = place
     array = arrays[entry]
     column = np.array(array.reshape(len(array), -1)[:, k])
+    release(array)  # there may be many of them, each larger than memory
     if not single or entry == EXACT:
         return column
     with np.errstate(over="ignore"):
