@@ -34,7 +34,7 @@ from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.expectation import expect
-from rpctl.simulation.loop import default_duration, simulate
+from rpctl.simulation.loop import default_duration, require_affordable, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -166,7 +166,13 @@ class ResultOptions:
     png: Annotated[
         bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
     ] = False
-
+    single: Annotated[
+        bool,
+        typer.Option(
+            "--single",
+            help="Write the run's numbers in single precision, 7 digits, in half of the room.",
+        ),
+    ] = False
     perturbed: Annotated[
         bool,
         typer.Option(
@@ -199,7 +205,9 @@ class ResultOptions:
         from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
 
         with progress_bar("draw"):
-            written = write_folder(run, folder, self.max_megabytes)
+            written = write_folder(
+                run, folder, self.max_megabytes, "single" if self.single else "double"
+            )
             if self.png:
                 from rpctl.view.film.film import SCENE_FILE, write_still
 
@@ -235,6 +243,7 @@ def track_command(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
     show_sizing(output, getattr(reference, "sizing", None))
+    budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
@@ -242,7 +251,7 @@ def track_command(
     with Spool(folder / PART_FOLDER) as spool, watched as page:
         ended: list[Run] = []
         try:
-            with progress_bar("simulate") as advance:
+            with progress_bar("simulate", str(budget)) as advance:
                 run = simulate(
                     loaded, config, reference, certificate, advance, page, ended.append, spool
                 )
