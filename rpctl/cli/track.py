@@ -166,7 +166,13 @@ class ResultOptions:
     png: Annotated[
         bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
     ] = False
-
+    single: Annotated[
+        bool,
+        typer.Option(
+            "--single",
+            help="Write the run's numbers in single precision, 7 digits, in half of the room.",
+        ),
+    ] = False
     perturbed: Annotated[
         bool,
         typer.Option(
@@ -199,7 +205,9 @@ class ResultOptions:
         from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
 
         with progress_bar("draw"):
-            written = write_folder(run, folder, self.max_megabytes)
+            written = write_folder(
+                run, folder, self.max_megabytes, "single" if self.single else "double"
+            )
             if self.png:
                 from rpctl.view.film.film import SCENE_FILE, write_still
 

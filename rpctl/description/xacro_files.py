@@ -70,8 +70,6 @@ class XacroFiles:
         }  # fmt: skip
         if not isinstance(asked, str) or "\0" in asked:
             raise ValueError("a path or a name is a text")
-        if len(asked) > MAX_PATH:
-            raise ValueError("it is too long for a path")
         if verb == "read":
             return self._read(asked)
         return json.dumps(verbs[verb](asked)).encode()
@@ -82,6 +80,8 @@ class XacroFiles:
         Raises:
             OSError: It may not be read, is not there, or is none.
         """
+        if len(path) > MAX_PATH:
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG), path)
         self.known |= {path, os.path.normpath(path)}
         real = os.path.realpath(path)
         reason = self._refusal(real)

@@ -51,14 +51,14 @@ def release(column: Array, first: int = 0, last: int | None = None) -> None:
     """Take rows of a column from the process's memory, if they are in a file; they keep.
 
     Args:
-        column: From :func:`scratch`, or a view of it that begins with its first row.
+        column: From :func:`scratch`, or rows and columns of it from the first on.
         first: The first of the rows.
         last: The row behind the last of them; None: all that follow.
     """
     mapping = _mapping(column)
     if mapping is None or not hasattr(mapping, "madvise"):
         return
-    row = column.nbytes // max(len(column), 1)
+    row = column.strides[0]
     start = first * row // mmap.PAGESIZE * mmap.PAGESIZE
     end = min(len(column) if last is None else last, len(column)) * row
     if end > start:
@@ -71,12 +71,26 @@ def blocks(*columns: Array) -> Iterator[tuple[Array, ...]]:
     Args:
         columns: They may be in memory or in files.
     """
-    widest = max(column.nbytes // max(len(column), 1) for column in columns)
+    widest = max(abs(column.strides[0]) for column in columns)
     rows = max(1, BLOCK_BYTES // max(widest, 1))
     for first in range(0, len(columns[0]), rows):
         yield tuple(column[first : first + rows] for column in columns)
         for column in columns:
             release(column, first, first + rows)
+
+
+def column_of(array: Array, k: int) -> Array:
+    """Return a copy (K,) of a column of an array (K, n), however large that is."""
+    column, first = np.empty(len(array)), 0
+    for (block,) in blocks(array):
+        column[first : first + len(block)] = block[:, k]
+        first += len(block)
+    return column
+
+
+def split(array: Array) -> Iterator[Array]:
+    """Yield copies (K,) of the columns of an array (K, n), one in memory at a time."""
+    return (column_of(array, k) for k in range(array.shape[1]))
 
 
 def _folder() -> str:

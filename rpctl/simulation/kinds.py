@@ -221,7 +221,7 @@ def free(value: Any, where: str) -> Any:
     if value is None or isinstance(value, bool):
         return value
     if isinstance(value, str):
-        return text(value, where)
+        return path(value, where)  # a certificate names its robot's file
     if isinstance(value, list):
         return list(many(free)(value, where))
     if isinstance(value, Mapping):

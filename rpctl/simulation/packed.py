@@ -16,7 +16,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.npz import SUFFIX, Npz, NpzEntry
-from rpctl.simulation.columns import release, scratch
+from rpctl.simulation.columns import column_of, release, scratch
 from rpctl.simulation.kinds import EntryError, fault, many, mapping, table, whole
 from rpctl.simulation.packing import PLANES, pack, unpack
 from rpctl.simulation.run_schema import check_numbers
@@ -167,7 +167,7 @@ def _column(arrays: Mapping[str, Array], place: Place, single: bool) -> Array:
     """
     entry, k = place
     array = arrays[entry]
-    column = np.array(array.reshape(len(array), -1)[:, k])
+    column = column_of(array.reshape(len(array), -1), k)
     if not single or entry == EXACT:
         return column
     with np.errstate(over="ignore"):

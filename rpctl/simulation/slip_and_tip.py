@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.columns import blocks
 from rpctl.simulation.run import Run
 
 SLIP_RATIO_SHOWN_MAX = (
@@ -106,10 +107,16 @@ def _load_ranges(run: Run) -> tuple[LoadRange, ...] | None:
     loads = run.log.load_range
     if not loads.size and len(run.ground.contacts) <= DETERMINATE_CONTACTS:
         loads = run.log.contact_load[:, :, None]
-    if not loads.size or np.isnan(loads).all():
+    if not loads.size:
         return None
-    least, most = np.nanmin(loads, axis=(0, 2)).tolist(), np.nanmax(loads, axis=(0, 2)).tolist()
-    rows = zip(run.ground.contacts, least, most, strict=True)
+    ends = [
+        (np.fmin.reduce(block, axis=(0, 2)), np.fmax.reduce(block, axis=(0, 2)))
+        for (block,) in blocks(loads)
+    ]
+    least, most = np.fmin.reduce([a for a, _ in ends]), np.fmax.reduce([b for _, b in ends])
+    if np.isnan(least).all():
+        return None
+    rows = zip(run.ground.contacts, least.tolist(), most.tolist(), strict=True)
     return tuple(LoadRange(*row) for row in rows)
 
 

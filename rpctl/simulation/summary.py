@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.sizing import Sizing
+from rpctl.simulation.columns import split
 from rpctl.simulation.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
@@ -177,13 +178,13 @@ class Summary:
 def summarize(run: Run) -> Summary:
     """Return the figures of merit of a run."""
     log, robot = run.log, run.robot
-    base = np.hypot(log.e[:, 0], log.e[:, 1])
+    base = np.hypot(*split(log.e[:, :2]))
     arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
     name, sentence = outcome(run.t, points, run_obstacles(run))
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     half = len(run.t) // 2
-    tau = np.abs(run.tau).max(axis=0)
+    tau = np.array([np.abs(effort).max() for effort in split(run.tau)])
     limited = np.isfinite(robot.effort_limits)
     peaks = np.where(limited, tau / np.array(robot.effort_limits), -1.0)  # -1: never the largest
     duration = float(run.t[-1])
@@ -229,8 +230,8 @@ def violations(run: Run) -> tuple[Violation, ...]:
     found: list[Violation] = []
     for name, tau, rate, effort_limit, velocity_limit in zip(
         robot.actuators,
-        run.tau.T,
-        log.rates.T,
+        split(run.tau),
+        split(log.rates),
         robot.effort_limits,
         robot.velocity_limits,
         strict=True,
@@ -238,15 +239,19 @@ def violations(run: Run) -> tuple[Violation, ...]:
         found += _violation(run, name, "effort", np.abs(tau), effort_limit)
         found += _violation(run, name, "velocity", np.abs(rate), velocity_limit)
     for name, position, lower, upper in zip(
-        robot.joint_names, log.joints.T, robot.lower_limits, robot.upper_limits, strict=True
+        robot.joint_names, split(log.joints), robot.lower_limits, robot.upper_limits, strict=True
     ):
         found += _position_violations(run, name, position, lower, upper)
     for name, position, (lower, upper) in zip(
-        robot.steering_names, log.steering.T, robot.steering_limits, strict=True
+        robot.steering_names, split(log.steering), robot.steering_limits, strict=True
     ):
         found += _position_violations(run, name, position, lower, upper)
     for name, position, rate, (lower, upper, fastest) in zip(
-        robot.other_names, log.others.T, log.other_rates.T, robot.other_limits, strict=True
+        robot.other_names,
+        split(log.others),
+        split(log.other_rates),
+        robot.other_limits,
+        strict=True,
     ):
         if name not in robot.actuators:
             found += _violation(run, name, "velocity", np.abs(rate), fastest)
@@ -258,7 +263,9 @@ def violations(run: Run) -> tuple[Violation, ...]:
 def binding_limits(run: Run) -> tuple[BindingLimit, ...]:
     """Return the limits that bound the efforts."""
     found = []
-    for (joint, kind), active in zip(run.log.bound_limits, run.log.active_limits.T, strict=True):
+    for (joint, kind), active in zip(
+        run.log.bound_limits, split(run.log.active_limits), strict=True
+    ):
         first, duration = int(np.argmax(active)), float(active.mean() * run.t[-1])
         x, y = run.log.base[first, :2].tolist()
         found.append(BindingLimit(joint, kind, float(run.t[first]), (x, y), duration))
@@ -285,7 +292,8 @@ def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> l
 
 
 def _joint_errors(run: Run, half: int) -> tuple[JointError, ...]:
-    rows = zip(run.robot.joint_names, run.robot.units, np.abs(run.log.e[:, 3:].T), strict=True)
+    sizes = map(np.abs, split(run.log.e[:, 3:]))
+    rows = zip(run.robot.joint_names, run.robot.units, sizes, strict=True)
     return tuple(
         JointError(name, unit, _rms(size), float(size[-1]), float(size[half:].max()))
         for name, unit, size in rows

@@ -88,7 +88,9 @@ class FileFault(NamedTuple):
         return f"{self.name} {self.reason}"
 
 
-def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> RunFolder:
+def write_folder(
+    run: Run, folder: Path, megabytes: float = MAX_REPORT_MB, precision: str = "double"
+) -> RunFolder:
     """Write all files of a run; each is there whole or not at all, the run itself first.
 
     Files that were made from an earlier run are removed once the new one is there. Others, as
@@ -98,6 +100,7 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> Ru
         run: The run.
         folder: Where; made if it is not there.
         megabytes: What the report may take, MB; meshes are simplified until it does.
+        precision: Of the run's file, see :meth:`rpctl.Run.save`; all else is made of the run.
 
     Returns:
         The figures of merit, the report's path and size, and notes on what could not be done.
@@ -106,7 +109,7 @@ def write_folder(run: Run, folder: Path, megabytes: float = MAX_REPORT_MB) -> Ru
         RpctlError: The folder cannot be made or written to.
     """
     make_folder(folder)
-    path = run.save(folder / RUN_FILE)
+    path = run.save(folder / RUN_FILE, precision)
     run = replace(run, digest=digest(path))
     for fault in find_faults(folder, run.digest or ""):
         if fault.name in MADE_FILES:

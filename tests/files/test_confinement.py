@@ -144,6 +144,7 @@ BARE = f"""  # rpctl itself would load Pinocchio
 import sys, types
 sys.modules["rpctl"] = types.ModuleType("rpctl")
 sys.modules["rpctl"].__path__ = [{str(Path(rpctl.__file__).parent)!r}]
+sys.path.append({str(Path(__file__).parents[2])!r})
 """
 ALONE = (
     BARE

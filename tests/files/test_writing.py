@@ -53,6 +53,9 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
     assert write_atomically(second, NEW) == second
     assert second.is_symlink() and link.is_symlink() and target.read_bytes() == NEW
     assert not target.is_symlink() and names(tmp_path / "far") == ["a.txt"]
+    with writing(link) as file:
+        file.write(OLD)
+    assert link.is_symlink() and target.read_bytes() == OLD
 
 
 def test_a_link_to_nothing_yet_makes_its_file(tmp_path: Path) -> None:

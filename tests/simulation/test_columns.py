@@ -13,7 +13,7 @@ import pytest
 
 from rpctl.errors import RpctlError
 from rpctl.simulation import columns
-from rpctl.simulation.columns import blocks, release, scratch
+from rpctl.simulation.columns import blocks, column_of, release, scratch, split
 
 ROWS = columns.IN_MEMORY_BYTES // 8 // 3 + 1  # of three numbers: just too many for memory
 
@@ -61,6 +61,18 @@ def test_blocks_are_all_rows_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(np.concatenate([b for _, b in parts]), times)
     assert [len(each) for (each,) in blocks(np.empty((5, 0)))] == [5]
     assert list(blocks(np.empty(0))) == []
+
+
+def test_columns_of_an_array_are_copies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(columns, "BLOCK_BYTES", 24 * 1000)
+    for array in (scratch((ROWS, 3)), scratch((5, 3))):
+        array[:] = np.arange(3.0 * len(array)).reshape(-1, 3)
+        for k, column in enumerate(split(array[:, 1:])):
+            np.testing.assert_array_equal(column, array[:, 1 + k])
+            assert column.base is None
+        assert k == 1
+        np.testing.assert_array_equal(column_of(array, 2), array[:, 2])
+    assert list(split(np.empty((4, 0)))) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
