@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rpctl.errors import RpctlError
+from rpctl.files.opening import is_file, is_folder
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
@@ -45,7 +46,7 @@ class ShownRun:
 def is_run(name: str) -> bool:
     """Return whether a path is a run: a folder that holds one, an ``.npz``, or a part of one."""
     path = Path(name)
-    held = (path / RUN_FILE).is_file() or (path / PART_FOLDER).is_dir()
+    held = is_file(path / RUN_FILE) or is_folder(path / PART_FOLDER)
     return held or path.suffix == ".npz" or path.name == PART_FOLDER
 
 
@@ -60,10 +61,10 @@ def open_run(path: Path) -> ShownRun:
     if path.name == PART_FOLDER:
         return _part(path, ())
     part, file = path / PART_FOLDER, path / RUN_FILE
-    if part.is_dir() and not (file.is_file() and _changed(part) <= file.stat().st_mtime_ns):
+    if is_folder(part) and not (is_file(file) and _changed(part) <= file.stat().st_mtime_ns):
         older = (f"{file} is of an earlier simulation and stays as it is",) * file.is_file()
         return _part(part, older)
-    file = file if path.is_dir() else path
+    file = file if is_folder(path) else path
     run = replace(Run.load(file), digest=digest(file))
     return ShownRun(run, file.parent if file.name == RUN_FILE else None)
 
@@ -198,6 +199,6 @@ def comparison(
 
 
 def _name(run: Path) -> str:
-    if run.is_dir() and run.name != PART_FOLDER:
+    if is_folder(run) and run.name != PART_FOLDER:
         return run.name
     return run.parent.name if run.name in (RUN_FILE, PART_FOLDER) else run.stem
