@@ -11,6 +11,8 @@ from typing import TypeGuard
 
 MAX_SHOWN = 50  # findings that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
+# Of a setting in SI units: beyond, squares and quotients of settings leave the numbers.
+SMALLEST, LARGEST = 1e-12, 1e12
 UNSEEN = re.compile(
     r"[\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0\ufe00-\ufe0f\U000e0100-\U000e01ef]"
 )  # what Unicode calls printable, but has no ink: fillers, and selectors of variants
@@ -151,10 +153,28 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def require_positive(name: str, value: float) -> None:
-    """Refuse a setting that is not a positive, finite number.
+    """Refuse a setting that is not a positive number in ``SMALLEST`` to ``LARGEST``.
 
     Raises:
         RpctlError: Naming the setting.
     """
-    if not (math.isfinite(value) and value > 0.0):
+    if not value > 0.0 or not math.isfinite(value):
         raise RpctlError(f"{name} is {value:g}; give a positive number")
+    if not SMALLEST <= value <= LARGEST:
+        raise RpctlError(f"{name} is {value:g}; give a number from {SMALLEST:g} to {LARGEST:g}")
+
+
+def require_within(name: str, values: Iterable[float], largest: float = LARGEST) -> None:
+    """Refuse numbers that are not finite or of a larger magnitude.
+
+    Args:
+        name: What they are, in the words of the user.
+        values: The numbers.
+        largest: The largest magnitude that is accepted.
+
+    Raises:
+        RpctlError: Naming them.
+    """
+    for value in values:
+        if not abs(value) <= largest:
+            raise RpctlError(f"{name} is {value:g}; give numbers from {-largest:g} to {largest:g}")

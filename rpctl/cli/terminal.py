@@ -8,7 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from rpctl.errors import printable
@@ -40,9 +47,20 @@ def _doubled(found: re.Match[str]) -> str:
 
 
 @contextmanager
-def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on a terminal's stderr, nothing when piped; yields ``advance(done, total)``."""
-    columns = TextColumn("{task.description:>9}"), BarColumn(), TimeElapsedColumn()
+def progress_bar(label: str, details: str = "") -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on a terminal's stderr, nothing when piped; yields ``advance(done, total)``.
+
+    Args:
+        label: What is done.
+        details: What it will take, behind the time that is left.
+    """
+    columns: list[ProgressColumn] = [
+        TextColumn("{task.description:>9}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+    ]
+    if details:
+        columns += [TextColumn("[dim]left[/]"), TimeRemainingColumn(), TextColumn(details)]
     out = Console(stderr=True)
     with Progress(*columns, console=out, transient=True, disable=not out.is_terminal) as progress:
         task = progress.add_task(label, total=None)

@@ -34,7 +34,7 @@ from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.expectation import expect
-from rpctl.simulation.loop import default_duration, simulate
+from rpctl.simulation.loop import default_duration, require_affordable, simulate
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -243,6 +243,7 @@ def track_command(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
     show_sizing(output, getattr(reference, "sizing", None))
+    budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
@@ -250,7 +251,7 @@ def track_command(
     with Spool(folder / PART_FOLDER) as spool, watched as page:
         ended: list[Run] = []
         try:
-            with progress_bar("simulate") as advance:
+            with progress_bar("simulate", str(budget)) as advance:
                 run = simulate(
                     loaded, config, reference, certificate, advance, page, ended.append, spool
                 )

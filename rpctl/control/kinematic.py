@@ -10,6 +10,7 @@ import numpy as np
 from rpctl.control.error import Tracking
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
+from rpctl.errors import require_positive, require_within
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,13 @@ class PaperKinematic(BaseLaw):
     horizon: float = 0.8
     beta: float = 1.5
     smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse settings that leave the law undefined."""
+        super().__post_init__()
+        require_within("beta", [self.beta])
+        if self.smoothing:
+            require_positive("smoothing", self.smoothing)
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist to ask of a base that cannot move sideways."""

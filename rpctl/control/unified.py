@@ -9,7 +9,7 @@ from rpctl.control.error import Tracking
 from rpctl.control.kinematic import coupled
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import require_positive
+from rpctl.errors import require_positive, require_within
 from rpctl.reference.motion import ReferenceState
 
 
@@ -67,6 +67,9 @@ class UnifiedKinematic(BaseLaw):
         """Refuse settings that leave the law undefined."""
         super().__post_init__()
         require_positive("weight", self.weight)
+        require_within("beta", [self.beta])
+        if self.bend:
+            require_positive("bend", self.bend)
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist to ask of a base that cannot move sideways."""

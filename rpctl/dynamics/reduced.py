@@ -90,10 +90,18 @@ class ReducedDynamics:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             nu_dot: Their derivatives (dof,).
+
+        Raises:
+            RpctlError: The state is not finite.
         """
         at = self.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
-        return at.S.T @ pin.rnea(self._model, self._workspace.data, q, at.S @ nu, acceleration)
+        force: Array = at.S.T @ pin.rnea(
+            self._model, self._workspace.data, q, at.S @ nu, acceleration
+        )
+        if not math.isfinite(force.dot(force)):
+            raise self._not_finite(q, nu)
+        return force
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,).
@@ -111,9 +119,15 @@ class ReducedDynamics:
         force = pin.rnea(self._model, data, q, S.dot(nu), at.drift(nu))
         M = S.T.dot(pin.crba(self._model, data, q).dot(S))
         _, nu_dot, info = dposv(M, S.T.dot(self._columns.dot(tau) - force))
-        if info or not math.isfinite(nu_dot[0]):
+        if not math.isfinite(nu_dot.dot(nu_dot)):
+            raise self._not_finite(q, nu)
+        if info:
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
+
+    def _not_finite(self, q: Array, nu: Array) -> RpctlError:
+        what = "q" if not np.isfinite(q).all() else "ν" if not np.isfinite(nu).all() else "τ or ν̇"
+        return RpctlError(f"{self.robot.name}: the state ({what}) is not finite, or out of range")
 
     def placements(self, q: Array) -> pin.Data:
         """Return the thread's workspace with the joints' placements at q, until its next call."""

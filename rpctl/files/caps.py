@@ -14,6 +14,7 @@ MAX_ATTRIBUTES = 1_000_000  # of XML; each takes 300 bytes
 MAX_LINKS = 2000  # Pinocchio's time grows with the square of the links
 MAX_MOVING_JOINTS = 150  # Pinocchio's Data grows with their cube: .3 GB at 150, 2 GB at 300
 MAX_MESH_BYTES = 256 * 2**20  # no robot's part is larger
+MAX_RUN_SECONDS = 86_400  # of computing that a run takes at least; an hour of TIAGo takes half
 MAX_RUN_BYTES = 4 * 2**30  # of a run's samples; an hour of TIAGo at 2 ms is half of it
 MAX_MESH_TRIANGLES = 1_000_000  # of one mesh file; the largest public ones have 400 000
 MAX_MESH_PARTS = 5000  # pieces that one mesh file shows; a part shown twice is two

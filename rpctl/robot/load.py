@@ -20,7 +20,7 @@ from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
 from rpctl.drive.plugins import SimulatorTags
 from rpctl.drive.suspensions import hold_passive
 from rpctl.drive.vendor import vendor_findings
-from rpctl.errors import DescriptionError, Finding, UnknownNameError
+from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
 from rpctl.robot.build import build, check
 from rpctl.robot.end_effector import find_end_effector
 from rpctl.robot.grippers import find_grippers, freeze_grippers
@@ -29,6 +29,8 @@ from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot
 from rpctl.robot.names import find_source
 from rpctl.robot.source import Source
+
+MAX_POSITION = 1e6  # rad or m: no joint is locked farther from 0
 
 
 def load(
@@ -238,6 +240,7 @@ def _locked(
         lock = (lock,)
     wanted = lock if isinstance(lock, Mapping) else dict.fromkeys(lock, 0.0)
     for pattern, position in wanted.items():
+        require_within(f"the position of {pattern}", [position], MAX_POSITION)
         names = _matching(moving, pattern, "joint to lock")
         locked.update(dict.fromkeys(names, float(position)))
     return locked

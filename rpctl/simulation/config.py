@@ -28,12 +28,14 @@ from rpctl.control.settings import (
 )
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, require_positive, require_within
 from rpctl.files import toml
 from rpctl.files.toml import Table
 from rpctl.files.writing import write_atomically
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
+from rpctl.reference.pose_goal import MAX_DISTANCE
+from rpctl.reference.sizing import SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.periods import CONTROL_PERIOD
@@ -94,9 +96,15 @@ class RunSettings:
     log_every: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of samples."""
+        """Refuse what is out of range."""
         if not (type(self.log_every) is int and self.log_every >= 1):
             raise RpctlError(f"log_every is {self.log_every}; give a whole number, 1 or more")
+        for name in ("duration", "control_period", "plant_step", "friction"):
+            value = getattr(self, name)
+            if value is not None:
+                require_positive(name, value)
+        SizingRequest(self.size, self.speed, self.laps)
+        require_within("initial_error", self.initial_error, MAX_DISTANCE)
 
     def load_reference(self, robot: Robot) -> Reference:
         """Return the reference.

@@ -13,17 +13,18 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
+from rpctl.simulation.budget import Budget, find_budget
 from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.facts import ground_facts, robot_facts
 from rpctl.simulation.log import NO_SAMPLES, Log
-from rpctl.simulation.periods import delay_note, duration_note, log_note, whole_periods
+from rpctl.simulation.periods import delay_note, duration_note, log_note
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.recorder import Recorder
@@ -152,14 +153,13 @@ def simulate(
 
     Raises:
         DivergedError: The motion left the finite numbers.
-        RpctlError: A setting is out of range, or the reference does not fit the robot.
+        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log, or
+            the reference does not fit the robot.
     """
     settings, plant, period = config.run, config.plant, config.run.control_period
     robot = config.limits.apply(robot)
     reference = settings.load_reference(robot) if reference is None else reference
-    duration = default_duration(reference) if settings.duration is None else settings.duration
-    steps = whole_periods(duration, period)
-    require_positive("plant_step", settings.plant_step)
+    steps = require_affordable(robot, config, reference).periods
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
@@ -206,6 +206,27 @@ def simulate(
                 ended(run(log, recorder.steps, (note,)))
         raise
     return run(recorder.log(), recorder.steps, notes)
+
+
+def require_affordable(robot: Robot, config: Config, reference: Reference) -> Budget:
+    """Return what a run will cost; refuse it beyond the caps.
+
+    Args:
+        robot: The robot.
+        config: How it is simulated.
+        reference: What is tracked.
+
+    Raises:
+        RpctlError: It would take too long, log too much, or never see its plant's delay pass.
+    """
+    duration = config.run.duration or default_duration(reference)
+    budget = find_budget(robot, config.run, duration)
+    budget.require_within_caps()
+    if config.plant.delay > duration:
+        raise RpctlError(
+            f"delay is {config.plant.delay:g} s, longer than the run of {duration:g} s"
+        )
+    return budget
 
 
 def _end_note(error: BaseException, t: float, duration: float) -> str:

@@ -13,7 +13,7 @@ from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError, UnknownNameError
+from rpctl.errors import DivergedError, RpctlError, UnknownNameError, require_within
 from rpctl.robot.model import Robot
 from rpctl.simulation.periods import delay_periods
 
@@ -39,14 +39,15 @@ class Plant:
         """Refuse what is no time or no effort."""
         if not (math.isfinite(self.delay) and self.delay >= 0.0):
             raise RpctlError(f"delay is {self.delay:g}; give a time in s, 0 or more")
+        require_within("delay", [self.delay])
         for name, bias in self.tau_bias.items():
-            if not math.isfinite(bias):
-                raise RpctlError(f"tau_bias of {name} is {bias:g}; give a finite effort")
+            require_within(f"tau_bias of {name}", [bias])
         for name, friction in self.joint_friction.items():
             if not (math.isfinite(friction) and friction >= 0.0):
                 raise RpctlError(
                     f"joint_friction of {name} is {friction:g}; give an effort of 0 or more"
                 )
+            require_within(f"joint_friction of {name}", [friction])
 
     def bias(self, robot: Robot) -> Array:
         """Return the efforts (n_act,) that push besides the controller's.
@@ -93,6 +94,11 @@ def _by_actuator(robot: Robot, efforts: Mapping[str, float]) -> Array:
     return np.array([efforts.get(name, 0.0) for name in robot.actuators])
 
 
+def substeps(duration: float, longest: float) -> int:
+    """Return in how many equal steps of at most ``longest`` (s) a ``duration`` (s) is taken."""
+    return max(1, math.ceil(duration / longest - 1e-9))
+
+
 def advance(
     dynamics: ReducedDynamics,
     q: Array,
@@ -116,7 +122,7 @@ def advance(
     Raises:
         DivergedError: The state left the finite numbers.
     """
-    steps = max(1, math.ceil(duration / longest - 1e-9))
+    steps = substeps(duration, longest)
     work = 0.0
     try:
         for _ in range(steps):

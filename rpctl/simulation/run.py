@@ -10,7 +10,7 @@ from typing import Any
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.opening import is_folder
-from rpctl.files.writing import write_atomically
+from rpctl.files.writing import writing
 from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
 from rpctl.robot.model import Robot
@@ -21,7 +21,7 @@ from rpctl.simulation.part import read_part
 from rpctl.simulation.reload import load_robot
 from rpctl.simulation.run_file import read_run_file, write_run_file
 from rpctl.simulation.run_schema import ARRAYS
-from rpctl.simulation.table import columns, csv_text
+from rpctl.simulation.table import columns, csv_blocks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,7 +128,10 @@ class Run:
         Returns:
             The path. The columns are those of :func:`rpctl.simulation.table.columns`.
         """
-        return write_atomically(path, csv_text(self._columns()).encode())
+        with writing(path) as file:
+            for block in csv_blocks(self._columns()):
+                file.write(block.encode())
+        return Path(path)
 
     def to_pandas(self) -> Any:
         """Return the samples as a ``pandas.DataFrame``, a row a sample, indexed by t (s).

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.columns import release
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
 
 POSE = ("x", "y", "theta")
 POINT = ("x", "y", "z")
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet takes for the beginning of one
+CSV_ROWS = 2000  # that are text at once
 ERRORS = ("longitudinal", "lateral", "heading")
 
 
@@ -65,14 +67,22 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
     return table
 
 
-def csv_text(table: Mapping[str, Array]) -> str:
-    """Return a table as CSV: a header and a row a sample; a number is as exact as it was.
+def csv_blocks(table: Mapping[str, Array]) -> Iterator[str]:
+    """Yield a table as CSV, a header and a row a sample; a number is as exact as it was.
 
     Args:
-        table: Columns (K,) by name.
+        table: Columns (K,) by name; they may be larger than memory.
     """
+    columns = list(table.values())
+    yield _csv([list(table)])
+    for first in range(0, len(columns[0]), CSV_ROWS):
+        rows = [column[first : first + CSV_ROWS] for column in columns]
+        yield _csv(np.column_stack(rows).tolist())
+        for column in columns:
+            release(column, first, first + CSV_ROWS)
+
+
+def _csv(rows: Iterable[Iterable[object]]) -> str:
     buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(np.column_stack(list(table.values())).tolist())
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue()

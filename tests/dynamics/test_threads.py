@@ -39,7 +39,7 @@ def _states(robot: Robot) -> list[tuple[Array, Array, Array]]:
 
 
 def _agree_in_threads(
-    answer: Callable[[Array, Array, Array], object], states: list[tuple[Array, Array, Array]]
+    answer: Callable[[Array, Array, Array], Array | float], states: list[tuple[Array, Array, Array]]
 ) -> None:
     alone = [answer(*state) for state in states]
 
@@ -62,7 +62,7 @@ def _agree_in_threads(
 @pytest.mark.parametrize("what", ["forward", "bias", "energy", "reaction"])
 def test_threads_share_a_dynamics(name: str, what: str) -> None:
     dynamics = ReducedDynamics(load(name))
-    answers = {
+    answers: dict[str, Callable[[Array, Array, Array], Array | float]] = {
         "forward": dynamics.forward,
         "bias": lambda q, nu, tau: dynamics.bias(q, nu),
         "energy": lambda q, nu, tau: dynamics.energy(q, nu),

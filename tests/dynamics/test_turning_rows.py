@@ -14,6 +14,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
+from rpctl.robot.workspace import Workspace
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
@@ -180,10 +181,17 @@ def test_a_pendulum_swings(tmp_path: Path) -> None:
 
 def test_a_state_or_an_inertia_out_of_range_is_told(paper: Robot) -> None:
     dynamics, q, still = ReducedDynamics(paper), paper.configuration(), np.zeros(4)
-    with pytest.raises(rpctl.RpctlError, match="paper: the reduced inertia is not positive"):
-        dynamics.forward(q, np.full(4, np.nan), still)
+    for index in range(4):  # the arm's joints push the base no more than a wheel's
+        nu, tau = still.copy(), still.copy()
+        nu[index] = tau[index] = np.nan
+        with pytest.raises(rpctl.RpctlError, match=r"paper: the state .* is not finite"):
+            dynamics.forward(q, nu, still)
+        with pytest.raises(rpctl.RpctlError, match=r"paper: the state .* is not finite"):
+            dynamics.forward(q, still, tau)
+        with pytest.raises(rpctl.RpctlError, match=r"paper: the state .* is not finite"):
+            dynamics.bias(q, nu)
     negative = paper.model.copy()
     negative.inertias[1].mass = -1e3
-    dynamics._model, dynamics._data = negative, negative.createData()
+    dynamics._model, dynamics._workspace = negative, Workspace(negative)
     with pytest.raises(rpctl.RpctlError, match="paper: the reduced inertia is not positive"):
         dynamics.forward(q, still, still)

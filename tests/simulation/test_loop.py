@@ -296,7 +296,7 @@ def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
         ({"duration": 0.0}, "duration is 0; give a positive number"),
         ({"control_period": -1.0}, "control_period is -1"),
         ({"plant_step": math.nan}, "plant_step is nan"),
-        ({"initial_error": (0.1, math.inf, 0.0)}, "three finite numbers"),
+        ({"initial_error": (0.1, math.inf, 0.0)}, "initial_error is inf; give numbers from"),
         ({"initial_error": (0.1,)}, "three finite numbers"),
         ({"reference": "square"}, "reference 'square' is not known"),
     ],

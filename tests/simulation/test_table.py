@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.simulation import table as table_module
 from rpctl.simulation.table import columns
 
 
@@ -53,7 +54,11 @@ def test_a_joint_called_x_loses_no_column(run: rpctl.Run) -> None:
     np.testing.assert_array_equal(table["joint_x_ref"], run.log.joints_ref[:, 0])
 
 
-def test_csv_holds_the_exact_numbers(run: rpctl.Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("size", [1, 4, 5, 10_000])
+def test_csv_holds_the_exact_numbers(
+    run: rpctl.Run, tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(table_module, "CSV_ROWS", size)
     table = columns(run.log, run.robot, run.ground)
     with run.to_csv(tmp_path / "run.csv").open(newline="") as file:
         header, *rows = csv.reader(file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,8 @@ def test_fault_of_a_watcher_becomes_a_note(
     paper: Robot, tmp_path: Path, who: str, error: Exception
 ) -> None:
     watch, calls = failing(error, 4)
-    run = simulate(paper, SETTINGS, **{who: watch})
+    watchers: dict[str, Any] = {who: watch}
+    run = simulate(paper, SETTINGS, **watchers)
     whole = simulate(paper, SETTINGS)
     np.testing.assert_array_equal(run.q, whole.q)
     np.testing.assert_array_equal(run.tau, whole.tau)

@@ -41,6 +41,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, SingularBasisError, require_positive
 from rpctl.reference.motion import Reference
 
+MAX_STEPS = 500  # memory grows with their square: .1 GB for a mobile manipulator
 END_EFFECTOR_STRIDE = 5  # steps between the stages with a cost of the end effector
 NEAR_STAGES = 3  # first stages that also have it among obstacles
 FIRST_SQP_STEPS = 3  # QPs of the first sample, each linearised about the last one's motion
@@ -98,8 +99,8 @@ class Horizon:
             require_positive(name, getattr(self, name))
         if self.base_radius is not None:
             require_positive("base_radius", self.base_radius)
-        if self.steps < 2:
-            raise RpctlError(f"steps is {self.steps}; give at least 2")
+        if not 2 <= self.steps <= MAX_STEPS:
+            raise RpctlError(f"steps is {self.steps}; give 2 to {MAX_STEPS}")
         if self.period > self.dt:
             raise RpctlError(
                 f"period {self.period:g} s is longer than a step; give at most {self.dt:g} s"

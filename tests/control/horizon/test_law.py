@@ -264,7 +264,7 @@ def test_efforts_that_come_late_do_not_make_light_joints_run_away(tiago: Robot) 
 
 def test_settings_that_predict_nothing_are_refused() -> None:
     assert isinstance(kinematic_by_name("horizon"), Horizon)
-    with pytest.raises(RpctlError, match="steps is 1; give at least 2"):
+    with pytest.raises(RpctlError, match="steps is 1; give 2 to 500"):
         Horizon(steps=1)
     with pytest.raises(RpctlError, match=r"period 0.2 s is longer than a step; give at most 0.1 s"):
         Horizon(period=0.2)

@@ -318,7 +318,8 @@ def test_simulation_that_is_watched_keeps_to_real_time(
 def test_rounding_never_asks_for_a_negative_pause(
     paper: Robot, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
-    rng, pauses = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    pauses: list[float] = []
     clock = [rng.uniform(1.0, 5.0)]  # s since the machine was started
     fake = SimpleNamespace(monotonic=lambda: clock[0], sleep=pauses.append)
     monkeypatch.setattr(live, "time", fake)
