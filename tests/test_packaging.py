@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import sys
+import tarfile
 import zipfile
 from collections.abc import Iterator
 from email.message import Message
@@ -116,6 +117,19 @@ def test_the_wheel_is_the_same_whenever_it_is_built(bill: dict[str, Any]) -> Non
     again = hook.build_bill(("rpctl", rpctl.__version__, "MIT"), {}, [], ROOT)
     assert bill["serialNumber"] == f"urn:uuid:{again.serial_number}"
     assert bill["metadata"]["timestamp"] == again.metadata.timestamp.isoformat()
+
+
+def test_a_wheel_can_be_built_from_the_source_archive(tmp_path: Path) -> None:
+    """All that the build reads is in it, and what its documents lead to."""
+    builders = pytest.importorskip("hatchling.builders.sdist")
+    (file,) = builders.SdistBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    with tarfile.open(file) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    hooks = {f"build_hooks/{name}.py" for name in ("readme", "sbom")}
+    documents = {f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING", "SECURITY")}
+    assert {"LICENSE", "pyproject.toml", "Makefile", *hooks, *documents} <= names
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"\]\((?!https?://|#)([^)]+)\)", readme)) <= names
 
 
 def test_the_wheel_carries_the_licences_of_what_is_in_it(

@@ -36,7 +36,7 @@ SMOKE = (  # at least one file for each dependency, and what broke with one of t
     "tests/drive/test_vendor.py",
     "tests/dynamics/test_reduced.py",
     "tests/equivalence/test_certificate.py",
-    "tests/files",
+    "tests/files/test_toml.py",
     "tests/reference/test_motion.py",
     "tests/robot/test_catalog.py",
     "tests/simulation/test_config.py",

@@ -29,7 +29,8 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.writing import make_folder, require_writable, to_json, write_atomically
+from rpctl.files.together import write_together
+from rpctl.files.writing import require_writable, to_json
 from rpctl.reference.sizing import SizingRequest
 from rpctl.simulation.outcome import TRACKED
 from rpctl.simulation.table import FORMULA
@@ -157,20 +158,18 @@ def _summary(bench: Benchmark, rows: Sequence[Row], ours: LawPair) -> dict[str, 
 
 
 def _write(folder: Path, summary: Mapping[str, Any], rows: Sequence[Row], ours: LawPair) -> None:
-    """Write the table as JSON and CSV, and the picture as PNG and PDF."""
+    """Write the table as JSON and CSV, and the picture as PNG and PDF, all of one comparison."""
     from rpctl.view.plots.figures import to_pdf, to_png
     from rpctl.view.plots.study import study_figure
 
-    make_folder(folder)
-
-    def write(suffix: str, content: bytes) -> None:
-        write_atomically(folder / f"compare{suffix}", content, follow_links=False)
-
-    write(".json", (to_json(summary) + "\n").encode())
-    write(".csv", _csv(summary["rows"]).encode("utf-8", "backslashreplace"))
     figure = study_figure(rows, summary["robot"], ours)
-    write(".pdf", to_pdf(figure))
-    write(".png", to_png(figure, DPI))
+    contents = {
+        ".json": (to_json(summary) + "\n").encode(),
+        ".csv": _csv(summary["rows"]).encode("utf-8", "backslashreplace"),
+        ".pdf": to_pdf(figure),
+        ".png": to_png(figure, DPI),
+    }
+    write_together(folder, {f"compare{suffix}": each for suffix, each in contents.items()})
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -41,7 +41,8 @@ def check_answer(answer: Any, known: Container[str], missing: Container[str]) ->
     """
     if not isinstance(answer, Mapping) or not answer.keys() <= {*SINGLES, *TEXTS, *ROWS}:
         raise ValueError("its answer is of an unknown form")
-    checked: dict[str, Any] = {name: [] for name in (*TEXTS, *ROWS)} | {"told": ""}
+    checked: dict[str, Any] = {name: [] for name in (*TEXTS, *ROWS)}
+    checked |= {"told": "", "file": None, "line": None}
     for name, value in answer.items():
         if name in SINGLES:
             _require(isinstance(value, SINGLES[name]), name)
@@ -52,7 +53,7 @@ def check_answer(answer: Any, known: Container[str], missing: Container[str]) ->
                 _require(_is_row(row, name), name)
                 _require(name not in FILES or row[FILES[name]] in known, name)
         checked[name] = value
-    _require(checked.get("file") is None or checked["file"] in known, "file")
+    _require(checked["file"] is None or checked["file"] in known, "file")
     _require(all(file in known for file in checked["undeclared"]), "undeclared")
     if checked.get("no_file") not in missing:
         checked.pop("no_file", None)

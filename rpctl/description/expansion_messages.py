@@ -101,11 +101,12 @@ def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Fin
         f'argument "{name}" is used before it is declared; its default is taken'
         for name in answer["early"]
     ]
+    ours = {*os.environ}  # looked up by text: no variable has any name that a file may ask for
     notes += [
         f'environment variable "{name}" is not shown to the file; '
         f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
         for name in answer["asked"]
-        if name in os.environ and ENVIRONMENT + name not in settings.xacro_args
+        if name in ours and ENVIRONMENT + name not in settings.xacro_args
     ]
     notes += [
         f'package "{package}" was not found; only texts name it ({_places(places, path)})'

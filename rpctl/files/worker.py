@@ -33,7 +33,8 @@ serve(sys.argv[2])"""
 NEEDED = ("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT")  # without which Python may not run
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
 LENGTH = 8  # bytes that tell how long a message is
-SHORT = 2**16  # bytes of the first messages
+SHORT = 2**16  # bytes of the first answer, and of the errors that are read
+LONG = 2**24  # bytes of the settings: a path to search may have many entries
 LAST_WORDS_S = 1.0  # s that a worker has to end after its pipes
 GRACE_S = 5  # s that a worker outlives its time, should nobody be left to end it
 
@@ -100,10 +101,13 @@ class Worker:
         Raises:
             WorkerError: It could not be started.
         """
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close
         self._late = False
         command = [sys.executable, "-I", "-X", "utf8", "-c", BOOT, str(Path(__file__).parents[1])]
         environment = {name: os.environ[name] for name in NEEDED if name in os.environ}
+        try:
+            self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close
+        except OSError as error:
+            raise WorkerError(f"no temporary file could be made ({error.strerror})") from None
         try:
             self._process = subprocess.Popen(
                 [*command, module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -222,7 +226,7 @@ def serve(module: str) -> None:
     incoming, outgoing = io.FileIO(os.dup(0)), io.FileIO(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is printed is no message
     channel = Channel(io.BufferedReader(incoming), io.BufferedWriter(outgoing))
-    path, memory, seconds = json.loads(channel.receive(SHORT))
+    path, memory, seconds = json.loads(channel.receive(LONG))
     sys.path[:] = path
     loaded = importlib.import_module(module)
     if hasattr(loaded, "prepare"):

@@ -51,7 +51,7 @@ from rpctl.files.opening import open_input
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing
 from rpctl.simulation.columns import release, scratch
-from rpctl.simulation.kinds import EntryError
+from rpctl.simulation.kinds import EntryError, free, mapping, number, table
 from rpctl.simulation.packed import (
     COLUMNS_ENTRY,
     EXACT,
@@ -82,6 +82,7 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "file_sha256": None,
 }
 ARRAY_ENTRIES = frozenset(ARRAYS)
+OLDER_SETTINGS = table({}, {"plant": mapping(free)}, free)
 LATER_ARRAYS = ("load_range", "slip_range")  # likewise
 
 
@@ -228,12 +229,19 @@ def _completed(schema: int, meta: dict[str, Any]) -> tuple[dict[str, Any], tuple
     others than the arm's joints do, and the notes; they are empty then.
     """
     meta = {**LATER_ENTRIES, **meta}
-    if schema < 4 and isinstance(settings := meta.pop("settings", None), dict):
-        meta["config"] = tables_of_settings(settings, meta.get("friction", FRICTION))
-        meta["kinematic_report"] = settings.get("kinematic_report", {})
-        plant = settings.get("plant", {})
-        meta["controller_model"] = plant.get("believed") if isinstance(plant, dict) else plant
+    if schema < 4 and "settings" in meta:
+        meta |= _from_settings(meta.pop("settings"), meta.get("friction", FRICTION))
     if schema > 2:
         return meta, LATER_ARRAYS
     nothing: dict[str, Any] = {"other_names": [], "other_limits": [], "notes": []}
     return {**nothing, **meta}, (*LATER_ARRAYS, "others", "other_rates")
+
+
+def _from_settings(settings: Any, friction: Any) -> dict[str, Any]:
+    """Return the entries of today that settings by class names stand for."""
+    found = OLDER_SETTINGS(settings, "settings")
+    return {
+        "config": tables_of_settings(found, number(friction, "friction")),
+        "kinematic_report": found.get("kinematic_report", {}),
+        "controller_model": found.get("plant", {}).get("believed"),
+    }

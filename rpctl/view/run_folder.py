@@ -21,7 +21,7 @@ from rpctl.view.marks import JSON_KEY, digest, mark_of
 from rpctl.view.pages.report import report_head, report_page
 from rpctl.view.plots.figures import tracking_image
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES
-from rpctl.view.scene.scene import Scene, build_scene
+from rpctl.view.scene.scene import Scene, build_scene, redrawn
 
 RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE = (
     "run.npz",
@@ -181,20 +181,26 @@ def sized_report(
         summary: Its figures of merit.
         megabytes: The size, MB.
     """
-    triangles = MAX_TRIANGLES
+    triangles, scene = MAX_TRIANGLES, build_scene(robot, run)
+    page = report_page(run, robot, scene, summary)
+    room = megabytes * BYTES_PER_MB - (len(page) - _encoded_size(scene))  # for the robot
     for _ in range(REPORT_ATTEMPTS):
-        scene = build_scene(robot, run, triangles)
-        page = report_page(run, robot, scene, summary)
-        excess = len(page) - megabytes * BYTES_PER_MB
-        drawing = 4.0 / 3.0 * scene.robot_bytes  # as base64
-        if excess <= 0.0 or not triangles:
+        size = _encoded_size(scene)
+        if size <= room or not triangles or isinstance(robot, RpctlError):
             break
-        triangles = int(SIZE_TARGET_RATIO * triangles * max(1.0 - excess / drawing, 0.0))
-    if excess > 0.0:
-        size = len(page) / BYTES_PER_MB
-        note = f"the report takes {size:.2f} MB: fewer triangles make it hardly any smaller"
-        scene = replace(scene, notes=(*scene.notes, note))
+        triangles = int(SIZE_TARGET_RATIO * triangles * max(room / size, 0.0))
+        scene = redrawn(scene, robot, run, triangles)
+    if triangles < MAX_TRIANGLES:
+        page = report_page(run, robot, scene, summary)
+    if len(page) > megabytes * BYTES_PER_MB:
+        note = f"the report takes {len(page) / BYTES_PER_MB:.2f} MB: fewer triangles make it hardly"
+        scene = replace(scene, notes=(*scene.notes, f"{note} any smaller"))
     return page, scene
+
+
+def _encoded_size(scene: Scene) -> int:
+    """Return the bytes that the robots of a scene take in a page, as base64."""
+    return 4 * -(-scene.robot_bytes // 3)
 
 
 def find_faults(folder: Path, run: str) -> list[FileFault]:

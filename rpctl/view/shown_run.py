@@ -9,7 +9,9 @@ from pathlib import Path
 from rpctl.errors import RpctlError
 from rpctl.files.opening import is_file, is_folder
 from rpctl.robot.model import Robot
+from rpctl.simulation.part import is_part
 from rpctl.simulation.run import Run
+from rpctl.simulation.spool import PART_FOLDER
 from rpctl.simulation.summary import summarize
 from rpctl.view.marks import digest
 from rpctl.view.pages.report import comparison_page, robot_of
@@ -23,7 +25,6 @@ from rpctl.view.run_folder import (
     write_files,
 )
 
-PART_FOLDER = "run.part"  # beside ``run.npz``: the chunks of a simulation that has not ended
 Say = Callable[[str], object]
 
 
@@ -46,22 +47,23 @@ class ShownRun:
 def is_run(name: str) -> bool:
     """Return whether a path is a run: a folder that holds one, an ``.npz``, or a part of one."""
     path = Path(name)
-    held = is_file(path / RUN_FILE) or is_folder(path / PART_FOLDER)
-    return held or path.suffix == ".npz" or path.name == PART_FOLDER
+    held = is_file(path / RUN_FILE) or is_part(path / PART_FOLDER)
+    return held or path.suffix == ".npz" or is_part(path)
 
 
 def open_run(path: Path) -> ShownRun:
     """Open the run of a folder, of a ``run.npz``, or of the part that a simulation has left.
 
-    Of a folder that holds a part that is newer than its run, the part is shown.
+    Of a folder that holds a part that is newer than its run, the part is shown. A part is older
+    where the simulation had ended, and rpctl was stopped while it drew.
 
     Raises:
         RunFileError: There is no run, or it cannot be read.
     """
-    if path.name == PART_FOLDER:
+    if is_part(path):
         return _part(path, ())
     part, file = path / PART_FOLDER, path / RUN_FILE
-    if is_folder(part) and not (is_file(file) and _changed(part) <= file.stat().st_mtime_ns):
+    if is_part(part) and not (is_file(file) and _changed(part) <= file.stat().st_mtime_ns):
         older = (f"{file} is of an earlier simulation and stays as it is",) * file.is_file()
         return _part(part, older)
     file = file if is_folder(path) else path
@@ -87,8 +89,8 @@ def load_run(path: Path, say: Say = lambda note: None) -> Run:
 
 def _part(part: Path, notes: tuple[str, ...]) -> ShownRun:
     run = Run.load(part)
-    ended = f"{part}: the simulation ended early, at t = {float(run.t[-1]):.4g} s"
-    return ShownRun(run, None, (ended, *notes))
+    said = run.notes[-1] if run.notes else f"it reaches t = {float(run.t[-1]):.4g} s"
+    return ShownRun(run, None, (f"{part}: {said}", *notes))
 
 
 def _changed(folder: Path) -> int:
@@ -199,6 +201,6 @@ def comparison(
 
 
 def _name(run: Path) -> str:
-    if is_folder(run) and run.name != PART_FOLDER:
-        return run.name
-    return run.parent.name if run.name in (RUN_FILE, PART_FOLDER) else run.stem
+    if run.name in (RUN_FILE, PART_FOLDER):
+        return run.parent.name
+    return run.name if is_folder(run) else run.stem

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from rpctl.cli.app import app
 from rpctl.cli.options import default_folder
-from rpctl.cli.terminal import console, escape
+from rpctl.cli.terminal import PIPED_WIDTH, console, escape
 from rpctl.errors import printable
 from rpctl.files.writing import to_json
 from rpctl.view.labels import literal
@@ -96,6 +96,7 @@ def test_markup_of_others_is_shown() -> None:
         assert letters(shown.plain) == letters(expected), (first, second)
         assert {span.style for span in shown.spans} <= {"bold"}, (first, second)
     assert console().render_str(":warning:").plain == ":warning:"
+    assert console().width == PIPED_WIDTH  # no line of piped text is broken
 
 
 def test_ordinary_names_are_shown_as_they_are() -> None:

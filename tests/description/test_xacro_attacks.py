@@ -15,7 +15,7 @@ import rpctl
 from rpctl.description import expansion
 from rpctl.description.expansion import expand
 from rpctl.description.expansion_answer import ROWS, SINGLES, TEXTS, check_answer
-from rpctl.description.expansion_messages import ExpansionError
+from rpctl.description.expansion_messages import ExpansionError, findings_of, refuse_faults
 from rpctl.description.packages import find_packages
 from rpctl.description.read_settings import read_settings
 from rpctl.description.xacro_files import MAX_REQUESTS, XacroFiles
@@ -165,6 +165,45 @@ def test_an_answer_names_no_file_that_was_not_asked_for() -> None:
     assert check_answer(told, (), {"/home/u/.ssh/x"})["no_file"] == told["no_file"]
 
 
+def test_any_answer_of_that_form_is_findings_or_a_message(tmp_path: Path) -> None:
+    """Whatever hostile code leaves out of it, or says in it."""
+    path, random = tmp_path / "r.xacro", Random(15)
+    texts = [
+        "",
+        "x",
+        "\n",
+        "\u202e",
+        "[/bold]",
+        str(path),
+        "/etc",
+        "a" * 2000,
+        "\ud800",
+        "$(arg x)",
+    ]
+
+    def value(types: tuple[type, ...]) -> object:
+        return random.choice(texts) if random.choice(types) is str else random.choice([None, -1, 7])
+
+    for case in range(400):
+        said: dict[str, Any] = {name: value(types) for name, types in SINGLES.items()}
+        said |= {name: random.choices(texts, k=random.randint(0, 3)) for name in TEXTS}
+        said |= {name: [[value(types) for types in row] for _ in range(random.randint(0, 3))]
+                 for name, row in ROWS.items()}  # fmt: skip
+        kept = random.sample(sorted(said), random.randint(0, len(said)))
+        known = {*texts}
+        try:
+            checked = check_answer({name: said[name] for name in kept}, known, texts[:-1])
+        except ValueError:
+            continue  # a line of no number
+        answer = {**checked, "text": "", "open": None}
+        try:
+            refuse_faults(path, answer, read_settings())
+            told = "\n".join(each.message for each in findings_of(path, answer, read_settings()))
+        except ExpansionError as error:
+            told = str(error)
+        assert "\u202e" not in told, case
+
+
 def files_of(path: Path, *package_dirs: Path) -> XacroFiles:
     return XacroFiles(path, find_packages(path, package_dirs))
 
@@ -256,6 +295,14 @@ def test_patterns_name_files_that_may_be_read(tmp_path: Path) -> None:
     for none in ("*/none", ".*", "*/.*/1.xacro", ".d/*", "../*", "../.ssh/*", "keys/*", "r*/.."):
         assert files.match(f"{here}/{none}") == [], none
     assert files.match("*") == files.match("/*") == files.match("/etc/pass*") == []
+
+
+def test_patterns_look_into_few_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = home(tmp_path).parent
+    for folder in "abc":
+        write(here / folder / "1.xacro", "")
+    monkeypatch.setenv("RPCTL_MAX_FOLDERS", "2")  # this one, and one in it
+    assert files_of(here / "r.xacro").match(f"{here}/*/*.xacro") == [f"{here}/a/1.xacro"]
 
 
 def test_variables_are_those_that_are_given(

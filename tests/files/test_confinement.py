@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -411,6 +412,18 @@ def test_what_it_prints_is_no_message(blind: Worker) -> None:
     assert ask(blind, "print('x' * 10, flush=True)") == "None"
     assert ask(blind, "print('x' * 10, flush=True, file=sys.stderr)") == "None"
     assert "File too large" in ask(blind, "os.write(2, bytes(2**16)) + os.write(2, bytes(2**16))")
+
+
+def test_a_system_without_room_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(subprocess, "Popen", fail)
+    with pytest.raises(WorkerError, match=r"no process could be started \(No space left on"):
+        Worker(MODULE, MEMORY, PATIENCE)
+    monkeypatch.setattr(tempfile, "TemporaryFile", fail)
+    with pytest.raises(WorkerError, match=r"no temporary file could be made \(No space"):
+        Worker(MODULE, MEMORY, PATIENCE)
 
 
 def test_a_module_that_is_not_there_is_told() -> None:

@@ -12,6 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import trimesh
 from PIL import Image
@@ -19,6 +20,9 @@ from PIL import Image
 import rpctl
 from rpctl import Robot, RpctlError, Run
 from rpctl.files.writing import write_atomically
+from rpctl.simulation.config import Config
+from rpctl.simulation.loop import simulate
+from rpctl.simulation.spool import Spool
 from rpctl.view import run_folder, shown_run
 from rpctl.view.marks import mark_of, marked
 from rpctl.view.pages.report import report_head
@@ -29,7 +33,7 @@ from rpctl.view.run_folder import (
     read_report,
     write_folder,
 )
-from rpctl.view.shown_run import RunPage, is_run
+from rpctl.view.shown_run import RunPage, is_run, load_run
 from tests.view.samples import mesh_visual, short_run, write_cart
 
 SIZES = (0.3, 0.5)  # m; no two meshes are alike, so each is sent
@@ -248,8 +252,33 @@ def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
     for robot in ("tiago", "paper", str(tmp_path / "robot.urdf")):
         assert not is_run(robot)
     (tmp_path / "cut" / "run.part").mkdir(parents=True)
-    assert is_run(str(tmp_path / "cut"))
-    assert is_run(str(tmp_path / "cut/run.part"))
+    assert not is_run(str(tmp_path / "cut"))  # it holds no samples yet
+
+
+@pytest.mark.usefixtures("plain")
+def test_the_newest_motion_is_shown_after_a_loss_of_power(
+    two_runs: tuple[Run, Run], paper: Robot, tmp_path: Path
+) -> None:
+    """An older run beside it is neither lost nor taken for it; one that ended since is shown."""
+    written = write_folder(two_runs[0], tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    config = Config().with_run(reference="line", duration=0.1)
+    with Spool(tmp_path / "run.part") as spool:
+        part = simulate(paper, config, spool=spool)
+    assert is_run(str(tmp_path / "run.part"))
+    os.utime(tmp_path / "run.npz", ns=(0, 0))
+    said: list[str] = []
+    run = load_run(tmp_path, said.append)
+    np.testing.assert_array_equal(run.q, part.q)
+    assert said == [
+        f"{tmp_path / 'run.part'}: it reaches t = 0.1 s",
+        f"{tmp_path / 'run.npz'} is of an earlier simulation and stays as it is",
+    ]
+    assert RunPage(tmp_path)().endswith(b"paper")
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
+    assert load_run(tmp_path / "run.npz").digest == written.digest
+    os.utime(tmp_path / "run.npz")  # written since, and rpctl stopped while it drew
+    assert load_run(tmp_path).digest == written.digest
 
 
 @pytest.mark.slow

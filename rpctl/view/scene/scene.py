@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -115,6 +115,25 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         origin=poses[0, joints[0], :3],
         notes=(*run.notes, *_robot_notes(robot), *bodies.notes),
         stand_ins=bodies.stand_ins,
+    )
+
+
+def redrawn(scene: Scene, robot: Robot, run: Run, triangles: int) -> Scene:
+    """Return a scene whose robot has another number of triangles; all else stays as it is.
+
+    Args:
+        scene: The scene.
+        robot: Its robot.
+        run: Its run.
+        triangles: About how many the robot may have.
+    """
+    bodies = build_bodies(robot, triangles)
+    joints = sorted({part.joint for part in bodies.parts})
+    *before, _, motion = scene.commands
+    return replace(
+        scene,
+        commands=(*before, _robots(bodies, joints), motion),
+        notes=(*run.notes, *_robot_notes(robot), *bodies.notes),
     )
 
 

@@ -16,6 +16,7 @@ TIP_COLOUR = 0xD55E00  # vermilion: the end effector's
 DESIRED_COLOUR = 0x6B7480  # neutral: whatever is desired
 TUBE_SIDES = 6
 DASH_WIDTHS, GAP_WIDTHS = 7.0, 5.0  # in widths of the trail
+NEAR_PERIODS = 2  # of dashes: what is nearer along the path is no other lap
 MIN_STEP_M = 1e-9  # m: a shorter step has no direction
 
 
@@ -50,7 +51,7 @@ def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes
         thick = width if kind == "base" else 0.55 * width
         up = [0.0, 0.0, 0.3 * width if kind == "base" else 0.0]
         desired, actual = paths[f"{kind}-desired"] + up, paths[kind] + 2 * np.array(up)
-        pieces = [shape(piece, 0.8 * thick) for piece in dashes(desired, thick)]
+        pieces = [shape(piece, 0.8 * thick) for piece in fresh_dashes(desired, thick)]
         draw(f"{kind}-desired", join(pieces), DESIRED_COLOUR)
         draw(kind, shape(actual, thick), colour)
     root = threejs.node("Group", "trails", children=nodes)
@@ -108,6 +109,41 @@ def dashes(path: Array, width: float) -> list[Array]:
         stops = np.concatenate([[start], inside, [end]])
         pieces.append(np.column_stack([np.interp(stops, along, path[:, i]) for i in range(3)]))
     return pieces
+
+
+def fresh_dashes(path: Array, width: float) -> list[Array]:
+    """Return the dashes (n, 3) of a path, but for those on a part that it went along before.
+
+    Laps of a long run lie on one another: their dashes would fill the gaps and make up most of
+    the report.
+
+    Args:
+        path: The path (n, 3), m.
+        width: Of the trail, m.
+    """
+    from scipy.spatial import cKDTree
+
+    pieces = dashes(path, width)
+    if len(pieces) < 2:
+        return pieces
+    dense = _resampled(path, width)
+    period = round(DASH_WIDTHS + GAP_WIDTHS)  # points from one dash to the next
+    tree = cKDTree(dense)
+    fresh = []
+    for number, piece in enumerate(pieces):
+        before = number * period - NEAR_PERIODS * period  # what is this dash's own neighbourhood
+        middle = piece[len(piece) // 2]
+        if not any(k < before for k in tree.query_ball_point(middle, 0.5 * width)):
+            fresh.append(piece)
+    return fresh
+
+
+def _resampled(path: Array, step: float) -> Array:
+    """Return points (n, 3) of a path, ``step`` m apart along it."""
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    stops = np.arange(0.0, along[-1], step)
+    return np.column_stack([np.interp(stops, along, path[:, i]) for i in range(3)])
 
 
 def join(meshes: list[Mesh | None]) -> Mesh | None:

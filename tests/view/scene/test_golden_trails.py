@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rpctl.view.scene import ground, trails
+from rpctl.view.scene.trails import dashes, fresh_dashes
 from tests.view.samples import numbers, unpack
 
 Array = np.ndarray[Any, Any]
@@ -205,3 +206,23 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     still = {"base": path[:1], "base-desired": path}
     only = unpack(trails.trails_command(still, lower, upper))["object"]
     assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]
+
+
+def test_laps_on_one_another_have_the_dashes_of_one() -> None:
+    """Those of a single lap, of a path that crosses itself, all stay."""
+    angle = np.linspace(0.0, 6.0 * np.pi, 3001)
+    path = np.column_stack([np.sin(angle), np.sin(2.0 * angle), np.zeros(len(angle))])
+    one = path[:991]  # not quite a lap: a dash that closes it would lie on the first
+    assert [len(p) for p in fresh_dashes(one, 0.02)] == [len(p) for p in dashes(one, 0.02)]
+    shown, whole = fresh_dashes(path, 0.02), dashes(path, 0.02)
+    assert len(whole) > 2.9 * len(dashes(one, 0.02))
+    assert abs(len(shown) - len(dashes(one, 0.02))) <= 2
+    for piece, other in zip(shown, whole, strict=False):
+        np.testing.assert_array_equal(piece, other)
+    back = np.vstack([path[:500], path[499::-1]])  # there and back is one line, too
+    assert len(fresh_dashes(back, 0.02)) <= len(dashes(path[:500], 0.02)) + 2
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_path_without_length_has_no_dashes(count: int) -> None:
+    assert fresh_dashes(np.zeros((count, 3)), 0.02) == dashes(np.zeros((count, 3)), 0.02) == []
