@@ -169,7 +169,7 @@ def simulate(
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
 
-    def run(log: Log, steps: int, notes: tuple[str, ...]) -> Run:
+    def run(log: Log, steps: int, notes: tuple[str, ...], *ending: str) -> Run:
         return Run(
             log=log,
             robot=robot_facts(robot),
@@ -184,6 +184,7 @@ def simulate(
                 *watching.notes,
                 *showing.notes,
                 *(() if spool is None else spool.notes),
+                *ending,
             ),
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
@@ -203,7 +204,7 @@ def simulate(
             if recorder.rows >= MIN_SAMPLES:
                 log = recorder.log()
                 note = _end_note(error, float(log.t[-1]), steps * period)
-                ended(run(log, recorder.steps, (note,)))
+                ended(run(log, recorder.steps, (), note))
         raise
     return run(recorder.log(), recorder.steps, notes)
 

@@ -95,3 +95,18 @@ def test_every_help_survives_every_terminal(words: list[str], encoding: str) -> 
 def test_what_would_not_be_seen_is_escaped(text: str, shown: str) -> None:
     assert printable(text) == shown
     assert printable(text, keep="\n") == shown.replace("\\n", "\n")
+
+
+@pytest.mark.slow
+def test_a_run_is_kept_whatever_becomes_of_its_output(tmp_path: Path) -> None:
+    words = "track paper --duration 0.5 --no-perturbed --samples 1 --out"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    for out, rest, code in (("a", "| head -1", "0"), ("b", "> /dev/full", "2"), ("c", ">&-", "0")):
+        line = f'"{sys.executable}" -m rpctl {words} {out} {rest}; echo ${{PIPESTATUS[0]}} >&2'
+        done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, text=True,
+                              capture_output=True, timeout=120)  # fmt: skip
+        *told, last = done.stderr.splitlines()
+        lost = ["the output was lost: No space left on device"] if out == "b" else []
+        assert told == lost and last in (code, "1")  # 1: so short a run does not arrive
+        assert out != "b" or last == "2"
+        assert len([*(tmp_path / out).iterdir()]) >= 4

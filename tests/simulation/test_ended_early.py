@@ -107,6 +107,18 @@ def test_sample_that_is_no_motion_ends_the_run_before_it(
         assert f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion left" in kept[0].notes[0]
 
 
+def test_the_end_is_the_last_that_is_noted(paper: Robot) -> None:
+    def watch(sample: WatchedSample) -> None:
+        if sample.t > 0.0129:
+            raise KeyboardInterrupt
+
+    config = Config(run=RunSettings("eight", 0.03, log_every=2), plant=rpctl.Plant(delay=0.003))
+    notes = ended_run(paper, KeyboardInterrupt, config, watch).notes
+    assert notes[-1] == "ended at 0.014 of 0.03 s (interrupted); what was simulated is kept"
+    assert "a delay of 0.003 s is no whole number" in notes[0]
+    assert "one sample of 2 is logged" in notes[1]
+
+
 def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:
     def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         if nu.any():

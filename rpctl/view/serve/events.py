@@ -1,17 +1,24 @@
-"""A stream of events to any number of pages; a slow page never delays the sender."""
+"""A stream of events to any number of pages; a slow page never delays the sender.
+
+What was sent is kept for pages that come late or again, up to a size: memory stays flat however
+long a page is used.
+"""
 
 from __future__ import annotations
 
 import json
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from typing import Any
 
 KEEPALIVE_S = (
     5.0  # s; a silent stream says this often that it is there, and notices a page that left
 )
+MAX_KEPT_BYTES = 4 * 2**20  # of the latest events; some eight minutes of a robot's motion
 RECONNECT_S = 3.0  # s; a page that is loaded again is away for less
 
 
@@ -19,7 +26,8 @@ class Stream:
     """A log of server-sent events."""
 
     def __init__(self) -> None:
-        self._log: list[bytes] = []
+        self._log: deque[bytes] = deque()
+        self._size = 0  # bytes of the log
         self._first = 0  # number of the first event that is kept
         self._closed = False
         self._readers = 0
@@ -36,7 +44,12 @@ class Stream:
         data = json.dumps(value, separators=(",", ":"), allow_nan=False)
         with self._changed:
             number = self._first + len(self._log)
-            self._log.append(f"id: {number}\nevent: {kind}\ndata: {data}\n\n".encode())
+            event = f"id: {number}\nevent: {kind}\ndata: {data}\n\n".encode()
+            self._log.append(event)
+            self._size += len(event)
+            while self._size > MAX_KEPT_BYTES and len(self._log) > 1:
+                self._size -= len(self._log.popleft())
+                self._first += 1
             self._changed.notify_all()
 
     def forget(self) -> None:
@@ -44,6 +57,7 @@ class Stream:
         with self._changed:
             self._first += len(self._log)
             self._log.clear()
+            self._size = 0
 
     def close(self) -> None:
         """End the stream; pages still receive the events already sent."""
@@ -64,7 +78,8 @@ class Stream:
         while not closed:
             with self._changed:
                 self._changed.wait_for(news, KEEPALIVE_S)
-                batch, closed = self._log[max(at - self._first, 0) :], self._closed
+                batch = [*islice(self._log, max(at - self._first, 0), None)]
+                closed = self._closed
                 at = self._first + len(self._log)
             yield b"".join(batch) or b":\n\n"
 

@@ -22,6 +22,7 @@ TOKEN_BYTES = 24  # of the address's secret part: 192 bits are not guessed
 CLIENT_TIMEOUT_S = 30.0  # s; a client that neither asks nor listens for as long is dropped
 
 MAX_REQUEST = 65_536  # bytes of what a page may ask for
+MAX_DIGITS = 18  # of an event's number; Python refuses to read thousands
 JSON_TYPE = "application/json"
 NO_TOKEN = "nothing is here: open the whole address that rpctl printed, with its secret part"
 HEADERS = {  # of every answer, refusals included
@@ -53,6 +54,9 @@ class PageServer:
 
     Attributes:
         url: Where the page is, its token included; it ends in a slash.
+
+    Raises:
+        RpctlError: The loopback interface has no port for it.
     """
 
     def __init__(
@@ -106,7 +110,11 @@ class _Server(ThreadingHTTPServer):
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self.making = threading.Lock()  # one page at a time: loading a robot is not for threads
         self.delivered, self.delivery = 0, threading.Condition()
-        super().__init__((LOOPBACK, 0), _Handler)
+        try:
+            super().__init__((LOOPBACK, 0), _Handler)
+        except OSError as error:
+            reason = error.strerror or error
+            raise RpctlError(f"{LOOPBACK}: no page can be served here: {reason}") from None
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Ignore a client that disconnects; report every other error."""
@@ -213,7 +221,8 @@ class _Handler(BaseHTTPRequestHandler):
         last = self.headers.get("Last-Event-ID", "")
         self._send_head("text/event-stream")
         with stream.reading():
-            for event in stream.events(int(last) + 1 if last.isascii() and last.isdigit() else 0):
+            known = last.isascii() and last.isdigit() and len(last) <= MAX_DIGITS
+            for event in stream.events(int(last) + 1 if known else 0):
                 self.wfile.write(event)
 
     def _send_head(

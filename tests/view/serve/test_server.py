@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -67,6 +68,7 @@ def event(answer: http.client.HTTPResponse) -> list[str]:
 def test_page_is_served_and_nothing_beside_it(server: PageServer, report: Path) -> None:
     assert ask(server.url) == (200, b"<p>report</p>")
     assert ask(server.url, method="HEAD") == (200, b"")
+    assert request(server.url).getheader("Content-Length") == "13"  # a page that breaks off is told
     for target in (
         "secret.txt", "../secret.txt", "report.html", "/etc/passwd", "%2e%2e", "events", "?", "#",
     ):  # fmt: skip
@@ -269,6 +271,46 @@ def test_events_that_are_forgotten_come_to_nobody_who_is_late() -> None:
             answer.close()
 
 
+def test_stream_keeps_the_latest_events_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(streams, "MAX_KEPT_BYTES", 2000)
+    stream = Stream()
+    early = stream.events()
+    stream.send("state", "first")
+    assert b"first" in next(early)
+    for number in range(5000):
+        stream.send("state", number)
+    stream.send("state", "x" * 3000)  # larger than all that is kept
+    stream.send("state", "last")
+    stream.close()
+    kept = b"".join(stream.events())
+    assert len(kept) < 2000
+    assert b"last" in kept
+    assert b"".join(early) == kept, "who was slow goes on with the oldest that is there"
+    numbers = [int(line[4:]) for line in kept.decode().split("\n") if line.startswith("id: ")]
+    assert numbers == [5002]
+
+
+def test_number_of_thousands_of_digits_is_no_event(capfd: pytest.CaptureFixture[str]) -> None:
+    stream = Stream()
+    stream.send("state", "here")
+    stream.close()
+    with PageServer(lambda: b"", stream) as served:
+        parts = urlsplit(served.url)
+        connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=5)
+        connection.request("GET", parts.path + EVENTS, headers={"Last-Event-ID": "9" * 5000})
+        assert b"here" in connection.getresponse().read()
+    assert capfd.readouterr().err == ""
+
+
+def test_machine_without_a_port_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(99, "Cannot assign requested address")
+
+    monkeypatch.setattr(ThreadingHTTPServer, "server_bind", full)
+    with pytest.raises(RpctlError, match=r"127\.0\.0\.1: no page can be served here: Cannot"):
+        PageServer(lambda: b"")
+
+
 def test_stream_that_is_closed_ends_for_its_readers() -> None:
     stream = Stream()
     with PageServer(lambda: b"", stream) as server:
@@ -301,7 +343,7 @@ def test_page_that_does_not_read_holds_up_nobody() -> None:
         stuck = listen(server.url)
         for _ in range(200):
             stream.send("frame", "x" * 100_000)  # more than any buffer between holds
-        assert event(listen(server.url))[0] == "id: 0"
+        assert event(listen(server.url))[1] == "event: frame"
         stuck.close()
 
 
