@@ -6,6 +6,9 @@ import sys
 from importlib import import_module
 
 TYPE_CHECKING = False  # `typing` is not imported here: it would delay the answer to Ctrl-C
+if TYPE_CHECKING:
+    from typing import Any
+
 __version__ = "0.1.0"
 _MODULES = {  # public name -> the module that has it, imported when the name is first used
     "BaseLaw": "rpctl.control.twist_law",
@@ -52,8 +55,6 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
 __all__ = sorted(_MODULES)
 
 if TYPE_CHECKING:  # the same, for type checkers and editors
-    from typing import Any
-
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
     from rpctl.control.dynamic import PaperDynamic as PaperDynamic
     from rpctl.control.end_effector import EndEffector as EndEffector

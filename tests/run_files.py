@@ -153,30 +153,40 @@ def damaged(parts: Parts, chance: random.Random) -> bytes:
 
 def rewritten(parts: Parts, chance: random.Random) -> bytes:
     """Return a sound file with another value, name or sample somewhere: another run, or none."""
-    meta = json.loads(parts.text())
-    places = list(_places(meta))
-    holder, key = chance.choice(places)
-    value = holder[key]
-    text, planes = None, parts.planes
-    way = chance.randrange(8)
+    text, planes = parts.text(), parts.planes
+    if chance.random() < 0.2:
+        planes = _other_planes(planes, chance)
+    else:
+        text = rewritten_json(text, chance)
+    return zipped([("meta.npy", npy(np.array(text))), ("columns.npy", npy(planes))])
+
+
+def rewritten_older(whole: bytes, chance: random.Random) -> bytes:
+    """Return an older file, whose arrays are entries of their own, with another value of JSON."""
+    with np.load(io.BytesIO(whole), allow_pickle=False) as stored:
+        entries = {name: stored[name] for name in stored}
+    entries["meta"] = np.array(rewritten_json(str(entries["meta"]), chance))
+    return zipped([(f"{name}.npy", npy(array)) for name, array in entries.items()])
+
+
+def rewritten_json(text: str, chance: random.Random) -> str:
+    """Return a text of JSON with another value, name, digit or nesting somewhere."""
+    meta = json.loads(text)
+    holder, key = chance.choice(list(_places(meta)))
+    way = chance.randrange(7)
     if way <= 2:
         holder[key] = chance.choice(VALUES)
     elif way == 3:
         del holder[key]
     elif way == 4:
-        holder[key] = nested(value, chance.choice((1, 30, 3000)))
+        holder[key] = nested(holder[key], chance.choice((1, 30, 3000)))
     elif way == 5:
         text = json.dumps(meta).replace('{"', f'{{"{chance.choice(list(meta))}": 1, "', 1)
-        text = text.replace(
-            "0.", chance.choice(("1" * 400 + ".", "1" * 400, "-0.", "1e999, 0.")), 1
-        )
-    elif isinstance(holder, dict) and way == 6:
+        digits = chance.choice(("1" * 400 + ".", "1" * 400, "-0.", "1e999, 0."))
+        return text.replace("0.", digits, 1)
+    elif isinstance(holder, dict):
         holder[chance.choice(("x", "robot", "\ud800", ""))] = holder.pop(key)
-    else:
-        planes = _other_planes(planes, chance)
-    text = text or json.dumps(meta, ensure_ascii=chance.random() < 0.5)
-    head = ("meta.npy", npy(np.array(text)))
-    return zipped([head, ("columns.npy", npy(planes))])
+    return json.dumps(meta, ensure_ascii=chance.random() < 0.5)
 
 
 def nested(value: Any, depth: int) -> Any:

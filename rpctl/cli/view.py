@@ -14,6 +14,7 @@ from rpctl.cli.options import JsonOption, LoadOptions, split_names
 from rpctl.cli.streams import print_json, say
 from rpctl.cli.terminal import progress_bar
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.files.opening import is_folder
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.chart import PANELS
@@ -186,7 +187,7 @@ def _load(name: str, options: LoadOptions) -> Robot:
     try:
         return options.load(name)
     except RpctlError as error:
-        if Path(name).is_dir():
+        if is_folder(name):
             raise RpctlError(
                 f"{name}: a folder without a run.npz is no run, and no robot; give a run's folder, "
                 "a URDF file, or a name listed by `rpctl robots`"
@@ -214,7 +215,7 @@ def plot_command(
     from rpctl.view.plots.figures import save_figure
     from rpctl.view.shown_run import load_run
 
-    path = out or (run if run.is_dir() else run.parent) / DEFAULT_FIGURE
+    path = out or (run if is_folder(run) else run.parent) / DEFAULT_FIGURE
     if out is None and path.is_symlink():
         path.unlink()  # the folder may be another's, and the link lead to any file
     require_writable(path)

@@ -14,6 +14,7 @@ from rpctl.description.mesh_shading import shade, simplify
 from rpctl.libraries import library
 
 MAX_COORDINATE = 1e9  # in units of the file, DAE's in m; of what is 10 m large, that is 10 nm
+MERGED = 200_000  # triangles of a piece; whoever draws a larger one merges its vertices, too
 SIDES = 40  # of a cylinder
 FLAT = 1e-12  # of its extents' square: an area below it is rounding
 
@@ -101,10 +102,11 @@ def _pieces(scene: Any, kind: str, most: Size) -> tuple[list[tuple[Any, Any, Any
         if faces is None or not len(faces):
             continue
         _require_corners(faces, len(mesh.vertices))
-        _require_sensible(mesh.vertices[np.unique(faces)], 1.0)
+        _require_sensible(mesh.vertices[_used(mesh)], 1.0)
         if len(shown) == 1:  # several may share their vertices
             remarks = _loose_vertices(mesh)
-        mesh.merge_vertices()
+        if len(faces) <= MERGED:
+            mesh.merge_vertices()
         placed = mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         pieces.append((_require_sensible(placed, unit), np.asarray(mesh.faces), _colour(mesh)))
     return pieces, remarks
@@ -150,9 +152,16 @@ def _by_colour(pieces: list[tuple[Any, Any, Any]]) -> dict[Any, tuple[Any, Any]]
     return {colour: _stack(each) for colour, each in groups.items()}
 
 
+def _used(mesh: Any) -> Any:
+    """Return which vertices (n,) some triangle has."""
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces] = True
+    return used
+
+
 def _loose_vertices(mesh: Any) -> list[str]:
     """Return what there is to say of vertices that no triangle has, far from those that one has."""
-    used = mesh.vertices[np.unique(mesh.faces)]
+    used = mesh.vertices[_used(mesh)]
     loose = ((mesh.vertices < used.min(axis=0)) | (mesh.vertices > used.max(axis=0))).any(axis=1)
     count = int(loose.sum())
     if not count:

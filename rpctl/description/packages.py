@@ -18,6 +18,7 @@ from rpctl.description.package_index import (
 )
 from rpctl.errors import RpctlError
 from rpctl.files.caps import how_to_raise
+from rpctl.files.opening import at_home, is_folder
 
 DECLARE = "declare a folder above it with --package-dir or in ROS_PACKAGE_PATH"
 
@@ -120,9 +121,9 @@ def require_folders(package_dirs: Iterable[str | Path]) -> tuple[Path, ...]:
     """
     if isinstance(package_dirs, str | Path):
         package_dirs = (package_dirs,)
-    folders = tuple(Path(folder).expanduser().absolute() for folder in package_dirs)
+    folders = tuple(at_home(folder).absolute() for folder in package_dirs)
     for folder in folders:
-        if not folder.is_dir():
+        if not is_folder(folder):
             raise RpctlError(f"{folder}: no such folder; give a package, or one that holds some")
     return folders
 

@@ -12,7 +12,7 @@ from rpctl.description.expansion import expand, is_xacro, list_arguments
 from rpctl.description.findings import Findings, excerpt
 from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.opening import read_source
+from rpctl.files.opening import read_input
 
 SAME_POSITION = 1e-9  # rad or m; two groups may both state a joint that they share
 
@@ -71,10 +71,7 @@ def _document(path: Path, findings: Findings, settings: ReadSettings) -> Any:
         DescriptionError: There is none in the file.
         ExpansionError: The file is xacro that cannot be expanded.
     """
-    if not path.exists():
-        text = "there is no such file; give an SRDF and a state in it, as robot.srdf:home"
-        raise DescriptionError(path, [Finding("error", None, text)])
-    data = read_source(path)
+    data = read_input(path, "MAX_BYTES", "an SRDF and a state in it, as robot.srdf:home")
     try:
         if is_xacro(path, data):
             data = _expanded(path, settings)

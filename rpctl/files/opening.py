@@ -106,6 +106,21 @@ def read_source(path: Path) -> bytes:
     return read_input(path, "MAX_BYTES", A_URDF)
 
 
+def is_file(path: str | Path) -> bool:
+    """Return whether there is a regular file of a name, whatever name it is."""
+    return os.path.isfile(path)  # noqa: PTH113 - pathlib's raises, as of a name that is too long
+
+
+def is_folder(path: str | Path) -> bool:
+    """Return whether there is a folder of a name, whatever name it is."""
+    return os.path.isdir(path)  # noqa: PTH112 - as above
+
+
+def at_home(path: str | Path) -> Path:
+    """Return a path whose ``~`` stands for a home; one of nobody stays as it is."""
+    return Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib's raises
+
+
 def unreadable(path: str | Path, error: Exception, kind: str) -> InputError:
     """Return the refusal of a file that the system does not let be read.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.files.opening import at_home, is_file
 from rpctl.robot import catalog, robot_descriptions
 from rpctl.robot.source import Source
 
@@ -20,11 +21,11 @@ def find_source(source: str | Path) -> Source:
     """
     path = Path(source)
     if isinstance(source, Path) or path.suffix or "/" in source:
-        return Source(path.expanduser())
+        return Source(at_home(path))
     if source in catalog.names():
         entry = catalog.find(source)
         return Source(entry.path, entry.name, entry.drive, entry.lock)
-    if path.is_file():
+    if is_file(path):
         return Source(path)
     found = robot_descriptions.find_robot(source)
     if found is not None:

@@ -12,7 +12,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RunFileError
 from rpctl.files.caps import cap
 from rpctl.files.npz import Npz, NpzEntry, open_npz
-from rpctl.files.opening import open_input, read_input
+from rpctl.files.opening import is_file, open_input, read_input
 from rpctl.files.strict_json import read_json
 from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.config import Config
@@ -42,7 +42,7 @@ class Chunk(NamedTuple):
 def is_part(path: str | Path) -> bool:
     """Return whether a path is the part of a run: a folder with samples of it."""
     folder = Path(path)
-    return (folder / META_FILE).is_file() and bool(chunk_files(folder))
+    return is_file(folder / META_FILE) and bool(chunk_files(folder))
 
 
 def read_part(folder: str | Path) -> dict[str, Any]:

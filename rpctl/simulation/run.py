@@ -9,6 +9,7 @@ from typing import Any
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.files.opening import is_folder
 from rpctl.files.writing import writing
 from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
@@ -159,7 +160,7 @@ class Run:
         Raises:
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
-        return from_entries(read_part(path) if Path(path).is_dir() else read_run_file(path))
+        return from_entries(read_part(path) if is_folder(path) else read_run_file(path))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = (), expand: bool = False) -> Robot:
         """Return the robot of this run: as it was simulated here, or as the file of a run holds it.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rpctl.errors import RpctlError
+from rpctl.files.opening import is_file, is_folder
 from rpctl.robot.model import Robot
 from rpctl.simulation.part import is_part
 from rpctl.simulation.run import Run
@@ -46,7 +47,7 @@ class ShownRun:
 def is_run(name: str) -> bool:
     """Return whether a path is a run: a folder that holds one, an ``.npz``, or a part of one."""
     path = Path(name)
-    held = (path / RUN_FILE).is_file() or is_part(path / PART_FOLDER)
+    held = is_file(path / RUN_FILE) or is_part(path / PART_FOLDER)
     return held or path.suffix == ".npz" or is_part(path)
 
 
@@ -62,10 +63,10 @@ def open_run(path: Path) -> ShownRun:
     if is_part(path):
         return _part(path, ())
     part, file = path / PART_FOLDER, path / RUN_FILE
-    if is_part(part) and not (file.is_file() and _changed(part) <= file.stat().st_mtime_ns):
+    if is_part(part) and not (is_file(file) and _changed(part) <= file.stat().st_mtime_ns):
         older = (f"{file} is of an earlier simulation and stays as it is",) * file.is_file()
         return _part(part, older)
-    file = file if path.is_dir() else path
+    file = file if is_folder(path) else path
     run = replace(Run.load(file), digest=digest(file))
     return ShownRun(run, file.parent if file.name == RUN_FILE else None)
 
@@ -202,4 +203,4 @@ def comparison(
 def _name(run: Path) -> str:
     if run.name in (RUN_FILE, PART_FOLDER):
         return run.parent.name
-    return run.name if run.is_dir() else run.stem
+    return run.name if is_folder(run) else run.stem

@@ -44,5 +44,5 @@ def test_inspect_shows_home_and_what_is_frozen(robot: tuple[str, ...]) -> None:
 def test_a_wrong_home_is_an_error_without_a_traceback(robot: tuple[str, ...]) -> None:
     result = CliRunner().invoke(app, ["inspect", *robot, "--home", "arm.srdf:nowhere"])
     assert result.exit_code == 2
-    assert "there is no such file" in result.output
+    assert "No such file or directory" in result.output
     assert "Traceback" not in result.output

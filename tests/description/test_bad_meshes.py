@@ -75,6 +75,20 @@ def test_what_is_near_to_a_bad_mesh_is_read(name: str, content: bytes, folder: P
     assert not surface.faces.flags.writeable
 
 
+def test_only_regular_files_within_their_cap_are_read(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.mkfifo(folder / "pipe.stl")
+    with pytest.raises(MeshError, match="not readable: a pipe, not a regular file"):
+        read_mesh(folder / "pipe.stl")
+    (folder / "a.stl").write_bytes(stl(TRIANGLE))
+    monkeypatch.setenv("RPCTL_MAX_MESH_BYTES", "134")
+    assert read_mesh(folder / "a.stl").surfaces
+    monkeypatch.setenv("RPCTL_MAX_MESH_BYTES", "133")
+    with pytest.raises(MeshError, match=r"over 133 bytes;.*RPCTL_MAX_MESH_BYTES"):
+        read_mesh(folder / "a.stl")
+
+
 def test_what_a_dae_shows_is_counted_to_the_piece(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

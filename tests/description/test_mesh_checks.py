@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,16 @@ def test_textures_out_of_reach_are_told(texture: str, fine: bool, tmp_path: Path
     (path.parent / "a.dae").write_text(DAE.format(texture))
     expected = [f.message for f in rpctl.load(path).findings]
     assert expected == [] if fine else "lies out of reach and is left out" in expected[0]
+
+
+def test_textures_of_blanks_are_no_riddle(tmp_path: Path) -> None:
+    """An expression that tries every way to share 60 000 blanks takes hours."""
+    path = with_mesh(tmp_path, "a.dae")
+    began = time.process_time()
+    for text in ("<init_from>" + " " * 60_000, "<init_from>" * 5_000, " " * 60_000 + "/etc/passwd"):
+        (path.parent / "a.dae").write_text(f"<library_images>{text}<x>")
+        assert rpctl.load(path).findings == ()
+    assert time.process_time() - began < 10.0
 
 
 @pytest.mark.parametrize("image", ["{}", "<ref>{}</ref>"])

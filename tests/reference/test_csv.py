@@ -56,6 +56,11 @@ def test_a_decimal_comma_between_commas_is_told(tmp_path: Path) -> None:
     )
 
 
+def test_a_row_that_is_short_is_not_taken_for_decimal_commas(tmp_path: Path) -> None:
+    (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n9,1,0")
+    assert fault.startswith("10: error: 3 entries where the header names 4; complete the row")
+
+
 @pytest.mark.parametrize("blank", ["", " "])
 def test_a_quoted_table_is_read(blank: str, tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
@@ -92,6 +97,7 @@ def test_columns_by_other_names_are_told_theirs(
 
 
 def test_numbers_for_a_header_are_told(tmp_path: Path) -> None:
+    assert 'column "2.5" is not known' in faults(tmp_path / "a.csv", f"t,x,y,2.5\n{ROWS[0]}")[0]
     assert faults(tmp_path / "a.csv", "\n".join(ROWS)) == [
         "1: error: numbers where the columns' names belong; write them above, as t,x,y,theta"
     ]

@@ -154,7 +154,7 @@ def test_faults_of_an_srdf_have_a_line(
     path, srdf = with_srdf(tmp_path, SRDF.replace(old, new) if old else SRDF)
     with pytest.raises(DescriptionError, match=message):
         rpctl.load(path, drive="fixed", home=f"{srdf}:{state}")
-    with pytest.raises(DescriptionError, match=r"none.srdf: error: there is no such file"):
+    with pytest.raises(DescriptionError, match=r"none.srdf: error: No such file or directory"):
         rpctl.load(path, drive="fixed", home=f"{tmp_path}/none.srdf:home")
 
 

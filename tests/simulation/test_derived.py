@@ -23,8 +23,10 @@ from tests.robots import write
 from tests.vehicles import vehicle
 
 PERIOD, COUNT = 0.02, 20
-KINDS = ["car-like", "casters", "omni", "bicycle", "tricycle"]  # S turns, or does not; loads or not
-CATALOGUE = ["paper", "skid_steer", "arm"]  # one with intervals of loads, one without wheels
+KINDS = ["car-like", "casters"]  # whose S turns, and whose does not
+CATALOGUE = ["skid_steer"]  # whose loads are intervals
+SLOW_KINDS, SLOW_CATALOGUE = ["omni", "bicycle", "tricycle"], ["paper", "arm"]  # "arm": no wheels
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in SLOW_KINDS + SLOW_CATALOGUE]
 FEW = pytest.mark.parametrize("robot", ["casters", "skid_steer"], indirect=True)
 
 
@@ -34,9 +36,9 @@ def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "BATCH", 7)
 
 
-@pytest.fixture(scope="module", params=KINDS + CATALOGUE)
+@pytest.fixture(scope="module", params=[*KINDS, *CATALOGUE, *SLOW])
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    if request.param in CATALOGUE:
+    if request.param in CATALOGUE + SLOW_CATALOGUE:
         return rpctl.load(request.param)
     return rpctl.load(write(tmp_path_factory.mktemp("robot"), vehicle(request.param)))
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ import pytest
 from rpctl import Robot, Run, track, verify
 from rpctl.errors import RunFileError
 from rpctl.simulation.summary import summarize
-from tests.run_files import Parts, damaged, parts_of, rewritten
+from tests.run_files import Parts, damaged, parts_of, rewritten, rewritten_older
 from tests.simulation.test_run_file import assert_equal
 
 SEED = 20_261_122
@@ -55,10 +57,10 @@ def check_damaged(run: Run, parts: Parts, path: Path, seeds: range) -> int:
     return refused
 
 
-def check_rewritten(parts: Parts, path: Path, seeds: range) -> int:
+def check_rewritten(make: Callable[[random.Random], bytes], path: Path, seeds: range) -> int:
     refused = 0
     for seed in seeds:
-        path.write_bytes(rewritten(parts, random.Random(SEED + seed)))
+        path.write_bytes(make(random.Random(SEED + seed)))
         try:
             found = opened(path)
             if found is not None:
@@ -78,10 +80,24 @@ def test_damaged_files_are_the_same_run_or_refused(run: Run, parts: Parts, tmp_p
 
 
 def test_made_up_files_are_a_run_or_refused(parts: Parts, tmp_path: Path) -> None:
-    assert check_rewritten(parts, tmp_path / "run.npz", range(60)) > 25
+    assert check_rewritten(partial(rewritten, parts), tmp_path / "run.npz", range(60)) > 25
+
+
+@pytest.mark.parametrize("schema", [3, 4])
+def test_made_up_older_files_are_a_run_or_refused(schema: int, tmp_path: Path) -> None:
+    make = partial(rewritten_older, older(schema))
+    assert check_rewritten(make, tmp_path / "run.npz", range(20)) > 5
 
 
 @pytest.mark.thorough
 def test_many_more(run: Run, parts: Parts, tmp_path: Path) -> None:
     check_damaged(run, parts, tmp_path / "run.npz", range(60, 3000))
-    check_rewritten(parts, tmp_path / "run.npz", range(60, 3000))
+    check_rewritten(partial(rewritten, parts), tmp_path / "run.npz", range(60, 3000))
+    for schema in (3, 4):
+        make = partial(rewritten_older, older(schema))
+        check_rewritten(make, tmp_path / "run.npz", range(20, 1500))
+
+
+def older(schema: int) -> bytes:
+    """Return a run's file that an older version wrote."""
+    return Path(__file__).with_name(f"run_schema_{schema}.npz").read_bytes()

@@ -18,6 +18,7 @@ import pytest
 from rpctl import Robot, Run, track, verify
 from rpctl.arrays import Array
 from rpctl.errors import RunFileError
+from rpctl.simulation import columns as log_columns
 from rpctl.simulation import run_file
 from rpctl.simulation.run import entries_of
 from rpctl.simulation.run_schema import ARRAYS, MAX_NUMBER, META
@@ -218,6 +219,14 @@ def test_time_runs(
     parts: Parts, tmp_path: Path, change: Callable[[Array], Array], wanted: str
 ) -> None:
     assert wanted in refusal(with_samples(parts, "t", change), tmp_path / "run.npz")
+
+
+def test_time_runs_across_blocks_too(
+    parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_columns, "BLOCK_BYTES", 4 * 8)
+    twice = with_samples(parts, "t", lambda t: np.where(t == t[:, 3], t[:, 4], t))
+    assert '"t" does not run' in refusal(twice, tmp_path / "run.npz")
 
 
 def test_a_run_has_two_samples_or_more(parts: Parts, tmp_path: Path) -> None:

@@ -109,6 +109,7 @@ def test_whenever_it_is_killed_what_was_written_is_a_run(paper: Robot, tmp_path:
     check_same(Run.load(run.save(tmp_path / "run.npz")), whole, written)
 
 
+@pytest.mark.slow  # a process that begins anew takes a second
 def test_child_that_is_killed_leaves_a_run(tmp_path: Path) -> None:
     part = tmp_path / "run.part"
     code = f"""

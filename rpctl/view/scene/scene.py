@@ -113,7 +113,7 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         start=np.stack([first.min(axis=0), first.max(axis=0)]),
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
-        notes=(*run.notes, *_robot_notes(robot), *bodies.notes),
+        notes=(*run.notes, *_frame_note(times), *_robot_notes(robot), *bodies.notes),
         stand_ins=bodies.stand_ins,
     )
 
@@ -133,7 +133,18 @@ def redrawn(scene: Scene, robot: Robot, run: Run, triangles: int) -> Scene:
     return replace(
         scene,
         commands=(*before, _robots(bodies, joints), motion),
-        notes=(*run.notes, *_robot_notes(robot), *bodies.notes),
+        notes=(*run.notes, *_frame_note(scene.times), *_robot_notes(robot), *bodies.notes),
+    )
+
+
+def _frame_note(times: Array) -> tuple[str, ...]:
+    """Return the note on a long run's frames (n,), s, which lie far apart; nothing of others."""
+    if len(times) < MAX_FRAMES:
+        return ()
+    rate = (len(times) - 1) / float(times[-1])
+    return (
+        f"the animation of this long run has {rate:.2g} frames a second, and its charts keep the "
+        "extremes of each stretch; the figures of merit are of every sample",
     )
 
 

@@ -191,8 +191,11 @@ def test_clips_start_at_zero_and_long_ones_are_thinned(tricycle: Robot, golden: 
             n: a[places] for n, a in vars(golden.log).items() if isinstance(a, np.ndarray)
         }
         run = vary(golden, **{**arrays, "t": np.linspace(7.0, 7.0 + duration, count)})
-        times = build_scene(tricycle, run).times
+        drawn = build_scene(tricycle, run)
+        times = drawn.times
         assert len(times) == frames_kept  # 30 a second, 1800 at most, the ends among them
+        said = [note for note in drawn.notes if "has 18 frames a second" in note]
+        assert len(said) == (frames_kept == 1800)
         assert (times[0], times[-1]) == pytest.approx((0.0, duration))
 
 

@@ -68,6 +68,7 @@ def event(answer: http.client.HTTPResponse) -> list[str]:
 def test_page_is_served_and_nothing_beside_it(server: PageServer, report: Path) -> None:
     assert ask(server.url) == (200, b"<p>report</p>")
     assert ask(server.url, method="HEAD") == (200, b"")
+    assert request(server.url).getheader("Content-Length") == "13"  # a page that breaks off is told
     for target in (
         "secret.txt", "../secret.txt", "report.html", "/etc/passwd", "%2e%2e", "events", "?", "#",
     ):  # fmt: skip
