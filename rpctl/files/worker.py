@@ -14,15 +14,22 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
+from collections.abc import Callable
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import Timer
 from types import TracebackType
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from rpctl.errors import RpctlError
 from rpctl.files.confinement import confine
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+Process = subprocess.Popen[bytes]
 
 # rpctl itself would load Pinocchio; the worker needs but few files of its.
 BOOT = """import sys, types
@@ -82,6 +89,27 @@ class Channel:
         return data
 
 
+@lru_cache(maxsize=1)
+def _starter() -> ThreadPoolExecutor:
+    from concurrent.futures import ThreadPoolExecutor  # few need it
+
+    return ThreadPoolExecutor(1, "rpctl-starter")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_starter.cache_clear)  # threads do not come along
+
+
+def _in_lasting_thread(start: Callable[[], Process]) -> Process:
+    """Start a process in a thread that lasts as long as this process.
+
+    Linux ends a worker when the thread that started it ends, and threads of servers are short.
+    """
+    if threading.current_thread() is threading.main_thread():
+        return start()
+    return _starter().submit(start).result()
+
+
 class Worker:
     """A confined process that runs ``main(channel)`` of a module; a context that ends it for sure.
 
@@ -109,9 +137,11 @@ class Worker:
         except OSError as error:
             raise WorkerError(f"no temporary file could be made ({error.strerror})") from None
         try:
-            self._process = subprocess.Popen(
-                [*command, module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=self._errors, env=environment | ONE_THREAD, start_new_session=True,
+            self._process = _in_lasting_thread(
+                lambda: subprocess.Popen(
+                    [*command, module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                    stderr=self._errors, env=environment | ONE_THREAD, start_new_session=True,
+                )
             )  # fmt: skip
         except OSError as error:
             self._errors.close()
@@ -199,6 +229,7 @@ class Worker:
     def _end_late(self) -> None:
         self._late = True
         self._kill()
+        self._process.wait()  # or it would stay as a zombie until somebody asks
 
     def _kill(self) -> None:
         with suppress(OSError):  # it has ended

@@ -203,7 +203,7 @@ def test_a_robots_name_cannot_lead_out_of_the_runs(
     path = write(tmp_path, platform(SET_A).replace('name="platform"', 'name="../../&lt;b>x"'))
     code, _, _ = run("track", str(path), "--duration", "0.05", "--samples", "0")
     assert code == 0
-    assert [p.name for p in (tmp_path / "here" / "runs").iterdir()] == [".._..__b_x-eight"]
+    assert [p.name for p in (tmp_path / "here" / "runs").iterdir()] == ["_..__b_x-eight"]
 
 
 def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
@@ -333,7 +333,9 @@ def test_an_unwritable_folder_is_told(tmp_path: Path) -> None:
     out = str(tmp_path / "file" / "run")
     code, _, err = run("track", "paper", "--duration", "0.1", "--samples", "0", "--out", out)
     assert code == 2
-    assert "cannot be made" in err
+    assert err.count("\n") == 1
+    assert "file/run" in err
+    assert "Not a directory" in err
 
 
 @pytest.mark.slow

@@ -194,7 +194,7 @@ def test_names_become_identifiers(name: str, safe: str) -> None:
 
 
 def test_names_cannot_leave_a_comment(tmp_path: Path, rng: np.random.Generator) -> None:
-    hostile = "*/ system(0); /* ??/ \\ &#10; &quot;&quot;&quot; x"
+    hostile = "*/ system(0); /* ??/ \\ &quot;&quot;&quot; x"
     urdf = platform(SET_A).replace('name="platform"', f'name="{hostile}"')
     urdf = urdf.replace("left_joint", "left*/joint&quot;&quot;&quot;")
     robot = rpctl.load(write(tmp_path, urdf))

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -387,6 +388,29 @@ BAD = [
     ("os.close(3) or os.close(4) or sleep(60)", "exit code -9"),
     ("sys.exit('no more')", "no more"),
 ]
+
+
+@linux
+def test_it_outlives_the_thread_that_started_it() -> None:
+    started: list[Worker] = []
+    thread = threading.Thread(target=lambda: started.append(Worker(MODULE, MEMORY, PATIENCE)))
+    thread.start()
+    thread.join()
+    (worker,) = started
+    with worker:
+        time.sleep(0.2)  # a signal would have come
+        assert ask(worker, "6 * 7") == "42"
+
+
+@linux
+def test_one_that_nobody_needs_leaves_no_zombie() -> None:
+    with Worker(MODULE, MEMORY, PATIENCE) as worker:
+        assert worker.measures
+        worker.grant(0.01)
+        until = time.monotonic() + PATIENCE
+        while Path(f"/proc/{worker._process.pid}").exists() and time.monotonic() < until:
+            time.sleep(0.01)
+        assert time.monotonic() < until
 
 
 @pytest.mark.parametrize(("code", "expected"), every(5, BAD))

@@ -14,6 +14,7 @@ import pytest
 
 import rpctl
 from rpctl import Run
+from rpctl.errors import RunFileError
 from rpctl.view import notebook
 from rpctl.view.film import browser
 from tests.runs import vary
@@ -66,11 +67,23 @@ def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:
     assert "alert(1)</script>" not in page_inside(html)
 
 
-def test_a_robot_that_is_gone_is_told(tmp_path: Path) -> None:
+def test_a_robot_whose_file_is_gone_is_drawn(tmp_path: Path) -> None:
     path = write_cart(tmp_path)
-    run = short_run(rpctl.load(path), 0.2)
+    file = short_run(rpctl.load(path), 0.2).save(tmp_path / "run.npz")
     path.unlink()
-    html = notebook.show(run)
+    html = notebook.show(Run.load(file))
+    assert "cannot be drawn" not in html
+    assert html.count("<iframe") == 1
+
+
+def test_a_run_that_cannot_be_drawn_is_told(
+    paper_run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise RunFileError("cart.urdf: is another robot")
+
+    monkeypatch.setattr(Run, "load_robot", refuse)
+    html = notebook.show(paper_run)
     assert "cannot be drawn" in html
     assert "cart.urdf" in html
 
