@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from rpctl import Plant, Run, summarize
 from rpctl.cli.app import COMMANDS, app, load_command
 from rpctl.cli.options import LoadOptions
-from rpctl.cli.track import ResultOptions
+from rpctl.cli.track_options import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
 from rpctl.view.film.browser import BROWSER_NAMES

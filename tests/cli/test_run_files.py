@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from rpctl import Robot, track
 from rpctl.cli.app import app
-from rpctl.cli.track import ResultOptions
+from rpctl.cli.track_options import ResultOptions
 from rpctl.view import run_folder
 from tests.run_files import parts_of, with_samples
 

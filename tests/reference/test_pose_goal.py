@@ -11,7 +11,8 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.cli.track import ConfigOptions, reference_label
+from rpctl.cli.track import reference_label
+from rpctl.cli.track_options import ConfigOptions
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.goal_paths import legs_between, seen_from
 from rpctl.reference.limits import Limits, steerable_radius

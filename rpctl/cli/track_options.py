@@ -1,0 +1,193 @@
+"""The options of ``rpctl track``: laws, reference and circumstances; what is shown and written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpctl.cli.options import LapsOption, SizeOption, SpeedOption, read_triple
+from rpctl.cli.terminal import progress_bar
+from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.errors import RpctlError
+from rpctl.files.writing import require_writable
+from rpctl.reference.pose_goal import goal_of_words
+from rpctl.simulation.config import Config, read_config
+from rpctl.simulation.plant import Plant
+from rpctl.simulation.run import Run
+
+if TYPE_CHECKING:
+    from rpctl.view.run_folder import RunFolder
+
+
+@dataclass(frozen=True)
+class ConfigOptions:
+    """The options that choose laws, reference and circumstances of a run."""
+
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
+            help="Path of the base or of the end effector: a name, a path file (TOML), or "
+            "time-stamped poses (CSV); eight if not given.",
+        ),
+    ] = None
+    goal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,THETA",
+            help="Go there instead, from the origin, and stop: m, m and rad.",
+        ),
+    ] = None
+    arm_goal: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=POSITION",
+            help="Where a joint of the arm is to be in the end, rad or m. Repeatable.",
+        ),
+    ] = None
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="How long, s; as long as the laps take or the reference moves, or 20."
+        ),
+    ] = None
+    size: SizeOption = None
+    speed: SpeedOption = None
+    laps: LapsOption = None
+    initial_error: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,THETA",
+            help="Tracking error at the start: how far the reference is ahead and to the left of "
+            "the robot (m) and turned from it (rad); none if not given.",
+        ),
+    ] = None
+    log_every: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Log one sample of N, and the last; all if not given."
+        ),
+    ] = None
+    kinematic: Annotated[
+        str | None,
+        typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
+    ] = None
+    dynamic: Annotated[
+        str | None,
+        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
+    ] = None
+    friction: Annotated[
+        float | None,
+        typer.Option(
+            help="Friction coefficient of the wheels, to tell if they would slip; "
+            f"{FRICTION:g} if not given."
+        ),
+    ] = None
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Laws, their settings, limits and all else (TOML); options win."
+        ),
+    ] = None
+    save_config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the configuration in use.")
+    ] = None
+
+    def read(self) -> Config:
+        """Return the configuration: the file's or the default one, changed by the other options.
+
+        Raises:
+            RpctlError: An option is wrong, or the file cannot be read.
+        """
+        error = None if self.initial_error is None else read_triple(self.initial_error)
+        config = Config() if self.config is None else read_config(self.config)
+        return config.with_laws(self.kinematic, self.dynamic).with_run(
+            reference=self._reference(),
+            duration=self.duration,
+            initial_error=error,
+            friction=self.friction,
+            size=self.size,
+            speed=self.speed,
+            laps=self.laps,
+            log_every=self.log_every,
+        )
+
+    def _reference(self) -> str | None:
+        if self.goal is None and not self.arm_goal:
+            return self.reference
+        if self.reference is not None:
+            raise RpctlError("--goal and --arm-goal are a reference themselves; omit --reference")
+        return goal_of_words(self.goal, self.arm_goal or ())
+
+
+@dataclass(frozen=True)
+class ResultOptions:
+    """The options that choose what is shown and written of a run, and where."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
+    ] = None
+    max_megabytes: Annotated[
+        float,
+        typer.Option(
+            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
+        ),
+    ] = 6.0
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
+    ] = False
+    png: Annotated[
+        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
+    ] = False
+    single: Annotated[
+        bool,
+        typer.Option(
+            "--single",
+            help="Write the run's numbers in single precision, 7 digits, in half of the room.",
+        ),
+    ] = False
+    perturbed: Annotated[
+        bool,
+        typer.Option(
+            help="Tell what to expect with 10 % more mass, wheel friction and a delay: another "
+            "run, a third as long; not where the configuration has a [plant] of its own.",
+        ),
+    ] = True
+
+    def perturbs(self, config: Config) -> bool:
+        """Return whether to tell what to expect: not where the user has set a plant himself."""
+        return self.perturbed and config.plant == Plant()
+
+    def require_possible(self, folder: Path) -> None:
+        """Refuse what could not be written or drawn, before the simulation.
+
+        Raises:
+            RpctlError: The folder cannot be written to, or there is no browser for a picture.
+        """
+        from rpctl.view.run_folder import FIGURE_FILE, REPORT_FILE, RUN_FILE, SUMMARY_FILE
+
+        for name in (RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE):
+            require_writable(folder / name, makes_folder=True)
+        if self.png:
+            from rpctl.view.film.browser import require_browser
+
+            require_browser()
+
+    def write(self, run: Run, folder: Path) -> RunFolder:
+        """Write the files of a run."""
+        from rpctl.view.run_folder import write_folder  # matplotlib and meshcat load only here
+
+        with progress_bar("draw"):
+            written = write_folder(
+                run, folder, self.max_megabytes, "single" if self.single else "double"
+            )
+            if self.png:
+                from rpctl.view.film.film import SCENE_FILE, write_still
+
+                write_still(replace(run, digest=written.digest), folder / SCENE_FILE)
+        return written
