@@ -19,6 +19,7 @@ from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.facts import idealisations, load_arguments
 from rpctl.robot.model import Robot
 
@@ -68,10 +69,13 @@ def verify(
         The certificate; a comparison that is not finite fails.
 
     Raises:
-        RpctlError: ``samples`` is not positive, or an engine is not known.
+        RpctlError: ``samples`` is not positive or beyond the cap, or an engine is not known.
     """
     if samples < 1:
         raise RpctlError(f"{samples} samples prove nothing; give at least 1")
+    if samples > cap("MAX_STATES"):
+        most = f"{cap('MAX_STATES'):,}"
+        raise RpctlError(f"{samples:,} samples, over {most}; {how_to_raise('MAX_STATES')}")
     reading, dynamics = read(robot), ReducedDynamics(robot)
     mujoco, absent = _engine(robot, reading, engines)
     geometry = Geometry(dynamics, reading)

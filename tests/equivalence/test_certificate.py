@@ -114,6 +114,8 @@ def test_it_is_plain_json(paper: Robot) -> None:
 def test_nothing_proves_nothing(paper: Robot) -> None:
     with pytest.raises(RpctlError, match="0 samples prove nothing"):
         verify(paper, samples=0)
+    with pytest.raises(RpctlError, match=r"1,000,000,000 samples, over .* RPCTL_MAX_STATES"):
+        verify(paper, samples=10**9)
 
 
 Method = Callable[..., Array]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpctl.errors import RpctlError
+from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run import Run
@@ -81,6 +82,9 @@ def write_film(
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     require_writable(path)
     count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
+    if count > cap("MAX_PICTURES"):
+        fault = f"{path}: a film of {count:,} pictures, over {cap('MAX_PICTURES'):,}"
+        raise RpctlError(f"{fault}; give a lower rate; {how_to_raise('MAX_PICTURES')}")
     with _camera(run, size, robot) as photograph:
 
         def take(number: int) -> Image:

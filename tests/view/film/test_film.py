@@ -88,6 +88,7 @@ def test_gif_is_in_real_time_and_repeats(paper: Robot, tmp_path: Path) -> None:
         ("a.gif", {"rate": 30}, "GIF cannot have 30"),
         ("a.mp4", {"size": (161, 90)}, "161x90"),
         ("none/a.mp4", {}, "no folder"),
+        ("a.mp4", {"rate": 10**6}, "a film of .* pictures, over .*RPCTL_MAX_PICTURES"),
     ],
 )
 def test_wrong_films_are_refused_at_once(
