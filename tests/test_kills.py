@@ -158,14 +158,17 @@ def test_killed_comparison(count: int, tmp_path: Path) -> None:
 def test_killed_derivation(count: int, form: str, tmp_path: Path) -> None:
     folder = tmp_path / "work"
     folder.mkdir()
-    words = ("derive", "paper", "--format", form)
+    words = ("derive", "paper", "--format", form, "--out", "paper.txt")
     whole = run_for(None, *words, folder=folder)
-    text = (tmp_path / "stdout").read_bytes()
+    text = (folder / "paper.txt").read_bytes()
     assert len(text) > 1000
-    for after in moments(count, whole):
+    for k, after in enumerate(moments(count, whole)):
+        (folder / "paper.txt").write_text("mine")
+        if k % 2:
+            (folder / "paper.txt").unlink()
         run_for(after, *words, folder=folder)
-        assert (tmp_path / "stdout").read_bytes() in (b"", text)
-        assert not [*folder.iterdir()]
+        assert files(folder).get("paper.txt", b"mine") in (b"mine", text)
+        assert {*files(folder)} <= {"paper.txt"}
 
 
 @pytest.mark.parametrize("count", KILLS)

@@ -50,7 +50,7 @@ COMMANDS = {
     "derive": LazyCommand(
         "rpctl.cli.derive:derive_command",
         "Write the reduced equations in closed form: to read, to publish, or as code.",
-        "rpctl derive paper --format latex > paper.tex",
+        "rpctl derive paper --format latex --out paper.tex",
     ),
     "track": LazyCommand(
         "rpctl.cli.track:track_command",

@@ -429,6 +429,16 @@ def test_derive_writes_each_format() -> None:
     assert run_json("derive", "paper")["text"].strip() == text.strip()
 
 
+def test_derive_writes_a_file(tmp_path: Path) -> None:
+    out = tmp_path / "paper.c"
+    code, text, _ = run("derive", "paper", "--format", "c", "--out", str(out))
+    assert (code, text) == (0, f"wrote {out}\n")
+    assert out.read_text().strip() == run("derive", "paper", "--format", "c")[1].strip()
+    code, _, error = run("derive", "paper", "--out", str(tmp_path / "none" / "paper.c"))
+    assert code == 2
+    assert "there is no folder" in error
+
+
 def test_derive_says_what_is_too_large() -> None:
     code, _, err = run("derive", "tiago")
     assert code == 2

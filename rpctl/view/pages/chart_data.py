@@ -62,6 +62,9 @@ def _clipped_charts(run: Run) -> list[Chart]:
     found = []
     for chart in charts(run):
         top, lines = chart.top, []
+        if top == np.inf:  # a copy of a long run's lines would take much memory
+            found.append(chart)
+            continue
         for line in chart.lines:
             band = line.band
             if band is not None:

@@ -216,7 +216,9 @@ def _hull(cloud: Array) -> Array:
     turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere
     rings = np.sqrt(1.0 - heights**2)
     around = np.column_stack([rings * np.cos(turns), rings * np.sin(turns), heights])
-    return np.asarray(cloud[np.unique((around @ cloud.T).argmax(axis=1))])
+    # One direction at a time: all at once would take a gigabyte of a long run.
+    found = [int((cloud @ direction).argmax()) for direction in around]
+    return np.asarray(cloud[np.unique(found)])
 
 
 def _rotations(quaternions: Array) -> Array:

@@ -185,7 +185,7 @@ def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> 
         first, then = picture(page, VIEWER), page.evaluate("rpctl.time")
         wait(page, f"rpctl.time > {then + 1.0}")
         assert changed(picture(page, VIEWER), first) > 200
-        assert not (tmp_path / "out").exists()  # it still simulates
+        assert not (tmp_path / "out/run.npz").exists()  # it still simulates
         assert "of 12 s · base error" in page.locator("#status").inner_text()
         assert page.get_by_label("arm_revolute_joint").is_disabled()
         page.reload()
