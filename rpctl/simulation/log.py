@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.columns import release
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,6 +89,12 @@ class Log:
     slip_range: Array
     active_limits: Array
     bound_limits: tuple[tuple[str, str], ...]
+
+    def release(self) -> None:
+        """Take what was read of arrays that lie in files from the process's memory; they keep."""
+        for item in fields(self):
+            if isinstance(array := getattr(self, item.name), np.ndarray):
+                release(array)
 
 
 _NONE = dict.fromkeys((item.name for item in fields(Log)), np.empty(0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -29,16 +29,15 @@ AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
 def charts(run: Run) -> tuple[Chart, ...]:
     """Return the charts that a run has data for: errors, speeds, efforts, margins, loads."""
-    found = (
-        *_base_error(run),
-        *_tip_error(run),
-        _joint_errors(run),
-        *_speeds(run),
-        *_efforts(run),
-        *_margins(run),
-        _loads(run),
-    )
-    return tuple(chart for chart in found if chart.lines)
+    return tuple(each_chart(run))
+
+
+def each_chart(run: Run) -> Iterator[Chart]:
+    """Yield these charts one by one: the lines of all at once are most of a long run's memory."""
+    for make in (_base_error, _tip_error, _joint_errors, _speeds, _efforts, _margins, _loads):
+        made = make(run)
+        yield from (chart for chart in ([made] if isinstance(made, Chart) else made) if chart.lines)
+        run.log.release()
 
 
 def has_base(run: Run) -> bool:

@@ -206,6 +206,7 @@ def test_a_robots_name_cannot_lead_out_of_the_runs(
     assert [p.name for p in (tmp_path / "here" / "runs").iterdir()] == ["_..__b_x-eight"]
 
 
+@pytest.mark.slow
 def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     words = ("track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0")
     output = run_json(*words, "--out", str(tmp_path), code=1)

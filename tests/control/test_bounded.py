@@ -224,6 +224,7 @@ def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None
     assert kept < 0.05 * plain
 
 
+@pytest.mark.slow
 def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     slow = scale_limits(paper, velocity=0.3)
     circle = reference_by_name(paper, "circle")  # which is too fast for them
@@ -233,6 +234,7 @@ def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
     assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
+@pytest.mark.slow
 def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     """TIAGo's shoulder takes 30 N·m to hold; with 19.5 it sinks, and the base tracks on."""
     tiago = rpctl.load("tiago", home="zero")

@@ -168,7 +168,7 @@ def _inserted(element: str, place: int) -> str:
     return "<".join(pieces[: place + 1]) + element + "<" + "<".join(pieces[place + 1 :])
 
 
-@settings(max_examples=100, derandomize=True, deadline=None)
+@settings(max_examples=40, derandomize=True, deadline=None)
 @given(FILES)
 def test_whatever_is_drawn_is_a_robot_or_a_message(data: bytes) -> None:
     with TemporaryDirectory() as folder:

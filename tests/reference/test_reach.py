@@ -108,6 +108,7 @@ def test_the_base_stays_where_the_arm_alone_reaches(tiago: Robot) -> None:
     assert 0.2 < math.hypot(5 - poses[0, 0], 5 - poses[0, 1]) < 1.2
 
 
+@pytest.mark.slow
 def test_the_same_path_has_the_same_plan(paper: Robot) -> None:
     first, second = (load_reference(paper, "ee-square")(5.0) for _ in range(2))
     np.testing.assert_array_equal(first.pose, second.pose)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Chart, Line, decades
-from rpctl.view.charts import charts
+from rpctl.view.charts import each_chart
 from rpctl.view.labels import shorten
 
 MAX_POINTS = 2000  # of one line: a screen has no more columns
 SAME_TIME_S = 1e-9  # s: times that differ by less are the same
 
 Thin = Callable[[Array], Array]
+Variants = list[tuple[str, Chart, list[Thin]]]  # label, chart and how its lines are thinned
 
 
 def packed(values: NDArray[Any]) -> str:
@@ -38,8 +39,9 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
         names: What the runs are called.
     """
     times, thins = _axis([run.t - run.t[0] for run in runs])
+    found: Iterable[tuple[str, str, Variants]]
     if len(runs) == 1:
-        found = [(c.title, c.note, [("", c, thins)]) for c in _clipped_charts(runs[0])]
+        found = ((c.title, c.note, [("", c, thins)]) for c in _clipped_charts(runs[0]))
     else:
         found = _by_line(runs, names, thins)
     return {
@@ -57,24 +59,16 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _clipped_charts(run: Run) -> list[Chart]:
-    """Return the charts of a run, each clipped at its top; a band beyond it has no upper bound."""
-    found = []
-    for chart in charts(run):
+def _clipped_charts(run: Run) -> Iterator[Chart]:
+    """Yield the charts of a run, each clipped at its top; a band beyond it has no upper bound."""
+    for chart in each_chart(run):
         top, lines = chart.top, []
-        if top == np.inf:  # a copy of a long run's lines would take much memory
-            found.append(chart)
-            continue
-        for line in chart.lines:
+        for line in chart.lines if top < np.inf else ():
             band = line.band
             if band is not None:
                 band = np.minimum(band[0], top), np.where(band[1] > top, np.inf, band[1])
             lines.append(replace(line, values=np.minimum(line.values, top), band=band))
-        found.append(replace(chart, lines=tuple(lines)))
-    return found
-
-
-Variants = list[tuple[str, Chart, list[Thin]]]
+        yield replace(chart, lines=tuple(lines)) if lines else chart
 
 
 def _by_line(

@@ -23,6 +23,7 @@ from rpctl.view.plots.style import (
     joint_names,
     legend_columns,
     own_settings,
+    sampled,
     style_axes,
 )
 
@@ -101,6 +102,7 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    run = sampled(run)
     shown = _choose(find_panels(run), panels)
     width, columns = (COLUMN_WIDTH_IN, 1) if column or len(shown) == 1 else (PAGE_WIDTH_IN, 2)
     places = _places([panel for panel, _ in shown], columns)

@@ -12,7 +12,6 @@ from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
 from rpctl.view.charts import ALL_SPLITS, charts, coloured_joints, has_base
 from rpctl.view.plots import style
 from rpctl.view.plots.paths import draw_paths
-from rpctl.view.plots.style import thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,10 +54,10 @@ def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart) -> None:
             _draw_band(axes, run.t, line.band, panel, look["color"])
         values = np.maximum(np.abs(line.values), ERROR_FLOOR) if chart.errors else line.values
         label = line.printed if panel.legend == "own" else None
-        axes.plot(thin(run.t), thin(panel.factor * values), label=label, **look)
+        axes.plot(run.t, panel.factor * values, label=label, **look)
     wanted = [line.reference for line in lines if line.reference is not None]
     for reference in wanted if panel.references else ():
-        axes.plot(thin(run.t), thin(panel.factor * reference), **style.DESIRED_STYLE)
+        axes.plot(run.t, panel.factor * reference, **style.DESIRED_STYLE)
     if wanted and panel.legend == "own":
         axes.plot([], [], label="reference", **style.DESIRED_STYLE)
     span = decades(lines) if chart.errors else panel.span
@@ -73,5 +72,5 @@ def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart) -> None:
 def _draw_band(axes: Axes, t: Array, band: tuple[Array, Array], panel: Panel, colour: str) -> None:
     """Shade what lies between the edges (K,) of a band; one without an end leaves the panel."""
     end = np.inf if panel.span is None else panel.span[1]
-    low, high = (thin(panel.factor * np.minimum(edge, end)) for edge in band)
-    axes.fill_between(thin(t), low, high, label=ALL_SPLITS, color=colour, alpha=0.2, lw=0.0)
+    low, high = (panel.factor * np.minimum(edge, end) for edge in band)
+    axes.fill_between(t, low, high, label=ALL_SPLITS, color=colour, alpha=0.2, lw=0.0)

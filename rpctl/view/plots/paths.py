@@ -17,7 +17,6 @@ from rpctl.simulation.run import Run
 from rpctl.view.chart import PATHS
 from rpctl.view.obstacles import near, rims
 from rpctl.view.plots import style
-from rpctl.view.plots.style import thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,11 +43,11 @@ def draw_paths(axes: Axes, run: Run) -> None:
     if run.log.ee.shape[1]:
         pairs.append((run.log.ee, run.log.ee_ref, style.TIP, "end effector"))
     for actual, _, colour, label in pairs:
-        axes.plot(*thin(actual[:, :2]).T, color=colour, lw=1.2, label=label)
+        axes.plot(*actual[:, :2].T, color=colour, lw=1.2, label=label)
         axes.plot(*actual[0, :2], "o", color=style.PAPER, mec=colour, mew=1.1, ms=4.2, zorder=4)
     for number, (_, desired, _, _) in enumerate(pairs):
         explained = None if number else "desired"
-        axes.plot(*thin(desired[:, :2]).T, label=explained, **style.DESIRED_STYLE)
+        axes.plot(*desired[:, :2].T, label=explained, **style.DESIRED_STYLE)
     axes.plot([], [], "o", color=style.PAPER, mec=style.INK, mew=0.9, ms=3.6, label="start")
     if run.robot.drive.wheels:
         _draw_poses(axes, run)

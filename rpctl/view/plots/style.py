@@ -5,9 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from rpctl.arrays import Array
+import numpy as np
+
+from rpctl.simulation.run import Run
 from rpctl.view.labels import fold, literal, shorten
 
 if TYPE_CHECKING:
@@ -53,9 +56,17 @@ def own_settings() -> Iterator[None]:
         yield
 
 
-def thin(values: Array) -> Array:
-    """Return every n-th of samples (K, ...), so that at most ``MAX_POINTS`` remain."""
-    return values[:: -(-len(values) // MAX_POINTS)]
+def sampled(run: Run) -> Run:
+    """Return a run with every n-th of its samples, so that at most ``MAX_POINTS`` remain."""
+    step = -(-len(run.t) // MAX_POINTS)
+    if step == 1:
+        return run
+    arrays: dict[str, Any] = {
+        name: each for name, each in vars(run.log).items() if isinstance(each, np.ndarray)
+    }
+    log = replace(run.log, **{name: each[::step].copy() for name, each in arrays.items()})
+    run.log.release()
+    return replace(run, log=log)
 
 
 def line_style(colour: int, dash: int = 0, joints: int = 0) -> dict[str, Any]:

@@ -16,6 +16,7 @@ TIP_COLOUR = 0xD55E00  # vermilion: the end effector's
 DESIRED_COLOUR = 0x6B7480  # neutral: whatever is desired
 TUBE_SIDES = 6
 DASH_WIDTHS, GAP_WIDTHS = 7.0, 5.0  # in widths of the trail
+MAX_DASHES = 1500  # of a path: laps of a long run that differ a little would be most of its page
 NEAR_PERIODS = 2  # of dashes: what is nearer along the path is no other lap
 MIN_STEP_M = 1e-9  # m: a shorter step has no direction
 
@@ -135,7 +136,7 @@ def fresh_dashes(path: Array, width: float) -> list[Array]:
         middle = piece[len(piece) // 2]
         if not any(k < before for k in tree.query_ball_point(middle, 0.5 * width)):
             fresh.append(piece)
-    return fresh
+    return fresh[:MAX_DASHES]
 
 
 def _resampled(path: Array, step: float) -> Array:

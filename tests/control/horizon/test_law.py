@@ -71,6 +71,7 @@ def test_no_limit_is_broken(name: str) -> None:
     assert horizon.kinematic_report["fallbacks"] == 0
 
 
+@pytest.mark.slow
 def test_joints_stop_at_their_limits(paper: Robot) -> None:
     """A reference beyond a joint's range is followed as far as the range goes."""
     usual = reference_by_name(paper, "eight")
@@ -141,7 +142,7 @@ def test_the_base_stops_before_a_wall(paper: Robot) -> None:
     assert run.log.base[:, 0].max() < 0.8 + CLOSE
 
 
-@pytest.mark.parametrize("obstacle", cells((PILLAR, WALL), {PILLAR}, {WALL}))
+@pytest.mark.parametrize("obstacle", cells((PILLAR, WALL), slow={PILLAR, WALL}))
 def test_the_end_effector_keeps_clear(paper: Robot, obstacle: Disc | HalfPlane) -> None:
     quick = reference_by_name(paper, "eight", speed=0.72)
     free, kept = (

@@ -77,6 +77,7 @@ def test_the_same_desired_trail_is_drawn_once(runs: list[Run], scenes: list[Scen
     assert {n for n in drawn if "run2" in n} == {"run2-trail-base", "run2-trail-tip"}
 
 
+@pytest.mark.slow
 def test_obstacles_that_runs_share_are_drawn_once(paper: Robot, runs: list[Run]) -> None:
     def obstacles(*shown: Run) -> bytes:
         scene = merge(shown, [build_scene(paper, run) for run in shown])

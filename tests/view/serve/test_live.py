@@ -45,7 +45,7 @@ PATIENCE = 120  # s; the machine may have much else to do
 VIEWER = "rpctl.scene.viewer"
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 VIEWS = list(product(("robot", "run"), SIGNALS))
-QUICK_VIEWS = {("robot", signal.SIGTERM), ("run", signal.SIGINT)}
+QUICK_VIEWS = {("robot", signal.SIGTERM)}
 
 
 @contextmanager
