@@ -36,8 +36,10 @@ def each_chart(run: Run) -> Iterator[Chart]:
     """Yield these charts one by one: the lines of all at once are most of a long run's memory."""
     for make in (_base_error, _tip_error, _joint_errors, _speeds, _efforts, _margins, _loads):
         made = make(run)
-        yield from (chart for chart in ([made] if isinstance(made, Chart) else made) if chart.lines)
-        run.log.release()
+        for chart in [made] if isinstance(made, Chart) else made:
+            if chart.lines:
+                yield chart
+                run.log.release()  # what has been looked at meanwhile
 
 
 def has_base(run: Run) -> bool:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rpctl.simulation.columns import release
 from rpctl.simulation.run import Run
 from rpctl.view.labels import fold, literal, shorten
 
@@ -61,12 +62,12 @@ def sampled(run: Run) -> Run:
     step = -(-len(run.t) // MAX_POINTS)
     if step == 1:
         return run
-    arrays: dict[str, Any] = {
-        name: each for name, each in vars(run.log).items() if isinstance(each, np.ndarray)
-    }
-    log = replace(run.log, **{name: each[::step].copy() for name, each in arrays.items()})
-    run.log.release()
-    return replace(run, log=log)
+    kept: dict[str, Any] = {}
+    for name, array in vars(run.log).items():
+        if isinstance(array, np.ndarray):
+            kept[name] = array[::step].copy()
+            release(array)
+    return replace(run, log=replace(run.log, **kept))
 
 
 def line_style(colour: int, dash: int = 0, joints: int = 0) -> dict[str, Any]:

@@ -84,6 +84,7 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         ghost = joint_poses(robot, run.q_ref[frames])
     joints = sorted({part.joint for part in bodies.parts})
     paths = _paths(run, frames)
+    run.log.release()
     first = _cloud(bodies, joints, poses[:1])
     cloud = np.concatenate(
         [_cloud(bodies, joints, poses), _cloud(bodies, joints, ghost), *paths.values()]

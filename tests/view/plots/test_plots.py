@@ -11,6 +11,7 @@ from PIL import Image
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.chart import PANELS
+from rpctl.view.plots import style
 from rpctl.view.plots.figures import (
     save_figure,
     save_tracking_figure,
@@ -261,3 +262,16 @@ def test_half_plane_is_hatched_beyond_its_line(normal: tuple[float, float]) -> N
     corners = half_plane(plane, np.array([2.0, -1.0]), 30.0)
     assert plane.distance(corners) == pytest.approx([0.0, 0.0, -30.0, -30.0])
     assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(60.0)
+
+
+def test_figure_of_a_long_run_is_of_some_samples(
+    paper_run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = len(paper_run.t)
+    monkeypatch.setattr(style, "MAX_POINTS", count - 1)
+    run = style.sampled(paper_run)
+    np.testing.assert_array_equal(run.t, paper_run.t[::2])
+    np.testing.assert_array_equal(run.log.contact_load, paper_run.log.contact_load[::2])
+    assert run.log.bound_limits == paper_run.log.bound_limits
+    monkeypatch.setattr(style, "MAX_POINTS", count)
+    assert style.sampled(paper_run) is paper_run

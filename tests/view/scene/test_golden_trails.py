@@ -226,3 +226,11 @@ def test_laps_on_one_another_have_the_dashes_of_one() -> None:
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_a_path_without_length_has_no_dashes(count: int) -> None:
     assert fresh_dashes(np.zeros((count, 3)), 0.02) == dashes(np.zeros((count, 3)), 0.02) == []
+
+
+def test_dashes_of_a_path_that_never_repeats_are_capped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trails, "MAX_DASHES", 7)
+    line = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
+    shown, whole = trails.fresh_dashes(line, 0.02), dashes(line, 0.02)
+    assert len(whole) > 7
+    np.testing.assert_array_equal(np.concatenate(shown), np.concatenate(whole[:7]))
