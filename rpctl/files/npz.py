@@ -211,7 +211,7 @@ def _faults(where: str) -> Iterator[None]:
         yield
     except FAULTS as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise NpzError(f"{where}damaged ({one_line(reason)})") from None
+        raise NpzError(f"{where}unreadable ({one_line(reason)})") from None
 
 
 def _require_plain(info: zipfile.ZipInfo, names: Collection[str]) -> None:
