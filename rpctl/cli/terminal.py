@@ -20,6 +20,7 @@ from rich.table import Table
 
 from rpctl.errors import printable
 
+BAR_WIDTH = 20  # characters: with times and details a bar fits into a line of 80
 PIPED_WIDTH = 140  # characters of a line that no terminal breaks
 TAG = re.compile(r"(\\*)(?=\[[a-z#/@])|(\\+)\Z")  # where markup may begin, or a text ends
 
@@ -56,7 +57,7 @@ def progress_bar(label: str, details: str = "") -> Iterator[Callable[[int, int],
     """
     columns: list[ProgressColumn] = [
         TextColumn("{task.description:>9}"),
-        BarColumn(),
+        BarColumn(BAR_WIDTH),
         TimeElapsedColumn(),
     ]
     if details:

@@ -20,6 +20,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
 from rpctl.robot.model import Robot
+from rpctl.simulation.budget import Budget
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.expectation import expect
 from rpctl.simulation.loop import default_duration, require_affordable, simulate
@@ -60,7 +61,7 @@ def track_command(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
     show_sizing(output, getattr(reference, "sizing", None))
-    budget = str(require_affordable(loaded, config, reference))
+    budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
         output.print(certificate_line(certificate))
@@ -82,7 +83,7 @@ class _Task:
     config: Config
     reference: Reference
     certificate: Certificate | None
-    budget: str
+    budget: Budget
 
 
 def _simulate(
@@ -92,7 +93,7 @@ def _simulate(
     with Spool(folder / PART_FOLDER) as spool, _live_page(task, results.live, say) as page:
         ended: list[Run] = []
         try:
-            with progress_bar("simulate", task.budget) as advance:
+            with progress_bar("simulate", task.budget.brief) as advance:
                 run = simulate(
                     task.robot, task.config, task.reference, task.certificate,
                     advance, page, ended.append, spool,

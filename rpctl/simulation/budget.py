@@ -44,6 +44,11 @@ class Budget:
             f"{in_time(self.seconds)} of computing or more"
         )
 
+    @property
+    def brief(self) -> str:
+        """The work and the log, in the few characters that a progress bar leaves."""
+        return f"{self.periods:,} periods, {in_bytes(self.log_bytes)}"
+
     def require_within_caps(self) -> None:
         """Refuse a run that would take too long or log too much.
 

@@ -70,6 +70,11 @@ def test_delay_longer_than_the_run_is_refused() -> None:
         simulate(rpctl.load("paper"), Config(run=SHORT, plant=Plant(delay=1e6)))
 
 
+def test_what_a_progress_bar_says_is_short() -> None:
+    budget = find_budget(rpctl.load("tiago"), SHORT, 86_400.0)
+    assert budget.brief == "43,200,000 periods, 62.4 GB"
+
+
 def test_amounts_are_said_in_units_that_suit_them() -> None:
     times, sizes = (0.5, 90.0, 7200.0, 2e6), (0, 20, 17e6, 3e15)
     assert [*map(in_time, times)] == ["0.5 s", "90 s", "2 hours", "23.1 days"]
