@@ -22,6 +22,9 @@ from rpctl.view.scene.stand_ins import StandIn
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
 MAX_FRAMES = 1800  # of a long run: its frames lie further apart, and its report stays small
+TRAIL_STEP_S = 0.1  # s: so near are the points of a trail, while they are no more than these
+MAX_BASE_POINTS, MAX_TIP_POINTS = 9000, 3600  # a tube takes five times the room of a ribbon
+DESIRED_S = 180.0  # s of the desired path that are drawn
 ROBOTS_PATH = "/rpctl/robots"
 ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
 
@@ -145,7 +148,8 @@ def _frame_note(times: Array) -> tuple[str, ...]:
     rate = (len(times) - 1) / float(times[-1])
     return (
         f"the animation of this long run has {rate:.2g} frames a second, and its charts keep the "
-        "extremes of each stretch; the figures of merit are of every sample",
+        f"extremes of each stretch; of the desired path {DESIRED_S:g} s are drawn at most; the "
+        "figures of merit are of every sample",
     )
 
 
@@ -188,14 +192,46 @@ def joint_poses(robot: Robot, q: Array) -> Array:
 
 def _paths(run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
     """Return the paths (n, 3) in the world, m: desired and actual, of P and the end effector."""
-    ground = np.full((len(frames), 1), run.robot.drive.ground)
+    desired = _desired_samples(run.t, frames)
+    height = run.robot.drive.ground
     paths = {
-        "base-desired": np.hstack([run.base_ref[frames, :2], ground]),
-        "base": np.hstack([run.log.base[frames, :2], ground]),
+        "base-desired": _on_ground(run.base_ref[desired], height),
+        "base": _on_ground(run.log.base[_trail_samples(run.t, frames, MAX_BASE_POINTS)], height),
     }
     if run.log.ee.shape[1] == 3:
-        paths |= {"tip-desired": run.log.ee_ref[frames], "tip": run.log.ee[frames]}
+        actual = _trail_samples(run.t, frames, MAX_TIP_POINTS)
+        paths |= {"tip-desired": run.log.ee_ref[desired], "tip": run.log.ee[actual]}
     return paths
+
+
+def _on_ground(poses: Array, height: float) -> Array:
+    return np.column_stack([poses[:, :2], np.full(len(poses), height)])
+
+
+def _trail_samples(t: Array, frames: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return the samples of a trail: as many from each frame to the next, for the viewer counts so.
+
+    Frames of a long run lie so far apart that lines between them would cut its corners.
+
+    Args:
+        t: Time (K,), s.
+        frames: Samples that are frames (n,).
+        most: How many points there may be, unless there are more frames.
+    """
+    steps = len(frames) - 1
+    if len(frames) < MAX_FRAMES:
+        return frames
+    wanted = int(np.ceil((t[-1] - t[0]) / (steps * TRAIL_STEP_S)))
+    each = max(1, min(wanted, most // steps, (len(t) - 1) // steps))
+    return np.rint(np.linspace(0, len(t) - 1, each * steps + 1)).astype(np.int64)
+
+
+def _desired_samples(t: Array, frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the samples of a desired path: the first laps, whose dashes can be told apart."""
+    if t[-1] - t[0] <= DESIRED_S:
+        return frames
+    last = int(np.searchsorted(t, t[0] + DESIRED_S))
+    return np.rint(np.linspace(0, last, MAX_FRAMES)).astype(np.int64)
 
 
 def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:

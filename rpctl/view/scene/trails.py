@@ -14,7 +14,8 @@ Mesh = tuple[Array, Faces]
 BASE_COLOUR = 0x0072B2  # Okabe-Ito blue: the base's actual path, in the plots as in the scene
 TIP_COLOUR = 0xD55E00  # vermilion: the end effector's
 DESIRED_COLOUR = 0x6B7480  # neutral: whatever is desired
-TUBE_SIDES = 6
+TUBE_SIDES, LONG_TUBE_SIDES = 6, 4
+LONG = 2000  # points of a path from which a tube has fewer sides
 DASH_WIDTHS, GAP_WIDTHS = 7.0, 5.0  # in widths of the trail
 MAX_DASHES = 1500  # of a path: laps of a long run that differ a little would be most of its page
 NEAR_PERIODS = 2  # of dashes: what is nearer along the path is no other lap
@@ -82,8 +83,9 @@ def tube(path: Array, width: float) -> Mesh | None:
     if ahead is None:
         return None
     normal = np.cross(ahead[0], np.eye(3)[np.argmin(np.abs(ahead[0]))])
-    rings = np.empty((len(path), TUBE_SIDES, 3))
-    angles = 2.0 * np.pi * np.arange(TUBE_SIDES) / TUBE_SIDES
+    sides = TUBE_SIDES if len(path) < LONG else LONG_TUBE_SIDES
+    rings = np.empty((len(path), sides, 3))
+    angles = 2.0 * np.pi * np.arange(sides) / sides
     for k, tangent in enumerate(ahead):  # the frame is carried along, so that it never twists
         normal = normal - (normal @ tangent) * tangent
         length = np.linalg.norm(normal)
@@ -92,7 +94,7 @@ def tube(path: Array, width: float) -> Mesh | None:
         rings[k] = path[k] + 0.5 * width * (
             np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)
         )
-    return rings.reshape(-1, 3), strip(len(path), TUBE_SIDES)
+    return rings.reshape(-1, 3), strip(len(path), sides)
 
 
 def dashes(path: Array, width: float) -> list[Array]:

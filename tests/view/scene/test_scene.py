@@ -238,3 +238,22 @@ def test_collisions_are_drawn_where_there_is_no_visual(cart: Robot) -> None:
     bodies = build_bodies(without_shapes(cart, "visuals"))
     assert {part.joint for part in bodies.parts} == {2, 3}
     assert not bodies.notes
+
+
+@pytest.mark.parametrize("duration", [30.0, 90.0, 300.0, 3600.0])
+def test_trails_are_finer_than_frames_that_lie_far_apart(duration: float) -> None:
+    t = np.arange(round(duration / 0.01) + 1) * 0.01
+    frames = scenes._frames(t)
+    for most in (scenes.MAX_BASE_POINTS, scenes.MAX_TIP_POINTS):
+        samples = scenes._trail_samples(t, frames, most)
+        each, rest = divmod(len(samples) - 1, len(frames) - 1)
+        assert rest == 0, "the viewer shows as much of a trail from each frame to the next"
+        np.testing.assert_array_equal(samples[::each], frames)
+        assert len(samples) <= max(most, len(frames))
+        gap = np.diff(t[samples]).max()
+        assert each == 1 or gap > 0.5 * scenes.TRAIL_STEP_S
+        assert gap < scenes.TRAIL_STEP_S + 0.02 or len(samples) > 0.7 * most
+    desired = scenes._desired_samples(t, frames)
+    assert t[desired[0]] == 0.0
+    assert t[desired[-1]] == pytest.approx(min(duration, scenes.DESIRED_S), abs=0.011)
+    assert len(desired) <= scenes.MAX_FRAMES
