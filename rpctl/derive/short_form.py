@@ -88,7 +88,7 @@ class _Writer:
         A composite inertia recurs so: M33 in M23 and M22 of a serial arm.
         """
         expressions: dict[Poly, sp.Expr] = {}
-        for poly in sorted(set(polys), key=len):
+        for poly in sorted(dict.fromkeys(polys), key=len):
             best = direct = self._write(poly)
             cost = self._cost(direct)
             for base in [base for base in expressions if len(base) > 1]:

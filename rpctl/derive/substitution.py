@@ -74,9 +74,8 @@ def _summed_rates(form: EquationForm, angular_velocities: Sequence[Poly]) -> Equ
     """Write Ω for a sum of rates in an angular velocity, where that makes h shorter."""
     space, number = form.space, 0
     places = {space.index[rate]: rate for rate in form.rates}
-    sums = sorted(
-        {s for turn in angular_velocities if (s := _plain_sum(turn, places)) is not None}, key=len
-    )
+    found = (s for turn in angular_velocities if (s := _plain_sum(turn, places)) is not None)
+    sums = sorted(dict.fromkeys(found), key=len)  # in the same order in every process
     while sums:
         total = sums.pop(0)
         powers = max(total, key=lambda powers: powers.index(1))

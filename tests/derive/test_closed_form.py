@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -234,3 +235,10 @@ def compile_latex(source: str, folder: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-2000:]
     assert "Overfull" not in done.stdout
+
+
+@pytest.mark.slow
+def test_the_same_text_comes_from_every_process() -> None:
+    command = [sys.executable, "-m", "rpctl", "derive", "paper", "--format", "latex"]
+    texts = {subprocess.run(command, capture_output=True, check=True).stdout for _ in range(5)}
+    assert len(texts) == 1

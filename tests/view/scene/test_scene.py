@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import rpctl
 from rpctl import Robot, Run
+from rpctl.arrays import Array
 from rpctl.view.scene import keyframes
 from rpctl.view.scene import scene as scenes
 from rpctl.view.scene.ground import lights_command
@@ -242,7 +243,7 @@ def test_collisions_are_drawn_where_there_is_no_visual(cart: Robot) -> None:
 
 @pytest.mark.parametrize("duration", [30.0, 90.0, 300.0, 3600.0])
 def test_trails_are_finer_than_frames_that_lie_far_apart(duration: float) -> None:
-    t = np.arange(round(duration / 0.01) + 1) * 0.01
+    t: Array = np.linspace(0.0, duration, round(duration / 0.01) + 1)
     frames = scenes._frames(t)
     for most in (scenes.MAX_BASE_POINTS, scenes.MAX_TIP_POINTS):
         samples = scenes._trail_samples(t, frames, most)
