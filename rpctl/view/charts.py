@@ -163,15 +163,17 @@ def _efforts(run: Run) -> list[Chart]:
             limited.append(Line(name, unit, 100.0 * tau / limit, colour, 0.01 * limit))
         else:
             free[unit].append(Line(name, unit, tau, colour))
-    values = np.array([line.values for line in limited])
-    ends = values.min(initial=-100.0), values.max(initial=100.0)
+    ends = (
+        min([-100.0, *(float(line.values.min()) for line in limited)]),
+        max([100.0, *(float(line.values.max()) for line in limited)]),
+    )
     panel = Panel(
         "efforts",
         "Efforts, limits dashed",
         "effort / limit",
         factor=0.01,
         legend="joints",
-        span=(AXIS_ZOOM * float(ends[0]), AXIS_ZOOM * float(ends[1])),
+        span=(AXIS_ZOOM * ends[0], AXIS_ZOOM * ends[1]),
     )
     limits, note = (-100.0, 100.0), "dashed: limits"
     found = [

@@ -81,7 +81,8 @@ def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
         np.testing.assert_allclose(line.values, 100.0 * tau / limit)
         np.testing.assert_allclose(line.values * line.scale, tau)
     np.testing.assert_allclose(
-        100.0 * effort_ratios(paper_run), np.abs([line.values for line in efforts.lines]).T
+        100.0 * effort_ratios(paper_run, np.abs(paper_run.tau)),
+        np.abs([line.values for line in efforts.lines]).T,
     )
 
 

@@ -24,7 +24,8 @@ def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]
         times: Times of the frames (n,), s, from 0.
     """
     frames = np.searchsorted(run.t - run.t[0], times)
-    ratios = np.maximum.reduceat(effort_ratios(run), frames)  # the largest up to the next frame
+    high, low = np.maximum.reduceat(run.tau, frames), np.minimum.reduceat(run.tau, frames)
+    ratios = effort_ratios(run, np.maximum(high, -low))  # the largest up to the next frame
     return {
         "effort": {
             "joints": [
@@ -37,28 +38,28 @@ def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]
     }
 
 
-def effort_ratios(run: Run) -> Array:
-    """Return |τ| / limit (K, n_act); without a limit, |τ| over its maximum in the run."""
-    size = np.abs(run.tau)
+def effort_ratios(run: Run, size: Array) -> Array:
+    """Return |τ| (n, n_act) over its limits; without a limit, over its maximum in the run."""
+    most = np.maximum(run.tau.max(axis=0), -run.tau.min(axis=0))
     limits = np.array(run.robot.effort_limits)
     known = np.isfinite(limits) & (limits > 0.0)
-    return np.asarray(size / np.where(known, limits, np.maximum(size.max(axis=0), 1e-12)))
+    return np.asarray(size / np.where(known, limits, np.maximum(most, 1e-12)))
 
 
-def contact_forces(run: Run) -> Array:
-    """Return the force of the ground on each contact (K, n_contacts, 3), root link's axes, N.
+def contact_forces(run: Run, samples: Any = slice(None)) -> Array:
+    """Return the force of the ground on each contact (n, n_contacts, 3), root link's axes, N.
 
     The lateral force of an axle is shared in proportion to its wheels' loads. Wheels that steer
     push in directions that the log does not hold: for them only the load is given.
     """
-    force = np.zeros((*run.log.contact_load.shape, 3))
-    force[:, :, 2] = run.log.contact_load
+    loads, wheel_force = run.log.contact_load[samples], run.log.wheel_force[samples]
+    force = np.zeros((*loads.shape, 3))
+    force[:, :, 2] = loads
     if not set(run.robot.quasi_velocities) <= {*BASE_SPEED_LABELS, *run.robot.joint_names}:
         return force
-    wheels = run.log.wheel_force.shape[1]
-    force[:, :wheels, 0] = run.log.wheel_force
-    for axle, lateral in zip(run.ground.axles, run.log.axle_force.T, strict=True):
-        load = np.maximum(run.log.contact_load[:, list(axle)], 0.0)
+    force[:, : wheel_force.shape[1], 0] = wheel_force
+    for axle, lateral in zip(run.ground.axles, run.log.axle_force[samples].T, strict=True):
+        load = np.maximum(loads[:, list(axle)], 0.0)
         load_fraction = load / np.maximum(load.sum(axis=1, keepdims=True), 1e-12)
         force[:, list(axle), 1] = load_fraction * lateral[:, None]
     heading = float(run.robot.drive.heading)
@@ -86,6 +87,7 @@ def _stance(run: Run, frames: NDArray[np.int64]) -> dict[str, Any] | None:
         "margin": packed(run.log.tip_margin[frames]),
     }
     if run.log.contact_load.size:
-        stance["force"] = packed(contact_forces(run)[frames])
-        stance["largest"] = float(np.abs(run.log.contact_load).max())
+        stance["force"] = packed(contact_forces(run, frames))
+        load = run.log.contact_load
+        stance["largest"] = float(max(load.max(), -load.min()))
     return stance
