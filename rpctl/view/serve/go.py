@@ -153,11 +153,11 @@ class GoServer:
         request = read_request(robot, asked)
         if not self._busy.acquire(blocking=False):
             raise RpctlError("the robot is on its way already; stop it first")
+        self._stream.forget()  # who listens from now on hears of this motion only
         self._asked.put((robot, request))
 
     def _go(self, robot: Robot, request: GoRequest, server: PageServer) -> None:
         """Simulate a motion; pages are sent it, and how it ended."""
-        self._stream.forget()
         try:
             text, bad = self._simulate(robot, request, server), False
         except KeyboardInterrupt:
