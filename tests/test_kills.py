@@ -206,6 +206,7 @@ def test_killed_save_of_a_configuration(count: int, tmp_path: Path) -> None:
         read_config(file)
 
 
+@pytest.mark.slow
 def test_run_that_was_killed_is_the_beginning_of_the_whole_one(tmp_path: Path) -> None:
     folder = tmp_path / "work"
     folder.mkdir()

@@ -214,6 +214,7 @@ def test_track_fails_with_1_where_a_limit_breaks(tmp_path: Path) -> None:
     assert {broken["limit"] for broken in output["limits_violated"]} >= {"effort"}
 
 
+@pytest.mark.slow
 def test_track_tells_what_to_expect(tmp_path: Path) -> None:
     """Beside the nominal run, of which it says that the model follows itself."""
     config = tmp_path / "coarse.toml"

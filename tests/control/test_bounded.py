@@ -213,6 +213,7 @@ def curvature_error(run: Run) -> float:
     return float(np.sqrt(np.mean((driven - run.log.nu_d[kept, 1] / run.log.nu_d[kept, 0]) ** 2)))
 
 
+@pytest.mark.slow
 def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None:
     half = scale_limits(rpctl.load("tiago", lock=["arm_*", "head_*"]), effort=0.5)
     plain = curvature_error(track(half, "circle", 1.0, OFF, dynamic=clipped))
@@ -255,6 +256,7 @@ def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
     assert summarize(track(half, "eight", 20.0, OFF, dynamic=law)).limits_violated == ()
 
 
+@pytest.mark.slow
 def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
     hard = scale_limits(paper, effort=0.1, velocity=0.3)
     eight = reference_by_name(paper, "eight")
