@@ -20,8 +20,6 @@ from rpctl.simulation.texts import lag
 if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
 
-TIMES = ("rms", "final", "settled")  # what an error is told of
-
 
 def show_sizing(out: Console, sizing: Sizing | None) -> None:
     """Print how large and fast a named reference is, why, and what was assumed."""

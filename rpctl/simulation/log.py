@@ -9,6 +9,8 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.simulation.columns import release
 
+MIN_SAMPLES = 2  # of a run: one moment is no motion
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Log:

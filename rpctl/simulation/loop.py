@@ -23,7 +23,7 @@ from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.facts import ground_facts, robot_facts
-from rpctl.simulation.log import NO_SAMPLES, Log
+from rpctl.simulation.log import MIN_SAMPLES, NO_SAMPLES, Log
 from rpctl.simulation.periods import delay_note, duration_note, log_note
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
@@ -34,7 +34,6 @@ from rpctl.simulation.spool import Spool
 from rpctl.simulation.watching import Watching
 
 SETTLING_S = 1.0  # s, after the end of one that has it
-MIN_SAMPLES = 2  # of a run: one moment is no motion
 
 
 def track(

@@ -38,9 +38,9 @@ from rpctl.simulation.kinds import (
     text,
     whole,
 )
+from rpctl.simulation.log import MIN_SAMPLES
 from rpctl.simulation.recorded import config_of
 
-MIN_SAMPLES = 2  # one moment is no motion
 MAX_NUMBER = 1e100  # of a sample: no robot has such, and the square of a larger one may overflow
 MIN_CONTACTS = 3  # that a support polygon has
 POINT = row(number, number)

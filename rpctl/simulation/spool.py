@@ -27,6 +27,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, write_atomically
+from rpctl.simulation.log import MIN_SAMPLES
 
 PART_FOLDER = "run.part"  # beside the files of the finished run
 META_FILE, LOCK_FILE, CHUNK_ENTRY = "meta.json", "lock", "chunk"
@@ -117,6 +118,8 @@ class Spool:
     def take(self, rows: int, content: Content, ends: bool = False) -> None:
         """Write the rows that have not been written, if they are many or it is time.
 
+        Fewer rows than a run has are not written: they wait for those that follow.
+
         Args:
             rows: How many rows the log has.
             content: Returns some of the log's rows, its arrays by name, and what else is known by
@@ -124,7 +127,9 @@ class Spool:
             ends: Whether no rows will follow.
         """
         count = rows - self._rows
-        if self._failed or not count or not (ends or count >= CHUNK_ROWS or self.is_late()):
+        if self._failed or not count or rows < MIN_SAMPLES:
+            return
+        if not (ends or count >= CHUNK_ROWS or self.is_late()):
             return
         arrays, known = content(slice(self._rows, rows))
         label = {**known, PART: self._id, "first": self._rows}

@@ -16,7 +16,8 @@ from rpctl.errors import RpctlError
 from rpctl.simulation import derived, recorder
 from rpctl.simulation.closed_loop import WatchedSample, Watcher
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import MIN_SAMPLES, simulate
+from rpctl.simulation.log import MIN_SAMPLES
+from rpctl.simulation.loop import simulate
 from rpctl.simulation.run_file import ARRAY_ENTRIES
 
 SETTINGS = Config(run=RunSettings("eight", 0.03, (0.1, -0.2, 0.3)))

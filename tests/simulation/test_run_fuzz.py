@@ -10,23 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from rpctl import Robot, Run, track, verify
+from rpctl import Run
 from rpctl.errors import RunFileError
 from rpctl.simulation.summary import summarize
-from tests.run_files import Parts, damaged, parts_of, rewritten, rewritten_older
+from tests.run_files import Parts, damaged, rewritten, rewritten_older
 from tests.simulation.test_run_file import assert_equal
 
 SEED = 20_261_122
-
-
-@pytest.fixture(scope="module")
-def run(paper: Robot) -> Run:
-    return track(paper, "eight", 0.05, (0.1, 0.0, 0.0), certificate=verify(paper, samples=1))
-
-
-@pytest.fixture(scope="module")
-def parts(run: Run) -> Parts:
-    return parts_of(run)
 
 
 def opened(path: Path) -> Run | None:

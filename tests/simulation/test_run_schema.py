@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl import Robot, Run, track, verify
+from rpctl import Run
 from rpctl.arrays import Array
 from rpctl.errors import RunFileError
 from rpctl.simulation import columns as log_columns
@@ -28,7 +28,6 @@ from tests.run_files import (
     Parts,
     nested,
     npy,
-    parts_of,
     with_header,
     with_samples,
     zipped,
@@ -36,16 +35,6 @@ from tests.run_files import (
 from tests.simulation.test_run_file import assert_equal
 
 NAN, INF = float("nan"), float("inf")
-
-
-@pytest.fixture(scope="module")
-def run(paper: Robot) -> Run:
-    return track(paper, "eight", 0.05, (0.1, 0.0, 0.0), certificate=verify(paper, samples=1))
-
-
-@pytest.fixture(scope="module")
-def parts(run: Run) -> Parts:
-    return parts_of(run)
 
 
 def refusal(data: bytes, path: Path) -> str:

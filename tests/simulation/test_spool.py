@@ -151,7 +151,7 @@ def test_slow_laws_are_written_by_time(
         counts.append(len(chunk_files(part)))
 
     whole = spooled(paper, part, watch)
-    assert counts == list(range(1, COUNT + 2))  # a sample is there before the next begins
+    assert counts == list(range(COUNT + 1))  # from the second, each is there before the next begins
     check_same(Run.load(part), whole, COUNT + 1)
 
 
@@ -229,6 +229,17 @@ def test_files_of_others_are_neither_removed_nor_taken_for_a_part(
         mine.remove()
     assert [each.name for each in part.iterdir()] == ["note.txt"]
     assert (tmp_path / "run.part-1" / "mine.txt").read_text() == "mine"
+
+
+def test_nothing_is_left_of_a_run_that_ends_at_its_first_sample(
+    paper: Robot, tmp_path: Path
+) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), Spool(tmp_path / "out" / "run.part") as part:
+        simulate(paper, Config(run=SETTINGS), watch=interrupt, spool=part)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_nothing_is_left_where_nothing_was_simulated(paper: Robot, tmp_path: Path) -> None:

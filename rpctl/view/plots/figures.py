@@ -43,19 +43,6 @@ PANEL_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 TRUETYPE = 42  # fonts as publishers ask for them: whole letters that stay text
 
 
-def save_tracking_figure(run: Run, path: str | Path) -> Path:
-    """Write the figure of a run as PNG, 180 mm wide, there whole or not at all.
-
-    Args:
-        run: The run.
-        path: The file.
-
-    Returns:
-        The path.
-    """
-    return write_atomically(path, tracking_image(run))
-
-
 def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
     return marked(to_png(tracking_figure(run), DPI), ".png", run.digest)

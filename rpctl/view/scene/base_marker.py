@@ -28,9 +28,7 @@ def base_marker(run: Run, reason: str) -> Bodies:
     points = np.array(run.ground.points).reshape(-1, 2)
     length = float(np.ptp(points, axis=0).max(initial=0.0)) or DEFAULT_LENGTH_M
     cos, sin = np.cos(drive.heading), np.sin(drive.heading)
-    outline = np.array([[0.6, 0.0], [-0.4, 0.3], [-0.4, -0.3]]) @ np.array(
-        [[cos, sin], [-sin, cos]]
-    )
+    outline = np.array(OUTLINE) @ np.array([[cos, sin], [-sin, cos]])
     centre = points.mean(axis=0) if len(points) else np.zeros(2)
     heights = np.repeat([drive.ground, drive.ground + HEIGHT_RATIO * length], 3)
     corners = np.column_stack([np.tile(centre + length * outline, (2, 1)), heights])

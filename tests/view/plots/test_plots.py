@@ -14,7 +14,6 @@ from rpctl.view.chart import PANELS
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import (
     save_figure,
-    save_tracking_figure,
     tracking_figure,
     tracking_image,
 )
@@ -32,13 +31,11 @@ def titles(run: Run) -> list[str]:
     return [axes.get_title(loc="left").partition(")  ")[2] for axes in tracking_figure(run).axes]
 
 
-def test_figure_is_as_wide_as_a_page(paper_run: Run, tmp_path: Path) -> None:
-    path = save_tracking_figure(paper_run, tmp_path / "tracking.png")
-    with Image.open(path) as image:
+def test_figure_is_as_wide_as_a_page(paper_run: Run) -> None:
+    with Image.open(io.BytesIO(tracking_image(paper_run))) as image:
         assert image.width == pytest.approx(180 / 25.4 * 200, abs=1)
         assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)
         assert len(np.unique(np.asarray(image.convert("L")))) > 20
-    assert [entry.name for entry in tmp_path.iterdir()] == ["tracking.png"]
 
 
 def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
