@@ -88,9 +88,8 @@ def require_writable(path: str | Path, *, makes_folder: bool = False) -> None:
         while makes_folder and not folder.exists() and folder != folder.parent:
             folder = folder.parent
         _older(target)
-        number, name = _open_unfinished(folder / target.name, NEW_MODE)
-        os.close(number)
-        name.unlink()
+        with _unfinished(folder / target.name, NEW_MODE):
+            pass
     except OSError as error:
         raise _refusal(path, error) from None
 
@@ -163,20 +162,15 @@ def _replacing(target: Path) -> Iterator[BinaryIO]:
     """Yield an unfinished file beside a target that replaces it at the end."""
     before = _older(target)
     _sweep(target)
-    number, name = _open_unfinished(target, NEW_MODE if before is None else 0o600)
-    try:
-        with os.fdopen(number, "wb") as file:
-            yield file
-            if before is not None:
-                with suppress(PermissionError):
-                    os.fchown(number, before.st_uid, before.st_gid)
-                os.fchmod(number, stat.S_IMODE(before.st_mode) & 0o777)
-            file.flush()
-            os.fsync(number)
-            name.replace(target)
-    except BaseException:
-        name.unlink(missing_ok=True)
-        raise
+    with _unfinished(target, NEW_MODE if before is None else 0o600) as (file, name):
+        yield file
+        if before is not None:
+            with suppress(PermissionError):
+                os.fchown(file.fileno(), before.st_uid, before.st_gid)
+            os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode) & 0o777)
+        file.flush()
+        os.fsync(file.fileno())
+        name.replace(target)
     _sync_folder(target.parent)
 
 
@@ -197,19 +191,25 @@ def _older(target: Path) -> os.stat_result | None:
     return found
 
 
-def _open_unfinished(target: Path, mode: int) -> tuple[int, Path]:
-    """Return the descriptor and the name of a new, empty, locked file beside a target.
+@contextmanager
+def _unfinished(target: Path, mode: int) -> Iterator[tuple[BinaryIO, Path]]:
+    """Yield a new, empty, locked file beside a target and its name, under which it does not stay.
 
-    The lock tells :func:`_sweep` that its writer lives.
+    The lock tells :func:`_sweep` that its writer lives. The name is chosen before the file is made,
+    so that a signal at any moment leaves nothing.
     """
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
     while True:
-        name = target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{UNFINISHED}")
-        number = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(number, fcntl.LOCK_EX)
-        if os.fstat(number).st_nlink:
-            return number, name
-        os.close(number)  # swept away before it was locked
+        name = target.with_name(f"{_prefix(target)}{secrets.token_hex(8)}{UNFINISHED}")
+        try:
+            with os.fdopen(os.open(name, flags, mode), "wb") as file:
+                with suppress(OSError):  # a file system without locks
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                if os.fstat(file.fileno()).st_nlink:
+                    yield file, name
+                    return
+        finally:
+            name.unlink(missing_ok=True)
 
 
 def _sweep(target: Path) -> None:
