@@ -19,7 +19,7 @@ from rpctl.reference.named import reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NO_JOINTS, StateOverTime, along, steady
 
-LAW = FeedbackLinearization(kp=2.0, kd=3.0)
+LAW = FeedbackLinearization(kp=2.0, kd=3.0, leash=None)
 
 
 def ask(law: FeedbackLinearization, state: ReferenceState, e: Array, v: float) -> Twist:
