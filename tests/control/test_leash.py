@@ -8,10 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpctl import Kanayama, Leash, PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl import (
+    Kanayama,
+    Leash,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    UnifiedKinematic,
+)
 from rpctl.control.error import Tracking
 from rpctl.control.leash import SERIES_RADIUS
-from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.control.registry import kinematic_by_name
 from rpctl.control.twist import omnidirectional_twist
 from rpctl.errors import DescriptionError
 from rpctl.reference.named import reference_by_name
@@ -60,7 +68,8 @@ def test_near_the_reference_it_leaves_the_error_as_it_is(rng: np.random.Generato
 @pytest.mark.parametrize("name", LEASHED)
 def test_a_far_start_asks_for_bounded_speeds(paper: Robot, name: str) -> None:
     """Without a leash v_d grows with the square of the error, or with the error."""
-    law, dynamics = KINEMATIC_LAWS[name](), ReducedDynamics(paper)
+    dynamics = ReducedDynamics(paper)
+    law = kinematic_by_name(name).start(dynamics, 0.01)
     reference = reference_by_name(paper, "reverse")
     pose, nu = reference(4.0).pose, np.array([-0.3, 0.0, 0.0, 0.0])
     for far in (3.0, 1e3):
@@ -94,9 +103,7 @@ def test_a_file_can_say_it(leash: Leash | None, tmp_path: Path) -> None:
 def test_what_a_file_leaves_out_keeps_its_default(tmp_path: Path) -> None:
     path = tmp_path / "config.toml"
     path.write_text('[kinematic]\nlaw = "unified"\nhorizon = 0.5\n[kinematic.leash]\nheading = 0.6')
-    assert read_config(path).kinematic == KINEMATIC_LAWS["unified"](  # type: ignore[call-arg]
-        horizon=0.5, leash=Leash(heading=0.6)
-    )
+    assert read_config(path).kinematic == UnifiedKinematic(horizon=0.5, leash=Leash(heading=0.6))
     path.write_text('[kinematic]\nlaw = "unified"\nleash = true\n')
     with pytest.raises(DescriptionError, match=r"kinematic.leash: is True; write"):
         read_config(path)
