@@ -24,6 +24,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Horizon": "rpctl.control.horizon.law",
     "IntegralDynamic": "rpctl.control.integral",
     "Kanayama": "rpctl.control.kanayama",
+    "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
@@ -70,6 +71,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.law import Limit as Limit
     from rpctl.control.law import Rest as Rest
     from rpctl.control.law import StatelessLaw as StatelessLaw
+    from rpctl.control.leash import Leash as Leash
     from rpctl.control.obstacles import Disc as Disc
     from rpctl.control.obstacles import HalfPlane as HalfPlane
     from rpctl.control.twist import Twist as Twist
