@@ -126,7 +126,9 @@ def test_of_the_platform_by_paper_and_pencil(tmp_path: Path) -> None:
     np.testing.assert_allclose(B[-2:, right], [1 / (r * m_v), b / (r * m_w)], atol=1e-12)
     np.testing.assert_allclose(B[-2:, left], [1 / (r * m_v), -b / (r * m_w)], atol=1e-12)
     # The base's own axes turn with it: ẋ1 = δv + ω x2, ẋ2 = v x3 − ω x1, ẋ3 = δω.
-    np.testing.assert_allclose(A[:3, :3], [[0, w, 0], [-w, 0, v], [0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        A[:3, :3], np.array([[0.0, w, 0.0], [-w, 0.0, v], [0.0, 0.0, 0.0]]), atol=1e-12
+    )
     np.testing.assert_allclose(A[:3, -2:], [[1, 0], [0, 0], [0, 1]], atol=1e-12)
 
 
