@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.approach import Approach
 from rpctl.control.error import BASE_ERRORS, Tracking, observe
-from rpctl.control.law import Command, StatelessLaw
+from rpctl.control.law import Command, KinematicController, Rest, StatelessLaw
 from rpctl.control.leash import Leash
 from rpctl.control.steering import base_command
 from rpctl.control.twist import Twist, omnidirectional_twist
@@ -33,10 +34,23 @@ class BaseLaw(StatelessLaw, ABC):
 
     horizon: float
     leash: Leash | None = field(default=None, kw_only=True)
+    approach: Approach | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse a horizon that predicts nothing."""
         require_positive("horizon", self.horizon)
+
+    def start(  # type: ignore[override]
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+    ) -> KinematicController:
+        """Return the law, with its stage for far starts before it.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s; it does not matter.
+            rest: State before the run; it does not matter.
+        """
+        return self if self.approach is None else self.approach.start(dynamics, self)
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
