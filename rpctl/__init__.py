@@ -43,6 +43,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
+    "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
     "load_reference": "rpctl.reference.load",
     "scale_limits": "rpctl.robot.vary",
@@ -80,6 +81,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
+    from rpctl.dynamics.derivatives import linearize as linearize
     from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
     from rpctl.equivalence.certificate import Certificate as Certificate
     from rpctl.equivalence.state import draw_state as draw_state
