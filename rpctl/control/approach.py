@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.approach_plan import ApproachPlan, Limits, plan_approach
+from rpctl.control.approach_plan import ApproachPlan, WayLimits, plan_approach
 from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, KinematicController
 from rpctl.drive.steering import turning_radius
@@ -95,7 +95,7 @@ class ApproachingLaw:
         read = self._reading(reference)
         if self._far(dynamics.robot, read(t), q) and t - self._searched_at >= RETRY_S:
             self._searched_at = t
-            limits = Limits(self._radius, self._settings.haste, _full_speed(dynamics, q))
+            limits = WayLimits(self._radius, self._settings.haste, _full_speed(dynamics, q))
             plan = plan_approach(dynamics, reference, t, q, nu, limits)
             if plan is not None:
                 self._plan, self.approaches = plan, self.approaches + 1

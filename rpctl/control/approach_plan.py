@@ -25,7 +25,7 @@ SPIN_RADIUS = 1e-3  # m: a reference that turns about a point nearer than this s
 ROUNDING = 1e-12  # m/s
 
 
-class Limits(NamedTuple):
+class WayLimits(NamedTuple):
     """What the way may ask for."""
 
     radius: float  # m, of its arcs
@@ -103,7 +103,12 @@ class ApproachPlan:
 
 
 def plan_approach(
-    dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array, limits: Limits
+    dynamics: ReducedDynamics,
+    reference: Reference,
+    t: float,
+    q: Array,
+    nu: Array,
+    limits: WayLimits,
 ) -> ApproachPlan | None:
     """Return the way to the first instant at which the base can meet its reference, or None.
 

@@ -20,7 +20,7 @@ CLOSED = 1e-10  # m, rad: the path ends at its goal
 SHORTEST_PIECE = -1e-9  # m; a piece that comes out shorter does not exist
 
 
-class PathPoint(NamedTuple):
+class SmoothPathPoint(NamedTuple):
     """A point of a path, and the curvature there with its derivatives by the path's length."""
 
     pose: Array  # (3,) x, y in m, heading in rad
@@ -62,7 +62,7 @@ class SmoothPath:
         object.__setattr__(self, "_grid", grid)
         object.__setattr__(self, "_points", points)
 
-    def __call__(self, s: float) -> PathPoint:
+    def __call__(self, s: float) -> SmoothPathPoint:
         """Return the point at a length ``s`` (m) from the start."""
         grid: Array = self._grid  # type: ignore[attr-defined]
         at = min(max(int(s / grid[1]), 0), len(grid) - 2)
@@ -74,7 +74,7 @@ class SmoothPath:
         bend = 60.0 * inside * (1.0 - inside) * (1.0 - 2.0 * inside) / self.transition**2
         kappa = self.steps @ np.column_stack([value, slope, bend])
         kappa[0] += self.curvature
-        return PathPoint(np.array([x, y, self.heading(np.array([s]))[0]]), kappa)
+        return SmoothPathPoint(np.array([x, y, self.heading(np.array([s]))[0]]), kappa)
 
     def heading(self, s: Array) -> Array:
         """Return the headings (n,), rad, at lengths ``s`` (n,) from the start."""

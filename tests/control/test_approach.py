@@ -25,8 +25,8 @@ from rpctl.control.approach import RADIUS_RATIO, ApproachingLaw
 from rpctl.control.approach_plan import (
     ACCELERATION,
     ApproachPlan,
-    Limits,
     Pace,
+    WayLimits,
     plan_approach,
 )
 from rpctl.drive.steering import turning_radius
@@ -48,7 +48,7 @@ def plan(robot: Robot, name: str, error: tuple[float, float, float]) -> Approach
     radius = RADIUS_RATIO * turning_radius(robot.drive, robot.description.joint)
     q = robot.configuration_at(reference(2.0).pose + np.array(error), robot.home)
     made = plan_approach(
-        dynamics, reference, 2.0, q, np.zeros(robot.dof), Limits(radius, 1.5, math.inf)
+        dynamics, reference, 2.0, q, np.zeros(robot.dof), WayLimits(radius, 1.5, math.inf)
     )
     assert made is not None
     return made
@@ -114,7 +114,7 @@ def test_a_faster_reference_is_not_met(bicycle: Robot) -> None:
     """Where the wheels allow less than its speed, there is no plan, and the law is on its own."""
     reference, dynamics = reference_by_name(bicycle, "line"), ReducedDynamics(bicycle)
     q = bicycle.configuration(x=-1.0)
-    slow = Limits(1.0, 1.5, 0.5 * float(reference(30.0).twist[0]))
+    slow = WayLimits(1.0, 1.5, 0.5 * float(reference(30.0).twist[0]))
     assert plan_approach(dynamics, reference, 0.0, q, np.zeros(bicycle.dof), slow) is None
 
 
