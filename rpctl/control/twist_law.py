@@ -11,6 +11,7 @@ from rpctl.arrays import Array
 from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
 from rpctl.control.error import BASE_ERRORS, Tracking, observe
 from rpctl.control.law import Command, Rest
+from rpctl.control.leash import Leash
 from rpctl.control.steering import base_command
 from rpctl.control.twist import Twist, omnidirectional_twist
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -30,10 +31,12 @@ class BaseLaw(ABC):
         horizon: Prediction time h of an omnidirectional base, s.
         joint_horizon: Prediction time of the arm's joints, s; None: of each what its bandwidth
             allows, see :func:`~rpctl.control.bandwidth.joint_gains`.
+        leash: Bounds the base's error before the law; None: the law as it was published.
     """
 
     horizon: float
     joint_horizon: float | None = field(default=None, kw_only=True)
+    leash: Leash | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse a horizon that predicts nothing."""
@@ -78,6 +81,10 @@ class BaseLaw(ABC):
         """
         return self.start(dynamics, USUAL_PERIOD)(dynamics, reference, t, q, nu)
 
+    def leashed(self, tracking: Tracking) -> Tracking:
+        """Return the tracking error that :meth:`unicycle` is given."""
+        return tracking if self.leash is None else self.leash(tracking)
+
     @abstractmethod
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist of a base that cannot move sideways."""
@@ -114,9 +121,9 @@ class BaseController:
         tracking = observe(dynamics, reference(t), q, nu)
         state, e, e_dot = tracking
         if dynamics.robot.drive.omnidirectional:
-            twist = omnidirectional_twist(tracking, law.horizon)
+            twist = omnidirectional_twist(tracking, law.horizon, law.leash)
         else:
-            twist = law.unicycle(tracking)
+            twist = law.unicycle(law.leashed(tracking))
         base, base_rate = base_command(dynamics, state, q, nu, twist, law.horizon)
         rates = state.joint_rates + e[BASE_ERRORS:] / h
         accelerations = state.joint_accelerations + e_dot[BASE_ERRORS:] / h
