@@ -39,7 +39,7 @@ def joint_gains(
         e⃛ = −(a + b + k) ë − (ab + bk + ak) ė − abk e,    a = 1/h,    b = 1/h1,
 
     with the poles −a, −b, −k. Its open loop falls as Ω/s beyond the poles, Ω = a + b + k, so it
-    crosses over near Ω, with a phase margin of 74° for a : b : k = 1 : 4 : 6. The bandwidth is Ω/2π.
+    crosses over near Ω; a : b : k = 1 : 4 : 6 has a phase margin of 74°. The bandwidth is Ω/2π.
 
     - Sampling and delay: efforts that are held for a period T and come δ late turn the phase at Ω
       by Ω (T/2 + δ). With 10 ms in reserve for what no setting tells, that may take 29° of the 74°:
@@ -48,8 +48,7 @@ def joint_gains(
       limit leaves beside the weight at home, over the joint's own inertia, M_ii of the reduced M.
     - Inertia: along the direction of least inertia, as of wrist axes that are nearly in line, the
       stiffness is only m a b; no lower gain of one joint can mend that, a higher one of all does.
-      The loop stands an inertia 15 times what the model says, which is what a rotor behind a gear
-      may make of a light axis, before the integral action drives it.
+      The loop is stable up to ten times the model's inertia, as a rotor behind a gear may make it.
 
     The gains are those of the home posture; they do not change during a run.
 
@@ -75,7 +74,9 @@ def gains_of(bandwidth: Array) -> JointGains:
         RpctlError: One is not positive.
     """
     if not ((bandwidth > 0.0) & (bandwidth <= MAX_BANDWIDTH)).all():
-        raise RpctlError(f"a bandwidth of {bandwidth} Hz; give more than 0, {MAX_BANDWIDTH:g} at most")
+        raise RpctlError(
+            f"a bandwidth of {bandwidth} Hz; give more than 0, {MAX_BANDWIDTH:g} at most"
+        )
     a, b, k = np.multiply.outer(PROPORTIONS / PROPORTIONS.sum(), 2.0 * math.pi * bandwidth)
     return JointGains(bandwidth, 1.0 / a, 1.0 / b, k)
 

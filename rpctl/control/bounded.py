@@ -11,7 +11,7 @@ from scipy.linalg import null_space
 
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import joint_gains
-from rpctl.control.dynamic import State, by_velocity, midpoint
+from rpctl.control.dynamic import Midpoint, by_velocity, midpoint
 from rpctl.control.joint_limits import JointBounds, JointLimits
 from rpctl.control.law import Command, Efforts, Limit, Rest
 from rpctl.control.soft_bound_qp import shortest
@@ -92,8 +92,9 @@ class BoundedDynamic:
 
 
 class _Sample(NamedTuple):
-    """Terms of the QP at one sample."""
+    """Terms of the QP at one sample; M, h and B are those of the middle of the period."""
 
+    B: Array  # (dof, n_act)
     tau: Array  # (n_act,) of ν̇*
     gain: Array  # (n_act, dof): how τ changes with ν̇
     rows: Array  # (k, dof): ẍ of the limited joints by ν̇
@@ -173,7 +174,7 @@ class BoundedLaw:
             command: Command to follow.
             disturbance: Acceleration ν̇ (dof,) in addition to that of ``dynamics``.
         """
-        sample = self._sample(dynamics, q, nu, self.desired_acceleration(nu, command), disturbance)
+        sample = self._sample(dynamics, q, nu, command, disturbance)
         free = (
             (np.abs(sample.tau) <= self._box).all()
             and (sample.acceleration >= sample.bounds.lower).all()
@@ -181,32 +182,33 @@ class BoundedLaw:
         )
         if free:
             return Efforts(sample.tau)
-        B = dynamics.actuation(q)
-        return self._solve_within_limits(sample, B, self._cost_factor(B, command))
+        return self._solve_within_limits(sample, self._cost_factor(sample.B, command))
 
     def _sample(
-        self, dynamics: ReducedDynamics, q: Array, nu: Array, nu_dot: Array, disturbance: Array
+        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, disturbance: Array
     ) -> _Sample:
+        nu_dot = self.desired_acceleration(nu, command)
         rows, drift = self._joints.rows(dynamics, q, nu)
-        middle = self.middle(dynamics, q, nu, nu_dot)
+        middle = self.middle(dynamics, q, nu, command)
         force = dynamics.inverse(*middle, nu_dot - disturbance)
         tau = np.asarray(dynamics.efforts(middle.q, force))
         gain = np.asarray(dynamics.efforts(middle.q, dynamics.inertia(middle.q)))
         bounds = self._joints.bounds(
             q, rows @ nu, self._max_accelerations(tau - gain @ nu_dot, gain, rows)
         )
-        return _Sample(tau, gain, rows, rows @ nu_dot + drift, bounds)
+        B = dynamics.actuation(middle.q)
+        return _Sample(B, tau, gain, rows, rows @ nu_dot + drift, bounds)
 
-    def middle(self, dynamics: ReducedDynamics, q: Array, nu: Array, nu_dot: Array) -> State:
-        """Return the state whose M and h the law takes: that of the middle of the period.
+    def middle(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Midpoint:
+        """Return the state whose M and h the law takes, that of the middle of the period.
 
         Args:
             dynamics: The robot's dynamics.
             q: Configuration (nq,) at the sample.
             nu: Quasi-velocities (dof,) at the sample.
-            nu_dot: ν̇* (dof,).
+            command: Command to follow.
         """
-        return midpoint(dynamics, q, nu, nu_dot, self._held)
+        return midpoint(dynamics, q, nu, command, self._held)
 
     def _max_accelerations(
         self, holding_efforts: Array, gain: Array, rows: Array
@@ -237,7 +239,7 @@ class BoundedLaw:
         T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)
         return T
 
-    def _solve_within_limits(self, sample: _Sample, B: Array, T: Array) -> Efforts:
+    def _solve_within_limits(self, sample: _Sample, T: Array) -> Efforts:
         """Return the efforts of least cost within all bounds.
 
         The unknowns are y with p = T y, and the efforts that move nothing. The violation of a
@@ -245,10 +247,9 @@ class BoundedLaw:
 
         Args:
             sample: Terms of the QP.
-            B: Actuation map (dof, n_act).
             T: Factor of the cost (dof, dof).
         """
-        box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
+        B, box, unit, h1 = sample.B, self._box, self._unit, self._law.horizon_dyn
         nullspace = (
             null_space(B * unit) / np.sqrt(NULLSPACE_EFFORT_WEIGHT)
             if B.shape[0] < B.shape[1]

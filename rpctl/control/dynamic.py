@@ -93,43 +93,46 @@ class PaperDynamicController:
             command: Command to follow.
         """
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self._times
-        q, nu = midpoint(dynamics, q, nu, nu_dot, self._period)
-        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
+        middle = midpoint(dynamics, q, nu, command, self._period)
+        return np.asarray(dynamics.efforts(middle.q, dynamics.inverse(*middle, nu_dot)))
 
     def report(self) -> dict[str, float]:
         """Return an empty report."""
         return {}
 
 
-class State(NamedTuple):
-    """A state of the robot."""
+class Midpoint(NamedTuple):
+    """The state in the middle of a control period, or of a sample."""
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
 
 
 def midpoint(
-    dynamics: ReducedDynamics, q: Array, nu: Array, nu_dot: Array, period: float
-) -> State:
-    """Return the state in the middle of a period in which the robot accelerates with ν̇.
+    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, period: float
+) -> Midpoint:
+    """Return the state in the middle of a period, of a robot that accelerates as commanded.
 
-    Efforts are held for a period T. With M and h of this state its mean acceleration is the one
+    Efforts are held for a period T. With M and h of this state the mean acceleration is the one
     asked for but for terms of T²; with those of the sample h is late by ½T on the average, and
     M⁻¹ ½T ḣ remains. Along a direction of little inertia that is much: to hold a base's motion off
     wrist axes that are in line takes efforts a hundred times those that turn them.
+
+    The acceleration is ν̇_d, without the feedback: where the robot follows, this is none, and where
+    limits bind, it is what the robot does not do.
 
     Args:
         dynamics: The robot's dynamics.
         q: Configuration (nq,) at the sample.
         nu: Quasi-velocities (dof,) at the sample.
-        nu_dot: Their derivatives (dof,).
+        command: What it follows.
         period: T, s; 0 returns the state of the sample.
     """
     if period == 0.0:
-        return State(q, nu)
+        return Midpoint(q, nu)
     step = 0.5 * period
     ahead = pin.integrate(dynamics.robot.model, q, step * (dynamics.basis(q) @ nu))
-    return State(ahead, nu + step * nu_dot)
+    return Midpoint(ahead, nu + step * command.nu_d_dot)
 
 
 def by_velocity(dynamics: ReducedDynamics, base: float, joints: Array) -> Array:
