@@ -15,6 +15,8 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "BoundedDynamic": "rpctl.control.bounded",
     "Certificate": "rpctl.equivalence.certificate",
     "Command": "rpctl.control.law",
+    "Controller": "rpctl.control.controller",
+    "ControllerOutput": "rpctl.control.controller",
     "Disc": "rpctl.control.obstacles",
     "Drive": "rpctl.drive.drive",
     "Efforts": "rpctl.control.law",
@@ -24,6 +26,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Horizon": "rpctl.control.horizon.law",
     "IntegralDynamic": "rpctl.control.integral",
     "Kanayama": "rpctl.control.kanayama",
+    "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
@@ -41,6 +44,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
+    "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
     "load_reference": "rpctl.reference.load",
     "scale_limits": "rpctl.robot.vary",
@@ -56,6 +60,8 @@ __all__ = sorted(_MODULES)
 
 if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
+    from rpctl.control.controller import Controller as Controller
+    from rpctl.control.controller import ControllerOutput as ControllerOutput
     from rpctl.control.dynamic import PaperDynamic as PaperDynamic
     from rpctl.control.end_effector import EndEffector as EndEffector
     from rpctl.control.error import Tracking as Tracking
@@ -69,6 +75,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.law import Limit as Limit
     from rpctl.control.law import Rest as Rest
     from rpctl.control.law import StatelessLaw as StatelessLaw
+    from rpctl.control.leash import Leash as Leash
     from rpctl.control.obstacles import Disc as Disc
     from rpctl.control.obstacles import HalfPlane as HalfPlane
     from rpctl.control.twist import Twist as Twist
@@ -76,6 +83,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
+    from rpctl.dynamics.derivatives import linearize as linearize
     from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
     from rpctl.equivalence.certificate import Certificate as Certificate
     from rpctl.equivalence.state import draw_state as draw_state

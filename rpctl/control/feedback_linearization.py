@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rpctl.control.error import Tracking
+from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import UnfitLawError, require_positive
 from rpctl.reference.motion import ReferenceState
 
 SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
@@ -43,12 +44,14 @@ class FeedbackLinearization(BaseLaw):
         kp: Gain of the position error, 1/s².
         kd: Gain of its rate, 1/s.
         slowest: v₀, m/s: from this speed on the law is exact.
+        leash: Bounds the error of the base before the law; None: it does not.
     """
 
     horizon: float = 0.65
     kp: float = 1.0
     kd: float = 2.0
     slowest: float = 0.2
+    leash: Leash | None = field(default_factory=Leash, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that do not close the loop."""
@@ -56,11 +59,18 @@ class FeedbackLinearization(BaseLaw):
         for name in ("kp", "kd", "slowest"):
             require_positive(name, getattr(self, name))
 
+    def leashed(self, tracking: Tracking) -> Tracking:
+        """Return the error as it is: the law reads the robot's own speed off it.
+
+        Only the feedback of the position error is on the leash.
+        """
+        return tracking
+
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist of a base that cannot move sideways.
 
         Raises:
-            RpctlError: The reference turns on the spot.
+            UnfitLawError: The reference turns on the spot.
         """
         state, x, x_dot = tracking
         v_r, _, omega_r = state.twist
@@ -69,14 +79,17 @@ class FeedbackLinearization(BaseLaw):
         cos, sin, turn = math.cos(x[2]), math.sin(x[2]), x_dot[2]
         omega = omega_r - turn
         v = v_r * cos + x[1] * omega - x_dot[0]  # what ẋ1 says of the robot's own speed
+        z, z_dot = x[:2], x_dot[:2]
+        if self.leash is not None:
+            z, z_dot = self.leash.position(z, z_dot)
         across, across_rate = v_r * omega_r, a_r * omega_r + v_r * alpha_r
-        u1 = a_r * cos - across * sin + self.kd * (v_r * cos - v) + self.kp * x[0]
-        u2 = a_r * sin + across * cos + self.kd * v_r * sin + self.kp * x[1]
+        u1 = a_r * cos - across * sin + self.kd * (v_r * cos - v) + self.kp * z[0]
+        u2 = a_r * sin + across * cos + self.kd * v_r * sin + self.kp * z[1]
         u2_rate = (
             (_jerk(state) - across * turn) * sin
             + (a_r * turn + across_rate) * cos
             + self.kd * (a_r * sin + v_r * cos * turn)
-            + self.kp * x_dot[1]
+            + self.kp * z_dot[1]
         )
         slow = abs(v) < self.slowest
         inverse = v / self.slowest**2 if slow else 1.0 / v
@@ -97,7 +110,7 @@ def _jerk(state: ReferenceState) -> float:
 
 def _refuse_spin(v_r: float, omega_r: float) -> None:
     if abs(v_r) < SPIN_RADIUS * abs(omega_r):
-        raise RpctlError(
+        raise UnfitLawError(
             "the reference turns on the spot, where feedback linearisation does not know which way "
             "to head; take --kinematic unified"
         )
