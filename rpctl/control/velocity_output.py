@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Rest
+from rpctl.control.measured import MeasuredSample
 from rpctl.control.speed_limits import Actuation, SpeedLimits, Speeds
 from rpctl.dynamics.lag import follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError, require_positive
+from rpctl.errors import RpctlError, SingularBasisError, UnknownNameError, require_positive
 
+OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
 MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
 MAX_LAG = 10.0  # s
@@ -121,6 +124,22 @@ def require_time(name: str, value: float, largest: float) -> None:
         raise RpctlError(f"{name} is {value:g}; give a time in s, from 0 to {largest:g}")
 
 
+def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
+    """Return what makes speeds of a command, or None where efforts are wanted.
+
+    Args:
+        output: ``"effort"``, ``"velocity"``, or settings of the latter.
+
+    Raises:
+        UnknownNameError: It is none of them.
+    """
+    if isinstance(output, VelocityOutput):
+        return output
+    if output not in OUTPUTS:
+        raise UnknownNameError("output", output, OUTPUTS)
+    return VelocityOutput() if output == "velocity" else None
+
+
 class VelocityController:
     """:class:`VelocityOutput` on one robot at one control period.
 
@@ -138,30 +157,30 @@ class VelocityController:
         # Commands, and from when on they act; the first acts already.
         self._sent = deque([(-math.inf, np.zeros(robot.dof))])
 
-    def predict(self, t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
+    def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the next command acts, and the state then.
+
+        Where the steered wheels fix no one motion on the way, the prediction of q ends.
 
         Args:
             t: Time, s.
             q: Measured configuration (nq,).
             nu: Measured quasi-velocities (dof,).
-
-        Raises:
-            SingularBasisError: Until then the steered wheels come to where they fix no one motion.
         """
         sent = self._sent
         while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
             sent.popleft()
         if self._dead_time <= TIME_ROUNDING:
-            return t, q, nu
+            return MeasuredSample(t, q, nu)
         end = t + self._dead_time
         starts = [t] + [start for start, _ in list(sent)[1:] if start < end - TIME_ROUNDING]
         durations = np.diff([*starts, end])
         commands = np.array([command for _, command in list(sent)[: len(starts)]])
         nu, stretches = follow(nu, commands, durations, self._lag)
-        for stretch in joined(stretches, LONGEST_STEP):
-            q = travel(self._dynamics, q, stretch)
-        return end, q, nu
+        with suppress(SingularBasisError):
+            for stretch in joined(stretches, LONGEST_STEP):
+                q = travel(self._dynamics, q, stretch)
+        return MeasuredSample(end, q, nu)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Speeds:
         """Return the speeds to send, and the limits that bind them.
@@ -176,5 +195,21 @@ class VelocityController:
         return self._limits(dynamics, wanted, Actuation(q, nu, self._period, self._lag))
 
     def sent(self, t: float, nu: Array) -> None:
-        """Take note of speeds (dof,) that were sent at a time (s): they act from t + T_d on."""
+        """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
         self._sent.append((t + self._dead_time, nu))
+
+    def last(self, *_: object) -> Speeds:
+        """Return the speeds that were sent last: what stands in where there are no others."""
+        return Speeds(self._sent[-1][1])
+
+    def brake(self, t: float) -> Array:
+        """Return the speeds (dof,) to send at a time (s) in a controlled stop: they decay."""
+        start, nu = self._sent[-1]
+        elapsed = min(t + self._dead_time - start, self._period)
+        slower = nu * math.exp(-elapsed / STOPPING_TIME)
+        self.sent(t, slower)
+        return slower
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, load_reference
+from rpctl import (
+    Controller,
+    ControllerOutput,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    UnifiedKinematic,
+    load_reference,
+)
 from rpctl.arrays import Array
 from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, KinematicLaw
-from rpctl.control.velocity_output import VelocityOutput
+from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.simulation.velocity_plant import VelocityPlant
@@ -232,3 +242,60 @@ def test_settings_out_of_range_are_refused(settings: dict[str, float], message: 
 def test_a_lag_of_nothing_is_refused(paper: Robot) -> None:
     with pytest.raises(UnknownNameError, match="did you mean omega"):
         VelocityOutput(lags={"omga": 0.1}).start(ReducedDynamics(paper), 0.02)
+
+
+def stepped(
+    robot: Robot, output: VelocityOutput | str, samples: int, spoil: dict[int, Any] | None = None
+) -> list[ControllerOutput]:
+    """Return the answers of a controller in a loop, some of whose samples are spoilt."""
+    period, settings = 0.02, as_output(output) or VelocityOutput()
+    controller = Controller(robot, "circle", "unified", period=period, output=output)
+    dynamics = ReducedDynamics(robot)
+    lag = settings.lag_of(robot.quasi_velocities)
+    plant = VelocityPlant(dynamics, lag, settings.dead_time, period, period)
+    state = controller.reference(0.0)
+    q, nu = robot.configuration_at(state.pose, state.joints), np.zeros(robot.dof)
+    answers = []
+    for k in range(samples):
+        measured = (spoil or {}).get(k, nu)
+        answers.append(controller.step(k * period, q, measured))
+        plant.send(answers[-1].speeds)
+        q, nu, _ = plant.advance(q, nu)
+    return answers
+
+
+def test_a_controller_answers_with_speeds(paper: Robot) -> None:
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 200)
+    assert {answer.status for answer in answers} == {"ok"}
+    assert {answer.efforts.shape for answer in answers} == {(0,)}
+    command, dt = answers[-1].command, 0.11
+    np.testing.assert_allclose(answers[-1].speeds, command.nu_d + dt * command.nu_d_dot)
+
+
+@pytest.mark.parametrize("bad", [np.full(4, np.nan), np.array([0.1, np.inf, 0.0, 0.0]), "left"])
+def test_a_bad_sample_is_answered_with_the_last_speeds(paper: Robot, bad: Any) -> None:
+    """The robot goes on with them, the prediction knows it: two samples later all is as it was."""
+    plain = stepped(paper, VelocityOutput(0.1, 0.1), 200)
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 200, {150: bad})
+    assert answers[150].status == "held"
+    np.testing.assert_array_equal(answers[150].speeds, answers[149].speeds)
+    assert all(np.isfinite(answer.speeds).all() for answer in answers)
+    np.testing.assert_allclose(answers[-1].speeds, plain[-1].speeds, atol=1e-4)
+
+
+def test_silence_ends_in_a_controlled_stop(paper: Robot) -> None:
+    nothing = np.full(4, np.nan)
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 300, dict.fromkeys(range(150, 290), nothing))
+    kinds = [answer.status for answer in answers]
+    assert kinds[150:155] == ["held"] * 5
+    assert set(kinds[156:290]) == {"stopped"}
+    assert set(kinds[290:]) == {"ok"}
+    speeds = np.array([answer.speeds for answer in answers])
+    ratio = speeds[157:290, 0] / speeds[156:289, 0]
+    np.testing.assert_allclose(ratio, np.exp(-0.02 / 0.3), rtol=1e-9)
+    assert 0.0 < speeds[289, 0] < 1e-3
+
+
+def test_an_output_of_no_name_is_refused(paper: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="output 'speed' is not known"):
+        Controller(paper, "line", output="speed")
