@@ -21,7 +21,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
-from rpctl.simulation.plant import advance
+from rpctl.simulation.interface import start_interface
 from rpctl.simulation.recorder import Recorder
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
@@ -93,27 +93,31 @@ def close_loop(
         DivergedError: The motion left the finite numbers.
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    bias, friction = plant.bias(robot), plant.friction(robot)
     first = require_state(robot, reference(0.0), 0.0)
     q, nu, work = (
         start_configuration(robot, first, config.run.initial_error),
         np.zeros(robot.dof),
         0.0,
     )
-    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
+    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - plant.bias(robot)))
     controller = Controller(
-        plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
+        plant.known_robot(robot),
+        reference,
+        config.kinematic,
+        config.dynamic,
+        period,
+        rest,
+        output=config.output or "effort",
     )
     loop.controller, started_at = controller, time.perf_counter()
-    sent = plant.pipeline(rest.tau, period)
+    interface = start_interface(dynamics, config, rest)
     try:
         for k in range(steps + 1):
             t = k * period
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
             output = controller.step(t, q, nu)
-            sent.append(output.efforts)
-            tau = sent.popleft()
+            tau = interface.take(output, q, nu)
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
                 recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits)
@@ -127,9 +131,7 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done = advance(
-                    dynamics, q, nu, tau + bias, period, config.run.plant_step, friction
-                )
+                q, nu, done = interface.advance(q, nu)
                 work += done
             if progress is not None:
                 progress(k, steps)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import Step, rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError, require_within
@@ -28,12 +29,19 @@ class Plant:
             control periods is simulated, halves up, and logged.
         controller_model: The robot that the controller computes with; None: the simulated one.
         joint_friction: Dry friction (N·m or N) by actuator, which opposes its joint's motion.
+        lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
+            controller knows it.
+        lags: Lag by name of the quasi-velocity, where it differs, s.
+        dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
     delay: float = 0.0
     controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
     joint_friction: Mapping[str, float] = field(default_factory=dict)
+    lag: float | None = None
+    lags: Mapping[str, float] = field(default_factory=dict)
+    dead_time: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -48,6 +56,21 @@ class Plant:
                     f"joint_friction of {name} is {friction:g}; give an effort of 0 or more"
                 )
             require_within(f"joint_friction of {name}", [friction])
+        VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
+
+    def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
+        """Return how the simulated robot follows speeds.
+
+        Args:
+            output: How the controller knows it.
+        """
+        lags = self.lags if self.lag is not None or self.lags else output.lags
+        return replace(
+            output,
+            lag=output.lag if self.lag is None else self.lag,
+            lags=lags,
+            dead_time=output.dead_time if self.dead_time is None else self.dead_time,
+        )
 
     def bias(self, robot: Robot) -> Array:
         """Return the efforts (n_act,) that push besides the controller's.
