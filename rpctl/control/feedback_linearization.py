@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rpctl.control.approach import Approach
 from rpctl.control.error import Tracking
 from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import UnfitLawError, require_positive
 from rpctl.reference.motion import ReferenceState
 
 SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
@@ -45,6 +46,7 @@ class FeedbackLinearization(BaseLaw):
         kd: Gain of its rate, 1/s.
         slowest: v₀, m/s: from this speed on the law is exact.
         leash: Bounds the error of the base before the law; None: it does not.
+        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
     horizon: float = 0.65
@@ -52,6 +54,7 @@ class FeedbackLinearization(BaseLaw):
     kd: float = 2.0
     slowest: float = 0.2
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
+    approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that do not close the loop."""
@@ -70,7 +73,7 @@ class FeedbackLinearization(BaseLaw):
         """Return the twist of a base that cannot move sideways.
 
         Raises:
-            RpctlError: The reference turns on the spot.
+            UnfitLawError: The reference turns on the spot.
         """
         state, x, x_dot = tracking
         v_r, _, omega_r = state.twist
@@ -110,7 +113,7 @@ def _jerk(state: ReferenceState) -> float:
 
 def _refuse_spin(v_r: float, omega_r: float) -> None:
     if abs(v_r) < SPIN_RADIUS * abs(omega_r):
-        raise RpctlError(
+        raise UnfitLawError(
             "the reference turns on the spot, where feedback linearisation does not know which way "
             "to head; take --kinematic unified"
         )
