@@ -10,6 +10,7 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_document, print_json, say
+from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.derive.law import derive_law
 from rpctl.derive.write import derive
 from rpctl.errors import RpctlError
@@ -43,6 +44,14 @@ def derive_command(
     precision: Annotated[
         str, typer.Option(metavar="double|float", help="Numbers of the law in C, with --law.")
     ] = "double",
+    period: Annotated[
+        float,
+        typer.Option(
+            "--control-period",
+            metavar="SECONDS",
+            help="Of the loop that will run the law; the joints' prediction times follow from it.",
+        ),
+    ] = USUAL_PERIOD,
     as_json: JsonOption = False,
 ) -> None:
     """Write the reduced equations, or a law, in closed form: to read, to publish, or as code."""
@@ -55,7 +64,7 @@ def derive_command(
     elif parameters:
         raise RpctlError("--law has numbers only; leave --parameters out")
     else:
-        text, cost = derive_law(options.load(robot), law, dynamic, form, precision)
+        text, cost = derive_law(options.load(robot), law, dynamic, form, precision, period)
         shown |= {"law": law, "dynamic": dynamic, "operations": cost and asdict(cost)}
     if out is not None:
         write_atomically(out, text.encode())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
@@ -40,10 +41,12 @@ def derive_law(
     dynamic: Any = "paper",
     format: str = "text",
     precision: str = "double",
+    period: float = USUAL_PERIOD,
 ) -> DerivedLaw:
     """Write a kinematic law, its analytic ν̇_d and the dynamic law in closed form.
 
-    Settings are those of the laws, as constants with names.
+    Settings are those of the laws, as constants with names. The law is that near its reference: the
+    stage for far starts of bases that cannot turn on the spot remembers its way, and is left out.
 
     Args:
         robot: The robot.
@@ -52,6 +55,8 @@ def derive_law(
         format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
             dependencies, without loops and without memory.
         precision: Of the numbers in C, ``"double"`` or ``"float"``.
+        period: Control period, s: where the law does not set the joints' prediction times, they
+            follow from it.
 
     Raises:
         RpctlError: The laws have no closed form, or nothing drives the robot.
@@ -64,7 +69,7 @@ def derive_law(
         raise RpctlError(f"--format {format} has no precision to choose; take --format c")
     law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
     efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
-    sheet = law_sheet(robot, *_closed(robot, law, efforts))
+    sheet = law_sheet(robot, *_closed(robot, law, efforts), period)
     if format in ("text", "latex"):
         write = law_text if format == "text" else law_latex
         return DerivedLaw(write(sheet, _form(robot)), None)
@@ -84,6 +89,10 @@ def _closed(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic
     if type(efforts) is not PaperDynamic:
         raise RpctlError(
             f"{_refusal(efforts)}; take --dynamic paper, and keep the efforts' limits beside it"
+        )
+    if efforts.midpoint:
+        raise RpctlError(
+            "PaperDynamic(midpoint=True) looks half a period ahead; leave midpoint out"
         )
     return law, efforts
 

@@ -92,7 +92,7 @@ def _settings(program: LawProgram) -> Iterator[tuple[str, str, str]]:
     read = {node[1] for node in program.nodes if node[0] == "input"}
     for setting in program.law.sheet.settings:
         if str(setting.symbol) in read:
-            what = f"{setting.of} [{setting.unit}]" if setting.unit else setting.of
+            what = comment(setting.of) + (f" [{setting.unit}]" if setting.unit else "")
             yield str(setting.symbol), repr(setting.value), f" /* {what} */"
 
 

@@ -131,7 +131,7 @@ def base_twist(sheet: Sheet, robot: Robot, law: BaseLaw, at: Measured) -> list[s
         law: A kinematic law.
         at: Reference and error.
     """
-    h = sheet.setting("h", law.horizon, "s", "prediction time of the base")
+    h = sheet.setting("h", law.horizon, "s", "prediction time")
     if robot.drive.omnidirectional:
         return _omnidirectional(sheet, at, h, law.leash)
     error = at.error if law.leash is None else _leashed(sheet, at.error, law.leash)

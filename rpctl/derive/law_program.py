@@ -10,6 +10,8 @@ from typing import Any
 import casadi
 import sympy as sp
 
+from rpctl.arrays import Array
+from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import BASE_ERRORS
 from rpctl.control.twist_law import BaseLaw
@@ -22,6 +24,7 @@ from rpctl.derive.law_steps import Operations, Translator, count_operations, wit
 from rpctl.derive.parameters import rational
 from rpctl.derive.steps import Node, Steps
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import printable
 from rpctl.robot.model import Robot
 
 
@@ -76,13 +79,16 @@ class LawProgram:
         return count_operations(self.nodes)
 
 
-def law_sheet(robot: Robot, kinematic: BaseLaw, dynamic: PaperDynamic) -> LawSheet:
+def law_sheet(
+    robot: Robot, kinematic: BaseLaw, dynamic: PaperDynamic, period: float = USUAL_PERIOD
+) -> LawSheet:
     """Write a law on a robot in symbols.
 
     Args:
         robot: The robot.
         kinematic: The paper's or the unified law.
         dynamic: The dynamic law.
+        period: Control period, s, on which the joints' prediction times depend.
     """
     sheet = Sheet()
     nu = _rates(sheet, robot)
@@ -92,11 +98,11 @@ def law_sheet(robot: Robot, kinematic: BaseLaw, dynamic: PaperDynamic) -> LawShe
         asked = base_twist(sheet, robot, kinematic, measure(sheet, robot, twist, kinematic))
         keep = [0, 2] if robot.drive.has_axle else range(len(robot.drive.base_speeds))
         wanted = [asked[k] for k in keep]
-    wanted += _arm(sheet, robot, kinematic, nu)
+    wanted += _arm(sheet, robot, nu, kinematic.joint_horizons(ReducedDynamics(robot), period))
     rates = [sheet.rate(each) for each in wanted]
-    h1 = sheet.setting("h1", dynamic.horizon_dyn, "s", "prediction time of the dynamic law")
+    h1 = _dynamic_horizons(sheet, robot, dynamic)
     star = [
-        sheet.define(f"a{i}", rate - (speed - each) / h1)
+        sheet.define(f"a{i}", rate - (speed - each) / h1[i - 1])
         for i, (speed, each, rate) in enumerate(zip(nu, wanted, rates, strict=True), start=1)
     ]
     return LawSheet(
@@ -181,10 +187,16 @@ def _twist(robot: Robot, nu: Sequence[sp.Symbol]) -> list[sp.Expr]:
     ]
 
 
-def _arm(sheet: Sheet, robot: Robot, law: BaseLaw, nu: Sequence[sp.Symbol]) -> list[sp.Expr]:
-    """Write the rates that a law asks of the arm: q̇_r + (q_r − q)/h; [MS21, Eq. 20]."""
+def _arm(sheet: Sheet, robot: Robot, nu: Sequence[sp.Symbol], horizons: Array) -> list[sp.Expr]:
+    """Write the rates that a law asks of the arm: q̇_r + (q_r − q)/h; [MS21, Eq. 20].
+
+    Args:
+        sheet: Where to write.
+        robot: The robot.
+        nu: Its quasi-velocities (dof,).
+        horizons: Prediction times of the joints (n_joints,), s.
+    """
     symbols, wanted = position_symbols(robot), []
-    horizon = _horizon(sheet, law)
     for i, joint in enumerate(robot.joints):
         name = str(symbols[joint.name])
         unit = "m" if joint.kind == "prismatic" else "rad"
@@ -194,16 +206,20 @@ def _arm(sheet: Sheet, robot: Robot, law: BaseLaw, nu: Sequence[sp.Symbol]) -> l
         sheet.rates[rate] = sheet.given(
             f"{name}_r_ddot", f"r->joint_accelerations[{i}]", f"{unit}/s^2", "its acceleration"
         )
+        of = f"prediction time of {printable(joint.name)}"
+        horizon = sheet.setting(f"h_{name}", float(horizons[i]), "s", of)
         gap = wished - position
+        error = wrapped(gap) if joint.kind == "continuous" else gap
         speed = nu[len(robot.drive.base_speeds) + i]
-        error = sheet.moving(
-            f"x{BASE_ERRORS + 1 + i}", wrapped(gap) if joint.kind == "continuous" else gap,
-            rate - speed,
-        )  # fmt: skip
+        error = sheet.moving(f"x{BASE_ERRORS + 1 + i}", error, rate - speed)
         wanted.append(sheet.follow(f"{name}_d", rate + error / horizon))
     return wanted
 
 
-def _horizon(sheet: Sheet, law: BaseLaw) -> sp.Symbol:
-    known = [setting.symbol for setting in sheet.settings if str(setting.symbol) == "h"]
-    return known[0] if known else sheet.setting("h", law.horizon, "s", "prediction time")
+def _dynamic_horizons(sheet: Sheet, robot: Robot, law: PaperDynamic) -> list[sp.Symbol]:
+    """Name the prediction times of the dynamic law (dof,)."""
+    base = sheet.setting("h1", law.horizon_dyn, "s", "prediction time of the dynamic law")
+    arm, joints = base, len(robot.joints)
+    if law.joint_horizon_dyn is not None and joints:
+        arm = sheet.setting("h1_arm", law.joint_horizon_dyn, "s", "the same, of the arm")
+    return [base] * (robot.dof - joints) + [arm] * joints

@@ -300,7 +300,7 @@ def test_every_process_writes_the_same(form: str) -> None:
     ],
 )
 def test_what_cannot_be_written_is_refused_by_name(
-    paper: Robot, settings: dict[str, str], words: str
+    paper: Robot, settings: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(RpctlError, match=words):
         derive_law(paper, **settings)
@@ -308,7 +308,7 @@ def test_what_cannot_be_written_is_refused_by_name(
 
 @pytest.mark.parametrize("settings", [{"format": "fortran"}, {"precision": "half"},
                                       {"kinematic": "unify"}, {"dynamic": "papre"}])  # fmt: skip
-def test_unknown_names_are_listed(paper: Robot, settings: dict[str, str]) -> None:
+def test_unknown_names_are_listed(paper: Robot, settings: dict[str, Any]) -> None:
     with pytest.raises(UnknownNameError):
         derive_law(paper, **settings)
 
