@@ -110,13 +110,14 @@ def close_loop(
         output=config.output or "effort",
     )
     loop.controller, started_at = controller, time.perf_counter()
-    interface = start_interface(dynamics, config, rest)
+    interface, arrives = start_interface(dynamics, config, rest), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
             t = k * period
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
-            output = controller.step(t, q, nu)
+            if arrives[k]:
+                output = controller.step(t, q, nu)
             tau = interface.take(output, q, nu)
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:

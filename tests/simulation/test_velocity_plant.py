@@ -94,7 +94,11 @@ def test_a_bias_and_dry_friction_are_overcome(paper: Robot) -> None:
     np.testing.assert_allclose(more, -1.0, atol=0.05)
 
 
-LAWS = {"unified": UnifiedKinematic(), "horizon": Horizon(), "end-effector": EndEffector()}
+LAWS: dict[str, KinematicLaw] = {
+    "unified": UnifiedKinematic(),
+    "horizon": Horizon(),
+    "end-effector": EndEffector(),
+}
 
 
 @pytest.mark.parametrize(
@@ -105,7 +109,7 @@ def test_a_lag_costs_less_than_three_millimetres(
     paper: Robot, tiago: Robot, name: str, dead_time: float
 ) -> None:
     """From no initial error over an eight; not told of its lag, a law is ten times worse."""
-    law: KinematicLaw = LAWS[name]
+    law = LAWS[name]
     robots = (paper,) if name == "unified" else (paper, tiago)
     duration = 5.0 if name == "unified" else 12.0
     for robot in robots:

@@ -241,7 +241,7 @@ def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]
     biases = [(f"bias of {name}", bias) for name, bias in plant.tau_bias.items()]
     biases += [(f"friction of {name}", each) for name, each in plant.joint_friction.items()]
     late = [("lag", plant.lag), *((f"lag of {name}", lag) for name, lag in plant.lags.items())]
-    late += [("dead_time", plant.dead_time), ("delay", plant.delay)]
+    late += [(name, getattr(plant, name)) for name in ("dead_time", "delay", "dropped")]
     yield "plant", [*biases, *late, ("believed", run.controller_model)]
     yield "kinematic_report", [*run.kinematic_report.items()]
 
