@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.horizon.body_clearance import body_clearance
 from rpctl.control.horizon.constraints import (
     ArmClearance,
     BaseClearance,
@@ -80,6 +81,8 @@ class Horizon:
         base_radius: Radius of the base about P, m; None: distance of the farthest contact.
         end_effector_radius: Radius of the end effector, m.
         leash: Largest distance of the base behind the reference, m; beyond, the reference waits.
+        body_clearance: Distance that all links keep from obstacles, from the ground and from each
+            other, m; None: only base and end effector keep clear, as discs.
         fallback: Law of the samples without a plan.
     """
 
@@ -93,14 +96,16 @@ class Horizon:
     base_radius: float | None = None
     end_effector_radius: float = 0.05
     leash: float = 0.3
+    body_clearance: float | None = None
     fallback: KinematicLaw = field(default_factory=UnifiedKinematic)
 
     def __post_init__(self) -> None:
         """Refuse settings that predict nothing."""
         for name in ("dt", "period", "end_effector_radius", "leash"):
             require_positive(name, getattr(self, name))
-        if self.base_radius is not None:
-            require_positive("base_radius", self.base_radius)
+        for name in ("base_radius", "body_clearance"):
+            if getattr(self, name) is not None:
+                require_positive(name, getattr(self, name))
         if not 2 <= self.steps <= MAX_STEPS:
             raise RpctlError(f"steps is {self.steps}; give 2 to {MAX_STEPS}")
         if self.period > self.dt:
@@ -307,4 +312,7 @@ def _soft_bounds(
         found.append(
             ArmClearance(law.end_effector_obstacles, law.end_effector_radius, end_effector_stages)
         )
+    if law.body_clearance is not None:
+        obstacles = law.base_obstacles, law.end_effector_obstacles
+        found += body_clearance(model, law.body_clearance, *obstacles)
     return found
