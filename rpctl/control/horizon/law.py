@@ -18,14 +18,15 @@ from rpctl.control.horizon.constraints import (
     contact_radius,
     every_nth_stage,
 )
+from rpctl.control.horizon.condensed import CondensedStructure
 from rpctl.control.horizon.cost import Cost
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.pace import PaceLimits
 from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
 from rpctl.control.horizon.preview import Preview
-from rpctl.control.horizon.qp import QpBuilder, QuadraticProgram, stage_indices
+from rpctl.control.horizon.qp import Linearisation, QpBuilder, stage_indices
 from rpctl.control.horizon.settings import Bounds, Weights
-from rpctl.control.horizon.solver import Solver
+from rpctl.control.horizon.solver import HorizonSolver
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
     Sample,
@@ -165,18 +166,24 @@ class HorizonLaw:
         )
         self._soft = _soft_bounds(law, self.model, self._forces, end_effector_stages, self._radius)
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
+        blocks = [
+            block for bound in self._soft for block in bound.row_blocks(stage_indices(self.model))
+        ]
         self.program = QpBuilder(
             self.model,
             self.cost.hessian,
             self.cost.cross,
             end_effector_stages if self._kinematics else [],
-            [
-                row_block
-                for bound in self._soft
-                for row_block in bound.row_blocks(stage_indices(self.model))
-            ],
+            blocks,
         )
-        self._solver = Solver()
+        structure = CondensedStructure(
+            self.model,
+            self.cost.hessian,
+            self.cost.cross,
+            end_effector_stages if self._kinematics else [],
+            blocks,
+        )
+        self._solver = HorizonSolver(self.program, structure)
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -214,8 +221,8 @@ class HorizonLaw:
             "largest_lag": self._time_scaler.largest_lag,
         }
 
-    def build_qp(self, motion: PredictedMotion, target: Target) -> QuadraticProgram:
-        """Return the QP that is linearised about a motion and leads it to a target."""
+    def linearise(self, motion: PredictedMotion, target: Target) -> Linearisation:
+        """Return the values of the QP that is linearised about a motion and leads to a target."""
         model, law = self.model, self._law
         if model.base:
             target = base_detour(
@@ -233,7 +240,7 @@ class HorizonLaw:
             )
         sample = Sample(motion, target, end_effector)
         lower, upper = self._hard_bounds.linearise(sample)
-        return self.program.build(
+        return Linearisation(
             model.jacobian(motion),
             self.cost.gradient(sample),
             self.cost.end_effector_cost(end_effector),
@@ -262,7 +269,7 @@ class HorizonLaw:
         slack = 0.0
         for _ in range(FIRST_SQP_STEPS if self._plan is None else 1):
             motion = model.predict(q, nu, nu_dot)
-            solution = self._solver.solve(self.build_qp(motion, target))
+            solution = self._solver.solve(self.linearise(motion, target))
             if not solution.solved:
                 self.fallbacks += 1
                 return None
