@@ -4,9 +4,9 @@ The states of the prediction follow from the accelerations u, δx = Γ u, so the
 
     minimise ½ uᵀ H u + gᵀ u   with   a u ≤ b for all bounds,    H = D + EᵀE.
 
-D has one block for the base and one for each joint of the arm, which does not depend on the motion
-and is inverted once. E are the end effector's errors at a few stages, which tie the blocks together;
-they enter by the Woodbury identity ([GVL13, Sec. 2.1.4]).
+D has a block for the base and one for each joint of the arm, which does not depend on the motion
+and is inverted once. E are the end effector's errors at a few stages, which tie the blocks
+together; they enter by the Woodbury identity.
 
 Few of the bounds are ever active. The QP is solved without bounds first; those that its solution
 breaks become candidates, and with their rows A, W = A H⁻¹ Aᵀ and d = b − A u₀ what is left is
@@ -19,30 +19,22 @@ is that of the whole QP.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import daqp
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.prediction import Indices, Model, PoseJacobian
-from rpctl.control.horizon.qp import (
-    SLACK_CURVATURE,
-    SLACK_PRICE,
-    Linearisation,
-    RowBlock,
-    StageValues,
-    stage_indices,
-)
+from rpctl.control.horizon.prediction import Indices
+from rpctl.control.horizon.qp import SLACK_CURVATURE, SLACK_PRICE, Linearisation
+from rpctl.control.horizon.structure import CondensedStructure
 
 MAX_ROUNDS = 25  # of adding broken bounds; most solves take none, few more than four
 MAX_CANDIDATES = 300  # rows; with more the sparse solver is as fast
 BROKEN = 1e-7  # of a bound's unit: what counts as broken
 RIDGE = 1e-12  # of W's scaled diagonal: keeps its factor regular where rows depend on each other
-PRIMAL_TOLERANCE = 1e-9  # of a row of length one
+PRIMAL_TOLERANCE = 1e-9  # of the largest violation, of a row of length one
 FREE_SLACK = -SLACK_PRICE / SLACK_CURVATURE  # minimiser of a slack's cost without its bound
 DAQP_OPTIMAL = 1
 DAQP_INFINITY = 1e30  # what DAQP takes for no bound
@@ -57,95 +49,12 @@ class CondensedSolution(NamedTuple):
     rounds: int  # of adding broken bounds
 
 
-class CondensedStructure:
-    """What the condensed QPs of one robot have in common.
-
-    Unknowns u are numbered quasi-velocity by quasi-velocity, N accelerations each.
-
-    Args:
-        model: The prediction's model.
-        hessian: Diagonal of the cost's Hessian.
-        cross: Cross weight of each joint's position and rate at the last stage (n_joints,).
-        extra_cost: Stages with a cost on pose and joints besides.
-        soft: Structure of the soft rows.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        hessian: StageValues,
-        cross: Array,
-        extra_cost: Sequence[int],
-        soft: Sequence[RowBlock],
-    ) -> None:
-        self.model, self.hessian, self.cross = model, hessian, cross
-        self.indices, self.soft = stage_indices(model), tuple(soft)
-        self.extra_unknowns = [
-            np.concatenate([self.indices.pose[k], self.indices.joints[k]]) for k in extra_cost
-        ]
-        n = model.steps
-        later = np.tril(np.ones((n, n)))
-        lag = np.subtract.outer(np.arange(n), np.arange(n))
-        self.speeds = model.dt * later  # δν after each step by the accelerations
-        self.positions = model.dt**2 * (lag + 0.5) * later  # a joint's position after each step
-        blocks = [self._block(i) for i in range(model.robot.dof)]
-        self.base = n * model.base_columns  # unknowns of the base
-        moving = blocks[: model.base_columns]
-        self.base_block = block_diag(*moving) if moving else np.empty((0, 0))
-        arm = [np.linalg.inv(block) for block in blocks[model.base_columns :]]
-        self.arm_inverse = np.reshape(arm, (-1, n, n))
-        self.gamma = self._gamma()
-        self.slacks = np.cumsum([0, *(len(unknowns) for unknowns, _ in soft)])  # first of each kind
-        numbers = [np.repeat(np.arange(len(unknowns)), rows) for unknowns, rows in soft]
-        first = zip(self.slacks, numbers, strict=False)
-        self.slack_of_rows = np.concatenate([np.empty(0, np.intp), *(at + k for at, k in first)])
-
-    def _block(self, i: int) -> Array:
-        """Return the Hessian (N, N) of the cost of quasi-velocity i, without the pose's."""
-        H, V, P = self.hessian, self.speeds, self.positions
-        block = np.diag(H.nu_dot[:, i]) + V.T @ (H.nu[:, i, None] * V)
-        joint = i - self.model.base
-        if joint >= 0:
-            last = self.cross[joint] * np.outer(P[-1], V[-1])
-            block = block + P.T @ (H.joints[:, joint, None] * P) + last + last.T
-        return np.asarray(block)
-
-    def _gamma(self) -> Array:
-        """Return Γ (deviations, unknowns), its rows of the pose still 0."""
-        indices, n, base = self.indices, self.model.steps, self.model.base
-        gamma = np.zeros((int(indices.nu[-1, -1]) + 1, self.model.robot.dof * n))
-        for i in range(self.model.robot.dof):
-            columns = slice(i * n, (i + 1) * n)
-            gamma[indices.nu_dot[:, i], columns] = np.eye(n)
-            gamma[indices.nu[:, i], columns] = self.speeds
-            if i >= base:
-                gamma[indices.joints[:, i - base], columns] = self.positions
-        return gamma
-
-    def pose_map(self, jacobian: PoseJacobian) -> Array:
-        """Return the map (3 N, base's unknowns) from accelerations to the pose after each step."""
-        n, model = self.model.steps, self.model
-        before = np.zeros((n, n))
-        before[1:] = self.speeds[:-1]
-        by = jacobian.nu[:, :, :, None] * before[:, None, None]  # (N, 3, base_columns, N)
-        by += jacobian.nu_dot[:, :, :, None] * np.eye(n)[:, None, None]
-        if model.steered:
-            before[1:] = self.positions[:-1]
-            by[:, :, model.base :] += jacobian.steering[:, :, :, None] * before[:, None, None]
-        by = by.reshape(n, 3, -1)
-        heading = by[:, 2].cumsum(axis=0)
-        by[1:, :2] += jacobian.heading[1:, :, None] * heading[:-1, None]
-        by[:, :2] = by[:, :2].cumsum(axis=0)
-        by[:, 2] = heading
-        return by.reshape(3 * n, -1)
-
-
 class CondensedQp:
     """A QP about one motion, its Hessian factored.
 
     Args:
-        structure: What it has in common with others; its Γ becomes this motion's.
-        linearisation: The QP's values.
+        structure: What it has in common with others.
+        linearisation: The QP's values; its derivatives are taken from here.
     """
 
     def __init__(self, structure: CondensedStructure, linearisation: Linearisation) -> None:
@@ -153,16 +62,22 @@ class CondensedQp:
         self._pose_map = np.empty((0, 0))
         if structure.model.base:
             Phi = self._pose_map = structure.pose_map(linearisation.jacobian)
-            structure.gamma[structure.indices.pose.ravel(), : structure.base] = Phi
             weighted = structure.hessian.pose.reshape(-1, 1) * Phi
             self._factor, _ = dpotrf(structure.base_block + Phi.T @ weighted, lower=1)
         parts = zip(structure.extra_unknowns, linearisation.extra_cost, strict=True)
-        E = [each.jacobian @ structure.gamma[unknowns] for unknowns, each in parts]
+        E = [each.jacobian @ self._gamma(unknowns) for unknowns, each in parts]
         self._E = np.vstack([np.empty((0, structure.gamma.shape[1])), *E])
         self._tied = self._untied_solve(self._E.T)
         self._capacitance = np.linalg.inv(np.eye(len(self._E)) + self._E @ self._tied)
-        self._lower = np.hstack(linearisation.lower).ravel()
-        self._upper = np.hstack(linearisation.upper).ravel()
+
+    def _gamma(self, deviations: Indices) -> Array:
+        """Return the rows of Γ (..., unknowns) of these deviations (...)."""
+        structure = self._structure
+        rows = structure.gamma[deviations]
+        if structure.model.base:
+            pose = structure.pose_rows[deviations]
+            rows[pose >= 0, : structure.base] = self._pose_map[pose[pose >= 0]]
+        return np.asarray(rows)
 
     def _untied_solve(self, right: Array) -> Array:
         """Return D⁻¹ of columns (unknowns, m)."""
@@ -210,13 +125,18 @@ class CondensedQp:
         ]
         return np.concatenate([np.empty(0), *found])
 
-    def solve(self, guess: Indices) -> CondensedSolution:
+    def solve(self, values: Linearisation, guess: Indices) -> CondensedSolution:
         """Return the solution.
 
         Args:
+            values: Gradient, residuals, values and bounds; derivatives are those factored.
             guess: Numbers of bounds that may be active: lower bounds of the deviations, upper ones,
                 then the soft rows.
         """
+        self._values = values
+        self._lower, self._upper = (
+            np.hstack(bounds).ravel() for bounds in (values.lower, values.upper)
+        )
         u = free = -self._hessian_solve(self._gradient())[:, 0]
         slacks = np.zeros(int(self._structure.slacks[-1]))
         candidates, active = guess[:0], guess[:0]
@@ -242,7 +162,7 @@ class CondensedQp:
         structure, count = self._structure, len(self._lower)
         lower, upper, soft = np.split(candidates, np.searchsorted(candidates, [count, 2 * count]))
         upper, soft = upper - count, soft - 2 * count
-        rows = [-structure.gamma[lower], structure.gamma[upper]]
+        rows = [-self._gamma(lower), self._gamma(upper)]
         bounds = [-self._lower[lower], self._upper[upper]]
         blocks = zip(structure.soft, self._values.soft, strict=True)
         for (unknowns, _), values in blocks:
@@ -250,7 +170,7 @@ class CondensedQp:
             soft = soft - values.value.size
             stage, row = np.unravel_index(here, values.value.shape)
             jacobian = values.jacobian[stage, row][:, None]
-            rows.append((jacobian @ structure.gamma[unknowns[stage]])[:, 0])
+            rows.append((jacobian @ self._gamma(unknowns[stage]))[:, 0])
             bounds.append(-values.value[stage, row])
         slacks = structure.slack_of_rows[candidates[candidates >= 2 * count] - 2 * count]
         return np.vstack(rows), np.concatenate(bounds), slacks
@@ -291,7 +211,8 @@ def _least_multipliers(W: Array, room: Array) -> Array | None:
     With L Lᵀ = W these are the multipliers of the shortest w with L w ≤ room.
     """
     scale = 1.0 / np.sqrt(np.diag(W))
-    count = len(scale)
+    room, count = room * scale, len(scale)
+    size = float(np.abs(room).max())  # DAQP's tolerances are absolute
     L, info = dpotrf(W * np.outer(scale, scale) + RIDGE * np.eye(count), lower=1)
     if info:
         return None
@@ -299,9 +220,9 @@ def _least_multipliers(W: Array, room: Array) -> Array | None:
         np.eye(count),
         np.zeros(count),
         np.tril(L),
-        room * scale,
+        room / size,
         np.full(count, -DAQP_INFINITY),
         np.zeros(count, dtype=np.intc),
         primal_tol=PRIMAL_TOLERANCE,
     )
-    return np.asarray(found["lam"]) * scale if flag == DAQP_OPTIMAL else None
+    return size * scale * np.asarray(found["lam"]) if flag == DAQP_OPTIMAL else None

@@ -8,11 +8,11 @@ import numpy as np
 import piqp
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.condensed import CondensedQp, CondensedStructure
+from rpctl.control.horizon.condensed import CondensedQp
 from rpctl.control.horizon.prediction import Indices
 from rpctl.control.horizon.qp import Linearisation, QpBuilder, QuadraticProgram
+from rpctl.control.horizon.structure import CondensedStructure
 
-MAX_CONDENSED = 800  # accelerations: up to there the condensed QP is faster and takes little memory
 QP_TOLERANCE = 1e-6  # of the QP's residuals and gap, absolute and relative
 MAX_QP_ITERATIONS = 40  # of the interior-point method; most samples take about ten
 
@@ -48,18 +48,30 @@ class HorizonSolver:
     """
 
     def __init__(self, builder: QpBuilder, structure: CondensedStructure) -> None:
-        self._builder, self._structure = builder, structure
+        self._builder, self._structure = builder, structure if structure.affordable else None
         self._sparse = SparseSolver()
         self._active: Indices = np.empty(0, dtype=np.intp)
         self.sparse_solves = 0
 
-    def solve(self, linearisation: Linearisation) -> Answer:
-        """Return the solution."""
-        found = CondensedQp(self._structure, linearisation).solve(self._active)
-        self._active = found.active
-        if found.solved and np.isfinite(found.x).all():
-            return Answer(found.x, True)
-        self.sparse_solves += 1
+    def factored(self, linearisation: Linearisation) -> CondensedQp | None:
+        """Return the condensed QP, its Hessian factored; None where there are too many unknowns."""
+        if self._structure is None:
+            return None
+        return CondensedQp(self._structure, linearisation)
+
+    def solve(self, linearisation: Linearisation, qp: CondensedQp | None) -> Answer:
+        """Return the solution.
+
+        Args:
+            linearisation: Values of the QP.
+            qp: The condensed QP, factored for the same motion; None leaves it to the sparse one.
+        """
+        if qp is not None:
+            found = qp.solve(linearisation, self._active)
+            self._active = found.active
+            if found.solved and np.isfinite(found.x).all():
+                return Answer(found.x, True)
+            self.sparse_solves += 1
         return self.solve_sparse(linearisation)
 
     def solve_sparse(self, linearisation: Linearisation) -> Answer:
