@@ -46,6 +46,8 @@ class Horizon(PlannerSettings):
         base_radius: Radius of the base about P, m; None: distance of the farthest contact.
         end_effector_radius: Radius of the end effector, m.
         leash: Largest distance of the base behind the reference, m; beyond, the reference waits.
+        body_clearance: Distance that all links keep from obstacles, from the ground and from each
+            other, m; None: only base and end effector keep clear, as discs.
         fallback: Law of the samples without a plan.
         prepare: Whether a QP is linearised ahead, about the state expected at the next solve, so
             that only the QP itself is left to do once that is measured. It needs someone who calls

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.control.horizon.body_clearance import body_clearance
 from rpctl.control.horizon.condensed import CondensedQp
 from rpctl.control.horizon.constraints import (
     ArmClearance,
@@ -294,4 +295,7 @@ def _soft_bounds(
         found.append(
             ArmClearance(law.end_effector_obstacles, law.end_effector_radius, end_effector_stages)
         )
+    if law.body_clearance is not None:
+        obstacles = law.base_obstacles, law.end_effector_obstacles
+        found += body_clearance(model, law.body_clearance, *obstacles)
     return found

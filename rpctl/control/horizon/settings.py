@@ -110,13 +110,15 @@ class PlannerSettings:
     base_radius: float | None = None
     end_effector_radius: float = 0.05
     leash: float = 0.3
+    body_clearance: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse settings that predict nothing."""
         for name in ("dt", "period", "end_effector_radius", "leash"):
             require_positive(name, getattr(self, name))
-        if self.base_radius is not None:
-            require_positive("base_radius", self.base_radius)
+        for name in ("base_radius", "body_clearance"):
+            if getattr(self, name) is not None:
+                require_positive(name, getattr(self, name))
         if not 2 <= self.steps <= MAX_STEPS:
             raise RpctlError(f"steps is {self.steps}; give 2 to {MAX_STEPS}")
         if self.period > self.dt:

@@ -203,9 +203,9 @@ def test_a_failed_solve_falls_back_and_is_counted(
 
 
 def test_contradicting_bounds_give_way(paper: Robot) -> None:
-    """Two walls with less room than the base between them: softened, not failed."""
-    walls = (HalfPlane(0.0, 1.0, 0.0), HalfPlane(0.0, -1.0, -0.2))
-    run = track(paper, "line", 1.0, Horizon(base_obstacles=walls, base_radius=0.3))
+    """Two walls with less room than the base's radius between them: softened, not failed."""
+    walls = (HalfPlane(0.0, 1.0, -0.9), HalfPlane(0.0, -1.0, -0.9))
+    run = track(paper, "line", 1.0, Horizon(base_obstacles=walls, base_radius=1.0))
     report = summarize(run).kinematic_report
     assert report["fallbacks"] == 0
     assert report["softened"] == report["solves"]
