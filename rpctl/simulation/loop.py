@@ -147,7 +147,6 @@ def simulate(
     ended: Callable[[Run], object] | None = None,
     spool: Spool | None = None,
     collisions: bool = True,
-    output: str | VelocityOutput = "effort",
 ) -> Run:
     """Simulate a robot as a configuration says, from rest.
 
