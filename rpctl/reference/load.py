@@ -14,6 +14,7 @@ from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.planned import along_goal, along_waypoints, ee_square, slalom
 from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded import reference_from_table
+from rpctl.reference.row_fit import require_smoothing
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.reference.timed_path import TimedPath
 from rpctl.reference.toml_file import read_path_file
@@ -28,6 +29,7 @@ def load_reference(
     size: float | None = None,
     speed: float | None = None,
     laps: float | None = None,
+    smooth: float | str | None = None,
 ) -> Reference:
     """Return a reference by its name, or from a file in CSV or TOML.
 
@@ -43,18 +45,25 @@ def load_reference(
         speed: Of a named one, instead: the largest along the path, m/s; of a spin the turning
             rate, rad/s.
         laps: How many times circle, eight and spin are gone through, once if not given.
+        smooth: Of a CSV: the root mean square, in m, by which the reference may miss its rows, to
+            be smooth; ``auto`` takes their noise. None passes every row.
 
     Raises:
         UnknownNameError: There is no such reference, and the name is no file's.
         RpctlError: The file has faults, or the robot cannot follow.
     """
     wish, suffix = SizingRequest(size, speed, laps), FilePath(source).suffix.lower()
+    require_smoothing(smooth)
+    if smooth is not None and suffix != ".csv":
+        raise RpctlError(
+            f"smooth = {smooth}: {source} is no table of rows with noise; leave it out"
+        )
     if is_goal(source):
         wish.refuse("a goal says where to go; leave them out", *WISHES)
         return to_goal(robot, read_goal(source))
     if suffix in (".csv", ".toml"):
         wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)
-        return _from_file(robot, source, suffix)
+        return _from_file(robot, source, suffix, smooth)
     if source in PLANNED_REFERENCES:
         return PLANNED_REFERENCES[source](robot, wish)
     if source not in BASE_PATHS:
@@ -66,10 +75,10 @@ def load_reference(
     return reference_by_name(robot, source, size, speed, laps)
 
 
-def _from_file(robot: Robot, source: str, suffix: str) -> TimedPath:
+def _from_file(robot: Robot, source: str, suffix: str, smooth: float | str | None) -> TimedPath:
     if suffix == ".csv":
         table = read_table(source, robot.joint_names)
-        return _in_file(source, lambda: reference_from_table(robot, table, Limits()))
+        return _in_file(source, lambda: reference_from_table(robot, table, Limits(), smooth))
     asked = read_path_file(source)
     if asked.waypoints:
         return _in_file(source, lambda: along_waypoints(robot, asked.waypoints, asked.limits))
