@@ -14,8 +14,8 @@ from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.planned import along_goal, along_waypoints, ee_square, slalom
 from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded import reference_from_table
-from rpctl.reference.row_fit import require_smoothing
 from rpctl.reference.sizing import WISHES, SizingRequest
+from rpctl.reference.smooth_wish import require_smoothing
 from rpctl.reference.timed_path import TimedPath
 from rpctl.reference.toml_file import read_path_file
 from rpctl.robot.model import Robot
@@ -30,6 +30,7 @@ def load_reference(
     speed: float | None = None,
     laps: float | None = None,
     smooth: float | str | None = None,
+    retime: bool = False,
 ) -> Reference:
     """Return a reference by its name, or from a file in CSV or TOML.
 
@@ -47,6 +48,8 @@ def load_reference(
         laps: How many times circle, eight and spin are gone through, once if not given.
         smooth: Of a CSV: the root mean square, in m, by which the reference may miss its rows, to
             be smooth; ``auto`` takes their noise. None passes every row.
+        retime: Whether to slow a CSV down where it asks more than the robot's limits; it keeps its
+            path. Its ``recording`` says what was changed, and what it asks beyond the limits.
 
     Raises:
         UnknownNameError: There is no such reference, and the name is no file's.
@@ -54,16 +57,14 @@ def load_reference(
     """
     wish, suffix = SizingRequest(size, speed, laps), FilePath(source).suffix.lower()
     require_smoothing(smooth)
-    if smooth is not None and suffix != ".csv":
-        raise RpctlError(
-            f"smooth = {smooth}: {source} is no table of rows with noise; leave it out"
-        )
+    if suffix != ".csv":
+        _refuse_of_others(source, smooth, retime)
     if is_goal(source):
         wish.refuse("a goal says where to go; leave them out", *WISHES)
         return to_goal(robot, read_goal(source))
     if suffix in (".csv", ".toml"):
         wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)
-        return _from_file(robot, source, suffix, smooth)
+        return _from_file(robot, source, suffix, smooth, retime)
     if source in PLANNED_REFERENCES:
         return PLANNED_REFERENCES[source](robot, wish)
     if source not in BASE_PATHS:
@@ -75,16 +76,32 @@ def load_reference(
     return reference_by_name(robot, source, size, speed, laps)
 
 
-def _from_file(robot: Robot, source: str, suffix: str, smooth: float | str | None) -> TimedPath:
+def _from_file(
+    robot: Robot, source: str, suffix: str, smooth: float | str | None, retime: bool
+) -> TimedPath:
     if suffix == ".csv":
         table = read_table(source, robot.joint_names)
-        return _in_file(source, lambda: reference_from_table(robot, table, Limits(), smooth))
+        return _in_file(
+            source, lambda: reference_from_table(robot, table, Limits(), smooth, retime)
+        )
     asked = read_path_file(source)
     if asked.waypoints:
         return _in_file(source, lambda: along_waypoints(robot, asked.waypoints, asked.limits))
     return _in_file(
         source, lambda: along_goal(robot, polyline(asked.points, asked.corner), asked.limits)
     )
+
+
+def _refuse_of_others(source: str, smooth: float | str | None, retime: bool) -> None:
+    """Refuse to smooth or to retime what is no table.
+
+    Raises:
+        RpctlError: It is asked for.
+    """
+    if smooth is not None:
+        raise RpctlError(f"smooth = {smooth}: {source} has no rows with noise; leave it out")
+    if retime:
+        raise RpctlError(f"retime: {source} has no times of its own to change; leave it out")
 
 
 def _in_file(path: str, make: Callable[[], TimedPath]) -> TimedPath:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.csv_file import Table
 from rpctl.reference.csv_header import (
     BASE_COLUMNS,
@@ -15,13 +16,17 @@ from rpctl.reference.csv_header import (
     POSE_COLUMNS,
     QUATERNION,
 )
+from rpctl.reference.demands import find_demands
 from rpctl.reference.edge_time_law import EDGE_TIME, EdgeTimeLaw
 from rpctl.reference.end_effector_plan import plan_reach
 from rpctl.reference.goal import Goal
+from rpctl.reference.jumps import find_jumps
 from rpctl.reference.limits import Limits
 from rpctl.reference.paths import Path
 from rpctl.reference.recorded_base import fit_base, spline_path, travel_direction
 from rpctl.reference.recorded_speeds import speed_faults
+from rpctl.reference.recording import RecordedPath, Recording
+from rpctl.reference.retiming import retimed
 from rpctl.reference.robot_length import robot_length
 from rpctl.reference.row_fit import METRES_PER_RADIAN, FittedSpline, RowFit, fit_spline
 from rpctl.reference.smoothing import Smoothed, on_knots
@@ -31,9 +36,15 @@ from rpctl.robot.model import Robot
 
 
 def reference_from_table(
-    robot: Robot, table: Table, limits: Limits, smooth: float | str | None = None
+    robot: Robot,
+    table: Table,
+    limits: Limits,
+    smooth: float | str | None = None,
+    retime: bool = False,
 ) -> TimedPath:
     """Return the reference through a table's rows, or near them; the first is at time zero.
+
+    Its ``recording`` says what was changed of the rows, and what it asks beyond the robot's limits.
 
     If the table has no end effector, joints that it does not name stay at home. An end effector
     beside a base moves the arm by inverse kinematics; for one alone a base path is planned.
@@ -43,6 +54,7 @@ def reference_from_table(
         table: The rows.
         limits: The user's limits, for a planned base path.
         smooth: Tolerance of smoothing, m, or ``auto``; None passes every row.
+        retime: Whether to slow it down where limits bind.
 
     Raises:
         DescriptionError: The rows do not fit the robot; each is named by its line.
@@ -72,7 +84,29 @@ def reference_from_table(
     end = float(table.t[-1])
     starts, ends = any(k.starts_moving for k in fits), any(k.ends_moving for k in fits)
     time_law = EdgeTimeLaw(end, starts, ends, min(EDGE_TIME, 0.4 * end))
-    return TimedPath(path or still(np.zeros(3)), Curves(joints), time_law, direction)
+    reference = TimedPath(path or still(np.zeros(3)), Curves(joints), time_law, direction)
+    return _with_recording(robot, reference, rows, retime)
+
+
+def _with_recording(robot: Robot, reference: TimedPath, rows: RowFit, retime: bool) -> TimedPath:
+    """Return a reference, slowed down where it is wanted, that tells what became of its rows."""
+    dynamics, told = ReducedDynamics(robot), None
+    if retime:
+        reference, told = retimed(dynamics, reference, rows.table)
+    recording = Recording(
+        rows.wish,
+        tuple(rows.changes),
+        told,
+        tuple(find_jumps(robot, rows.table)),
+        tuple(find_demands(dynamics, reference, rows.table)),
+    )
+    return RecordedPath(
+        reference.path,
+        reference.arm,
+        reference.time_law,
+        reference.travel_direction,
+        recording=recording,
+    )
 
 
 def _check_columns(robot: Robot, table: Table) -> None:

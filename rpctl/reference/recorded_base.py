@@ -85,7 +85,9 @@ def _fit_near(robot: Robot, rows: RowFit, way: Smoothed, turning: Smoothed | Non
     if turning is not None:
         change = rows.keep(HEADING, "rad", turning.problem.values, spline, turning, slice(2, 3))
         if change.largest > MAX_HEADING_CHANGE:
-            fault = f"{HEADING} is {change.largest:.2g} rad off the smoothed way; turn it into the way"
+            fault = (
+                f"{HEADING} is {change.largest:.2g} rad off the smoothed way; turn it into the way"
+            )
             raise rows.table.refuse([(change.line, f"{fault}, or leave it out")])
     return FittedSpline(spline, not rests[0], not rests[1], way.rate_error)
 

@@ -5,7 +5,8 @@ noisy rows points anywhere there. So the heading is a spline of its own, and the
 
     Σ |pₖ − p(tₖ)|² + λ ∫ |p'''|² dt + Σ ℓₖ² (θₖ − θ(tₖ))² + λ ℓ² ∫ θ'''² dt + μ Σ (n(θ)·ṗ)²
 
-with n across the heading: the last sum, one term between every two knots and one at each end, is the sideways speed.
+with n across the heading: the last sum, with a term between every two knots and one at each end,
+is of the sideways speed.
 """
 
 from __future__ import annotations

@@ -10,12 +10,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.csv_file import Table
 from rpctl.reference.smoothing import REST_RATE, Smoothed, smooth
 from rpctl.reference.splines import through
 
-AUTO = "auto"  # the tolerance that cross-validation chooses
 METRES_PER_RADIAN = 0.3  # m/rad: weight of turning relative to travelling
 UNITS = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (1.0, "")}  # what figures are told in
 
@@ -27,8 +25,8 @@ class SmoothedColumns:
     Attributes:
         columns: Their names.
         unit: Of the figures: m, rad, or none of quaternions.
-        rms: Root mean square of the rows' distances from the reference.
-        largest: The largest of them.
+        rms: Root mean square of their differences from the reference.
+        largest: The largest distance of a row from it.
         line: Of the file, where that is.
         noise: Standard deviation of a column's noise as estimated.
         time_constant: Of the low pass, s: slower motion passes, faster is taken for noise.
@@ -51,8 +49,8 @@ class SmoothedColumns:
             for figure in (self.rms, self.largest, self.noise)
         )
         return (
-            f"{self.columns} by {rms} rms and {largest} at most (line {self.line}), over "
-            f"{self.time_constant:.2g} s; their noise is about {noise}"
+            f"{self.columns} by {rms} rms and {largest} at most (line {self.line}), with a time "
+            f"constant of {self.time_constant:.2g} s; the noise is about {noise}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -69,26 +67,14 @@ class FittedSpline(NamedTuple):
     rate_error: float = 0.0
 
 
-def require_smoothing(wish: float | str | None) -> None:
-    """Refuse what is no tolerance of smoothing.
-
-    Raises:
-        RpctlError: It is neither a positive number nor ``auto``.
-    """
-    if isinstance(wish, str):
-        if wish != AUTO:
-            raise RpctlError(f'smooth is "{wish}"; give metres, as 0.01, or {AUTO}')
-    elif wish is not None:
-        require_positive("smooth", wish)
-
-
 class RowFit:
     """Fits splines to a table's columns, and keeps what that changed in them.
 
     Args:
         table: The rows.
         wish: None passes a spline through every row. A number is the tolerance: the largest root
-            mean square of the rows' distances from it, m. ``auto`` chooses by cross-validation.
+            mean square of the columns' differences from it, m. ``auto`` chooses by
+            cross-validation.
     """
 
     def __init__(self, table: Table, wish: float | str | None) -> None:
@@ -165,7 +151,7 @@ class RowFit:
         off = np.linalg.norm(values - now, axis=1)
         row = int(off.argmax())
         change = SmoothedColumns(
-            names, unit, math.sqrt(float(off @ off) / len(off)), float(off[row]),
+            names, unit, math.sqrt(float(off @ off) / values.size), float(off[row]),
             self.table.lines[row], found.noise, found.tau * found.problem.unit,
         )  # fmt: skip
         self.changes.append(change)

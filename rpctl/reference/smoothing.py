@@ -2,8 +2,9 @@
 
 Of all splines f it is the one that minimises Σ |yₖ − f(tₖ)|² + λ ∫ |f'''|² dt: a low pass
 1/(1 + (ωτ)⁶) whose time constant τ grows with λ^(1/6) (Green and Silverman, *Nonparametric
-Regression and Generalized Linear Models*, 1994). Either the rows' root mean square distance from
-it is a tolerance, or λ comes of generalised cross-validation (Craven and Wahba, 1979).
+Regression and Generalized Linear Models*, 1994). Either the columns' root mean square difference
+from it is a tolerance, or λ comes of generalised cross-validation (Craven and Wahba, *Numerische
+Mathematik* 31, 1979).
 """
 
 from __future__ import annotations
@@ -31,10 +32,29 @@ EXACT_TRACE = 300  # coefficients up to which the trace is exact; above, it is s
 PROBES = 64  # that sample it, to about 1 %
 REST_RATE = 2e-3  # m/s or rad/s: what begins or ends slower does so at rest
 REST_ERRORS = 3.0  # standard errors of a rate: a smaller one is none
-RELATIVE_TAU = 1e-3  # to which τ is found
+RELATIVE_TAU, AUTO_TAU = 1e-3, 0.05  # to which τ is found; its score is flat about the least
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)  # exact for |f'''|², of degree 4
 
 Ends = tuple[bool, bool]  # of the first row, of the last
+
+
+class Fit(NamedTuple):
+    """How well a spline fits: the differences' root mean square, and the share of the rows that
+    the degrees of freedom are."""
+
+    tau: float
+    residual: float
+    share: float
+
+    @property
+    def noise(self) -> float:
+        """The estimated standard deviation of the rows' noise in each column."""
+        return self.residual / math.sqrt(max(1.0 - self.share, 1e-3))
+
+    def score(self, inflation: float = 1.0) -> float:
+        """Return the score of generalised cross-validation, a variance."""
+        left = 1.0 - inflation * self.share
+        return (self.residual / left) ** 2 if left > 0.0 else math.inf
 
 
 class SmoothingProblem:
@@ -82,27 +102,17 @@ class SmoothingProblem:
         return held
 
     def residual(self, coefficients: Array) -> float:
-        """Return the root mean square of the rows' distances from a spline."""
+        """Return the root mean square of the columns' differences from a spline."""
         off = self.values - self.at_rows @ coefficients
-        return math.sqrt(float((off**2).sum()) / len(off))
+        return math.sqrt(float((off**2).sum()) / off.size)
 
     def freedom(self, tau: float) -> float:
         """Return the degrees of freedom: the trace of the map from rows to fitted ones."""
-        gram = self.at_rows.T @ (self.at_rows @ self._probes)
-        return float((self._probes * cho_solve_banded(self._factor(tau), gram)).sum())
+        return float((self._probes * cho_solve_banded(self._factor(tau), self._probed)).sum())
 
-    def score(self, tau: float, inflation: float = 1.0) -> float:
-        """Return the score of generalised cross-validation, a variance."""
-        count = len(self.t)
-        left = count - inflation * self.freedom(tau)
-        square = count * self.residual(self.coefficients(tau)) ** 2
-        return count * square / left**2 if left > 0.0 else math.inf
-
-    def noise(self, tau: float) -> float:
-        """Return the estimated standard deviation of the rows' noise in each column."""
-        count, columns = self.values.shape
-        left = columns * max(count - self.freedom(tau), 1.0)
-        return self.residual(self.coefficients(tau)) * math.sqrt(count / left)
+    def fit(self, tau: float) -> Fit:
+        """Return how well a spline with free ends fits."""
+        return Fit(tau, self.residual(self.coefficients(tau)), self.freedom(tau) / len(self.t))
 
     def rates(self, tau: float) -> tuple[Array, Array]:
         """Return the free spline's rates at both ends and in the middle (3, n), and what a noise
@@ -130,6 +140,10 @@ class SmoothingProblem:
             return np.eye(count)
         signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(count, PROBES))
         return np.asarray(signs / math.sqrt(PROBES))
+
+    @cached_property
+    def _probed(self) -> Array:
+        return np.asarray(self.at_rows.T @ (self.at_rows @ self._probes))
 
     def _factor(self, tau: float, free: slice = slice(None)) -> tuple[Array, bool]:
         return cholesky_banded((self._gram + tau**6 * self._bend)[:, free], lower=True), True
@@ -161,7 +175,7 @@ def smooth(t: Array, values: Array, tolerance: float | None) -> Smoothed | None:
     Args:
         t: Times (K,), increasing, s.
         values: Of the rows (K, n).
-        tolerance: Root mean square of the rows' distances from it; None: cross-validation.
+        tolerance: Root mean square of the columns' differences from it; None: cross-validation.
 
     Returns:
         The spline; None where rows without noise, or within so small a tolerance, are to be left
@@ -170,7 +184,7 @@ def smooth(t: Array, values: Array, tolerance: float | None) -> Smoothed | None:
     problem, tau = _problem(t, values, tolerance)
     if tau is None:
         return None
-    noise = problem.noise(tau)
+    noise = problem.fit(tau).noise
     rates, errors = problem.rates(tau)
     slow = np.linalg.norm(rates, axis=1) <= np.maximum(REST_RATE, REST_ERRORS * noise * errors)
     rests = bool(slow[0]), bool(slow[1])
@@ -233,17 +247,20 @@ def _by_cross_validation(problem: SmoothingProblem, dense: SmoothingProblem) -> 
         problem: The rows, with few knots where they are dense.
         dense: The rows, with a knot at each.
     """
-    taus = problem.taus()
-    if dense.score(dense.shortest) <= CLEAN_RATIO * min(map(problem.score, taus)):
+    fits = [problem.fit(tau) for tau in problem.taus().tolist()]
+    clean = dense.fit(dense.shortest)
+    if clean.score() <= CLEAN_RATIO * min(fit.score() for fit in fits):
         return None
-    scores = [problem.score(tau, INFLATION) for tau in taus]
+    scores = [fit.score(INFLATION) for fit in fits]
     best = int(np.argmin(scores))
-    between = np.log(taus[[max(best - 1, 0), min(best + 1, len(taus) - 1)]])
+    near = fits[max(best - 1, 0)], fits[min(best + 1, len(fits) - 1)]
     found = minimize_scalar(
-        lambda log: problem.score(math.exp(log), INFLATION),
-        bounds=tuple(between), method="bounded", options={"xatol": RELATIVE_TAU},
-    )  # fmt: skip
-    return math.exp(found.x) if found.fun < scores[best] else float(taus[best])
+        lambda log: problem.fit(math.exp(log)).score(INFLATION),
+        bounds=[math.log(fit.tau) for fit in near],
+        method="bounded",
+        options={"xatol": AUTO_TAU},
+    )
+    return math.exp(found.x) if found.fun < scores[best] else fits[best].tau
 
 
 def _within(problem: SmoothingProblem, tolerance: float, rests: Ends) -> float | None:
@@ -264,7 +281,7 @@ def _within(problem: SmoothingProblem, tolerance: float, rests: Ends) -> float |
 def spread(u: Array, least: float) -> Array:
     """Return indices of increasing numbers that are ``least`` apart, of the first and the last."""
     kept, latest = [0], float(u[0])
-    for index, at in enumerate(u[:-1].tolist()):
+    for index, at in enumerate(u[1:-1].tolist(), start=1):
         if at - latest >= least and u[-1] - at >= least:
             kept.append(index)
             latest = at

@@ -16,6 +16,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
+from rpctl.reference.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
@@ -55,6 +56,8 @@ def track(
     speed: float | None = None,
     laps: float | None = None,
     log_every: int = RunSettings.log_every,
+    smooth: float | str | None = RunSettings.smooth,
+    retime: bool = RunSettings.retime,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -87,6 +90,9 @@ def track(
         laps: How many times it is gone through.
         log_every: Each so-many-th sample is logged, and the last; 1 logs all. What a long run
             takes of memory and disk falls with it.
+        smooth: Of a CSV: metres (root mean square) by which the reference may miss its rows to be
+            smooth, or ``auto``, as their noise asks for; None passes every row.
+        retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
 
     Returns:
         What was logged.
@@ -113,6 +119,8 @@ def track(
             speed,
             laps,
             log_every,
+            smooth,
+            retime,
         ),
         plant=plant or Plant(),
     )
@@ -180,6 +188,7 @@ def simulate(
                 *notes,
                 *delay_note(plant.delay, period),
                 *log_note(settings.log_every, period),
+                *recording_notes(reference),
                 *watching.notes,
                 *showing.notes,
                 *(() if spool is None else spool.notes),
@@ -234,6 +243,12 @@ def _end_note(error: BaseException, t: float, duration: float) -> str:
     reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
     reason = reason or type(error).__name__
     return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
+
+
+def recording_notes(reference: Reference) -> tuple[str, ...]:
+    """Return what became of a table's rows, and what they ask beyond the limits, in sentences."""
+    recording: Recording | None = getattr(reference, "recording", None)
+    return () if recording is None else (*recording.changes, *recording.warnings)
 
 
 def _called(reference: Reference) -> str:
