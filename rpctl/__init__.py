@@ -15,6 +15,8 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "BoundedDynamic": "rpctl.control.bounded",
     "Certificate": "rpctl.equivalence.certificate",
     "Command": "rpctl.control.law",
+    "Controller": "rpctl.control.controller",
+    "ControllerOutput": "rpctl.control.controller",
     "Disc": "rpctl.control.obstacles",
     "Drive": "rpctl.drive.drive",
     "Efforts": "rpctl.control.law",
@@ -35,13 +37,16 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Robot": "rpctl.robot.model",
     "RpctlError": "rpctl.errors",
     "Run": "rpctl.simulation.run",
+    "SpeedLog": "rpctl.study.speed_log",
     "StatelessLaw": "rpctl.control.law",
     "Tracking": "rpctl.control.error",
     "Twist": "rpctl.control.twist",
     "UnifiedKinematic": "rpctl.control.unified",
+    "VelocityOutput": "rpctl.control.velocity_output",
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
+    "lag_from": "rpctl.study.lag",
     "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
     "load_reference": "rpctl.reference.load",
@@ -58,6 +63,8 @@ __all__ = sorted(_MODULES)
 
 if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
+    from rpctl.control.controller import Controller as Controller
+    from rpctl.control.controller import ControllerOutput as ControllerOutput
     from rpctl.control.dynamic import PaperDynamic as PaperDynamic
     from rpctl.control.end_effector import EndEffector as EndEffector
     from rpctl.control.error import Tracking as Tracking
@@ -77,6 +84,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.twist import Twist as Twist
     from rpctl.control.twist_law import BaseLaw as BaseLaw
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
+    from rpctl.control.velocity_output import VelocityOutput as VelocityOutput
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
     from rpctl.dynamics.derivatives import linearize as linearize
@@ -98,6 +106,8 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.simulation.plant import Plant as Plant
     from rpctl.simulation.run import Run as Run
     from rpctl.simulation.summary import summarize as summarize
+    from rpctl.study.lag import lag_from as lag_from
+    from rpctl.study.speed_log import SpeedLog as SpeedLog
     from rpctl.view.pages.report import write_report as write_report
 else:
 

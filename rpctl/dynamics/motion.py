@@ -62,7 +62,7 @@ def rk4_step(
         at = dynamics.at(place)
         push = tau if friction is None else tau + friction_efforts(friction, at.B.T @ speed)
         power = float((at.B @ push) @ speed)
-        return _dexpinv(slide, at.S @ speed), dynamics.forward(place, speed, push), power
+        return dexpinv(slide, at.S @ speed), dynamics.forward(place, speed, push), power
 
     v1, a1, p1 = stage(np.zeros(model.nv), nu)
     v2, a2, p2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)
@@ -76,7 +76,7 @@ def rk4_step(
     )
 
 
-def _dexpinv(slide: Array, v: Array) -> Array:
+def dexpinv(slide: Array, v: Array) -> Array:
     """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
 
     Only the root's three velocities (body frame) fail to commute.

@@ -29,7 +29,7 @@ QUANTITIES = {  # what is asked: units of turning and of sliding joints
 }
 
 
-class Stretch(NamedTuple):
+class Exceedance(NamedTuple):
     """Where a limit is exceeded, in time (s) and in lines of the file."""
 
     start: float
@@ -60,7 +60,7 @@ class Demand:
     unit: str
     time: float
     line: int
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Exceedance, ...]
 
     @property
     def ratio(self) -> float:
@@ -186,12 +186,14 @@ def _demand(dynamics: ReducedDynamics, asked: _Asked, times: Array, lines: Array
     )  # fmt: skip
 
 
-def _stretches(outside: NDArray[np.intp], times: Array, lines: Array) -> Iterator[Stretch]:
+def _stretches(outside: NDArray[np.intp], times: Array, lines: Array) -> Iterator[Exceedance]:
     """Yield where the samples of given indices are, those near one another as one."""
     gaps = np.flatnonzero(np.diff(times[outside]) > SAME_STRETCH) + 1
     for group in np.split(outside, gaps):
         first, last = group[0], group[-1]
-        yield Stretch(float(times[first]), float(times[last]), int(lines[first]), int(lines[last]))
+        yield Exceedance(
+            float(times[first]), float(times[last]), int(lines[first]), int(lines[last])
+        )
 
 
 def idle_joints(robot: Robot) -> set[str]:

@@ -59,7 +59,7 @@ def fit_rolling(
         heading: What is known of the heading.
         fixed: Which coefficients (m, 3) stay as they are.
     """
-    rows = _Rows(problem, tau, heading)
+    rows = _RollingRows(problem, tau, heading)
     free, c = np.logical_not(fixed.ravel()), start.copy()
     now = rows.cost(c)
     for _ in range(STEPS):
@@ -80,7 +80,7 @@ def fit_rolling(
     return c
 
 
-class _Rows:
+class _RollingRows:
     """The residuals of a fit, and their derivatives by the coefficients, x, y, θ in turn."""
 
     def __init__(self, problem: SmoothingProblem, tau: float, heading: HeadingRows) -> None:

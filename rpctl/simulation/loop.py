@@ -9,6 +9,7 @@ from typing import cast
 from rpctl.arrays import Array
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
+from rpctl.control.returned import require_callable
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -20,16 +21,18 @@ from rpctl.reference.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
-from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
+from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop, start_configuration
+from rpctl.simulation.collision_facts import CollisionFacts
+from rpctl.simulation.collisions import find_collisions, require_clear_start, surroundings
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.facts import ground_facts, robot_facts
 from rpctl.simulation.log import MIN_SAMPLES, NO_SAMPLES, Log
+from rpctl.simulation.obstacles import find_obstacles
 from rpctl.simulation.periods import delay_note, duration_note, log_note
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.recorder import Recorder
-from rpctl.simulation.returned import require_callable
 from rpctl.simulation.run import Run, entries_of
 from rpctl.simulation.spool import Spool
 from rpctl.simulation.watching import Watching
@@ -58,6 +61,7 @@ def track(
     log_every: int = RunSettings.log_every,
     smooth: float | str | None = RunSettings.smooth,
     retime: bool = RunSettings.retime,
+    collisions: bool = True,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -93,6 +97,8 @@ def track(
         smooth: Of a CSV: metres (root mean square) by which the reference may miss its rows to be
             smooth, or ``auto``, as their noise asks for; None passes every row.
         retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
+        collisions: Whether to look afterwards for what the links ran into, and how near they came
+            to obstacles, the ground and each other.
 
     Returns:
         What was logged.
@@ -126,11 +132,11 @@ def track(
     )
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     if isinstance(reference, str):
-        return simulate(robot, config, None, certificate, progress, watcher)
+        return simulate(robot, config, None, certificate, progress, watcher, collisions=collisions)
     SizingRequest(size, speed, laps).refuse(
         "the reference is a function, with its own pace", *WISHES
     )
-    return simulate(robot, config, reference, certificate, progress, watcher)
+    return simulate(robot, config, reference, certificate, progress, watcher, collisions=collisions)
 
 
 def simulate(
@@ -142,6 +148,7 @@ def simulate(
     watch: Watcher | None = None,
     ended: Callable[[Run], object] | None = None,
     spool: Spool | None = None,
+    collisions: bool = True,
 ) -> Run:
     """Simulate a robot as a configuration says, from rest.
 
@@ -157,11 +164,12 @@ def simulate(
             is a motion to keep; the exception is raised afterwards.
         spool: Where the samples are written while they are simulated; :meth:`Run.load` reads its
             folder, also after the process was killed. None: nowhere.
+        collisions: Whether to look for collisions of its links afterwards.
 
     Raises:
         DivergedError: The motion left the finite numbers.
-        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log, or
-            the reference does not fit the robot.
+        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log,
+            the reference does not fit the robot, or the robot starts inside an obstacle.
     """
     settings, plant, period = config.run, config.plant, config.run.control_period
     robot = config.limits.apply(robot)
@@ -171,12 +179,24 @@ def simulate(
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
     derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
+    obstacles = find_obstacles(config)
+    around = surroundings(robot, obstacles) if collisions and obstacles else None
+    if around is not None:
+        start = start_configuration(robot, reference(0.0), settings.initial_error)
+        require_clear_start(around, start)
 
-    def run(log: Log, steps: int, notes: tuple[str, ...], *ending: str) -> Run:
+    def run(
+        log: Log,
+        steps: int,
+        notes: tuple[str, ...],
+        *ending: str,
+        bodies: CollisionFacts | None = None,
+    ) -> Run:
         return Run(
             log=log,
             robot=robot_facts(robot),
@@ -188,7 +208,7 @@ def simulate(
                 *notes,
                 *delay_note(plant.delay, period),
                 *log_note(settings.log_every, period),
-                *recording_notes(reference),
+                *loop.notes,
                 *watching.notes,
                 *showing.notes,
                 *(() if spool is None else spool.notes),
@@ -197,14 +217,20 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            recording=None if recording is None else recording.to_dict(),
+            collisions=bodies,
             simulated=robot,
         )
 
+    bodies: CollisionFacts | None = None
     if spool is not None:
         spool.begin(entries_of(run(NO_SAMPLES, steps, notes))[0])
     try:
         close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
         recorder.derive(ends=True)
+        log = recorder.log()
+        if collisions and (around is not None or robot.joints):
+            bodies = find_collisions(around or surroundings(robot, ()), log.t, log.q)
     except BaseException as error:
         if ended is not None:
             with suppress(RpctlError):  # what is sound of the last batch is logged
@@ -214,7 +240,7 @@ def simulate(
                 note = _end_note(error, float(log.t[-1]), steps * period)
                 ended(run(log, recorder.steps, (), note))
         raise
-    return run(recorder.log(), recorder.steps, notes)
+    return run(log, recorder.steps, notes, bodies=bodies)
 
 
 def require_affordable(robot: Robot, config: Config, reference: Reference) -> Budget:
@@ -243,12 +269,6 @@ def _end_note(error: BaseException, t: float, duration: float) -> str:
     reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
     reason = reason or type(error).__name__
     return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
-
-
-def recording_notes(reference: Reference) -> tuple[str, ...]:
-    """Return what became of a table's rows, and what they ask beyond the limits, in sentences."""
-    recording: Recording | None = getattr(reference, "recording", None)
-    return () if recording is None else (*recording.changes, *recording.warnings)
 
 
 def _called(reference: Reference) -> str:

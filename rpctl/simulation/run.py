@@ -14,6 +14,7 @@ from rpctl.files.writing import writing
 from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
 from rpctl.robot.model import Robot
+from rpctl.simulation.collision_facts import CollisionFacts
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
@@ -40,7 +41,11 @@ class Run:
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
         sizing: How large and fast its named reference is, and why; None of others.
+        recording: What became of the rows of its reference's table and what they ask beyond the
+            limits, as a dict; None of another reference.
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
+        collisions: How near its links came to things, and what they ran into; None where that was
+            not looked for, and in older files.
         simulated: The robot itself, of a run that was simulated by this process; None of one that
             was read. No file has it.
         digest: SHA-256 digest of its file, which files made from it carry; None where none is
@@ -57,7 +62,9 @@ class Run:
     certificate: Mapping[str, Any] | None
     wall_time: float
     sizing: Sizing | None = None
+    recording: Mapping[str, Any] | None = None
     perturbed: Mapping[str, Any] | None = None
+    collisions: CollisionFacts | None = None
     simulated: Robot | None = None
     digest: str | None = None
 
@@ -218,6 +225,7 @@ def entries_of(run: Run) -> tuple[dict[str, Any], dict[str, Array]]:
     }
     entries |= {"drive": asdict(run.robot.drive), "config": config_tables(run.config)}
     entries["sizing"] = None if run.sizing is None else run.sizing.to_dict()
+    entries["collisions"] = None if run.collisions is None else run.collisions.to_dict()
     arrays = {name: value for name, value in entries.items() if name in ARRAYS}
     return {name: value for name, value in entries.items() if name not in arrays}, arrays
 

@@ -64,13 +64,19 @@ from rpctl.simulation.packed import (
 from rpctl.simulation.recorded import tables_of_settings
 from rpctl.simulation.run_schema import ARRAYS, META, check_numbers, check_shapes, checked_meta
 
-SCHEMA = 5
-OLDER_SCHEMAS = (2, 3, 4)  # see _completed
+SCHEMA = 6
+PACKED_SCHEMAS = (5, SCHEMA)  # older ones hold an entry for each array, see _completed
+OLDER_SCHEMAS = (2, 3, 4)
 META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 PRECISIONS = ("double", "single")
 MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
 FIX = "it is damaged or was made up; track the robot again"
-LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand for there
+SINCE_6: dict[str, Any] = {  # missing in older files, and what stands for it
+    "recording": None,
+    "collisions": None,
+}
+LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
+    **SINCE_6,
     "xacro_args": {},
     "ignore_missing_packages": False,
     "home": {},
@@ -139,11 +145,11 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
             raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
         meta = _meta_of(npz)
         schema = meta.pop("schema", None)
-        if schema == SCHEMA:
-            return _read_packed(npz, meta)
+        if isinstance(schema, int) and schema in PACKED_SCHEMAS:
+            return _read_packed(npz, meta if schema == SCHEMA else {**SINCE_6, **meta})
         if isinstance(schema, int) and schema in OLDER_SCHEMAS:
             return _read_older(npz, meta, schema)
-    known = ", ".join(map(str, OLDER_SCHEMAS))
+    known = ", ".join(map(str, (*OLDER_SCHEMAS, *PACKED_SCHEMAS[:-1])))
     raise RunFileError(
         f"{path}: schema {one_line(repr(schema)[:40])}, this rpctl reads {known} and {SCHEMA}; "
         "track the robot again"
@@ -177,7 +183,7 @@ def _meta_of(npz: Npz) -> dict[str, Any]:
 
 
 def _read_packed(npz: Npz, meta: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a file of today; all is checked before any sample is read."""
+    """Return the entries of a packed file; all is checked before any sample is read."""
     layout, precision = meta.pop(COLUMNS_ENTRY, None), meta.pop("precision", None)
     if precision not in PRECISIONS:
         raise EntryError(f'entry "precision" must be one of {", ".join(PRECISIONS)}')

@@ -92,12 +92,13 @@ class _Own:
 
 def test_settings_within_settings_come_back(paper: Robot, tmp_path: Path) -> None:
     """Obstacles, and what a law of one's own may have: NumPy's numbers, a function."""
-    law = _Own(UnifiedKinematic(), np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
+    inner = UnifiedKinematic(leash=None)
+    law = _Own(inner, np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
     run = track(paper, "line", 0.1, kinematic=law)
     assert run.config.kinematic == Unregistered(
         "_Own",
         {
-            "inner": Unregistered("UnifiedKinematic", vars(UnifiedKinematic())),
+            "inner": Unregistered("UnifiedKinematic", vars(inner)),
             "gains": (1, 2),
             "least": 0.5,
             "around": (Disc(1.0, 2.0, 0.3),),
@@ -219,8 +220,8 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
     cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
-        ({"schema": 99}, {}, "schema 99, this rpctl reads 2, 3, 4 and 5"),
-        ({"schema": 1}, {}, "schema 1, this rpctl reads 2, 3, 4 and 5"),
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 2, 3, 4, 5 and 6"),
+        ({"schema": 1}, {}, "schema 1, this rpctl reads 2, 3, 4, 5 and 6"),
         ({"notes": None}, {}, "missing or not known: notes"),
         ({}, {"others": run.log.others[:, :1]}, '"others" does not fit its names'),
         ({}, {"other_rates": run.log.others[:, :1]}, '"other_rates" does not fit its names'),

@@ -131,3 +131,14 @@ def test_a_run_of_schema_4_comes_back() -> None:
     assert back.log.e.shape == (len(back.t), 5)
     wheels = ("wheel_left_joint", "wheel_right_joint")
     assert back.log.bound_limits == tuple((wheel, "effort") for wheel in wheels)
+
+
+def test_a_run_of_schema_5_comes_back(tmp_path: Path) -> None:
+    """The file was written by the version before, and knows of no collisions."""
+    back = Run.load(Path(__file__).with_name("run_schema_5.npz"))
+    assert back.config.run.duration == pytest.approx(0.02)
+    assert back.config.run.initial_error == (0.1, 0.3, 0.3)
+    assert back.collisions is None
+    summary = rpctl.summarize(back)
+    assert (summary.collisions, summary.clearances) == ((), ())
+    assert_equal(Run.load(back.save(tmp_path / "run.npz")), back)
