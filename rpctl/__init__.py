@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 _MODULES = {  # public name -> the module that has it, imported when the name is first used
+    "Approach": "rpctl.control.approach",
     "BaseLaw": "rpctl.control.twist_law",
     "BoundedDynamic": "rpctl.control.bounded",
     "Certificate": "rpctl.equivalence.certificate",
@@ -62,6 +63,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
 __all__ = sorted(_MODULES)
 
 if TYPE_CHECKING:  # the same, for type checkers and editors
+    from rpctl.control.approach import Approach as Approach
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
     from rpctl.control.controller import Controller as Controller
     from rpctl.control.controller import ControllerOutput as ControllerOutput
