@@ -9,10 +9,17 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
+from rpctl.errors import RpctlError
 from rpctl.reference.csv_header import BASE_COLUMNS, HEADING
 from rpctl.reference.paths import Path, PathPoint
 from rpctl.reference.rolling_fit import HeadingRows, fit_rolling
-from rpctl.reference.row_fit import METRES_PER_RADIAN, FittedSpline, RowFit, fit_spline
+from rpctl.reference.row_fit import (
+    METRES_PER_RADIAN,
+    FittedSpline,
+    RowFit,
+    SmoothedColumns,
+    fit_spline,
+)
 from rpctl.reference.smoothing import REST_ERRORS, Ends, Smoothed, SmoothingProblem, on_knots
 from rpctl.reference.splines import Curves, through
 from rpctl.robot.model import Robot
@@ -20,7 +27,8 @@ from rpctl.robot.model import Robot
 MOVING_SPEED = 0.02  # m/s: above it the heading is that of P's velocity
 MAX_SIDEWAYS_SPEED = 0.02  # m/s: sideways speed tolerated of a base that cannot slide, ...
 MAX_SIDEWAYS_RATIO = 0.05  # ... or this fraction of its speed
-MAX_HEADING_CHANGE = 0.5  # rad: a heading that smoothing turns farther contradicts the way
+MAX_HEADING_CHANGE = 0.5  # rad: a heading that smoothing turns farther contradicts the way, ...
+MAX_PLACE_RATIO, MAX_PLACE_CHANGE = 2.0, 0.05  # ... or moves places more than their noise; 1, m
 MIN_LEVER, MAX_LEVER = 0.03, 3.0  # m/rad: of a heading whose noise is large, and of one without
 HELD_LEVER = 0.1  # m/rad: weight of the heading that is held where the base stands
 PATH_LEVER = 0.03  # m/rad: stiffness of a heading that the path alone gives
@@ -78,18 +86,61 @@ def _fit_near(robot: Robot, rows: RowFit, way: Smoothed, turning: Smoothed | Non
     for end, rest in zip((slice(0, 3), slice(-3, None)), rests, strict=True):
         if rest:
             found[end, 2] = theta[0 if end.start == 0 else -1]
+    alone = problem.residual(way.coefficients)
     if robot.drive.has_axle or turning is None:
         way, found = _rolled(way, found, heading, rests, rows.tolerance())
+        _refuse_coarse(rows, problem.residual(found[:, :2]))
     spline = problem.spline(found)
-    rows.keep(", ".join(BASE_COLUMNS), "m", problem.values, spline, way, slice(0, 2))
+    places = rows.keep(", ".join(BASE_COLUMNS), "m", problem.values, spline, way, slice(0, 2))
     if turning is not None:
         change = rows.keep(HEADING, "rad", turning.problem.values, spline, turning, slice(2, 3))
-        if change.largest > MAX_HEADING_CHANGE:
-            fault = (
-                f"{HEADING} is {change.largest:.2g} rad off the smoothed way; turn it into the way"
-            )
-            raise rows.table.refuse([(change.line, f"{fault}, or leave it out")])
+        _refuse_contradiction(rows, places, change, alone)
     return FittedSpline(spline, not rests[0], not rests[1], way.rate_error)
+
+
+def _refuse_coarse(rows: RowFit, rms: float) -> None:
+    """Refuse a tolerance that a base that rolls cannot keep.
+
+    Args:
+        rows: The table.
+        rms: Root mean square of what smoothing changes of the places, m.
+
+    Raises:
+        RpctlError: It is more than the tolerance.
+    """
+    tolerance = rows.tolerance()
+    if tolerance is not None and rms > tolerance:
+        raise RpctlError(
+            f"smooth = {tolerance:g}: a base that rolls comes no nearer to its rows than {rms:.2g} "
+            "m rms; allow as much"
+        )
+
+
+def _refuse_contradiction(
+    rows: RowFit, places: SmoothedColumns, headings: SmoothedColumns, alone: float
+) -> None:
+    """Refuse headings that do not go with the way that the places describe.
+
+    Args:
+        rows: The table.
+        places: What smoothing changed of the places.
+        headings: And of the headings.
+        alone: Root mean square by which it changes the places if nobody heeds the headings, m.
+
+    Raises:
+        DescriptionError: Naming the row that is farthest off.
+    """
+    fault = ""
+    if headings.largest > MAX_HEADING_CHANGE:
+        line, fault = headings.line, f"{HEADING} is {headings.largest:.2g} rad off the smoothed way"
+    if places.rms > MAX_PLACE_RATIO * alone and places.largest > MAX_PLACE_CHANGE:
+        line, fault = (
+            places.line,
+            (f"a base that heeds {HEADING} comes no nearer to x, y than {places.largest:.2g} m"),
+        )
+    if fault:
+        fix = f"turn {HEADING} into the way, or leave it out"
+        raise rows.table.refuse([(line, f"{fault}; {fix}")])
 
 
 def _heading_rows(t: Array, way: Smoothed, turning: Smoothed | None) -> HeadingRows:
@@ -147,9 +198,11 @@ def _refuse_sliding(robot: Robot, rows: RowFit, found: FittedSpline) -> None:
     rate, heading = found.spline(t, 1), found.spline(t)[:, 2]
     sideways = rate[:, 1] * np.cos(heading) - rate[:, 0] * np.sin(heading)
     allowed = np.maximum(MAX_SIDEWAYS_SPEED, MAX_SIDEWAYS_RATIO * np.hypot(rate[:, 0], rate[:, 1]))
+    fix = f"turn {HEADING} into the way, or leave {HEADING} out"
+    fix += "" if rows.tolerance() is None else f", or smooth by more than {rows.wish} m"
     faults = [
         (lines[row], f"at t = {t[row]:g} s {robot.name} would have to slide sideways at "
-         f"{abs(sideways[row]):.2g} m/s; turn theta into the way, or leave theta out")
+         f"{abs(sideways[row]):.2g} m/s; {fix}")
         for row in np.flatnonzero(np.abs(sideways) > allowed)
     ]  # fmt: skip
     if faults:

@@ -23,8 +23,8 @@ from rpctl.reference.smoothing import SmoothingProblem
 from rpctl.reference.splines import basis_at
 
 SLIDING_WEIGHT = 1e6  # of the sideways speed, relative to that of the low pass: it is a constraint
-STEPS = 20  # of Gauss and Newton; from a good start four are enough
-STEP_TOLERANCE = 1e-9  # m: a step that moves nothing farther is the last
+STEPS = 12  # of Gauss and Newton; from a good start four are enough
+STEP_TOLERANCE = 1e-6  # m: a step that moves nothing farther is the last
 HALVINGS = 8  # of a step that does not lower the cost
 
 
