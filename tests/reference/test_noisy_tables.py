@@ -13,6 +13,7 @@ from rpctl import Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.errors import DescriptionError
 from rpctl.reference.load import load_reference
+from rpctl.reference.paths import PathTime
 from rpctl.reference.recording import RecordedPath
 from tests.grids import cells
 from tests.reference.differences import check_derivatives, check_rest
@@ -89,7 +90,7 @@ def test_noise_is_taken_out_of_every_motion(
 ) -> None:
     true = table(tmp_path / "a.csv", kind, headings)
     back = read(paper, tmp_path / "a.csv", smooth)
-    states = [back.at((float(t), 1.0, 0.0)) for t in true[:, 0]]
+    states = [back.at(PathTime(float(t), 1.0, 0.0)) for t in true[:, 0]]
     poses, twists = (np.array(part) for part in zip(*((s.pose, s.twist) for s in states),
                                                     strict=True))  # fmt: skip
     off = np.hypot(*(poses[:, :2] - true[:, 1:3]).T)
@@ -109,7 +110,7 @@ def test_what_smoothing_changed_is_told(paper: Robot, tmp_path: Path, seed: int)
     rows = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
     back = read(paper, tmp_path / "a.csv", "auto")
     places, headings = back.recording.smoothed if back.recording else ()
-    poses = np.array([back.at((float(t), 1.0, 0.0)).pose for t in rows[:, 0]])
+    poses = np.array([back.at(PathTime(float(t), 1.0, 0.0)).pose for t in rows[:, 0]])
     off = np.hypot(*(poses[:, :2] - rows[:, 1:3]).T)
     assert places.rms == pytest.approx(math.sqrt(float((off**2).mean() / 2.0)))
     assert places.largest == pytest.approx(off.max())
