@@ -18,6 +18,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
+from rpctl.reference.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
@@ -59,6 +60,8 @@ def track(
     speed: float | None = None,
     laps: float | None = None,
     log_every: int = RunSettings.log_every,
+    smooth: float | str | None = RunSettings.smooth,
+    retime: bool = RunSettings.retime,
     collisions: bool = True,
     output: str | VelocityOutput = "effort",
 ) -> Run:
@@ -93,6 +96,9 @@ def track(
         laps: How many times it is gone through.
         log_every: Each so-many-th sample is logged, and the last; 1 logs all. What a long run
             takes of memory and disk falls with it.
+        smooth: Of a CSV: metres (root mean square) by which the reference may miss its rows to be
+            smooth, or ``auto``, as their noise asks for; None passes every row.
+        retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
         collisions: Whether to look afterwards for what the links ran into, and how near they came
             to obstacles, the ground and each other.
         output: ``"effort"``; ``"velocity"`` for a robot that takes speeds, or a
@@ -124,6 +130,8 @@ def track(
             speed,
             laps,
             log_every,
+            smooth,
+            retime,
         ),
         plant=plant or Plant(),
         output=as_output(output),
@@ -177,6 +185,7 @@ def simulate(
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
     derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
     watching = Watching("what watched the simulation", watch)
@@ -215,6 +224,7 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            recording=None if recording is None else recording.to_dict(),
             collisions=bodies,
             simulated=robot,
         )

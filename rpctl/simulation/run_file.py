@@ -71,7 +71,10 @@ META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 PRECISIONS = ("double", "single")
 MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
 FIX = "it is damaged or was made up; track the robot again"
-SINCE_6: dict[str, Any] = {"collisions": None}  # missing in older files, and what stands for it
+SINCE_6: dict[str, Any] = {  # missing in older files, and what stands for it
+    "recording": None,
+    "collisions": None,
+}
 LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
     **SINCE_6,
     "xacro_args": {},
