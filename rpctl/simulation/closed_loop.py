@@ -74,7 +74,7 @@ def close_loop(
     """Close the loop for a number of control periods.
 
     Args:
-        dynamics: Of the simulated robot.
+        dynamics: Of the simulated robot, without what the plant adds.
         config: Laws, circumstances and plant; its limits are the robot's already.
         reference: What is tracked.
         steps: Number of control periods.
@@ -88,9 +88,10 @@ def close_loop(
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     controller_dynamics = plant.controller_dynamics(dynamics)
-    bias, friction = plant.bias(robot), plant.friction(robot)
+    simulated, bias = plant.simulated_dynamics(dynamics), plant.bias(robot)
     first = require_state(robot, reference(0.0), 0.0)
-    q, nu, work = _start(robot, first, config.run.initial_error), np.zeros(robot.dof), 0.0
+    q, nu = _start(robot, first, config.run.initial_error), np.zeros(robot.dof)
+    work = lost = 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
     dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
@@ -107,7 +108,7 @@ def close_loop(
             tau = sent.popleft()
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits)
+                recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits, lost)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
@@ -118,10 +119,10 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done = advance(
-                    dynamics, q, nu, tau + bias, period, config.run.plant_step, friction
+                q, nu, done, gone = advance(
+                    simulated, q, nu, tau + bias, period, config.run.plant_step
                 )
-                work += done
+                work, lost = work + done, lost + gone
             if progress is not None:
                 progress(k, steps)
     finally:

@@ -34,7 +34,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -64,7 +64,8 @@ from rpctl.simulation.packed import (
 from rpctl.simulation.recorded import tables_of_settings
 from rpctl.simulation.run_schema import ARRAYS, META, check_numbers, check_shapes, checked_meta
 
-SCHEMA = 5
+SCHEMA = 6
+PACKED_SCHEMAS = (5, SCHEMA)  # 5 lacks some of LATER_ENTRIES and ZERO_ARRAYS
 OLDER_SCHEMAS = (2, 3, 4)  # see _completed
 META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 PRECISIONS = ("double", "single")
@@ -80,10 +81,13 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "perturbed": None,
     "urdf": None,
     "file_sha256": None,
+    "losses": False,
+    "armature": None,
 }
 ARRAY_ENTRIES = frozenset(ARRAYS)
 OLDER_SETTINGS = table({}, {"plant": mapping(free)}, free)
 LATER_ARRAYS = ("load_range", "slip_range")  # likewise
+ZERO_ARRAYS = ("lost",)  # likewise, a number a sample
 
 
 def write_run_file(
@@ -139,11 +143,11 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
             raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
         meta = _meta_of(npz)
         schema = meta.pop("schema", None)
-        if schema == SCHEMA:
-            return _read_packed(npz, meta)
+        if isinstance(schema, int) and schema in PACKED_SCHEMAS:
+            return _read_packed(npz, meta, older=schema < SCHEMA)
         if isinstance(schema, int) and schema in OLDER_SCHEMAS:
             return _read_older(npz, meta, schema)
-    known = ", ".join(map(str, OLDER_SCHEMAS))
+    known = ", ".join(map(str, (*OLDER_SCHEMAS, *PACKED_SCHEMAS[:-1])))
     raise RunFileError(
         f"{path}: schema {one_line(repr(schema)[:40])}, this rpctl reads {known} and {SCHEMA}; "
         "track the robot again"
@@ -176,18 +180,28 @@ def _meta_of(npz: Npz) -> dict[str, Any]:
     return meta
 
 
-def _read_packed(npz: Npz, meta: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a file of today; all is checked before any sample is read."""
+def _read_packed(npz: Npz, meta: dict[str, Any], older: bool) -> dict[str, Any]:
+    """Return the entries of a file of today, or of schema 5; all is checked before any sample."""
     layout, precision = meta.pop(COLUMNS_ENTRY, None), meta.pop("precision", None)
     if precision not in PRECISIONS:
         raise EntryError(f'entry "precision" must be one of {", ".join(PRECISIONS)}')
     _require_names(npz.names, (META_ENTRY, COLUMNS_ENTRY))
+    meta = {**LATER_ENTRIES, **meta} if older else meta
     _require_names(meta, META)
     known = checked_meta(meta)
     shapes = shapes_of(layout, npz.entry(COLUMNS_ENTRY))
-    _require_names(shapes, ARRAYS)
-    check_shapes(shapes, known)
-    return {**known, **read_columns(npz, layout, precision == "single")}
+    zero = _zero_arrays(shapes) if older else {}
+    _require_names([*shapes, *zero], ARRAYS)
+    check_shapes(shapes | {name: array.shape for name, array in zero.items()}, known)
+    return {**known, **zero, **read_columns(npz, layout, precision == "single")}
+
+
+def _zero_arrays(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+    """Return the arrays that an older file lacks and that stand for zeros, by their names."""
+    zero = {name: np.zeros(shapes.get("t", (0,))[:1]) for name in ZERO_ARRAYS if name not in shapes}
+    for array in zero.values():
+        array.setflags(write=False)
+    return zero
 
 
 def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
@@ -195,13 +209,14 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     found = [name for name in npz.names if name != META_ENTRY]
     meta, lacking = _completed(schema, meta)
     _require_names(meta, META)
-    _require_names([*found, *(set(lacking) - set(found))], ARRAYS)
+    _require_names({*found, *lacking, *ZERO_ARRAYS}, ARRAYS)
     known, headers = checked_meta(meta), {name: npz.entry(name) for name in found}
     for name, header in headers.items():
         if header.kind != "<f8" or not header.shape:
             raise EntryError(f'entry "{name}" holds other than finite numbers')
     rows = headers["t"].shape[0] if "t" in headers else 0
-    shapes = dict.fromkeys(lacking, (rows, 0)) | {k: h.shape for k, h in headers.items()}
+    shapes = dict.fromkeys(lacking, (rows, 0)) | dict.fromkeys(ZERO_ARRAYS, (rows,))
+    shapes |= {name: header.shape for name, header in headers.items()}
     check_shapes(shapes, known)
     require_room(rows, sum(header.nbytes for header in headers.values()) // (8 * rows))
     arrays = {name: scratch(shape) for name, shape in shapes.items()}
@@ -214,7 +229,7 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
 
 
 def _require_names(
-    found: Sequence[str] | Mapping[str, Any], known: Sequence[str] | Mapping[str, Any]
+    found: Collection[str], known: Collection[str]
 ) -> None:
     """Refuse entries that are missing or not known."""
     if wrong := set(found) ^ set(known):
