@@ -24,6 +24,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Horizon": "rpctl.control.horizon.law",
     "IntegralDynamic": "rpctl.control.integral",
     "Kanayama": "rpctl.control.kanayama",
+    "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
@@ -41,6 +42,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
+    "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
     "load_reference": "rpctl.reference.load",
     "scale_limits": "rpctl.robot.vary",
@@ -69,6 +71,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.law import Limit as Limit
     from rpctl.control.law import Rest as Rest
     from rpctl.control.law import StatelessLaw as StatelessLaw
+    from rpctl.control.leash import Leash as Leash
     from rpctl.control.obstacles import Disc as Disc
     from rpctl.control.obstacles import HalfPlane as HalfPlane
     from rpctl.control.twist import Twist as Twist
@@ -76,6 +79,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
+    from rpctl.dynamics.derivatives import linearize as linearize
     from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
     from rpctl.equivalence.certificate import Certificate as Certificate
     from rpctl.equivalence.state import draw_state as draw_state

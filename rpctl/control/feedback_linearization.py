@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rpctl.control.error import Tracking
+from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import RpctlError, require_positive
@@ -43,18 +44,27 @@ class FeedbackLinearization(BaseLaw):
         kp: Gain of the position error, 1/s².
         kd: Gain of its rate, 1/s.
         slowest: v₀, m/s: from this speed on the law is exact.
+        leash: Bounds the error of the base before the law; None: it does not.
     """
 
     horizon: float = 0.65
     kp: float = 1.0
     kd: float = 2.0
     slowest: float = 0.2
+    leash: Leash | None = field(default_factory=Leash, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that do not close the loop."""
         super().__post_init__()
         for name in ("kp", "kd", "slowest"):
             require_positive(name, getattr(self, name))
+
+    def leashed(self, tracking: Tracking) -> Tracking:
+        """Return the error as it is: the law reads the robot's own speed off it.
+
+        Only the feedback of the position error is on the leash.
+        """
+        return tracking
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist of a base that cannot move sideways.
@@ -69,14 +79,17 @@ class FeedbackLinearization(BaseLaw):
         cos, sin, turn = math.cos(x[2]), math.sin(x[2]), x_dot[2]
         omega = omega_r - turn
         v = v_r * cos + x[1] * omega - x_dot[0]  # what ẋ1 says of the robot's own speed
+        z, z_dot = x[:2], x_dot[:2]
+        if self.leash is not None:
+            z, z_dot = self.leash.position(z, z_dot)
         across, across_rate = v_r * omega_r, a_r * omega_r + v_r * alpha_r
-        u1 = a_r * cos - across * sin + self.kd * (v_r * cos - v) + self.kp * x[0]
-        u2 = a_r * sin + across * cos + self.kd * v_r * sin + self.kp * x[1]
+        u1 = a_r * cos - across * sin + self.kd * (v_r * cos - v) + self.kp * z[0]
+        u2 = a_r * sin + across * cos + self.kd * v_r * sin + self.kp * z[1]
         u2_rate = (
             (_jerk(state) - across * turn) * sin
             + (a_r * turn + across_rate) * cos
             + self.kd * (a_r * sin + v_r * cos * turn)
-            + self.kp * x_dot[1]
+            + self.kp * z_dot[1]
         )
         slow = abs(v) < self.slowest
         inverse = v / self.slowest**2 if slow else 1.0 / v

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rpctl.control.error import Tracking
+from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import require_positive
@@ -32,12 +33,14 @@ class Kanayama(BaseLaw):
         kx: Kx, 1/s.
         ky: Ky, 1/m².
         ktheta: Kθ, 1/m.
+        leash: Bounds the error of the base before the law; None: it does not.
     """
 
     horizon: float = 0.65
     kx: float = 1.5
     ky: float = 16.0
     ktheta: float = 8.0
+    leash: Leash | None = field(default_factory=Leash, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse gains that do not close the loop."""

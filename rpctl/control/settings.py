@@ -76,7 +76,9 @@ def to_table(settings: Any) -> Table:
             hint = NoneType if item.metadata == NO_FILE_CAN_SAY else hints[item.name]
             table[item.name] = _toml_value(value, hint)
         except _NoTomlValue:
-            if value != item.default:
+            if value is None and _may_be_off(hints[item.name]) and item.default is not None:
+                table[item.name] = False
+            elif value != item.default:
                 label = f"{type(settings).__name__}.{item.name} is {value!r}"
                 raise RpctlError(f"{label}, which no file can say") from None
     return table
@@ -168,7 +170,8 @@ def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
     if hint in REGISTRIES:
         return named_from_table(value, REGISTRIES[hint], where, faults)
     if origin in (Union, UnionType):
-        return _read(value, _without_none(hint), where, faults)
+        off = value is False and _may_be_off(hint)
+        return None if off else _read(value, _without_none(hint), where, faults)
     table = isinstance(origin, type) and issubclass(origin, Mapping)
     if dataclasses.is_dataclass(hint) or table:
         if not isinstance(value, Mapping):
@@ -212,6 +215,12 @@ def _length(value: object) -> int:
 def _without_none(hint: Any) -> Any:
     """Return T of ``T | None``."""
     return next(each for each in get_args(hint) if each is not NoneType)
+
+
+def _may_be_off(hint: Any) -> bool:
+    """Return whether a setting is a record or None, for which a file says ``false``."""
+    optional = get_origin(hint) in (Union, UnionType)
+    return optional and dataclasses.is_dataclass(_without_none(hint))
 
 
 def _no_toml_value() -> Any:

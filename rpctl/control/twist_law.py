@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.error import BASE_ERRORS, Tracking, observe
 from rpctl.control.law import Command, StatelessLaw
+from rpctl.control.leash import Leash
 from rpctl.control.steering import base_command
 from rpctl.control.twist import Twist, omnidirectional_twist
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -27,9 +28,11 @@ class BaseLaw(StatelessLaw, ABC):
 
     Attributes:
         horizon: Prediction time h of the arm and of an omnidirectional base, s.
+        leash: Bounds the base's error before the law; None: the law as it was published.
     """
 
     horizon: float
+    leash: Leash | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse a horizon that predicts nothing."""
@@ -50,13 +53,17 @@ class BaseLaw(StatelessLaw, ABC):
         tracking = observe(dynamics, reference(t), q, nu)
         state, e, e_dot = tracking
         if dynamics.robot.drive.omnidirectional:
-            twist = omnidirectional_twist(tracking, self.horizon)
+            twist = omnidirectional_twist(tracking, self.horizon, self.leash)
         else:
-            twist = self.unicycle(tracking)
+            twist = self.unicycle(self.leashed(tracking))
         base, base_rate = base_command(dynamics, state, q, nu, twist, self.horizon)
         rates = state.joint_rates + e[BASE_ERRORS:] / self.horizon
         accelerations = state.joint_accelerations + e_dot[BASE_ERRORS:] / self.horizon
         return Command(np.concatenate([base, rates]), np.concatenate([base_rate, accelerations]))
+
+    def leashed(self, tracking: Tracking) -> Tracking:
+        """Return the tracking error that :meth:`unicycle` is given."""
+        return tracking if self.leash is None else self.leash(tracking)
 
     @abstractmethod
     def unicycle(self, tracking: Tracking) -> Twist:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rpctl.control.error import Tracking
 from rpctl.control.kinematic import coupled
+from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import require_positive, require_within
@@ -56,12 +57,14 @@ class UnifiedKinematic(BaseLaw):
             β |ω|, and x1 = ±β x2 costs on the way: from β = 1 on, faster is no longer nearer.
         bend: κ, 1/m: the curvature from which on a path counts as a turn; 0 is the paper's sign.
         weight: w, m²/rad²: the square of the lateral error that counts as much as one radian.
+        leash: Bounds the error of the base before the law; None: it does not.
     """
 
     horizon: float = 0.65
     beta: float = 1.25
     bend: float = 0.5
     weight: float = 0.02
+    leash: Leash | None = field(default_factory=Leash, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that leave the law undefined."""

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
-from rpctl.derive.program import Node, ScalarProgram, program
+from rpctl.derive.program import ScalarProgram, program
+from rpctl.derive.steps import PYTHON, C, Language, Written, write_steps
 from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.robot.model import Robot
 
-MAX_INLINE = 60  # characters; a longer expression gets a line of its own
-SUM_PRECEDENCE, PRODUCT_PRECEDENCE, ATOM_PRECEDENCE = (
-    1,
-    2,
-    3,
-)  # how firmly an expression holds together: sums, products, the rest
 LINEAR_SPEEDS = ("v", "vx", "vy")  # speeds of the base in m/s
 NAME_LENGTH = 40  # of the identifiers made from a robot's name
 
@@ -77,7 +71,7 @@ def c_source(robot: Robot) -> str:
     lines = ["/*", *(f" * {line}".rstrip() for line in _header(robot, steps)), " */"]
     lines += ["#include <math.h>", "", f"void {name}_dynamics(const double *q, const double *nu,"]
     lines += [" " * len(f"void {name}_dynamics(") + "double *M, double *h, double *B)", "{"]
-    given, values = _written(steps)
+    given, values = _written(steps, C)
     lines += [f"  const double {symbol} = {text};" for symbol, text in given]
     kinds = {node[0] for node in steps.nodes}
     lines += [f"  (void){unused};" for unused in ("q", "nu") if unused not in kinds]
@@ -100,7 +94,7 @@ def python_source(robot: Robot) -> str:
     steps, name = program(robot), identifier(robot.name)
     lines = ['"""', *_header(robot, steps), '"""', "", "from math import cos, sin, sqrt", "", ""]
     lines += [f"def {name}_dynamics(q, nu):", '    """Return M, h and B as lists."""']
-    given, values = _written(steps)
+    given, values = _written(steps, PYTHON)
     lines += [f"    {symbol} = {text}" for symbol, text in given]
     lines += [f"    M = [[0.0] * {robot.dof} for _ in range({robot.dof})]"]
     for i, row in enumerate(steps.M):
@@ -144,51 +138,7 @@ def _header(robot: Robot, steps: ScalarProgram) -> Iterator[str]:
     yield from listed("tau", robot.actuators, ("N", "N m"))
 
 
-def _written(steps: ScalarProgram) -> tuple[list[tuple[str, str]], Callable[[int], str]]:
-    """Return the assignments of named steps, and the text of any node after them.
-
-    What is used once and short is written where it is used.
-    """
-    uses = Counter(a for node in steps.nodes for a in _operands(node))
-    uses.update(node for row in steps.M for node in row)
-    uses.update([*steps.h, *(node for row in steps.B for node in row)])
-    texts: list[tuple[str, int]] = []
-    given: list[tuple[str, str]] = []
-    for k, node in enumerate(steps.nodes):
-        text, precedence = _text(node, texts)
-        if node[0] not in ("q", "nu", "number") and (uses[k] > 1 or len(text) > MAX_INLINE):
-            given.append((f"x{len(given)}", text))
-            text, precedence = given[-1][0], ATOM_PRECEDENCE
-        texts.append((text, precedence))
-    return given, lambda node: texts[node][0]
-
-
-def _operands(node: Node) -> tuple[int, ...]:
-    return () if node[0] in ("q", "nu", "number") else tuple(node[1:])
-
-
-def _text(node: Node, texts: Sequence[tuple[str, int]]) -> tuple[str, int]:
-    """Return a node's expression and how firmly it holds together.
-
-    A sum or product on the right keeps its parentheses, so that rounding is the same everywhere.
-    """
-    kind, operands = node[0], node[1:]
-    if kind in ("q", "nu"):
-        return f"{kind}[{operands[0]}]", ATOM_PRECEDENCE
-    if kind == "number":
-        return repr(operands[0]), ATOM_PRECEDENCE if operands[0] >= 0.0 else SUM_PRECEDENCE
-    if kind in ("sin", "cos"):
-        return f"{kind}({texts[operands[0]][0]})", ATOM_PRECEDENCE
-    if len(operands) == 1:
-        return f"-{_parenthesised(texts[operands[0]], ATOM_PRECEDENCE)}", SUM_PRECEDENCE
-    precedence = SUM_PRECEDENCE if kind in "+-" else PRODUCT_PRECEDENCE
-    left, right = (texts[a] for a in operands)
-    return (
-        f"{_parenthesised(left, precedence)} {kind} {_parenthesised(right, precedence + 1)}",
-        precedence,
-    )
-
-
-def _parenthesised(expression: tuple[str, int], needed: int) -> str:
-    text, precedence = expression
-    return text if precedence >= needed else f"({text})"
+def _written(steps: ScalarProgram, language: Language) -> Written:
+    """Return the assignments of named steps, and the text of any node after them."""
+    wanted = [node for row in (*steps.M, *steps.B) for node in row]
+    return write_steps(steps.nodes, [*wanted, *steps.h], language)

@@ -11,13 +11,9 @@ import numpy as np
 
 from rpctl.derive.casadi_scalar import CASADI, CasadiScalar
 from rpctl.derive.folding import cyclic_joints, fold
+from rpctl.derive.steps import Node, Steps
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.robot.model import Robot
-
-Node = tuple[Any, ...]  # (operation, operands): indices of nodes, a number, or an input's place
-
-INFIX = {casadi.OP_ADD: "+", casadi.OP_SUB: "-", casadi.OP_MUL: "*", casadi.OP_DIV: "/"}
-CALLS = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
 
 
 @dataclass(frozen=True)
@@ -26,8 +22,7 @@ class ScalarProgram:
 
     Attributes:
         positions: Joints whose positions the results depend on, and every joint of the arm.
-        nodes: ``("q", i)``, ``("nu", i)``, ``("number", value)``, ``("sin" | "cos" | "-", a)`` or
-            ``("+" | "-" | "*" | "/", a, b)``, operands before what needs them.
+        nodes: See :class:`Steps`; operands before what needs them.
         M: Node of each entry (dof, dof).
         h: Node of each entry (dof,).
         B: Node of each entry (dof, n_act).
@@ -55,12 +50,17 @@ def program(robot: Robot) -> ScalarProgram:
     entries = [terms.M[i, j] for i, j in upper] + [*terms.h, *terms.B.ravel()]
     outputs = casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries))
     function = casadi.Function("terms", [q, nu], [casadi.cse(outputs)])
-    nodes, results = _numbered(function, len(entries))
+    steps = Steps()
+    inputs = [
+        [steps.add(kind, i) for i in range(size)]
+        for kind, size in (("q", len(names)), ("nu", robot.dof))
+    ]
+    results = steps.evaluate(function, inputs)
     M = np.zeros((n, n), dtype=int)
     for (i, j), node in zip(upper, results, strict=False):
         M[i, j] = M[j, i] = node
     h, B = results[len(upper) : len(upper) + n], results[len(upper) + n :]
-    return _pruned(robot, names, nodes, M.tolist(), h, np.reshape(B, terms.B.shape).tolist())
+    return _pruned(robot, names, steps.nodes, M.tolist(), h, np.reshape(B, terms.B.shape).tolist())
 
 
 def _mimicked(robot: Robot) -> dict[str, Any]:
@@ -77,51 +77,6 @@ def _terms(oracle: GibbsAppell, names: Sequence[str], q: Any, nu: Any) -> Terms:
     u = np.array([CasadiScalar.of(nu[i]) for i in range(robot.dof)], dtype=object)
     root, rates = oracle.rolling_root(CASADI.identity(3), positions, u)
     return oracle.terms(positions, u, root, rates)
-
-
-def _numbered(function: Any, size: int) -> tuple[list[Node], list[int]]:
-    """Return the nodes of a CasADi function, equal ones merged, and those of its outputs."""
-    nodes: list[Node] = []
-    known: dict[Node, int] = {}
-
-    def node(*key: Any) -> int:
-        if key[0] in ("+", "*"):
-            key = (key[0], *sorted(key[1:]))
-        if key not in known:
-            known[key] = len(nodes)
-            nodes.append(key)
-        return known[key]
-
-    slots: dict[int, int] = {}
-    outputs = [node("number", 0.0)] * size
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, (out, *_) = function.instruction_input(k), function.instruction_output(k) or [0]
-        if operation == casadi.OP_OUTPUT:
-            outputs[function.instruction_output(k)[1]] = slots[inputs[0]]
-        elif operation == casadi.OP_INPUT:
-            slots[out] = node("q" if inputs[0] == 0 else "nu", inputs[1])
-        elif operation == casadi.OP_CONST:
-            slots[out] = node("number", float(function.instruction_constant(k)) + 0.0)
-        else:
-            slots[out] = _operation(operation, [slots[i] for i in inputs], node)
-    return nodes, outputs
-
-
-def _operation(operation: int, operands: list[int], node: Any) -> int:
-    """Return the node of one of CasADi's operations, in the few that code is written with."""
-    a = operands[0]
-    if operation in INFIX:
-        return int(node(INFIX[operation], *operands))
-    if operation in CALLS:
-        return int(node(CALLS[operation], a))
-    if operation == casadi.OP_NEG:
-        return int(node("-", a))
-    if operation == casadi.OP_SQ:
-        return int(node("*", a, a))
-    if operation == casadi.OP_TWICE:
-        return int(node("*", node("number", 2.0), a))
-    raise AssertionError(f"the recursion has no CasADi operation {operation}")
 
 
 def _pruned(

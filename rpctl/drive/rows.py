@@ -118,6 +118,19 @@ class TurningMatrix:
         change: Array = (u * rates.dot(self._twice)).dot(self._flat[2])
         return change.reshape(change.shape[:-1] + self.constant.shape)
 
+    def second_rate(self, u: Array, rates: Array, directions: Array) -> Array:
+        """Return the derivatives (..., rows, columns) of Ȧ at given rates by the positions.
+
+        Args:
+            u: Cosines and sines (..., 2m).
+            rates: Rates of the joints (..., n).
+            directions: Along which positions change (..., n).
+        """
+        change: Array = (-u * rates.dot(self._twice) * directions.dot(self._twice)).dot(
+            self._flat[1]
+        )
+        return change.reshape(change.shape[:-1] + self.constant.shape)
+
     def map(self, linear: Callable[[Array], Array]) -> TurningMatrix:
         """Return the image under a linear map of matrices (..., rows, columns)."""
         return TurningMatrix(linear(self.constant), linear(self.harmonics), self.phase, self.G)

@@ -134,8 +134,10 @@ def _caster_angle(swivel: Swivel, direction: Array) -> Array:
     return np.array([math.asin(u), level * u_dot, level * u_ddot + level**3 * u * u_dot**2])
 
 
-def trailing_positions(drive: Drive, twist: Array) -> Array:
-    """Return the positions (n_powered_casters,) at which powered casters trail, rad.
+def trailing_positions(
+    drive: Drive, twist: Array, casters: Sequence[Swivel] | None = None
+) -> Array:
+    """Return the positions (n_casters,) at which casters trail, rad.
 
     In steady motion along a twist a caster stands still: its contact, k behind its axis, lies
     asin(k ω/|V|) off the direction of its pivot's velocity V. In a bend tighter than its trail it
@@ -144,9 +146,10 @@ def trailing_positions(drive: Drive, twist: Array) -> Array:
     Args:
         drive: The drive.
         twist: Twist of the root link (3,), of any length.
+        casters: Which; None: those whose joint or wheels have actuators.
     """
     positions = []
-    for swivel in drive.powered_casters:
+    for swivel in drive.powered_casters if casters is None else casters:
         (x, y), position = swivel.pivot, 0.0
         V = np.array([twist[0] - twist[2] * y, twist[1] + twist[2] * x])
         speed = math.hypot(*V)

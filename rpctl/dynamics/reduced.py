@@ -45,6 +45,11 @@ class ReducedDynamics:
         """Whether A and S are the same at every q."""
         return self._projector.constant is not None
 
+    @property
+    def data(self) -> pin.Data:
+        """The thread's workspace of Pinocchio: what it holds, until the next call."""
+        return self._workspace.data
+
     def at(self, q: Array) -> Projection:
         """Return S, the drift Ṡν, A and B at q (nq,).
 

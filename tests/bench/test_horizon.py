@@ -17,6 +17,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon, HorizonLaw
+from rpctl.control.horizon.preview import Preview
 from rpctl.control.horizon.qp import QuadraticProgram
 from rpctl.control.horizon.solver import Solver
 from rpctl.control.horizon.target import TimeScaling, look_ahead
@@ -41,7 +42,10 @@ def program(robot: Robot, off: tuple[float, ...]) -> QuadraticProgram:
     times = np.asarray(NOW + model.dt * np.arange(model.steps + 1))
     time_scaling = TimeScaling(times, np.ones(model.steps + 1))
     target = look_ahead(
-        model, reference_by_name(robot, "eight"), time_scaling, model.joint_positions(q)
+        model,
+        Preview(robot, reference_by_name(robot, "eight")),
+        time_scaling,
+        model.joint_positions(q),
     )
     still = np.zeros((model.steps, robot.dof))
     motion = model.predict(q, nu, still)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from rpctl.reference.named import reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NO_JOINTS, StateOverTime, along, steady
 
-LAW = FeedbackLinearization(kp=2.0, kd=3.0)
+LAW = FeedbackLinearization(kp=2.0, kd=3.0, leash=None)
 
 
 def ask(law: FeedbackLinearization, state: ReferenceState, e: Array, v: float) -> Twist:
@@ -102,5 +103,6 @@ def test_without_a_direction_the_law_stands(paper: Robot) -> None:
 
 @pytest.mark.parametrize("name", ["kp", "kd", "slowest"])
 def test_settings_must_be_positive(name: str) -> None:
+    law: Any = FeedbackLinearization
     with pytest.raises(RpctlError, match=f"{name} is 0; give a positive number"):
-        FeedbackLinearization(**{name: 0.0})
+        law(**{name: 0.0})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,5 +54,6 @@ def test_a_spin_keeps_its_heading_error() -> None:
 
 @pytest.mark.parametrize("name", ["kx", "ky", "ktheta"])
 def test_gains_must_be_positive(name: str) -> None:
+    law: Any = Kanayama
     with pytest.raises(RpctlError, match=f"{name} is -1; give a positive number"):
-        Kanayama(**{name: -1.0})
+        law(**{name: -1.0})

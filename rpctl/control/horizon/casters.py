@@ -61,6 +61,8 @@ class Casters:
             twists: P's twists (N, 3), constant in each step.
             dt: Length of a step, s.
         """
+        if not len(self):
+            return np.empty((len(twists) + 1, 0))
         z = np.exp(1j * (self._headings + self._signs * positions))
         found = [z]
         for x, y, turn in (twists @ self._root_velocity.T).tolist():

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.forces import ForceModel
+from rpctl.control.horizon.forces import ForceModel, stack
 from rpctl.control.horizon.prediction import Model, PredictedMotion
 from rpctl.control.horizon.qp import (
     LinearisedConstraint,
@@ -171,18 +171,19 @@ class ForceBounds:
         """Return the values of the blocks."""
         found = self._first_step(sample.motion)
         base, count = self._model.base_columns, self._forces.rows
-        value = np.empty((len(self._ground_stages), count))
-        jacobian = np.empty((len(self._ground_stages), count, 2 * base))
-        for row, k in enumerate(self._ground_stages):
-            motion = sample.motion
+        if not self._ground_stages:
+            return [
+                *found,
+                LinearisedConstraint(np.empty((0, count)), np.empty((0, count, 2 * base))),
+            ]
+        motion, forces = sample.motion, []
+        for k in self._ground_stages:
             q = self._model.configuration(motion.joints[k], casters=motion.casters[k])
-            margins = self._forces.ground(
-                self._forces.with_derivatives(q, motion.nu[k], motion.nu_dot[k])
+            forces.append(
+                self._forces.with_derivatives(q, motion.nu[k], motion.nu_dot[k], accelerations=base)
             )
-            value[row] = -margins[:, 0]
-            jacobian[row, :, :base] = -margins[:, 1 : 1 + base]
-            jacobian[row, :, base:] = -margins[:, margins.shape[1] - base :]
-        return [*found, LinearisedConstraint(value, jacobian)]
+        margins = self._forces.ground(stack(forces))
+        return [*found, LinearisedConstraint(-margins[:, :, 0], -margins[:, :, 1:])]
 
     def _first_step(self, motion: PredictedMotion) -> list[LinearisedConstraint]:
         dynamics = self._model.dynamics
@@ -198,8 +199,8 @@ class ForceBounds:
         if not self._forces.rows:
             return [efforts, LinearisedConstraint(np.empty((1, 0)), np.empty((1, 0, dof)))]
         self._remember(self._forces.load_split(forces))
-        grips = self._forces.grip_margins(forces, self._load_splits)
-        margins = np.vstack([self._forces.tip_margins(forces), grips])
+        grips = self._forces.grip_margins(forces, np.array(self._load_splits))
+        margins = np.vstack([self._forces.tip_margins(forces), *grips])
         return [efforts, LinearisedConstraint(-margins[None, :, 0], -margins[None, :, 1 : 1 + dof])]
 
     def _remember(self, load_split: Array) -> None:

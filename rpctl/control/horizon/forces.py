@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,16 +21,23 @@ ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the orig
 GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
 
 
+class ForceMaps(NamedTuple):
+    """What the tree's force means at one configuration, or at K of them."""
+
+    efforts: Array  # (..., n_act, nv)
+    horizontal: Array  # (..., n_wheels + n_axles, nv): along the wheels, then across the axles
+
+
 class Forces(NamedTuple):
     """The whole tree's force and the ground's wrench at a state, with their derivatives.
 
-    Columns: the value, its derivatives by ν̇ (dof), then by the ν that move the base; or the value
-    alone.
+    Columns: the value, its derivatives by ν̇, then by the ν that move the base; or the value alone.
+    At K states all arrays have a leading axis, but for maps that are the same at all of them.
     """
 
-    at: Projection  # its rolling wheels
-    force: Array  # (nv, columns)
-    wrench: Array  # (6, columns) at the root link's origin, in its axes
+    maps: ForceMaps
+    force: Array  # (..., nv, columns)
+    wrench: Array  # (..., 6, columns) at the root link's origin, in its axes
 
 
 class ForceModel:
@@ -52,15 +59,21 @@ class ForceModel:
     ) -> None:
         robot = model.robot
         self._model, self._data = model, robot.model.createData()
-        self._contacts, self._tip_margin, self._grip = contacts, tip_margin, grip
+        self._contacts, self._tip_margin = contacts, tip_margin
         self._foreseen = model.dynamics
         idle = [swivel.joint for swivel in robot.drive.idle_casters]
         if idle:
             self._foreseen = ReducedDynamics(robot, gliding=idle)
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-        self._faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
+        faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
+        self._cos, self._sin = np.cos(faces)[:, None, None], np.sin(faces)[:, None, None]
+        self._usable_friction = grip * math.cos(math.pi / GRIP_POLYGON_FACES)
+        self._usable_friction *= contacts.friction if contacts else 0.0
+        z = robot.drive.ground  # Σ N, Σ N x, Σ N y of the loads N at points (x, y) of the ground
+        self._moments_by_wrench = np.zeros((3, 6))
+        self._moments_by_wrench[[0, 1, 1, 2, 2], [2, 0, 4, 1, 3]] = 1.0, z, -1.0, z, 1.0
         self._stance: Stance | None = None
-        self._cached_maps: tuple[Projection, tuple[Array, Array]] | None = None
+        self._cached_maps: tuple[Projection, ForceMaps] | None = None
         if contacts is not None and contacts.balanced:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
             self._stance = stance_at(model.dynamics, contacts, q)
@@ -105,10 +118,15 @@ class ForceModel:
         acceleration = at.S @ nu_dot + at.drift(nu)
         force = pin.rnea(self._model.robot.model, self._data, q, at.S @ nu, acceleration)
         wrench = self._data.f[ROOT_JOINT].vector
-        return Forces(at, force[:, None].copy(), wrench[:, None].copy())
+        return Forces(self._maps(at), force[:, None].copy(), wrench[:, None].copy())
 
     def with_derivatives(
-        self, q: Array, nu: Array, nu_dot: Array, dynamics: ReducedDynamics | None = None
+        self,
+        q: Array,
+        nu: Array,
+        nu_dot: Array,
+        dynamics: ReducedDynamics | None = None,
+        accelerations: int | None = None,
     ) -> Forces:
         """Return the forces at a state and their derivatives, all columns.
 
@@ -121,50 +139,55 @@ class ForceModel:
             nu: Quasi-velocities (dof,).
             nu_dot: Their derivatives (dof,).
             dynamics: The robot's own dynamics for a measured state; None for a predicted one.
+            accelerations: Number of the first ν̇ with derivatives by them; None: all.
         """
         model, data = self._model.robot.model, self._data
         # At the origin the world's axes are the root link's.
         q = np.concatenate([ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]])
         here = (dynamics or self._foreseen).at(q)
         S, drift = here.S, here.drift(nu)
-        base, dof = self._model.base_columns, S.shape[1]
-        force, wrench = np.empty((len(S), 1 + dof + base)), np.empty((6, 1 + dof + base))
+        base, count = self._model.base_columns, accelerations or S.shape[1]
+        force, wrench = np.empty((len(S), 1 + count + base)), np.empty((6, 1 + count + base))
+        v, by_nu_dot = S @ nu, S[:, :count]
         for column in range(base):
-            v, step = S @ nu, S[:, column]
+            step = S[:, column]
             ahead = pin.rnea(model, data, q, v + step, drift).copy()
             wrench_ahead = data.f[ROOT_JOINT].vector.copy()
-            force[:, 1 + dof + column] = 0.5 * (ahead - pin.rnea(model, data, q, v - step, drift))
-            wrench[:, 1 + dof + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
-        force[:, 0] = pin.rnea(model, data, q, S @ nu, S @ nu_dot + drift)
+            force[:, 1 + count + column] = 0.5 * (ahead - pin.rnea(model, data, q, v - step, drift))
+            wrench[:, 1 + count + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
+        force[:, 0] = pin.rnea(model, data, q, v, S @ nu_dot + drift)
         wrench[:, 0] = data.f[ROOT_JOINT].vector
-        force[:, 1 : 1 + dof] = pin.crba(model, data, q) @ S
-        momentum = pin.computeCentroidalMap(model, data, q) @ S
-        wrench[:, 1 : 1 + dof] = momentum
+        force[:, 1 : 1 + count] = pin.crba(model, data, q) @ by_nu_dot
+        momentum = pin.computeCentroidalMap(model, data, q) @ by_nu_dot
+        wrench[:, 1 : 1 + count] = momentum
         x, y, z = data.com[0]
         arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        wrench[3:, 1 : 1 + dof] += arm @ momentum[:3]
-        return Forces(here, force, wrench)
+        wrench[3:, 1 : 1 + count] += arm @ momentum[:3]
+        return Forces(self._maps(here), force, wrench)
 
     def efforts(self, forces: Forces) -> Array:
-        """Return τ (n_act, columns)."""
-        allocation, _ = self._maps(forces.at)
-        return np.asarray(allocation @ forces.force)
+        """Return τ (..., n_act, columns)."""
+        return np.asarray(forces.maps.efforts @ forces.force)
 
     def ground(self, forces: Forces) -> Array:
-        """Return the margins (rows, columns), ≥ 0 where the robot neither tips nor slips.
+        """Return the margins (..., rows, columns), ≥ 0 where the robot neither tips nor slips.
 
         First one row for each edge of the support polygon (some twice if their number changes): the
         moment about it beyond the margin, divided by the weight (m). Then, for each wheel, one row
         for each face of a polygon inside the circle of its grip: remaining grip, divided by the
         grip under the robot's whole weight.
         """
-        return np.vstack(
-            [self.tip_margins(forces), self.grip_margins(forces, [self.load_split(forces)])]
-        )
+        grips = self.grip_margins(forces, self.load_split(forces))
+        return np.concatenate([self.tip_margins(forces), grips], axis=-2)
 
     def load_split(self, forces: Forces) -> Array:
-        """Return the map (n_contacts, 3) from moments to the contacts' loads at these forces."""
-        return _load_split(self._required_stance, self._moments(forces)[:, 0])
+        """Return the map (..., n_contacts, 3) from moments to the contacts' loads there."""
+        stance, moments = self._required_stance, self._moments(forces)[..., 0]
+        least = moments @ stance.split.T
+        if least.min() >= 0.0:
+            return stance.split
+        found = np.array([_load_split(stance, each) for each in moments.reshape(-1, 3)])
+        return found.reshape(*moments.shape[:-1], *stance.split.shape)
 
     @property
     def _required_stance(self) -> Stance:
@@ -173,41 +196,39 @@ class ForceModel:
         return self._stance
 
     def _moments(self, forces: Forces) -> Array:
-        wrench, z = forces.wrench, self._model.robot.drive.ground
-        return np.vstack([wrench[2], z * wrench[0] - wrench[4], z * wrench[1] + wrench[3]])
+        return np.asarray(self._moments_by_wrench @ forces.wrench)
 
     def tip_margins(self, forces: Forces) -> Array:
         """Return the rows of :meth:`ground` about tipping."""
-        stance, moments = self._required_stance, self._moments(forces)
+        stance = self._required_stance
         edges = np.arange(self._edges) % len(stance.inward)
-        reduced_offset = stance.offset[edges, None] - self._tip_margin
-        return np.asarray(
-            (stance.inward[edges] @ moments[1:] + reduced_offset * moments[0]) / self._weight
-        )
+        by_moments = np.column_stack([stance.offset - self._tip_margin, stance.inward])[edges]
+        return np.asarray((by_moments @ self._moments_by_wrench / self._weight) @ forces.wrench)
 
-    def grip_margins(self, forces: Forces, load_splits: Iterable[Array]) -> Array:
-        """Return the rows of :meth:`ground` about slipping, for each of these load splits."""
+    def grip_margins(self, forces: Forces, load_split: Array) -> Array:
+        """Return the rows of :meth:`ground` about slipping.
+
+        Args:
+            forces: The forces.
+            load_split: Map from moments to loads (..., n_contacts, 3) that applies.
+        """
         contacts = self._contacts
         if contacts is None:
             raise ValueError("no ground reactions are defined")
-        horizontal = self._maps(forces.at)[1] @ forces.force
-        moments = self._moments(forces)
-        wheels = len(contacts.along)
-        along, lateral = horizontal[:wheels], horizontal[wheels:]
-        cos, sin = np.cos(self._faces)[:, None, None], np.sin(self._faces)[:, None, None]
-        usable_friction = math.cos(math.pi / GRIP_POLYGON_FACES) * self._grip * contacts.friction
-        rows = []
-        for load_split in load_splits:
-            load = load_split[:wheels] @ moments
-            positive_load = np.maximum(load[:, 0], contacts.floor)
-            lateral_share = (
-                positive_load[:, None] * contacts.incidence / (positive_load @ contacts.incidence)
-            )
-            slack = usable_friction * load - cos * along - sin * (lateral_share @ lateral)
-            rows.append(slack.reshape(-1, slack.shape[2]) / (usable_friction * self._weight))
-        return np.vstack(rows)
+        wheels, usable = len(contacts.along), self._usable_friction
+        horizontal = forces.maps.horizontal @ forces.force
+        along, lateral = horizontal[..., :wheels, :], horizontal[..., wheels:, :]
+        load = load_split[..., :wheels, :] @ self._moments(forces)
+        positive_load = np.maximum(load[..., 0], contacts.floor)
+        on_axle = (positive_load @ contacts.incidence)[..., None, :]
+        share = positive_load[..., None] * contacts.incidence / on_axle
+        along, across, load = (
+            part[..., None, :, :] for part in (along, share @ lateral, usable * load)
+        )
+        slack = (load - self._cos * along - self._sin * across) / (usable * self._weight)
+        return slack.reshape(*slack.shape[:-3], -1, slack.shape[-1])
 
-    def _maps(self, at: Projection) -> tuple[Array, Array]:
+    def _maps(self, at: Projection) -> ForceMaps:
         """Return the maps from the tree's force to the efforts and to the wheels' forces."""
         if self._cached_maps is None or self._cached_maps[0] is not at:
             allocation = at.allocation @ at.S.T
@@ -216,8 +237,18 @@ class ForceModel:
             if self._contacts is not None:
                 forces = np.vstack([self._contacts.along, self._contacts.across]) @ at.multipliers
                 horizontal = forces @ (np.eye(len(columns)) - columns @ allocation)
-            self._cached_maps = at, (allocation, horizontal)
+            self._cached_maps = at, ForceMaps(allocation, horizontal)
         return self._cached_maps[1]
+
+
+def stack(forces: Sequence[Forces]) -> Forces:
+    """Return the forces at several states as one record."""
+    maps = forces[0].maps
+    if any(each.maps is not maps for each in forces):
+        maps = ForceMaps(*(np.array(part) for part in zip(*(f.maps for f in forces), strict=True)))
+    return Forces(
+        maps, np.array([each.force for each in forces]), np.array([each.wrench for each in forces])
+    )
 
 
 def _load_split(stance: Stance, moments: Array) -> Array:

@@ -20,7 +20,9 @@ from rpctl.control.horizon.constraints import (
 )
 from rpctl.control.horizon.cost import Cost
 from rpctl.control.horizon.forces import ForceModel
+from rpctl.control.horizon.pace import PaceLimits
 from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
+from rpctl.control.horizon.preview import Preview
 from rpctl.control.horizon.qp import QpBuilder, QuadraticProgram, stage_indices
 from rpctl.control.horizon.settings import Bounds, Weights
 from rpctl.control.horizon.solver import Solver
@@ -156,7 +158,11 @@ class HorizonLaw:
         self._hard_bounds = HardBounds(self.model, law.bounds)
         self._radius = law.base_radius or contact_radius(robot, contacts)
         self._forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
-        self._time_scaler = TimeScaler(self.model, self._forces, law.bounds, law.leash)
+        self._preview = Preview(robot)
+        self._pace_limits = PaceLimits(self.model, self._forces, law.bounds, self._preview)
+        self._time_scaler = TimeScaler(
+            self.model, self._pace_limits, law.bounds.base_acceleration, law.leash
+        )
         self._soft = _soft_bounds(law, self.model, self._forces, end_effector_stages, self._radius)
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
         self.program = QpBuilder(
@@ -246,9 +252,11 @@ class HorizonLaw:
             nu: Quasi-velocities to plan from (dof,).
         """
         model = self.model
-        self._forces.update_contacts(q)
-        time_scaling = self._time_scaler(reference, t, model.robot.base_pose(q))
-        target = look_ahead(model, reference, time_scaling, model.joint_positions(q))
+        if self._preview.follow(reference):
+            self._pace_limits.forget()
+        time_scaling = self._time_scaler(self._preview, t, model.robot.base_pose(q))
+        target = look_ahead(model, self._preview, time_scaling, model.joint_positions(q))
+        self._forces.update_contacts(q)  # the scaler looked at those of the reference's postures
         nu_dot = self._shifted_plan(t)
         self.solves += 1
         slack = 0.0

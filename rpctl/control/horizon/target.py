@@ -7,31 +7,20 @@ slowly, and the lag is made up later.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.forces import ForceModel
+from rpctl.control.horizon.pace import MAX_PACE, PaceLimits
 from rpctl.control.horizon.prediction import Model, PredictedMotion
-from rpctl.control.horizon.settings import Bounds
+from rpctl.control.horizon.preview import Preview
 from rpctl.control.obstacles import Obstacle
-from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import (
-    ReferenceRates,
-    reference_rates,
-    steering,
-    trailing,
-)
 
-LIMIT_FRACTION = 0.9  # of the margins at rest: the remainder is left for correcting errors
 NO_LAG_S = 1e-6  # s: a lag below it is rounding
-MAX_PACE = 1.5  # largest pace, while a lag is made up
 SLOW_REFERENCE_SPEED = 1e-2  # m/s: the leash does not hold a reference slower than this
 NEWTON_STEPS = 3  # Newton steps to the time at which the leash is taut
-PACE_STRIDE = 3  # steps between the points ahead at which the pace is limited
 
 
 class TimeScaling(NamedTuple):
@@ -68,30 +57,31 @@ class Sample(NamedTuple):
 class TimeScaler:
     """Scales the reference's time so that the robot can keep up with it.
 
-    At a time rate p (the pace), speeds scale with p and the part of the efforts due to motion with
-    p². The largest admissible p is found at points ahead, and the pace is lowered in advance at a
-    rate ṗ that costs at most half of the base's acceleration. In addition the lag keeps the base
-    within the leash of the reference.
+    The largest admissible pace is known ahead (:class:`~rpctl.control.horizon.pace.PaceLimits`),
+    and the pace is lowered in advance at a rate ṗ that costs at most half of the base's
+    acceleration. In addition the lag keeps the base within the leash of the reference.
 
     Args:
         model: The prediction's model.
-        forces: Efforts and ground reactions of the prediction.
-        bounds: Bounds of the motion.
+        limits: The largest pace at multiples of the model's step.
+        base_acceleration: Largest acceleration of the base, m/s².
         leash: Largest distance of the base behind the reference, m.
     """
 
-    def __init__(self, model: Model, forces: ForceModel, bounds: Bounds, leash: float) -> None:
-        self._model, self._forces, self._bounds, self._leash = model, forces, bounds, leash
-        self._efforts, self._rates = bounds.efforts(model.robot), bounds.rates(model.robot)
+    def __init__(
+        self, model: Model, limits: PaceLimits, base_acceleration: float, leash: float
+    ) -> None:
+        self._model, self._limits = model, limits
+        self._base_acceleration, self._leash = base_acceleration, leash
         self._last_call: float | None = None
         self._reference_time, self._pace = 0.0, 1.0
         self.largest_lag = 0.0
 
-    def __call__(self, reference: Reference, t: float, pose: Array) -> TimeScaling:
+    def __call__(self, read: Preview, t: float, pose: Array) -> TimeScaling:
         """Return the reference times of the steps.
 
         Args:
-            reference: The reference.
+            read: Reads the reference.
             t: Time, s.
             pose: Measured pose of P (3,).
         """
@@ -101,25 +91,26 @@ class TimeScaler:
         elapsed, self._last_call = t - self._last_call, t
         latest = min(self._reference_time + self._pace * elapsed, t)
         self._reference_time = max(
-            self._time_within_leash(reference, pose, latest), self._reference_time
+            self._time_within_leash(read, pose, latest), self._reference_time
         )
         self.largest_lag = max(self.largest_lag, t - self._reference_time)
-        ahead = np.asarray(
-            self._reference_time + model.dt * np.arange(0, model.steps + 1, PACE_STRIDE)
-        )
-        limits, change = self._limits(reference, ahead)
-        squares = np.minimum(limits, MAX_PACE) ** 2
+        first = math.floor(self._reference_time / model.dt)
+        ahead = self._limits.between(first, first + model.steps + 1)
+        fastest = max(SLOW_REFERENCE_SPEED, max(each.speed for each in ahead))
+        change = 0.5 * self._base_acceleration / fastest  # 1/s: rate at which the pace may change
+        squares = [min(each.pace, MAX_PACE) ** 2 for each in ahead]
         for j in range(len(squares) - 2, -1, -1):  # in time for what comes
-            squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * PACE_STRIDE * model.dt)
+            squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * model.dt)
         self._pace += change * elapsed
-        return self._advance(t, lambda at: math.sqrt(np.interp(at, ahead, squares)), change)
+        return self._advance(t, first, squares, change)
 
-    def _advance(self, t: float, limit: Callable[[float], float], change: float) -> TimeScaling:
+    def _advance(self, t: float, first: int, squares: list[float], change: float) -> TimeScaling:
         """Return the reference times and paces of the N steps, never ahead of real time.
 
         Args:
             t: Time, s.
-            limit: Largest pace at a reference time.
+            first: Multiple of the step from which on the limits are given.
+            squares: Squares of the largest paces, linear in between.
             change: Rate at which the pace grows, 1/s.
         """
         model = self._model
@@ -129,50 +120,20 @@ class TimeScaler:
             now = t + k * model.dt
             if at > now - NO_LAG_S:
                 at, pace = now, min(pace, 1.0)
-            pace = min(pace, limit(at))
+            since = min(max(at / model.dt - first, 0.0), len(squares) - 1.0)
+            j = min(int(since), len(squares) - 2)
+            square = squares[j] + (since - j) * (squares[j + 1] - squares[j])
+            pace = min(pace, math.sqrt(square))
             times[k], paces[k] = at, pace
             at, pace = at + pace * model.dt, pace + change * model.dt
         self._pace = float(paces[0])
         return TimeScaling(times, paces)
 
-    def _limits(self, reference: Reference, times: Array) -> tuple[Array, float]:
-        """Return the largest pace at each time (K,), and the rate (1/s) at which it may change."""
-        robot, limits, fastest = self._model.robot, np.empty(len(times)), SLOW_REFERENCE_SPEED
-        for j, at in enumerate(times.tolist()):
-            state = reference(at)
-            posture = np.concatenate([steering(robot, state)[0], state.joints])
-            q = self._model.configuration(posture, casters=trailing(robot, state))
-            limits[j] = self._limit(q, reference_rates(robot, state))
-            fastest = max(fastest, math.hypot(*state.twist[:2]))
-        return limits, 0.5 * self._bounds.base_acceleration / fastest
-
-    def _limit(self, q: Array, rates: ReferenceRates) -> float:
-        """Return the largest pace of the reference at a posture."""
-        still = np.zeros_like(rates.nu)
-        rest = self._margins(q, still, still)
-        used = rest - self._margins(q, *rates)
-        limiting = (rest > 0.0) & (used > 0.0)
-        square = (LIMIT_FRACTION * rest[limiting] / used[limiting]).min(initial=MAX_PACE**2)
-        B = self._model.dynamics.actuation(q)
-        limited, limit_values = self._rates
-        speed = (np.abs(B.T[limited] @ rates.nu) / limit_values).max(initial=1.0 / MAX_PACE)
-        return min(math.sqrt(square), 1.0 / speed)
-
-    def _margins(self, q: Array, nu: Array, nu_dot: Array) -> Array:
-        """Return the margins of efforts, tipping and slipping, each as a fraction of its limit."""
-        forces = self._forces.value(q, nu, nu_dot)
-        limited, limit_values = self._efforts
-        tau = self._forces.efforts(forces)[limited, 0] / limit_values
-        margins = [1.0 - tau, 1.0 + tau]
-        if self._forces.rows:
-            margins.append(self._forces.ground(forces)[:, 0])
-        return np.concatenate(margins)
-
-    def _time_within_leash(self, reference: Reference, pose: Array, latest: float) -> float:
+    def _time_within_leash(self, read: Preview, pose: Array, latest: float) -> float:
         """Return the last time up to ``latest`` at which the base is within the leash."""
         at = latest
         for _ in range(NEWTON_STEPS):
-            state = reference(at)
+            state = read(at).state
             cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
             vx, vy, _ = state.twist
             speed = math.hypot(vx, vy)
@@ -184,27 +145,26 @@ class TimeScaler:
         return at
 
 
-def look_ahead(
-    model: Model, reference: Reference, time_scaling: TimeScaling, joints: Array
-) -> Target:
+def look_ahead(model: Model, read: Preview, time_scaling: TimeScaling, joints: Array) -> Target:
     """Return the reference at the start and after each step.
 
     Args:
         model: The prediction's model.
-        reference: The reference.
+        read: Reads the reference.
         time_scaling: Reference times and their rates.
         joints: Present positions (n_joints,). Steering angles are unwrapped modulo π from there,
             because a wheel may as well roll backwards.
     """
-    robot, count = model.robot, model.steered
-    states = [reference(t) for t in time_scaling.times.tolist()]
-    pose, arm = np.array([state.pose for state in states]), [state.joints for state in states]
-    nu = time_scaling.paces[:, None] * [reference_rates(robot, state).nu for state in states]
+    count = model.steered
+    points = [read(t) for t in time_scaling.times.tolist()]
+    pose = np.array([point.state.pose for point in points])
+    arm = np.array([point.state.joints for point in points])
+    nu = time_scaling.paces[:, None] * np.array([point.nu for point in points])
     if not count:
-        return Target(pose, np.array(arm), nu)
-    angles = np.array([steering(robot, state)[0] for state in states])
+        return Target(pose, arm, nu)
+    angles = np.array([point.angles for point in points])
     near = np.unwrap(np.vstack([joints[:count], angles]), axis=0, period=math.pi)[1:]
-    if not robot.drive.has_axle:  # the base's speed is the first wheel's, along its own heading
+    if not model.robot.drive.has_axle:  # the base's speed is the first wheel's, along its heading
         nu[:, 0] *= np.where(np.rint((near[:, 0] - angles[:, 0]) / math.pi) % 2.0, -1.0, 1.0)
     return Target(pose, np.hstack([near, arm]), nu)
 

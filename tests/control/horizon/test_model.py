@@ -235,7 +235,7 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
         at = forces.with_derivatives(q, nu, motion.nu_dot[0], dynamics)
         load_splits.append(forces.load_split(at))
         found.append(
-            (-now.value[0], [forces.grip_margins(at, [piece])[:, 0] for piece in load_splits])
+            (-now.value[0], [forces.grip_margins(at, piece)[:, 0] for piece in load_splits])
         )
     assert not np.array_equal(load_splits[0], load_splits[1])
     assert found[0][0].shape == found[1][0].shape

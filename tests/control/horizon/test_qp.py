@@ -13,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.cost import wrap_angles
 from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.prediction import PredictedMotion
+from rpctl.control.horizon.preview import Preview
 from rpctl.control.horizon.qp import QuadraticProgram
 from rpctl.control.horizon.solver import QP_TOLERANCE, QpSolution, Solver
 from rpctl.control.horizon.target import EndEffectorKinematics, Target, TimeScaling, look_ahead
@@ -35,7 +36,9 @@ def written(
     model, reference = run.model, reference_by_name(robot, "eight")
     times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
     now = np.concatenate([steering(robot, reference(NOW))[0], reference(NOW).joints])
-    target = look_ahead(model, reference, TimeScaling(times, np.ones(law.steps + 1)), now)
+    target = look_ahead(
+        model, Preview(robot, reference), TimeScaling(times, np.ones(law.steps + 1)), now
+    )
     pose = target.pose[0] + (off if model.base else 0.0)
     nu_dot = 0.1 * rng.normal(size=(law.steps, robot.dof))
     joints = target.joints[0] + 0.01 * rng.normal(size=len(model.joints))

@@ -14,6 +14,7 @@ from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.prediction import Steering, make_model
+from rpctl.control.horizon.preview import Preview
 from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.description.records import Joint
 from rpctl.drive.steering import turning_radius
@@ -144,7 +145,7 @@ def test_wheels_that_head_back_are_asked_for_the_angle_nearest(tmp_path: Path, t
     times = np.asarray(4.0 + 0.1 * np.arange(11), dtype=float)
     state = reference(4.0)
     now = np.concatenate([steering(robot, state)[0] + math.pi * turns, state.joints])
-    target = look_ahead(model, reference, TimeScaling(times, np.ones(11)), now)
+    target = look_ahead(model, Preview(robot, reference), TimeScaling(times, np.ones(11)), now)
     assert np.abs(np.diff(np.vstack([now, target.joints]), axis=0)).max() < 0.2
     for k, t in enumerate(times.tolist()):
         q = model.configuration(target.joints[k], target.pose[k])

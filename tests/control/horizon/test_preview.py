@@ -1,0 +1,79 @@
+"""What the horizon law remembers of its reference changes no plan, and spares it the reading."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics
+from rpctl.arrays import Array
+from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.preview import Memory, Preview
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.named import reference_by_name
+
+PERIOD = 0.02  # s
+
+
+def plans(name: str, reference: Reference, off: Array, count: int) -> list[Array]:
+    """Return the commands of solves along a motion beside the reference."""
+    robot = rpctl.load(name)
+    dynamics = ReducedDynamics(robot)
+    law = Horizon().start(dynamics, PERIOD)
+    found = []
+    for k in range(count):
+        state = reference(k * PERIOD)
+        q = robot.configuration_at(state.pose + off, state.joints)
+        found.append(law(dynamics, reference, k * PERIOD, q, np.zeros(robot.dof)).nu_d_dot)
+    assert law.fallbacks == 0
+    return found
+
+
+@pytest.mark.parametrize("name", ["paper", "casters"])
+def test_plans_are_those_of_a_law_that_remembers_nothing(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reference = reference_by_name(rpctl.load(name), "eight")
+    off = np.array([-0.4, 0.2, 0.1])  # beyond the leash: the time is scaled
+    remembering = plans(name, reference, off, 8)
+    monkeypatch.setattr(Memory, "__call__", lambda self, key, compute: compute(key))
+    forgetful = plans(name, reference, off, 8)
+    np.testing.assert_allclose(remembering, forgetful, rtol=0.0, atol=1e-12)
+
+
+def test_an_instant_is_read_once() -> None:
+    usual, read = reference_by_name(rpctl.load("paper"), "eight"), list[float]()
+
+    def reference(t: float) -> ReferenceState:
+        read.append(t)
+        return usual(t)
+
+    robot = rpctl.load("paper")
+    dynamics, law = ReducedDynamics(robot), Horizon().start(ReducedDynamics(robot), PERIOD)
+    for k in range(20):
+        q = robot.configuration_at(usual(k * PERIOD).pose, usual(k * PERIOD).joints)
+        law(dynamics, reference, k * PERIOD, q, np.zeros(robot.dof))
+    assert len(read) == len(set(read))
+    assert len(read) == 20 + 5 * 20 + 1  # of 20 solves, 5 a step, each 20 steps ahead; pace beyond
+
+
+def test_another_reference_is_read_anew() -> None:
+    robot = rpctl.load("paper")
+    read = Preview(robot)
+    for name in ("eight", "circle"):
+        reference = reference_by_name(robot, name)
+        assert read.follow(reference)
+        assert not read.follow(reference)
+        np.testing.assert_array_equal(read(3.0).state.pose, reference(3.0).pose)
+
+
+def test_memory_is_bounded_and_drops_the_oldest() -> None:
+    computed, memory = list[int](), Memory[int, int](2)
+
+    def compute(key: int) -> int:
+        computed.append(key)
+        return 2 * key
+
+    assert [memory(key, compute) for key in (1, 2, 1, 3, 2, 1)] == [2, 4, 2, 6, 4, 2]
+    assert computed == [1, 2, 3, 1]
