@@ -51,10 +51,7 @@ def program(robot: Robot) -> ScalarProgram:
     outputs = casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries))
     function = casadi.Function("terms", [q, nu], [casadi.cse(outputs)])
     steps = Steps()
-    inputs = [
-        [steps.add(kind, i) for i in range(size)]
-        for kind, size in (("q", len(names)), ("nu", robot.dof))
-    ]
+    inputs = [lambda i: steps.add("q", i), lambda i: steps.add("nu", i)]
     results = steps.evaluate(function, inputs)
     M = np.zeros((n, n), dtype=int)
     for (i, j), node in zip(upper, results, strict=False):

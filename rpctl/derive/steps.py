@@ -61,12 +61,12 @@ class Steps:
             self.nodes.append(key)
         return self._known[key]
 
-    def evaluate(self, function: Any, inputs: Sequence[Sequence[int]]) -> list[int]:
+    def evaluate(self, function: Any, inputs: Sequence[Callable[[int], int]]) -> list[int]:
         """Add the steps of a CasADi function and return the nodes of its dense output.
 
         Args:
             function: A function of vectors with one vector as its output.
-            inputs: Nodes of the entries of each of its inputs.
+            inputs: For each of its inputs, the node of an entry; asked for those that are read.
         """
         slots: dict[int, int] = {}
         outputs = [self.add("number", 0.0)] * function.numel_out(0)
@@ -76,7 +76,7 @@ class Steps:
             if operation == casadi.OP_OUTPUT:
                 outputs[function.instruction_output(k)[1]] = slots[read[0]]
             elif operation == casadi.OP_INPUT:
-                slots[out] = inputs[read[0]][read[1]]
+                slots[out] = inputs[read[0]](read[1])
             elif operation == casadi.OP_CONST:
                 slots[out] = self.add("number", float(function.instruction_constant(k)) + 0.0)
             else:
@@ -160,9 +160,9 @@ def _text(node: Node, texts: Sequence[tuple[str, int]], language: Language) -> t
         arguments = ", ".join(texts[a][0] for a in held)
         return f"{kind}{language.suffix}({arguments})", ATOM_PRECEDENCE
     if kind == "<":
-        left, right, yes, no = (_parenthesised(texts[a], SUM_PRECEDENCE) for a in held)
-        text = language.choice.format(test=f"{left} < {right}", yes=yes, no=no)
-        return text, CHOICE_PRECEDENCE
+        parts = [_parenthesised(texts[a], SUM_PRECEDENCE) for a in held]
+        test = f"{parts[0]} < {parts[1]}"
+        return language.choice.format(test=test, yes=parts[2], no=parts[3]), CHOICE_PRECEDENCE
     if len(held) == 1:
         return f"-{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", SUM_PRECEDENCE
     precedence = SUM_PRECEDENCE if kind in "+-" else PRODUCT_PRECEDENCE
