@@ -154,7 +154,7 @@ class BoundedLaw:
             command: Command to follow.
             disturbance: Acceleration ν̇ (dof,) in addition to that of ``dynamics``.
         """
-        sample = self._sample(dynamics, q, nu, self.desired_acceleration(nu, command), disturbance)
+        sample = self._sample(dynamics, q, nu, command, disturbance)
         free = (
             (np.abs(sample.tau) <= self._box).all()
             and (sample.acceleration >= sample.bounds.lower).all()
@@ -166,9 +166,11 @@ class BoundedLaw:
         return self._solve_within_limits(sample, B, self._cost_factor(B, command))
 
     def _sample(
-        self, dynamics: ReducedDynamics, q: Array, nu: Array, nu_dot: Array, disturbance: Array
+        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, disturbance: Array
     ) -> _Sample:
-        tau = np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot - disturbance)))
+        nu_dot = self.desired_acceleration(nu, command)
+        force = dynamics.inverse(q, nu, nu_dot - disturbance, command.nu_d)
+        tau = np.asarray(dynamics.efforts(q, force))
         gain = np.asarray(dynamics.efforts(q, dynamics.inertia(q)))
         rows, drift = self._joints.rows(dynamics, q, nu)
         bounds = self._joints.bounds(

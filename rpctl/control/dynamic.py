@@ -44,4 +44,4 @@ class PaperDynamic(StatelessLaw):
             command: Command to follow.
         """
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.horizon_dyn
-        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
+        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot, command.nu_d)))

@@ -121,9 +121,7 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
     a2 = solve_positive(M, (1.0 - DELTA) * push + (1.0 - GAMMA) * (S.T @ brake))
     end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * _dexpinv(slide, v2)))
     at = dynamics.at(end)
-    after = braked(
-        losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle
-    )
+    after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
     v3 = at.S @ after
     impulse = dt * ((1.0 - GAMMA) * brake + GAMMA * losses.force(v3))
     return Step(

@@ -22,8 +22,8 @@ class ReducedDynamics:
     """Pinocchio's dynamics projected onto the quasi-velocities.
 
     With v = S ν: M = SᵀM(q)S, h = Sᵀ rnea(q, Sν, Ṡν), B = Sᵀ times the actuators' columns. This
-    is [MS21, Eq. 5] (its Re is −h) for any drive. ℓ = Sᵀ times the forces of ``robot.losses``, which
-    the paper's robot does not have. Threads may share the object.
+    is [MS21, Eq. 5] (its Re is −h) for any drive. ℓ = Sᵀ times the forces of ``robot.losses``; the
+    paper's robot has none. Threads may share the object.
 
     Args:
         robot: The robot.
@@ -95,9 +95,7 @@ class ReducedDynamics:
         S = self.at(q).S
         return np.asarray(S.T.dot(self._losses.force(S.dot(nu))))
 
-    def inverse(
-        self, q: Array, nu: Array, nu_dot: Array, lossy_nu: Array | None = None
-    ) -> Array:
+    def inverse(self, q: Array, nu: Array, nu_dot: Array, lossy_nu: Array | None = None) -> Array:
         """Return the quasi-force M ν̇ + h − ℓ (dof,) that a motion takes of the actuators.
 
         M ν̇ + h is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).

@@ -1,4 +1,4 @@
-"""The inertia of motors' rotors, which turn n times as fast as their joints: I n² on M's diagonal."""
+"""The inertia of rotors, which turn n times as fast as their joints: I n² on M's diagonal."""
 
 from __future__ import annotations
 

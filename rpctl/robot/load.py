@@ -171,9 +171,7 @@ def assemble(
         joints=joints,
         end_effector=end_effector,
         findings=(*findings, *held, *frozen, *differences, *choice),
-        loaded_with=LoadSettings(
-            density, free=free, drive=asked, losses=losses, armature=rotors
-        ),
+        loaded_with=LoadSettings(density, free=free, drive=asked, losses=losses, armature=rotors),
         losses=find_losses(description, model) if losses else None,
     )
     at_home = with_home(robot, home)

@@ -215,7 +215,8 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
         if header.kind != "<f8" or not header.shape:
             raise EntryError(f'entry "{name}" holds other than finite numbers')
     rows = headers["t"].shape[0] if "t" in headers else 0
-    shapes = dict.fromkeys(lacking, (rows, 0)) | dict.fromkeys(ZERO_ARRAYS, (rows,))
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(ZERO_ARRAYS, (rows,))
+    shapes |= dict.fromkeys(lacking, (rows, 0))
     shapes |= {name: header.shape for name, header in headers.items()}
     check_shapes(shapes, known)
     require_room(rows, sum(header.nbytes for header in headers.values()) // (8 * rows))
@@ -228,9 +229,7 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     return {**known, **arrays}
 
 
-def _require_names(
-    found: Collection[str], known: Collection[str]
-) -> None:
+def _require_names(found: Collection[str], known: Collection[str]) -> None:
     """Refuse entries that are missing or not known."""
     if wrong := set(found) ^ set(known):
         listed = ", ".join(one_line(name) for name in sorted(wrong)[:10])

@@ -73,7 +73,7 @@ class SampleBuffer:
 
     def __init__(self, robot: Robot, rows: int) -> None:
         n = len(robot.joints)
-        widths = [1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof, 3 + n]
+        widths = [1, 1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof, 3 + n]
         widths += [3, 3, 3, n, n, len(NO_DIRECTION)]
         self._ends = np.cumsum(widths)[:-1]
         self._rows = np.empty((rows, sum(widths)))

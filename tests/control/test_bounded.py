@@ -132,7 +132,7 @@ def run_into(
     limits: set[Limit] = set()
     for _ in range(round(seconds / PERIOD)):
         efforts = law(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))
-        q, nu, _ = advance(dynamics, q, nu, efforts.tau, PERIOD, PERIOD)
+        q, nu, *_ = advance(dynamics, q, nu, efforts.tau, PERIOD, PERIOD)
         positions.append(robot.joint_positions(q))
         rates.append(dynamics.actuation(q).T @ nu)
         limits |= set(efforts.limits)

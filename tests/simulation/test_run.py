@@ -219,8 +219,8 @@ def test_what_it_does_not_understand_is_refused_with_the_reason(run: Run, tmp_pa
     wrong = run.nu.copy()
     wrong[3, 1] = np.nan
     cases: tuple[tuple[dict[str, object], dict[str, Any], str], ...] = (
-        ({"schema": 99}, {}, "schema 99, this rpctl reads 2, 3, 4 and 5"),
-        ({"schema": 1}, {}, "schema 1, this rpctl reads 2, 3, 4 and 5"),
+        ({"schema": 99}, {}, "schema 99, this rpctl reads 2, 3, 4, 5 and 6"),
+        ({"schema": 1}, {}, "schema 1, this rpctl reads 2, 3, 4, 5 and 6"),
         ({"notes": None}, {}, "missing or not known: notes"),
         ({}, {"others": run.log.others[:, :1]}, '"others" does not fit its names'),
         ({}, {"other_rates": run.log.others[:, :1]}, '"other_rates" does not fit its names'),

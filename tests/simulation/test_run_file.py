@@ -14,7 +14,7 @@ import pytest
 import rpctl
 from rpctl import Robot, RpctlError, Run, track, verify
 from rpctl.arrays import Array
-from rpctl.errors import UnknownNameError
+from rpctl.errors import RunFileError, UnknownNameError
 from rpctl.simulation import packed, run_file
 from rpctl.simulation.log import Log
 from rpctl.simulation.run import ENTRIES, entries_of
@@ -131,3 +131,17 @@ def test_a_run_of_schema_4_comes_back() -> None:
     assert back.log.e.shape == (len(back.t), 5)
     wheels = ("wheel_left_joint", "wheel_right_joint")
     assert back.log.bound_limits == tuple((wheel, "effort") for wheel in wheels)
+
+
+def test_a_run_of_schema_5_comes_back_as_one_of_an_ideal_robot(tmp_path: Path) -> None:
+    """The file was written by the version before; one of today that lacks the same is refused."""
+    path = Path(__file__).with_name("run_schema_5.npz")
+    back = Run.load(path)
+    assert (back.robot.losses, back.robot.armature) == (False, None)
+    np.testing.assert_array_equal(back.log.lost, np.zeros(len(back.t)))
+    with np.load(path) as file:
+        text, columns = str(file["meta"]), file["columns"]
+    damaged = tmp_path / "run.npz"
+    np.savez(damaged, meta=np.array(text.replace('"schema": 5', '"schema": 6')), columns=columns)
+    with pytest.raises(RunFileError, match="missing or not known: armature, losses"):
+        Run.load(damaged)
