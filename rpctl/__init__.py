@@ -15,6 +15,8 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "BoundedDynamic": "rpctl.control.bounded",
     "Certificate": "rpctl.equivalence.certificate",
     "Command": "rpctl.control.law",
+    "Controller": "rpctl.control.controller",
+    "ControllerOutput": "rpctl.control.controller",
     "Disc": "rpctl.control.obstacles",
     "Drive": "rpctl.drive.drive",
     "Efforts": "rpctl.control.law",
@@ -58,6 +60,8 @@ __all__ = sorted(_MODULES)
 
 if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
+    from rpctl.control.controller import Controller as Controller
+    from rpctl.control.controller import ControllerOutput as ControllerOutput
     from rpctl.control.dynamic import PaperDynamic as PaperDynamic
     from rpctl.control.end_effector import EndEffector as EndEffector
     from rpctl.control.error import Tracking as Tracking

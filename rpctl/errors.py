@@ -98,6 +98,10 @@ class ActuationError(RpctlError):
     """Some quasi-velocity is driven by no actuator."""
 
 
+class UnfitLawError(RpctlError):
+    """A law cannot follow such a reference at all."""
+
+
 class RunFileError(RpctlError):
     """A result file that is damaged, foreign, or of another schema."""
 

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.linalg import null_space
 
 from rpctl.arrays import Array
+from rpctl.control.bandwidth import joint_gains
+from rpctl.control.dynamic import Midpoint, by_velocity, midpoint
 from rpctl.control.joint_limits import JointBounds, JointLimits
 from rpctl.control.law import Command, Efforts, Limit, Rest
 from rpctl.control.soft_bound_qp import shortest
@@ -46,8 +48,14 @@ class BoundedDynamic:
     and ω in proportion, and keeps the curvature. By default the base comes before the joints: a
     joint that its actuator cannot hold does not make the robot drive off under it.
 
+    Efforts are held for a period, so M and h are those of its middle, see
+    :func:`~rpctl.control.dynamic.midpoint`.
+
     Attributes:
-        horizon_dyn: Prediction time h1, s.
+        horizon_dyn: Prediction time h1 of the base, s.
+        joint_horizon_dyn: Prediction time of the arm's joints, s; None: of each what its bandwidth
+            allows, see :func:`~rpctl.control.bandwidth.joint_gains`.
+        midpoint: Whether M and h are those of the middle of the period, or those of the sample.
         along: Weight of the base's error along its motion, where one across weighs 1.
         weights: w′ by name of the quasi-velocity; default 1 for the base's and 1e-4 for joints'.
     """
@@ -55,10 +63,14 @@ class BoundedDynamic:
     horizon_dyn: float = 0.15
     along: float = 1e-2
     weights: Mapping[str, float] = field(default_factory=dict)
+    joint_horizon_dyn: float | None = None
+    midpoint: bool = True
 
     def __post_init__(self) -> None:
         """Refuse settings that leave the minimum open."""
         require_positive("horizon_dyn", self.horizon_dyn)
+        if self.joint_horizon_dyn is not None:
+            require_positive("joint_horizon_dyn", self.joint_horizon_dyn)
         require_positive("along", self.along)
         for name, weight in self.weights.items():
             require_positive(f"the weight of {name}", weight)
@@ -80,8 +92,9 @@ class BoundedDynamic:
 
 
 class _Sample(NamedTuple):
-    """Terms of the QP at one sample."""
+    """Terms of the QP at one sample; M, h and B are those of the middle of the period."""
 
+    B: Array  # (dof, n_act)
     tau: Array  # (n_act,) of ν̇*
     gain: Array  # (n_act, dof): how τ changes with ν̇
     rows: Array  # (k, dof): ẍ of the limited joints by ν̇
@@ -104,6 +117,13 @@ class BoundedLaw:
             if name not in robot.quasi_velocities:
                 raise UnknownNameError("quasi-velocity", name, robot.quasi_velocities)
         self._law = law
+        joints = (
+            joint_gains(dynamics, period).horizon_dyn
+            if law.joint_horizon_dyn is None
+            else np.full(len(robot.joints), law.joint_horizon_dyn)
+        )
+        self._times = by_velocity(dynamics, law.horizon_dyn, joints)
+        self._held = period if law.midpoint else 0.0
         self._box = robot.effort_limits
         self._unit = np.where(np.isfinite(self._box), self._box, 1.0)
         self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
@@ -135,7 +155,7 @@ class BoundedLaw:
 
     def desired_acceleration(self, nu: Array, command: Command) -> Array:
         """Return ν̇* (dof,)."""
-        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self._law.horizon_dyn)
+        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self._times)
 
     def efforts(
         self,
@@ -162,21 +182,33 @@ class BoundedLaw:
         )
         if free:
             return Efforts(sample.tau)
-        B = dynamics.actuation(q)
-        return self._solve_within_limits(sample, B, self._cost_factor(B, command))
+        return self._solve_within_limits(sample, self._cost_factor(sample.B, command))
 
     def _sample(
         self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, disturbance: Array
     ) -> _Sample:
         nu_dot = self.desired_acceleration(nu, command)
-        force = dynamics.inverse(q, nu, nu_dot - disturbance, command.nu_d)
-        tau = np.asarray(dynamics.efforts(q, force))
-        gain = np.asarray(dynamics.efforts(q, dynamics.inertia(q)))
         rows, drift = self._joints.rows(dynamics, q, nu)
+        middle = self.middle(dynamics, q, nu, command)
+        force = dynamics.inverse(middle.q, middle.nu, nu_dot - disturbance, middle.nu_d)
+        tau = np.asarray(dynamics.efforts(middle.q, force))
+        gain = np.asarray(dynamics.efforts(middle.q, dynamics.inertia(middle.q)))
         bounds = self._joints.bounds(
             q, rows @ nu, self._max_accelerations(tau - gain @ nu_dot, gain, rows)
         )
-        return _Sample(tau, gain, rows, rows @ nu_dot + drift, bounds)
+        B = dynamics.actuation(middle.q)
+        return _Sample(B, tau, gain, rows, rows @ nu_dot + drift, bounds)
+
+    def middle(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Midpoint:
+        """Return the state whose M and h the law takes, that of the middle of the period.
+
+        Args:
+            dynamics: The robot's dynamics.
+            q: Configuration (nq,) at the sample.
+            nu: Quasi-velocities (dof,) at the sample.
+            command: Command to follow.
+        """
+        return midpoint(dynamics, q, nu, command, self._held)
 
     def _max_accelerations(
         self, holding_efforts: Array, gain: Array, rows: Array
@@ -207,26 +239,26 @@ class BoundedLaw:
         T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)
         return T
 
-    def _solve_within_limits(self, sample: _Sample, B: Array, T: Array) -> Efforts:
+    def _solve_within_limits(self, sample: _Sample, T: Array) -> Efforts:
         """Return the efforts of least cost within all bounds.
 
         The unknowns are y with p = T y, and the efforts that move nothing. The violation of a
-        joint's bound is h1 times an acceleration, divided by the joint's full speed.
+        joint's bound is the base's h1 times an acceleration, divided by the joint's full speed.
 
         Args:
             sample: Terms of the QP.
-            B: Actuation map (dof, n_act).
             T: Factor of the cost (dof, dof).
         """
-        box, unit, h1 = self._box, self._unit, self._law.horizon_dyn
+        B, box, unit, h1 = sample.B, self._box, self._unit, self._law.horizon_dyn
         nullspace = (
             null_space(B * unit) / np.sqrt(NULLSPACE_EFFORT_WEIGHT)
             if B.shape[0] < B.shape[1]
             else B[:, :0]
         )
-        efforts = np.hstack([sample.gain @ T / (h1 * unit[:, None]), nullspace])  # over the limits
+        change = T / self._times[:, None]  # of ν̇ by y: p is h1 times it
+        efforts = np.hstack([sample.gain @ change / unit[:, None], nullspace])  # over the limits
         full = self._joints.full
-        joints = sample.rows @ T / full[:, None]
+        joints = h1 * sample.rows @ change / full[:, None]
         joints = np.hstack([joints, np.zeros((len(joints), nullspace.shape[1]))])
         bounds, now = sample.bounds, sample.acceleration
         solution = shortest(

@@ -3,36 +3,87 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.law import Command, StatelessLaw
+from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control.law import Command, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_positive
 
 
 @dataclass(frozen=True)
-class PaperDynamic(StatelessLaw):
+class PaperDynamic:
     """The predictive law of [MS21, Eq. 21-26].
 
     The velocity errors ε = ν − ν_d, predicted to first order over the horizon h1, minimise
     J = ½ Σ w′ᵢ (εᵢ + h1 ε̇ᵢ)² over τ (Eq. 25). Without limits the minimum is zero and the weights
     cancel:
 
-        ν̇* = ν̇_d − (ν − ν_d)/h1,    B τ = M ν̇* + h
+        ν̇* = ν̇_d − (ν − ν_d)/h1,    B τ = M ν̇* + h − ℓ(ν_d)
 
-    so that ε̇ = −ε/h1.
+    so that ε̇ = −ε/h1. The paper's robot loses nothing, ℓ = 0. Where a joint does, it is compensated
+    at the speed it is wanted to have: what is left, ℓ(ν) − ℓ(ν_d), brakes the error, and friction
+    does not follow the sign of a measurement that is noise.
 
     Attributes:
         horizon_dyn: Prediction time h1, s.
+        joint_horizon_dyn: Prediction time of the arm's joints, s; None: h1, as published.
+        midpoint: Whether M and h are those of the middle of the period, see :func:`midpoint`; the
+            paper, in continuous time, has those of the sample.
     """
 
     horizon_dyn: float = 0.15
+    joint_horizon_dyn: float | None = None
+    midpoint: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a horizon that predicts nothing."""
         require_positive("horizon_dyn", self.horizon_dyn)
+        if self.joint_horizon_dyn is not None:
+            require_positive("joint_horizon_dyn", self.joint_horizon_dyn)
+
+    def start(
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+    ) -> PaperDynamicController:
+        """Return the controller of one run.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: Not used.
+        """
+        joints = len(dynamics.robot.joints)
+        times = by_velocity(
+            dynamics, self.horizon_dyn, np.full(joints, self.joint_horizon_dyn or self.horizon_dyn)
+        )
+        return PaperDynamicController(times, period if self.midpoint else 0.0)
+
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        """Return τ (n_act,) of a controller with the usual control period, 2 ms.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            command: Command to follow.
+        """
+        return self.start(dynamics, USUAL_PERIOD)(dynamics, q, nu, command)
+
+
+class PaperDynamicController:
+    """:class:`PaperDynamic` on one robot.
+
+    Args:
+        times: Prediction times h1 (dof,), s.
+        period: For how long efforts are held, as far as the law takes account of it, s.
+    """
+
+    def __init__(self, times: Array, period: float) -> None:
+        self._times, self._period = times, period
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
         """Return τ (n_act,).
@@ -43,5 +94,58 @@ class PaperDynamic(StatelessLaw):
             nu: Quasi-velocities (dof,).
             command: Command to follow.
         """
-        nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.horizon_dyn
-        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot, command.nu_d)))
+        nu_dot = command.nu_d_dot - (nu - command.nu_d) / self._times
+        middle = midpoint(dynamics, q, nu, command, self._period)
+        force = dynamics.inverse(middle.q, middle.nu, nu_dot, middle.nu_d)
+        return np.asarray(dynamics.efforts(middle.q, force))
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}
+
+
+class Midpoint(NamedTuple):
+    """The state in the middle of a control period, or of a sample."""
+
+    q: Array  # (nq,)
+    nu: Array  # (dof,)
+    nu_d: Array  # (dof,) wanted then: losses are compensated at these speeds
+
+
+def midpoint(
+    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, period: float
+) -> Midpoint:
+    """Return the state in the middle of a period, of a robot that accelerates as commanded.
+
+    Efforts are held for a period T. With M and h of this state the mean acceleration is the one
+    asked for but for terms of T²; with those of the sample h is late by ½T on the average, and
+    M⁻¹ ½T ḣ remains. Along a direction of little inertia that is much: to hold a base's motion off
+    wrist axes that are in line takes efforts a hundred times those that turn them.
+
+    The acceleration is ν̇_d, without the feedback: where the robot follows, this is none, and where
+    limits bind, it is what the robot does not do.
+
+    Args:
+        dynamics: The robot's dynamics.
+        q: Configuration (nq,) at the sample.
+        nu: Quasi-velocities (dof,) at the sample.
+        command: What it follows.
+        period: T, s; 0 returns the state of the sample.
+    """
+    if period == 0.0:
+        return Midpoint(q, nu, command.nu_d)
+    step = 0.5 * period
+    ahead = pin.integrate(dynamics.robot.model, q, step * (dynamics.basis(q) @ nu))
+    ahead_by = step * command.nu_d_dot
+    return Midpoint(ahead, nu + ahead_by, command.nu_d + ahead_by)
+
+
+def by_velocity(dynamics: ReducedDynamics, base: float, joints: Array) -> Array:
+    """Return a setting by quasi-velocity (dof,).
+
+    Args:
+        dynamics: The robot's dynamics.
+        base: That of the base's.
+        joints: Those of the arm's joints (n_joints,).
+    """
+    return np.concatenate([np.full(dynamics.robot.dof - len(joints), base), joints])

@@ -11,7 +11,7 @@ from rpctl.control.error import Tracking
 from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import UnfitLawError, require_positive
 from rpctl.reference.motion import ReferenceState
 
 SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
@@ -70,7 +70,7 @@ class FeedbackLinearization(BaseLaw):
         """Return the twist of a base that cannot move sideways.
 
         Raises:
-            RpctlError: The reference turns on the spot.
+            UnfitLawError: The reference turns on the spot.
         """
         state, x, x_dot = tracking
         v_r, _, omega_r = state.twist
@@ -110,7 +110,7 @@ def _jerk(state: ReferenceState) -> float:
 
 def _refuse_spin(v_r: float, omega_r: float) -> None:
     if abs(v_r) < SPIN_RADIUS * abs(omega_r):
-        raise RpctlError(
+        raise UnfitLawError(
             "the reference turns on the spot, where feedback linearisation does not know which way "
             "to head; take --kinematic unified"
         )

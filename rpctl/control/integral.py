@@ -83,14 +83,24 @@ class IntegralLaw:
                 f"gain {law.gain:g} 1/s is too large for a control period of {period:g} s; "
                 f"give at most {1.0 / period:g}"
             )
-        self._gain, self._period = law.gain, period
+        self._gain = law.gain
         self._inner = BoundedLaw(law.inner, dynamics, period)
         still = np.zeros(dynamics.robot.dof)
         self._disturbance = still if rest is None else -dynamics.forward(rest.q, still, rest.tau)
-        self._expected: Array | None = None  # ν now, if d had been right
+        self._before: tuple[Array, Array] | None = None  # ν and, if d was right, ν̇ since then
+        self._elapsed: float | None = period
+
+    def sampled_after(self, elapsed: float | None) -> None:
+        """Take note of the time since the last call; see :class:`rpctl.control.law.Timed`.
+
+        Args:
+            elapsed: s; None if other efforts were sent since then: the integral waits.
+        """
+        self._elapsed = elapsed
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind; the integral advances by one period.
+        """Return τ (n_act,) and the limits that bind; the integral advances by the time since the
+        last call, one period unless :meth:`sampled_after` told another.
 
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
@@ -98,13 +108,16 @@ class IntegralLaw:
             nu: Quasi-velocities (dof,).
             command: Command to follow.
         """
-        if self._expected is not None:
-            self._disturbance = self._disturbance + self._gain * (nu - self._expected)
+        if self._before is not None and self._elapsed is not None:
+            started_at, nu_dot = self._before
+            gain = min(self._gain, 1.0 / self._elapsed)  # a longer pause teaches no more than ν̇
+            unexpected = nu - started_at - self._elapsed * nu_dot
+            self._disturbance = self._disturbance + gain * unexpected
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
         nu_dot = self._inner.desired_acceleration(nu, command)
         if efforts.limits:
             nu_dot = dynamics.forward(q, nu, efforts.tau) + self._disturbance
-        self._expected = nu + self._period * nu_dot
+        self._before = nu, nu_dot
         return efforts
 
     def report(self) -> dict[str, float]:

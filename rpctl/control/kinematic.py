@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.error import Tracking
 from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_positive, require_within
 
 
@@ -30,6 +32,7 @@ class PaperKinematic(BaseLaw):
 
     Attributes:
         horizon: Prediction time h, s.
+        joint_horizon: Prediction time of the arm's joints, s; None: h, as published.
         beta: Weight β of the lateral error in the longitudinal output.
         smoothing: ω₀ (rad/s) of s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign.
     """
@@ -44,6 +47,15 @@ class PaperKinematic(BaseLaw):
         require_within("beta", [self.beta])
         if self.smoothing:
             require_positive("smoothing", self.smoothing)
+
+    def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:
+        """Return the prediction times of the arm's joints (n_joints,), s.
+
+        Args:
+            dynamics: The robot's dynamics.
+            period: Control period, s; the paper knows none.
+        """
+        return np.full(len(dynamics.robot.joints), self.joint_horizon or self.horizon)
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist to ask of a base that cannot move sideways."""

@@ -83,6 +83,18 @@ class Reporting(Protocol):
         """Return counts and figures of the run so far by name; empty if it keeps none."""
 
 
+@runtime_checkable
+class Timed(Protocol):
+    """A controller to which it matters when samples come."""
+
+    def sampled_after(self, elapsed: float | None) -> None:
+        """Take note of the time since the last call; called before each call but the first.
+
+        Args:
+            elapsed: s; None if other efforts than the controller's own were sent since then.
+        """
+
+
 class KinematicController(KinematicFunction, Reporting, Protocol):
     """A kinematic law on one robot in one run."""
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
 from rpctl.control.error import BASE_ERRORS, Tracking, observe
-from rpctl.control.law import Command, StatelessLaw
+from rpctl.control.law import Command, Rest
 from rpctl.control.leash import Leash
 from rpctl.control.steering import base_command
 from rpctl.control.twist import Twist, omnidirectional_twist
@@ -19,24 +20,90 @@ from rpctl.reference.motion import Reference
 
 
 @dataclass(frozen=True)
-class BaseLaw(StatelessLaw, ABC):
+class BaseLaw(ABC):
     """A kinematic law that is defined by its twist for a base that cannot move sideways.
 
     An omnidirectional base gets :func:`~rpctl.control.twist.omnidirectional_twist`, whatever the
-    law: its three errors need no trade. The arm's errors, predicted to first order over the horizon
-    h, vanish: q̇_d = q̇_r + (q_r − q)/h ([MS21, Eq. 20]).
+    law: its three errors need no trade. The arm's errors, predicted to first order over a horizon h
+    of each joint's own, vanish: q̇_d = q̇_r + (q_r − q)/h ([MS21, Eq. 20]).
 
     Attributes:
-        horizon: Prediction time h of the arm and of an omnidirectional base, s.
+        horizon: Prediction time h of an omnidirectional base, s.
+        joint_horizon: Prediction time of the arm's joints, s; None: of each what its bandwidth
+            allows, see :func:`~rpctl.control.bandwidth.joint_gains`.
         leash: Bounds the base's error before the law; None: the law as it was published.
     """
 
     horizon: float
+    joint_horizon: float | None = field(default=None, kw_only=True)
     leash: Leash | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse a horizon that predicts nothing."""
         require_positive("horizon", self.horizon)
+        if self.joint_horizon is not None:
+            require_positive("joint_horizon", self.joint_horizon)
+
+    def start(
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+    ) -> BaseController:
+        """Return the controller of one run.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s: the joints' prediction times depend on it.
+            rest: Not used.
+        """
+        return BaseController(self, self.joint_horizons(dynamics, period))
+
+    def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:
+        """Return the prediction times of the arm's joints (n_joints,), s.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+        """
+        if self.joint_horizon is None:
+            return joint_gains(dynamics, period).horizon
+        return np.full(len(dynamics.robot.joints), self.joint_horizon)
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        """Return the command of a controller with the usual control period, 2 ms.
+
+        Args:
+            dynamics: The robot's dynamics.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
+        return self.start(dynamics, USUAL_PERIOD)(dynamics, reference, t, q, nu)
+
+    def leashed(self, tracking: Tracking) -> Tracking:
+        """Return the tracking error that :meth:`unicycle` is given."""
+        return tracking if self.leash is None else self.leash(tracking)
+
+    @abstractmethod
+    def unicycle(self, tracking: Tracking) -> Twist:
+        """Return the twist of a base that cannot move sideways."""
+
+
+class BaseController:
+    """A :class:`BaseLaw` on one robot at one control period.
+
+    Args:
+        law: Its settings.
+        joint_horizons: Prediction times of the arm's joints (n_joints,), s.
+    """
+
+    def __init__(self, law: BaseLaw, joint_horizons: Array) -> None:
+        self._law, self._joint_horizons = law, joint_horizons
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -50,21 +117,14 @@ class BaseLaw(StatelessLaw, ABC):
             q: Configuration (nq,).
             nu: Quasi-velocities of the robot (dof,).
         """
+        law, h = self._law, self._joint_horizons
         tracking = observe(dynamics, reference(t), q, nu)
         state, e, e_dot = tracking
         if dynamics.robot.drive.omnidirectional:
-            twist = omnidirectional_twist(tracking, self.horizon, self.leash)
+            twist = omnidirectional_twist(tracking, law.horizon, law.leash)
         else:
-            twist = self.unicycle(self.leashed(tracking))
-        base, base_rate = base_command(dynamics, state, q, nu, twist, self.horizon)
-        rates = state.joint_rates + e[BASE_ERRORS:] / self.horizon
-        accelerations = state.joint_accelerations + e_dot[BASE_ERRORS:] / self.horizon
+            twist = law.unicycle(law.leashed(tracking))
+        base, base_rate = base_command(dynamics, state, q, nu, twist, law.horizon)
+        rates = state.joint_rates + e[BASE_ERRORS:] / h
+        accelerations = state.joint_accelerations + e_dot[BASE_ERRORS:] / h
         return Command(np.concatenate([base, rates]), np.concatenate([base_rate, accelerations]))
-
-    def leashed(self, tracking: Tracking) -> Tracking:
-        """Return the tracking error that :meth:`unicycle` is given."""
-        return tracking if self.leash is None else self.leash(tracking)
-
-    @abstractmethod
-    def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist of a base that cannot move sideways."""

@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.controller import Controller
 from rpctl.control.error import tracking_error
-from rpctl.control.law import Rest, as_controller, as_law
+from rpctl.control.law import Rest
+from rpctl.control.returned import require_state
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
@@ -21,7 +23,6 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.plant import advance
 from rpctl.simulation.recorder import Recorder
-from rpctl.simulation.returned import require_command, require_efforts, require_state
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
@@ -44,20 +45,25 @@ class LoopRecord:
     """What a closed loop leaves beside its log.
 
     Attributes:
-        reporter: Returns what the kinematic law has counted so far.
+        controller: What it stepped; None before it began.
         wall_time: s until the last sample, without what watched it.
     """
 
-    reporter: Callable[[], dict[str, float]] = dict
+    controller: Controller | None = None
     wall_time: float = 0.0
 
     @property
     def report(self) -> dict[str, float]:
         """What the kinematic law has counted so far, by name."""
-        return self.reporter()
+        return {} if self.controller is None else self.controller.kinematic_report()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What became of the controller, in sentences."""
+        return () if self.controller is None else self.controller.notes()
 
     def known(self) -> dict[str, Any]:
-        """Return both, by the names of a run's entries."""
+        """Return what is known so far, by the names of a run's entries."""
         return {"kinematic_report": self.report, "wall_time": self.wall_time}
 
 
@@ -87,28 +93,27 @@ def close_loop(
         DivergedError: The motion left the finite numbers.
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    controller_dynamics = plant.controller_dynamics(dynamics)
     simulated, bias = plant.simulated_dynamics(dynamics), plant.bias(robot)
     first = require_state(robot, reference(0.0), 0.0)
     q, nu = _start(robot, first, config.run.initial_error), np.zeros(robot.dof)
     work = lost = 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    kinematic = as_controller(as_law(config.kinematic).start(controller_dynamics, period, rest))
-    dynamic = as_controller(as_law(config.dynamic).start(controller_dynamics, period, rest))
-    loop.reporter, started_at = kinematic.report, time.perf_counter()
+    controller = Controller(
+        plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
+    )
+    loop.controller, started_at = controller, time.perf_counter()
     sent = plant.pipeline(rest.tau, period)
     try:
         for k in range(steps + 1):
             t = k * period
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
-            command = require_command(robot, kinematic(controller_dynamics, reference, t, q, nu))
-            efforts = require_efforts(robot, dynamic(controller_dynamics, q, nu, command))
-            sent.append(efforts.tau)
+            output = controller.step(t, q, nu)
+            sent.append(output.efforts)
             tau = sent.popleft()
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, command, work, efforts.limits, lost)
+                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "

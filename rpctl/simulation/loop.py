@@ -9,6 +9,7 @@ from typing import cast
 from rpctl.arrays import Array
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
+from rpctl.control.returned import require_callable
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -28,7 +29,6 @@ from rpctl.simulation.periods import delay_note, duration_note, log_note
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.recorder import Recorder
-from rpctl.simulation.returned import require_callable
 from rpctl.simulation.run import Run, entries_of
 from rpctl.simulation.spool import Spool
 from rpctl.simulation.watching import Watching
@@ -180,6 +180,7 @@ def simulate(
                 *notes,
                 *delay_note(plant.delay, period),
                 *log_note(settings.log_every, period),
+                *loop.notes,
                 *watching.notes,
                 *showing.notes,
                 *(() if spool is None else spool.notes),

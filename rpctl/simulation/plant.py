@@ -72,21 +72,25 @@ class Plant:
             return dynamics
         return ReducedDynamics(add_friction(robot, self.joint_friction))
 
-    def controller_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
-        """Return the dynamics that the controller computes with.
+    def known_robot(self, robot: Robot) -> Robot:
+        """Return the robot that the controller computes with.
+
+        Args:
+            robot: The simulated robot.
 
         Raises:
             RpctlError: The controller's model has other coordinates than the simulated robot.
         """
-        if self.controller_model is None:
-            return dynamics
+        model = self.controller_model
+        if model is None:
+            return robot
         for names in ("quasi_velocities", "actuators"):
-            if getattr(self.controller_model, names) != getattr(dynamics.robot, names):
+            if getattr(model, names) != getattr(robot, names):
                 raise RpctlError(
-                    f"the controller's model, {self.controller_model.name}, has other {names} than "
-                    f"{dynamics.robot.name}; vary its masses or limits only"
+                    f"the controller's model, {model.name}, has other {names} than {robot.name}; "
+                    "vary its masses or limits only"
                 )
-        return ReducedDynamics(self.controller_model)
+        return model
 
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""

@@ -18,7 +18,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from rpctl.control.law import Law, Rest
+from rpctl.control.law import Law, Rest, Timed
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
@@ -134,9 +134,15 @@ class _TimedController:
 
     def __call__(self, *arguments: Any) -> Any:
         began = time.thread_time()
-        answer = self._controller(*arguments)
-        self._seconds.append(time.thread_time() - began)
-        return answer
+        try:
+            return self._controller(*arguments)
+        finally:
+            self._seconds.append(time.thread_time() - began)
+
+    def sampled_after(self, elapsed: float | None) -> None:
+        """Hand on the time since the last call; see :class:`rpctl.control.law.Timed`."""
+        if isinstance(self._controller, Timed):
+            self._controller.sampled_after(elapsed)
 
 
 class Benchmark:

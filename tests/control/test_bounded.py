@@ -19,6 +19,7 @@ from rpctl import (
     Robot,
     RpctlError,
     Run,
+    UnifiedKinematic,
     scale_limits,
     scale_masses,
     summarize,
@@ -42,13 +43,14 @@ OFF = (0.1, -0.1, 0.1)
 def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
     robot = scale_limits(rpctl.load(name), effort=1e3)
     dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
-    law = BoundedDynamic().start(dynamics, PERIOD)
+    law = BoundedDynamic(joint_horizon_dyn=0.07).start(dynamics, PERIOD)
+    paper = PaperDynamic(joint_horizon_dyn=0.07, midpoint=True).start(dynamics, PERIOD)
     for _ in range(10):
         nu, nu_d, nu_d_dot = 0.02 * rng.normal(size=(3, robot.dof))
         command = Command(nu_d, nu_d_dot)
         efforts = law(dynamics, q, nu, command)
         assert efforts.limits == ()
-        np.testing.assert_array_equal(efforts.tau, PaperDynamic()(dynamics, q, nu, command))
+        np.testing.assert_array_equal(efforts.tau, paper(dynamics, q, nu, command))
 
 
 @pytest.mark.parametrize(
@@ -81,8 +83,8 @@ def weight(law: BoundedDynamic, B: Array, fastest: Array, command: Command) -> A
 def test_it_minimises_the_papers_cost_over_the_box(paper: Robot, rng: np.random.Generator) -> None:
     """[MS21, Eq. 25] against a bounded least-squares solver that knows nothing of this one."""
     robot = scale_limits(paper, effort=0.3, velocity=10.0)  # the rates are not to take part
-    dynamics, law = ReducedDynamics(robot), BoundedDynamic()
-    started = law.start(dynamics, PERIOD)
+    dynamics, law = ReducedDynamics(robot), BoundedDynamic(joint_horizon_dyn=0.06, midpoint=False)
+    started, h1 = law.start(dynamics, PERIOD), np.array([0.15, 0.15, 0.06, 0.06])
     fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
     bound = 0
     for _ in range(20):
@@ -95,8 +97,8 @@ def test_it_minimises_the_papers_cost_over_the_box(paper: Robot, rng: np.random.
         bound += len(efforts.limits)
         B = dynamics.actuation(q)
         W = weight(law, B, fastest, command)
-        root = law.horizon_dyn * np.linalg.cholesky(W).T @ np.linalg.inv(dynamics.inertia(q))
-        wanted = dynamics.inverse(q, nu, nu_d_dot - (nu - nu_d) / law.horizon_dyn)
+        root = np.linalg.cholesky(W).T @ np.diag(h1) @ np.linalg.inv(dynamics.inertia(q))
+        wanted = dynamics.inverse(q, nu, nu_d_dot - (nu - nu_d) / h1)
         box = robot.effort_limits
         best = lsq_linear(root @ B, root @ wanted, (-box, box), method="bvls", tol=1e-14)
         np.testing.assert_allclose(efforts.tau, best.x, atol=1e-4 * box.max())
@@ -185,10 +187,11 @@ def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
 
 
 def test_what_the_model_does_not_know_pushes_little_beyond_a_limit() -> None:
-    """An arm a third heavier than believed: the torso sinks to its lower limit, and stays there."""
+    """An arm a third heavier than believed: a soft torso sinks to its lower limit, and stays."""
     tiago = rpctl.load("tiago", home="zero")  # the torso is low
     plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
-    run = track(tiago, "eight", 3.0, dynamic=BoundedDynamic(), plant=plant)
+    soft = UnifiedKinematic(joint_horizon=0.65), BoundedDynamic(joint_horizon_dyn=0.15)
+    run = track(tiago, "eight", 3.0, (0.0, 0.0, 0.0), *soft, plant=plant)
     beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
     assert run.robot.joint_names[0] == "torso_lift_joint"
     assert 1e-4 < beyond.max() < 5e-3

@@ -91,7 +91,8 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
             "other: is no table of a configuration; it has kinematic, dynamic, run, limits and "
             "plant",
             "limits: is 3; write [limits]",
-            "kinematic.horizn: setting 'horizn' is not known; did you mean horizon?",
+            "kinematic.horizn: setting 'horizn' is not known; "
+            "did you mean horizon or joint_horizon?",
             "kinematic.beta: is 'x'; give a number",
             "kinematic.bend: is True; give a number",
             "dynamic.inner.weights.v: is 'a'; give a number",

@@ -100,7 +100,7 @@ def test_dry_friction_stops_a_rolling_robot(tmp_path: Path) -> None:
     assert end.nu[0] == pytest.approx(2.0 - 2 * 3.0 / 0.15 / inertia * 0.1, rel=1e-4)
     lost = dynamics.energy(q, nu) - dynamics.energy(end.q, end.nu)
     assert end.work == 0.0 and end.lost == pytest.approx(lost, rel=1e-12)
-    assert plant.controller_dynamics(dynamics).robot.losses is None
+    assert plant.known_robot(dynamics.robot).losses is None
     assert Plant().simulated_dynamics(dynamics) is dynamics
 
 

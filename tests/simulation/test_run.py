@@ -92,12 +92,13 @@ class _Own:
 
 def test_settings_within_settings_come_back(paper: Robot, tmp_path: Path) -> None:
     """Obstacles, and what a law of one's own may have: NumPy's numbers, a function."""
-    law = _Own(UnifiedKinematic(), np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
+    inner = UnifiedKinematic(leash=None)
+    law = _Own(inner, np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
     run = track(paper, "line", 0.1, kinematic=law)
     assert run.config.kinematic == Unregistered(
         "_Own",
         {
-            "inner": Unregistered("UnifiedKinematic", vars(UnifiedKinematic())),
+            "inner": Unregistered("UnifiedKinematic", vars(inner)),
             "gains": (1, 2),
             "least": 0.5,
             "around": (Disc(1.0, 2.0, 0.3),),

@@ -1,4 +1,4 @@
-"""What a user's reference and laws hand over, checked before the loop computes with it."""
+"""What a user's reference and laws hand over, checked before anything computes with it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,14 @@ from rpctl.robot.model import Robot
 
 STATE_FIELDS = ReferenceState._fields[:6]
 MAX_SHOWN_CHARACTERS = 80  # of a value in a message
+
+
+class WrongAnswerError(RpctlError):
+    """What a reference or a law returned has not the form that it should have."""
+
+
+class NotFiniteError(RpctlError):
+    """What a reference or a law returned has the right form, and numbers that are not finite."""
 
 
 def require_callable(what: str, given: object) -> None:
@@ -43,15 +51,15 @@ def require_state(robot: Robot, state: object, t: float) -> ReferenceState:
         t: At which time, s.
 
     Raises:
-        RpctlError: It is something else; what to return is said.
+        WrongAnswerError: It is something else; what to return is said.
     """
     if not isinstance(state, ReferenceState):
-        raise RpctlError(
+        raise WrongAnswerError(
             f"the reference returns {_shown(state)} at t = {t:g} s; return a rpctl.ReferenceState, "
             "or let rpctl.as_reference(function) make one of x, y, heading and joints"
         )
     if np.ndim(state.joints) == 1 and len(state.joints) != len(robot.joints):
-        raise RpctlError(
+        raise WrongAnswerError(
             f"the reference has {len(state.joints)} joints, {robot.name} has {len(robot.joints)}"
         )
     for index, name in enumerate(STATE_FIELDS):
@@ -68,10 +76,11 @@ def require_command(robot: Robot, command: object) -> Command:
         command: What the law returned.
 
     Raises:
-        RpctlError: It is something else; what to return is said.
+        NotFiniteError: A number of it is not finite.
+        WrongAnswerError: It is something else; what to return is said.
     """
     if not isinstance(command, Command):
-        raise RpctlError(
+        raise WrongAnswerError(
             f"the kinematic law returns {_shown(command)}; return a rpctl.Command(nu_d, nu_d_dot)"
         )
     _require_numbers("nu_d", " of the kinematic law", command.nu_d, robot.dof)
@@ -87,7 +96,8 @@ def require_efforts(robot: Robot, efforts: Any) -> Efforts:
         efforts: What the law returned: an array (n_act,), or ``Efforts``.
 
     Raises:
-        RpctlError: It is something else; what to return is said.
+        NotFiniteError: A number of it is not finite.
+        WrongAnswerError: It is something else; what to return is said.
     """
     known = as_efforts(efforts)
     _require_numbers("tau", " of the dynamic law", known.tau, len(robot.actuators))
@@ -97,14 +107,16 @@ def require_efforts(robot: Robot, efforts: Any) -> Efforts:
 def _require_numbers(name: str, whose: str, values: Any, length: int) -> None:
     """Refuse what is no array of this many finite numbers."""
     if not isinstance(values, np.ndarray):
-        raise RpctlError(f"{name}{whose} is {_shown(values)}; give an array of {length} numbers")
+        raise WrongAnswerError(
+            f"{name}{whose} is {_shown(values)}; give an array of {length} numbers"
+        )
     if values.shape != (length,) or values.dtype.kind not in "fiu":
-        raise RpctlError(
+        raise WrongAnswerError(
             f"{name}{whose} is an array {values.shape} of {values.dtype}; "
             f"give {length} real numbers"
         )
     if not math.isfinite(values @ values):  # of so few numbers the fastest
-        raise RpctlError(f"{name}{whose} is {_shown(values)}; give finite numbers")
+        raise NotFiniteError(f"{name}{whose} is {_shown(values)}; give finite numbers")
 
 
 def _shown(value: object) -> str:

@@ -1,0 +1,241 @@
+"""What a robot steps: measured state in, efforts out, whatever happens in between."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.braking import Braking
+from rpctl.control.defaults import default_laws
+from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.guarded import GuardedLaw
+from rpctl.control.law import (
+    Command,
+    DynamicFunction,
+    DynamicLaw,
+    Efforts,
+    KinematicFunction,
+    KinematicLaw,
+    Limit,
+    Rest,
+    as_law,
+)
+from rpctl.control.measured import MeasuredSample, SampleReader
+from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.returned import require_callable, require_command, require_efforts
+from rpctl.control.unified import UnifiedKinematic
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import require_positive
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
+
+PERIOD = 0.002  # s
+STALE_AFTER = 0.1  # s
+LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
+
+Status = Literal["ok", "fallback", "held", "stopped"]
+
+
+class ControllerOutput(NamedTuple):
+    """What a robot is sent after a sample.
+
+    Attributes:
+        efforts: (n_act,), N·m or N; always finite.
+        command: What the kinematic law asked for.
+        limits: The limits of the URDF that bind the efforts.
+        status: "ok"; "fallback" where another law took the place of one that failed; "held" where
+            the sample or both laws were bad, and the last safe efforts go on; "stopped" where that
+            lasted too long, and the robot is braked.
+        reason: Why the status is not "ok".
+    """
+
+    efforts: Array
+    command: Command
+    limits: tuple[Limit, ...] = ()
+    status: Status = "ok"
+    reason: str = ""
+
+
+class Controller:
+    """The predictive laws of one robot on measured samples: made once, stepped for ever.
+
+    A sample is bad if it holds numbers that are not finite, a wrong count of them, or a time that
+    does not advance. It is answered with the last safe efforts and counted. Once that has lasted
+    for ``stale_after``, the robot is braked along its model's motion; the next good sample ends the
+    stop. A law that fails at a sample (a solver that gives up, a singular posture) has a substitute
+    there, the unified law or the paper's within the effort limits; if that fails too, the sample
+    counts as bad. Samples may come late or be lost: the laws are told the measured time between
+    them.
+
+    Args:
+        robot: The robot.
+        reference: A reference, or the name or the file of one.
+        kinematic: The kinematic law, or its name; None takes the robot's default.
+        dynamic: The dynamic law, or its name; None takes the robot's default.
+        period: Time between two samples as planned, s.
+        rest: State before the first sample, if it is known. Its efforts are sent as long as there
+            was no good sample; without it, zeros are.
+        stale_after: Time without a good sample after which the robot is braked, s.
+
+    Raises:
+        RpctlError: A setting is out of range, or the reference or a law does not fit the robot.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        reference: str | Reference,
+        kinematic: str | KinematicLaw | KinematicFunction | None = None,
+        dynamic: str | DynamicLaw | DynamicFunction | None = None,
+        period: float = PERIOD,
+        rest: Rest | None = None,
+        stale_after: float = STALE_AFTER,
+    ) -> None:
+        require_positive("period", period)
+        require_positive("stale_after", stale_after)
+        self.robot, self.period, self.stale_after = robot, period, stale_after
+        if isinstance(reference, str):
+            reference = load_reference(robot, reference)
+        require_callable("reference", reference)
+        if isinstance(kinematic, str):
+            kinematic = kinematic_by_name(kinematic)
+        if isinstance(dynamic, str):
+            dynamic = dynamic_by_name(dynamic)
+        self.reference, usual = reference, default_laws(robot)
+        self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
+        self._rest, self._reader = rest, SampleReader(robot)
+        self._dynamics = ReducedDynamics(robot)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples: the laws start anew, and all counts are zero."""
+        robot = self.robot
+        kinematic, dynamic = (
+            law.start(self._dynamics, self.period, self._rest) for law in self._laws
+        )
+        self._kinematic = GuardedLaw(kinematic, UnifiedKinematic(), partial(require_command, robot))
+        self._dynamic = GuardedLaw(dynamic, _paper_within_limits, partial(require_efforts, robot))
+        self._counts = dict.fromkeys(("samples", "held", "stopped", "fallbacks", "late"), 0)
+        still = np.zeros(robot.dof)
+        tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
+        self._unknown = self._sent = ControllerOutput(tau, Command(still, still))
+        self._time = -math.inf  # of the last sample, s
+        self._safe_until = math.inf  # when the last safe efforts are stale, s
+        self._measured: MeasuredSample | None = None  # the last good sample
+        self._braking: Braking | None = None
+
+    def step(self, t: float, q: Array, nu: Array) -> ControllerOutput:
+        """Return what to send now. A sample, however bad, raises nothing.
+
+        Args:
+            t: Time, s; it advances from sample to sample.
+            q: Measured configuration (nq,); :meth:`Robot.state` makes it from named readings.
+            nu: Measured quasi-velocities (dof,).
+
+        Raises:
+            RpctlError: A law of the user's answers with something that is no answer of its kind.
+        """
+        self._counts["samples"] += 1
+        sample = self._reader.read(t, q, nu, self._time)
+        if isinstance(sample, MeasuredSample):
+            now, output = sample.t, self._ask(sample)
+        else:
+            now, output = self._now(t), sample
+        if isinstance(output, str):
+            output = self._without_answer(now, output)
+        self._time, self._sent = now, output
+        return output
+
+    def report(self) -> dict[str, float]:
+        """Return what happened so far, by name.
+
+        ``samples``; how many of them were ``held``, answered while ``stopped`` or by
+        ``fallbacks``, and how many came ``late``; then what the laws count.
+        """
+        kinematic = {f"kinematic.{key}": n for key, n in self._kinematic.report().items()}
+        dynamic = {f"dynamic.{key}": n for key, n in self._dynamic.report().items()}
+        return {**self._counts, **kinematic, **dynamic}
+
+    def kinematic_report(self) -> dict[str, float]:
+        """Return what the kinematic law counts, by name."""
+        return self._kinematic.report()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return a sentence for each law that failed, and one for a robot that was stopped."""
+        found = []
+        for name, law in (("kinematic", self._kinematic), ("dynamic", self._dynamic)):
+            if law.first is not None:
+                found.append(
+                    f"the {name} law failed at {law.failures} of {self._counts['samples']} samples "
+                    f"and was replaced there; first at t = {law.first.t:.4g} s: {law.first.reason}"
+                )
+        if self._counts["stopped"]:
+            found.append(f"the controller braked the robot at {self._counts['stopped']} samples: "
+                         "it had no safe efforts for too long")  # fmt: skip
+        return tuple(found)
+
+    def _ask(self, sample: MeasuredSample) -> ControllerOutput | str:
+        """Return what the laws answer to a sample, or why they do not."""
+        t, q, nu = sample
+        if self._measured is not None:
+            self._counts["late"] += t - self._time > LATE_RATIO * self.period
+            elapsed = None if self._sent.status == "stopped" else t - self._measured.t
+            self._kinematic.sampled_after(elapsed)
+            self._dynamic.sampled_after(elapsed)
+        self._measured, self._braking = sample, None
+        command = self._kinematic(t, self._dynamics, self.reference, t, q, nu)
+        if command is None:
+            return self._kinematic.reason
+        efforts = self._dynamic(t, self._dynamics, q, nu, command)
+        if efforts is None:
+            return self._dynamic.reason
+        self._safe_until = t + self.stale_after
+        reason = self._kinematic.reason or self._dynamic.reason
+        self._counts["fallbacks"] += bool(reason)
+        status: Status = "fallback" if reason else "ok"
+        return ControllerOutput(efforts.tau, command, efforts.limits, status, reason)
+
+    def _without_answer(self, now: float, reason: str) -> ControllerOutput:
+        """Return the last safe efforts, or those that brake the robot once they are stale.
+
+        Args:
+            now: Time, s.
+            reason: Why there are no others.
+        """
+        self._safe_until = min(self._safe_until, now + self.stale_after)
+        if now <= self._safe_until:
+            self._counts["held"] += 1
+            return self._sent._replace(status="held", reason=reason)
+        self._counts["stopped"] += 1
+        tau = None
+        if self._measured is not None:
+            self._braking = self._braking or Braking(self._dynamics, self._measured)
+            tau = self._braking.efforts(now, self._sent.efforts)
+        tau = self._unknown.efforts if tau is None else tau
+        return self._unknown._replace(efforts=tau, status="stopped", reason=reason)
+
+    def _now(self, t: Any) -> float:
+        """Return the time (s) of a bad sample: as it says, or a period after the one before."""
+        try:
+            now = float(t)
+        except (TypeError, ValueError):
+            now = math.nan
+        if self._time < now < math.inf:
+            return now
+        return self._time + self.period if math.isfinite(self._time) else 0.0
+
+
+def _paper_within_limits(
+    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
+) -> Efforts:
+    """Return the efforts of the paper's law, cut off at their limits: what always can be had."""
+    robot = dynamics.robot
+    tau = PaperDynamic()(dynamics, q, nu, command)
+    cut = np.clip(tau, -robot.effort_limits, robot.effort_limits)
+    names = (robot.actuators[i] for i in np.flatnonzero(cut != tau))
+    return Efforts(cut, tuple(Limit(name, "effort") for name in names))

@@ -1,0 +1,97 @@
+"""A law that may fail at a sample, with another one that takes its place there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from rpctl.control.law import Timed, as_controller
+from rpctl.control.returned import NotFiniteError, WrongAnswerError
+from rpctl.errors import RpctlError, UnfitLawError
+
+FAILURES = (RpctlError, np.linalg.LinAlgError, ArithmeticError)  # of a computation at one sample
+MISFITS = (RpctlError, NotFiniteError)  # which show at the first sample that a law does not fit
+
+Answer = TypeVar("Answer")
+
+
+class Failure(NamedTuple):
+    """A sample at which a law failed."""
+
+    t: float  # s
+    reason: str
+
+
+class GuardedLaw(Generic[Answer]):
+    """The controller of a law; where it fails or answers without finite numbers, a substitute.
+
+    What is no failure at a sample but a mistake is raised: an answer of a wrong type or length, a
+    law that cannot follow such a reference, and one that refuses or has no finite answer before it
+    ever had one. A solver may give up, and a posture be singular, at the first sample as well.
+
+    Args:
+        controller: What a law started, or a plain function.
+        substitute: The controller that takes its place, or a plain function.
+        check: Returns the answer of a controller, checked.
+
+    Attributes:
+        failures: Number of samples at which the law failed.
+        first: The first of them; None without one.
+        reason: Why the last call was answered by the substitute, or by nobody; "" if it was not.
+    """
+
+    def __init__(
+        self, controller: object, substitute: object, check: Callable[[Any], Answer]
+    ) -> None:
+        self._controller: Any = as_controller(controller)
+        self._check = check
+        self._substitute = substitute
+        self.failures, self.reason, self._answered = 0, "", False
+        self.first: Failure | None = None
+
+    def __call__(self, t: float, *arguments: Any) -> Answer | None:
+        """Return the law's answer, or else the substitute's; None if that fails, too.
+
+        Args:
+            t: Time, s.
+            arguments: Of the law.
+
+        Raises:
+            RpctlError: The law does not fit.
+        """
+        answer, error = self._ask(self._controller, arguments)
+        if error is None:
+            self._answered, self.reason = True, ""
+            return answer
+        if type(error) in MISFITS and not self._answered:
+            raise error
+        self.failures, self.reason = self.failures + 1, str(error) or type(error).__name__
+        self.first = self.first or Failure(t, self.reason)
+        return self._ask(self._substitute, arguments)[0]
+
+    def sampled_after(self, elapsed: float | None) -> None:
+        """Tell the law the time since the last call; see :class:`rpctl.control.law.Timed`.
+
+        Args:
+            elapsed: s; None if what was sent since then was not what the law answered.
+        """
+        if isinstance(self._controller, Timed):
+            self._controller.sampled_after(None if self.reason else elapsed)
+
+    def report(self) -> dict[str, float]:
+        """Return the report of the law."""
+        report: dict[str, float] = self._controller.report()
+        return report
+
+    def _ask(
+        self, controller: Any, arguments: tuple[Any, ...]
+    ) -> tuple[Answer | None, Exception | None]:
+        """Return a controller's answer, or why there is none."""
+        try:
+            return self._check(controller(*arguments)), None
+        except (WrongAnswerError, UnfitLawError):
+            raise
+        except FAILURES as error:
+            return None, error

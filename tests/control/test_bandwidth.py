@@ -1,0 +1,152 @@
+"""Prediction times of the joints: the margins they leave, and what efforts make of them."""
+
+from __future__ import annotations
+
+import cmath
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlError, UnifiedKinematic
+from rpctl.arrays import Array
+from rpctl.control.bandwidth import LEAST_BANDWIDTH, LINEAR_ERROR, gains_of, joint_gains
+from rpctl.reference.motion import Reference
+from rpctl.reference.named import reference_by_name
+
+STABLE_INERTIA = {0.5: True, 1.0: True, 10.0: True, 20.0: False}  # over the model's
+PERIODS = [0.001, 0.002, 0.01, 0.05, 0.2]
+
+
+def poles(robot: Robot, period: float) -> tuple[float, float, float]:
+    """Return 1/h, 1/h1 and k of the first joint."""
+    _, h, h1, k = joint_gains(ReducedDynamics(robot), period)
+    return 1.0 / h[0], 1.0 / h1[0], k[0]
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_half_a_period_and_10_ms_leave_45_degrees_of_phase(paper: Robot, period: float) -> None:
+    a, b, k = poles(paper, period)
+
+    def open_loop(w: float) -> complex:
+        s = 1j * w
+        loop = ((a + b + k) * s**2 + (a * b + b * k + a * k) * s + a * b * k) / s**3
+        return loop * cmath.exp(-s * (0.5 * period + 0.01))
+
+    crossover = brentq(lambda w: abs(open_loop(w)) - 1.0, 0.5 * (a + b + k), 2.0 * (a + b + k))
+    margin = math.degrees(cmath.phase(-open_loop(crossover)))
+    assert 43.0 < margin < 47.0
+    bandwidth = joint_gains(ReducedDynamics(paper), period).bandwidth[0]
+    assert crossover == pytest.approx(2.0 * math.pi * bandwidth, rel=0.05)
+
+
+@pytest.mark.parametrize("period", PERIODS)
+@pytest.mark.parametrize(
+    ("inertia", "stable"), [(0.5, True), (1.0, True), (10.0, True), (20.0, False)]
+)
+def test_the_sampled_loop_stands_another_inertia(
+    paper: Robot, period: float, inertia: float, stable: bool
+) -> None:
+    """ẍ = u held, u as law and integral have it: all eigenvalues lie within the unit circle."""
+    a, b, k = poles(paper, period)
+    T, g = period, 1.0 / inertia
+    hold = np.array([[1.0, T, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    asked = -np.array([a * b + a * k, a + b + k, k * b])  # of x, ẋ and ∫(ẋ + a x)
+    step = hold + np.outer([0.5 * g * T**2, g * T, 0.0], asked)
+    step[2] += [a * T, T, 0.0]
+    assert (np.abs(np.linalg.eigvals(step)).max() < 1.0) == stable
+
+
+def with_effort(robot: Robot, index: int, effort: float) -> Robot:
+    """Return a robot of which one joint of the arm has another effort limit."""
+    name = robot.joint_names[index]
+    joints = tuple(
+        dataclasses.replace(joint, effort=effort) if joint.name == name else joint
+        for joint in robot.description.joints
+    )
+    description = dataclasses.replace(robot.description, joints=joints)
+    return dataclasses.replace(robot, description=description)
+
+
+def test_an_error_of_a_tenth_takes_no_more_than_a_weak_joint_has(tiago: Robot) -> None:
+    """What the laws ask of the shoulder at home, 0.1 rad off, is its whole limit; others have more.
+
+    At rest ν̇* is a b e of this joint alone, upwards, so the weight adds to it.
+    """
+    index = tiago.joint_names.index("arm_2_joint")
+    q = tiago.configuration_at(np.zeros(3), tiago.home)
+    first = tiago.dof - len(tiago.joints)
+    weight = ReducedDynamics(tiago).bias(q, np.zeros(tiago.dof))[first + index]
+    robot = with_effort(tiago, index, abs(weight) + 3.0)
+    dynamics, strong = ReducedDynamics(robot), joint_gains(ReducedDynamics(tiago))
+    gains = joint_gains(dynamics)
+    assert gains.bandwidth[index] < 0.8 * strong.bandwidth[index]
+    assert (np.delete(gains.bandwidth, index) == np.delete(strong.bandwidth, index)).all()
+    asked = robot.home.copy()
+    asked[index] += math.copysign(LINEAR_ERROR, weight)
+    state = reference_by_name(robot, "eight")(0.0)._replace(
+        pose=np.zeros(3), twist=np.zeros(3), twist_dot=np.zeros(3), joints=asked,
+        joint_rates=np.zeros(len(asked)), joint_accelerations=np.zeros(len(asked)),
+    )  # fmt: skip
+    command = UnifiedKinematic().start(dynamics, 0.002)(
+        dynamics, lambda _: state, 0.0, q, np.zeros(robot.dof)
+    )
+    law = PaperDynamic(joint_horizon_dyn=float(gains.horizon_dyn[index]))
+    tau = law.start(dynamics, 0.002)(dynamics, q, np.zeros(robot.dof), command)
+    assert abs(tau[robot.actuators.index("arm_2_joint")]) == pytest.approx(abs(weight) + 3.0)
+
+
+def test_a_joint_that_cannot_hold_its_weight_is_no_slower_than_the_base(tiago: Robot) -> None:
+    index = tiago.joint_names.index("arm_2_joint")
+    gains = joint_gains(ReducedDynamics(with_effort(tiago, index, 0.1)))
+    assert gains.bandwidth[index] == LEAST_BANDWIDTH
+
+
+def test_a_delay_that_is_known_costs_bandwidth(paper: Robot) -> None:
+    dynamics = ReducedDynamics(paper)
+    late, prompt = joint_gains(dynamics, 0.002, 0.011), joint_gains(dynamics, 0.002)
+    np.testing.assert_allclose(late.bandwidth, 0.5 * prompt.bandwidth)
+    np.testing.assert_allclose(late.horizon, 2.0 * prompt.horizon)
+
+
+def test_a_robot_without_an_arm_has_no_gains() -> None:
+    import rpctl
+
+    assert all(len(part) == 0 for part in joint_gains(ReducedDynamics(rpctl.load("bicycle"))))
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -1.0, math.nan, math.inf])
+def test_a_bandwidth_has_to_be_one(bandwidth: float) -> None:
+    with pytest.raises(RpctlError, match=r"a bandwidth of .* Hz; give more than 0"):
+        gains_of(np.array([bandwidth]))
+
+
+def joint_rates(law: UnifiedKinematic | PaperKinematic, robot: Robot, period: float) -> Array:
+    """Return the rates asked of joints that are 0.1 off a reference at rest."""
+    dynamics, reference = ReducedDynamics(robot), reference_by_name(robot, "eight")
+    state = reference(0.0)
+    q = robot.configuration_at(state.pose, state.joints - 0.1)
+    standing: Reference = lambda _: state  # noqa: E731
+    command = law.start(dynamics, period)(dynamics, standing, 0.0, q, np.zeros(robot.dof))
+    return command.nu_d[-len(robot.joints) :] - state.joint_rates
+
+
+def test_the_joints_have_horizons_of_their_own(paper: Robot) -> None:
+    own = joint_gains(ReducedDynamics(paper), 0.004).horizon
+    np.testing.assert_allclose(joint_rates(UnifiedKinematic(), paper, 0.004), 0.1 / own)
+    set_by_hand = UnifiedKinematic(joint_horizon=0.5)
+    np.testing.assert_allclose(joint_rates(set_by_hand, paper, 0.004), 0.1 / 0.5)
+    published = PaperKinematic(horizon=0.4)
+    np.testing.assert_allclose(joint_rates(published, paper, 0.004), 0.1 / 0.4)
+    np.testing.assert_allclose(
+        joint_rates(PaperKinematic(joint_horizon=0.2), paper, 0.004), 0.1 / 0.2
+    )
+
+
+@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan])
+def test_a_joint_horizon_must_predict(horizon: float) -> None:
+    for law in (UnifiedKinematic, PaperKinematic):
+        with pytest.raises(RpctlError, match="joint_horizon is"):
+            law(joint_horizon=horizon)

@@ -1,0 +1,258 @@
+"""What a robot steps: bad samples, lost samples, laws that fail, and a stop that is controlled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Controller, ControllerOutput, Robot
+from rpctl.arrays import Array
+from rpctl.control.error import tracking_error
+from rpctl.control.law import Command, Efforts, Rest
+from rpctl.dynamics.motion import rk4_step
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import SolverError
+from rpctl.reference.quasi_velocities import configuration_along
+
+PERIOD = 0.002
+State = tuple[Array, Array]
+
+
+class Simulated:
+    """A robot that a controller steps, in steps of Runge and Kutta.
+
+    Args:
+        controller: The controller.
+        offset: How far it starts from its reference (3,): m, m, rad.
+    """
+
+    def __init__(self, controller: Controller, offset: tuple[float, ...] = (0.0, 0.0, 0.0)) -> None:
+        self.controller, robot = controller, controller.robot
+        self.dynamics = ReducedDynamics(robot)
+        state = controller.reference(0.0)
+        self.q = configuration_along(robot, state, np.asarray(state.pose) + offset)
+        self.nu, self.t = np.zeros(robot.dof), 0.0
+        self.outputs: list[ControllerOutput] = []
+
+    def run(
+        self,
+        duration: float,
+        measure: Callable[[float, Array, Array], tuple[Any, Any, Any] | None] | None = None,
+        steps: Callable[[], float] = lambda: PERIOD,
+    ) -> list[float]:
+        """Return the distances (m) from the reference; no measurement leaves the efforts on."""
+        errors = []
+        end = self.t + duration - 1e-9
+        while self.t < end:
+            sample = (self.t, self.q, self.nu)
+            found = sample if measure is None else measure(*sample)
+            if found is not None:
+                self.outputs.append(self.controller.step(*found))
+            dt = steps()
+            step = rk4_step(self.dynamics, self.q, self.nu, self.outputs[-1].efforts, dt)
+            self.q, self.nu, self.t = step.q, step.nu, self.t + dt
+            reference = self.controller.reference(self.t)
+            e = tracking_error(self.controller.robot, reference, self.q)
+            errors.append(math.hypot(e[0], e[1]))
+        return errors
+
+
+def rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.fixture
+def controller(paper: Robot) -> Controller:
+    return Controller(paper, "circle", "unified", "integral")
+
+
+def test_track_steps_this_object(paper: Robot) -> None:
+    run = rpctl.track(paper, "circle", 0.2, (0.1, -0.1, 0.2), dynamic=rpctl.IntegralDynamic())
+    rest = Rest(run.q[0], run.tau[0] * 0.0)
+    controller = Controller(paper, "circle", "unified", "integral", rest=rest)
+    for k, t in enumerate(run.t):
+        output = controller.step(t, run.q[k], run.nu[k])
+        assert output.status == "ok"
+        np.testing.assert_array_equal(output.efforts, run.tau[k])
+        np.testing.assert_array_equal(output.command.nu_d, run.log.nu_d[k])
+    assert controller.report()["samples"] == len(run.t)
+
+
+BAD: dict[str, Callable[[float, Array, Array], tuple[Any, Any, Any]]] = {
+    "q holds numbers": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 1, np.nan, q), nu),
+    "nu holds numbers that are not finite": lambda t, q, nu: (t, q, np.full_like(nu, -np.inf)),
+    "t is nan": lambda t, q, nu: (math.nan, q, nu),
+    "t is inf": lambda t, q, nu: (math.inf, q, nu),
+    "not later than": lambda t, q, nu: (t - PERIOD, q, nu),
+    "q has the shape": lambda t, q, nu: (t, q[:-1], nu),
+    "nu has the shape": lambda t, q, nu: (t, q, nu[:, None]),
+    "belong to no angle": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 2, 0.5, q), nu),
+    "no number: could not": lambda t, q, nu: (t, q, ["fast"] * len(nu)),
+    "no number": lambda t, q, nu: (None, q, nu),
+    "larger than 1e+06": lambda t, q, nu: (t, q, np.full_like(nu, 1e9)),
+}
+
+
+@pytest.mark.parametrize("reason", BAD)
+def test_a_bad_sample_is_held_and_leaves_no_trace(controller: Controller, reason: str) -> None:
+    def measure(t: float, q: Array, nu: Array) -> tuple[Any, Any, Any]:
+        bad = controller.report()["samples"] in (20, 21, 60)
+        return BAD[reason](t, q, nu) if bad else (t, q, nu)
+
+    robot = Simulated(controller)
+    robot.run(0.2, measure)
+    statuses = [output.status for output in robot.outputs]
+    assert [k for k, status in enumerate(statuses) if status != "ok"] == [20, 21, 60]
+    for k in (20, 21, 60):
+        assert statuses[k] == "held"
+        assert reason in robot.outputs[k].reason
+        np.testing.assert_array_equal(robot.outputs[k].efforts, robot.outputs[k - 1].efforts)
+    report = controller.report()
+    assert (report["samples"], report["held"], report["stopped"]) == (100, 3, 0)
+    clean = Simulated(Controller(controller.robot, controller.reference, "unified", "integral"))
+    clean.run(0.2)
+    np.testing.assert_allclose(robot.q, clean.q, atol=2e-6)
+
+
+def test_before_the_first_good_sample_the_efforts_are_those_of_the_rest(paper: Robot) -> None:
+    nothing = np.full(paper.nq, np.nan)
+    output = Controller(paper, "circle").step(0.0, nothing, np.zeros(4))
+    assert output.status == "held"
+    np.testing.assert_array_equal(output.efforts, np.zeros(4))
+    rest = Rest(paper.configuration(), np.array([0.0, 0.0, 0.5, -0.5]))
+    controller = Controller(paper, "circle", rest=rest)
+    for k in range(100):
+        output = controller.step(k * PERIOD, nothing, np.zeros(4))
+        assert output.status == ("held" if k * PERIOD <= controller.stale_after else "stopped")
+        np.testing.assert_array_equal(output.efforts, rest.tau)
+
+
+def test_silence_ends_in_a_stop_and_the_next_good_sample_ends_that(paper: Robot) -> None:
+    controller = Controller(paper, "circle", "unified", "integral", stale_after=0.05)
+    robot = Simulated(controller)
+    robot.run(1.0)
+    before = robot.nu.copy()
+    assert np.linalg.norm(before) > 0.1
+    robot.run(2.0, lambda t, q, nu: (t, q * np.nan, nu))
+    statuses = [output.status for output in robot.outputs]
+    held = round(0.05 / PERIOD)
+    assert statuses[500:] == ["held"] * held + ["stopped"] * (1000 - held)
+    assert all(np.isfinite(output.efforts).all() for output in robot.outputs)
+    assert np.linalg.norm(robot.nu) < 1e-2 * np.linalg.norm(before)
+    robot.run(4.0)
+    assert robot.outputs[-1].status == "ok"
+    assert robot.run(0.1)[-1] < 0.02
+    assert controller.report()["stopped"] == 1000 - held
+    assert "braked the robot at 975 samples" in controller.notes()[-1]
+
+
+def test_lost_and_jittering_samples_cost_little(paper: Robot, rng: np.random.Generator) -> None:
+    """The integral knows how long ago the last sample was; a period for each loses 3.8 mm."""
+    controller = Controller(paper, "circle", "unified", "integral")
+    lossy = rms(Simulated(controller).run(
+        3.0,
+        lambda *sample: sample if sample[0] == 0.0 or rng.random() > 0.3 else None,
+        lambda: PERIOD * rng.uniform(0.5, 1.5),
+    ))  # fmt: skip
+    controller.reset()
+    assert controller.report()["samples"] == 0
+    assert lossy < 4.0 * rms(Simulated(controller).run(3.0)) < 4e-4
+
+
+def gives_up(*when: int) -> Callable[..., Any]:
+    """Return a dynamic law that gives up at some of its calls."""
+    calls: list[None] = []
+
+    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        calls.append(None)
+        if len(calls) - 1 in when:
+            raise SolverError("no solution")
+        return np.asarray(rpctl.PaperDynamic()(dynamics, q, nu, command))
+
+    return law
+
+
+def test_a_solver_that_gives_up_stops_nothing(paper: Robot) -> None:
+    """Its substitute is the paper's law, which here is the law itself."""
+    robot = Simulated(Controller(paper, "circle", "unified", gives_up(0, 7, 8)))
+    robot.run(0.04)
+    clean = Simulated(Controller(paper, "circle", "unified", "paper"))
+    clean.run(0.04)
+    np.testing.assert_array_equal(robot.q, clean.q)
+    statuses = [output.status for output in robot.outputs]
+    assert [k for k, status in enumerate(statuses) if status == "fallback"] == [0, 7, 8]
+    assert robot.outputs[7].reason == "no solution"
+    assert robot.controller.report()["fallbacks"] == 3
+    assert robot.controller.notes() == (
+        "the dynamic law failed at 3 of 20 samples and was replaced there; first at t = 0 s: "
+        "no solution",
+    )
+
+
+def test_substitutes_keep_the_limits(paper: Robot) -> None:
+    limited = rpctl.set_limits(paper, {"wheel_*": 0.5})
+    controller = Controller(limited, "circle", "unified", gives_up(0))
+    output = Simulated(controller, (0.4, 0.0, 0.0)).controller.step(
+        0.0, limited.configuration(-0.5), np.zeros(4)
+    )
+    assert output.status == "fallback"
+    assert np.abs(output.efforts[:2]).max() == 0.5
+    assert {limit.kind for limit in output.limits} == {"effort"}
+
+
+def test_a_run_tells_that_a_law_failed(paper: Robot) -> None:
+    run = rpctl.track(paper, "circle", 0.02, dynamic=gives_up(3))
+    assert "the dynamic law failed at 1 of 11 samples" in run.notes[0]
+
+
+def test_where_both_laws_fail_the_robot_is_braked(paper: Robot) -> None:
+    """It is measured all the while, so it stands in the end wherever it was pushed."""
+    good = Controller(paper, "circle").reference
+
+    def reference(t: float) -> Any:
+        if t > 1.0:
+            raise SolverError("the planner is gone")
+        return good(t)
+
+    robot = Simulated(Controller(paper, good, "unified", "integral"))
+    robot.run(1.0)
+    robot.controller.reference = reference
+    for _ in range(1000):
+        output = robot.controller.step(robot.t, robot.q, robot.nu)
+        step = rk4_step(robot.dynamics, robot.q, robot.nu, output.efforts, PERIOD)
+        robot.q, robot.nu, robot.t = step.q, step.nu, robot.t + PERIOD
+    assert output.status == "stopped"
+    assert output.reason == "the planner is gone"
+    assert np.linalg.norm(robot.nu) < 2e-3
+
+
+def test_mistakes_are_raised_at_the_first_sample(paper: Robot) -> None:
+    def short(*state: Any) -> Efforts:
+        return Efforts(np.zeros(3))
+
+    with pytest.raises(rpctl.RpctlError, match="give 4 real numbers"):
+        Controller(paper, "circle", "unified", short).step(0.0, paper.configuration(), np.zeros(4))
+    for settings in ({"period": 0.0}, {"stale_after": math.nan}, {"kinematic": "fast"}):
+        with pytest.raises(rpctl.RpctlError):
+            Controller(paper, "circle", **settings)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, 1e200, -1e300])
+def test_no_sample_raises_or_is_answered_without_numbers(
+    tiago: Robot, rng: np.random.Generator, number: float
+) -> None:
+    """Every entry in turn, under the laws that are used where nobody names any."""
+    controller = Controller(tiago, "circle")
+    q, nu = tiago.configuration(), np.zeros(tiago.dof)
+    entries = [*range(tiago.nq + tiago.dof)]
+    for k, entry in enumerate(rng.permutation(entries)[:12]):
+        state = np.concatenate([q, nu])
+        state[entry] = number
+        output = controller.step(k * PERIOD, state[: tiago.nq], state[tiago.nq :])
+        assert np.isfinite(output.efforts).all()
+        assert output.status in ("held", "stopped")
