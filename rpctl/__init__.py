@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 _MODULES = {  # public name -> the module that has it, imported when the name is first used
+    "Approach": "rpctl.control.approach",
     "BaseLaw": "rpctl.control.twist_law",
     "BoundedDynamic": "rpctl.control.bounded",
     "Certificate": "rpctl.equivalence.certificate",
@@ -37,13 +38,16 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Robot": "rpctl.robot.model",
     "RpctlError": "rpctl.errors",
     "Run": "rpctl.simulation.run",
+    "SpeedLog": "rpctl.study.speed_log",
     "StatelessLaw": "rpctl.control.law",
     "Tracking": "rpctl.control.error",
     "Twist": "rpctl.control.twist",
     "UnifiedKinematic": "rpctl.control.unified",
+    "VelocityOutput": "rpctl.control.velocity_output",
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
     "draw_state": "rpctl.equivalence.state",
+    "lag_from": "rpctl.study.lag",
     "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
     "load_reference": "rpctl.reference.load",
@@ -59,6 +63,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
 __all__ = sorted(_MODULES)
 
 if TYPE_CHECKING:  # the same, for type checkers and editors
+    from rpctl.control.approach import Approach as Approach
     from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
     from rpctl.control.controller import Controller as Controller
     from rpctl.control.controller import ControllerOutput as ControllerOutput
@@ -81,6 +86,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.twist import Twist as Twist
     from rpctl.control.twist_law import BaseLaw as BaseLaw
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
+    from rpctl.control.velocity_output import VelocityOutput as VelocityOutput
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
     from rpctl.dynamics.derivatives import linearize as linearize
@@ -102,6 +108,8 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.simulation.plant import Plant as Plant
     from rpctl.simulation.run import Run as Run
     from rpctl.simulation.summary import summarize as summarize
+    from rpctl.study.lag import lag_from as lag_from
+    from rpctl.study.speed_log import SpeedLog as SpeedLog
     from rpctl.view.pages.report import write_report as write_report
 else:
 

@@ -64,7 +64,7 @@ def parts_of(run: Run) -> Parts:
         layout[name] = {"shape": list(array.shape[1:]), "columns": numbers}
         columns += list(flat.T)
     head = json.loads(json.dumps(meta, default=lambda number: number.tolist()))
-    packed = {"schema": 5, "precision": "double", **head, "columns": layout}
+    packed = {"schema": 6, "precision": "double", **head, "columns": layout}
     return Parts(packed, pack(np.array(columns)))
 
 

@@ -159,6 +159,14 @@ class ResultOptions:
         ),
     ] = True
 
+    collisions: Annotated[
+        bool,
+        typer.Option(
+            help="Look for what the links run into: obstacles, the ground, each other; it takes "
+            "about a third as long as the simulation of a long arm."
+        ),
+    ] = True
+
     def perturbs(self, config: Config) -> bool:
         """Return whether to tell what to expect: not where the user has set a plant himself."""
         return self.perturbed and config.plant == Plant()

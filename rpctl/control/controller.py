@@ -1,4 +1,4 @@
-"""What a robot steps: measured state in, efforts out, whatever happens in between."""
+"""What a robot steps: measured state in, efforts or speeds out, whatever happens in between."""
 
 from __future__ import annotations
 
@@ -26,8 +26,15 @@ from rpctl.control.law import (
 )
 from rpctl.control.measured import MeasuredSample, SampleReader
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
-from rpctl.control.returned import require_callable, require_command, require_efforts
+from rpctl.control.returned import (
+    require_callable,
+    require_command,
+    require_efforts,
+    require_speeds,
+)
+from rpctl.control.speed_limits import Speeds
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.control.velocity_output import VelocityController, VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_positive
 from rpctl.reference.load import load_reference
@@ -45,16 +52,18 @@ class ControllerOutput(NamedTuple):
     """What a robot is sent after a sample.
 
     Attributes:
-        efforts: (n_act,), N·m or N; always finite.
+        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds.
+        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts.
         command: What the kinematic law asked for.
-        limits: The limits of the URDF that bind the efforts.
+        limits: The limits of the URDF that bind the efforts or speeds.
         status: "ok"; "fallback" where another law took the place of one that failed; "held" where
-            the sample or both laws were bad, and the last safe efforts go on; "stopped" where that
-            lasted too long, and the robot is braked.
+            the sample or both laws were bad, and the last safe efforts or speeds go on; "stopped"
+            where that lasted too long, and the robot is braked.
         reason: Why the status is not "ok".
     """
 
     efforts: Array
+    speeds: Array
     command: Command
     limits: tuple[Limit, ...] = ()
     status: Status = "ok"
@@ -81,6 +90,9 @@ class Controller:
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         stale_after: Time without a good sample after which the robot is braked, s.
+        output: ``"effort"``; ``"velocity"`` for a robot that takes speeds and follows them at once,
+            or a :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it
+            follows them. Then there is no dynamic law.
 
     Raises:
         RpctlError: A setting is out of range, or the reference or a law does not fit the robot.
@@ -95,6 +107,7 @@ class Controller:
         period: float = PERIOD,
         rest: Rest | None = None,
         stale_after: float = STALE_AFTER,
+        output: str | VelocityOutput = "effort",
     ) -> None:
         require_positive("period", period)
         require_positive("stale_after", stale_after)
@@ -108,7 +121,7 @@ class Controller:
             dynamic = dynamic_by_name(dynamic)
         self.reference, usual = reference, default_laws(robot)
         self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
-        self._rest, self._reader = rest, SampleReader(robot)
+        self._rest, self._reader, self._output = rest, SampleReader(robot), as_output(output)
         self._dynamics = ReducedDynamics(robot)
         self.reset()
 
@@ -119,11 +132,21 @@ class Controller:
             law.start(self._dynamics, self.period, self._rest) for law in self._laws
         )
         self._kinematic = GuardedLaw(kinematic, UnifiedKinematic(), partial(require_command, robot))
-        self._dynamic = GuardedLaw(dynamic, _paper_within_limits, partial(require_efforts, robot))
+        # What makes efforts or speeds of the kinematic law's command.
+        self._dynamic: GuardedLaw[Efforts] | GuardedLaw[Speeds] = GuardedLaw(
+            dynamic, _paper_within_limits, partial(require_efforts, robot)
+        )
+        self._speeds: VelocityController | None = None
+        if self._output is not None:
+            self._speeds = self._output.start(self._dynamics, self.period, self._rest)
+            self._dynamic = GuardedLaw(
+                self._speeds, self._speeds.last, partial(require_speeds, robot)
+            )
         self._counts = dict.fromkeys(("samples", "held", "stopped", "fallbacks", "late"), 0)
-        still = np.zeros(robot.dof)
+        still, none = np.zeros(robot.dof), np.empty(0)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
-        self._unknown = self._sent = ControllerOutput(tau, Command(still, still))
+        efforts, speeds = (tau, none) if self._output is None else (none, still)
+        self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         self._time = -math.inf  # of the last sample, s
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample
@@ -168,40 +191,49 @@ class Controller:
     def notes(self) -> tuple[str, ...]:
         """Return a sentence for each law that failed, and one for a robot that was stopped."""
         found = []
-        for name, law in (("kinematic", self._kinematic), ("dynamic", self._dynamic)):
+        for name, law in (
+            ("kinematic law", self._kinematic),
+            ("dynamic law" if self._speeds is None else "velocity output", self._dynamic),
+        ):
             if law.first is not None:
                 found.append(
-                    f"the {name} law failed at {law.failures} of {self._counts['samples']} samples "
+                    f"the {name} failed at {law.failures} of {self._counts['samples']} samples "
                     f"and was replaced there; first at t = {law.first.t:.4g} s: {law.first.reason}"
                 )
         if self._counts["stopped"]:
             found.append(f"the controller braked the robot at {self._counts['stopped']} samples: "
-                         "it had no safe efforts for too long")  # fmt: skip
+                         "there was nothing safe to send for too long")  # fmt: skip
         return tuple(found)
 
     def _ask(self, sample: MeasuredSample) -> ControllerOutput | str:
         """Return what the laws answer to a sample, or why they do not."""
-        t, q, nu = sample
+        t = sample.t
         if self._measured is not None:
             self._counts["late"] += t - self._time > LATE_RATIO * self.period
             elapsed = None if self._sent.status == "stopped" else t - self._measured.t
             self._kinematic.sampled_after(elapsed)
             self._dynamic.sampled_after(elapsed)
         self._measured, self._braking = sample, None
-        command = self._kinematic(t, self._dynamics, self.reference, t, q, nu)
+        ahead = sample if self._speeds is None else self._speeds.predict(*sample)
+        command = self._kinematic(t, self._dynamics, self.reference, *ahead)
         if command is None:
             return self._kinematic.reason
-        efforts = self._dynamic(t, self._dynamics, q, nu, command)
-        if efforts is None:
+        answer = self._dynamic(t, self._dynamics, ahead.q, ahead.nu, command)
+        if answer is None:
             return self._dynamic.reason
         self._safe_until = t + self.stale_after
         reason = self._kinematic.reason or self._dynamic.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
-        return ControllerOutput(efforts.tau, command, efforts.limits, status, reason)
+        none = np.empty(0)
+        if isinstance(answer, Efforts):
+            return ControllerOutput(answer.tau, none, command, answer.limits, status, reason)
+        if self._speeds is not None:
+            self._speeds.sent(t, answer.nu)
+        return ControllerOutput(none, answer.nu, command, answer.limits, status, reason)
 
     def _without_answer(self, now: float, reason: str) -> ControllerOutput:
-        """Return the last safe efforts, or those that brake the robot once they are stale.
+        """Return what was sent last, or what brakes the robot once that is stale.
 
         Args:
             now: Time, s.
@@ -212,12 +244,14 @@ class Controller:
             self._counts["held"] += 1
             return self._sent._replace(status="held", reason=reason)
         self._counts["stopped"] += 1
+        stopped = self._unknown._replace(status="stopped", reason=reason)
+        if self._speeds is not None:
+            return stopped._replace(speeds=self._speeds.brake(now))
         tau = None
         if self._measured is not None:
             self._braking = self._braking or Braking(self._dynamics, self._measured)
             tau = self._braking.efforts(now, self._sent.efforts)
-        tau = self._unknown.efforts if tau is None else tau
-        return self._unknown._replace(efforts=tau, status="stopped", reason=reason)
+        return stopped if tau is None else stopped._replace(efforts=tau)
 
     def _now(self, t: Any) -> float:
         """Return the time (s) of a bad sample: as it says, or a period after the one before."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rpctl.control.approach import Approach
 from rpctl.control.error import Tracking
 from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
@@ -45,6 +46,7 @@ class FeedbackLinearization(BaseLaw):
         kd: Gain of its rate, 1/s.
         slowest: v₀, m/s: from this speed on the law is exact.
         leash: Bounds the error of the base before the law; None: it does not.
+        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
     horizon: float = 0.65
@@ -52,6 +54,7 @@ class FeedbackLinearization(BaseLaw):
     kd: float = 2.0
     slowest: float = 0.2
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
+    approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that do not close the loop."""

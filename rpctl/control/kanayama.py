@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rpctl.control.approach import Approach
 from rpctl.control.error import Tracking
 from rpctl.control.leash import Leash
 from rpctl.control.twist import Twist
@@ -34,6 +35,7 @@ class Kanayama(BaseLaw):
         ky: Ky, 1/m².
         ktheta: Kθ, 1/m.
         leash: Bounds the error of the base before the law; None: it does not.
+        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
     horizon: float = 0.65
@@ -41,6 +43,7 @@ class Kanayama(BaseLaw):
     ky: float = 16.0
     ktheta: float = 8.0
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
+    approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse gains that do not close the loop."""

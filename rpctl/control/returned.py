@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.control.law import Command, Efforts, as_efforts
+from rpctl.control.speed_limits import Speeds
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
@@ -102,6 +103,20 @@ def require_efforts(robot: Robot, efforts: Any) -> Efforts:
     known = as_efforts(efforts)
     _require_numbers("tau", " of the dynamic law", known.tau, len(robot.actuators))
     return known
+
+
+def require_speeds(robot: Robot, speeds: Speeds) -> Speeds:
+    """Return what a velocity output returned, if its numbers are finite.
+
+    Args:
+        robot: The robot.
+        speeds: What was returned.
+
+    Raises:
+        NotFiniteError: A number of it is not finite.
+    """
+    _require_numbers("nu", " of the velocity output", speeds.nu, robot.dof)
+    return speeds
 
 
 def _require_numbers(name: str, whose: str, values: Any, length: int) -> None:

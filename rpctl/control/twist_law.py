@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.approach import Approach
 from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
 from rpctl.control.error import BASE_ERRORS, Tracking, observe
-from rpctl.control.law import Command, Rest
+from rpctl.control.law import Command, KinematicController, Rest
 from rpctl.control.leash import Leash
 from rpctl.control.steering import base_command
 from rpctl.control.twist import Twist, omnidirectional_twist
@@ -32,11 +33,13 @@ class BaseLaw(ABC):
         joint_horizon: Prediction time of the arm's joints, s; None: of each what its bandwidth
             allows, see :func:`~rpctl.control.bandwidth.joint_gains`.
         leash: Bounds the base's error before the law; None: the law as it was published.
+        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
     horizon: float
     joint_horizon: float | None = field(default=None, kw_only=True)
     leash: Leash | None = field(default=None, kw_only=True)
+    approach: Approach | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse a horizon that predicts nothing."""
@@ -46,15 +49,16 @@ class BaseLaw(ABC):
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
-    ) -> BaseController:
-        """Return the controller of one run.
+    ) -> KinematicController:
+        """Return the controller of one run, with its stage for far starts before it.
 
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s: the joints' prediction times depend on it.
             rest: Not used.
         """
-        return BaseController(self, self.joint_horizons(dynamics, period))
+        controller = BaseController(self, self.joint_horizons(dynamics, period))
+        return controller if self.approach is None else self.approach.start(dynamics, controller)
 
     def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:
         """Return the prediction times of the arm's joints (n_joints,), s.
@@ -70,7 +74,7 @@ class BaseLaw(ABC):
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command of a controller with the usual control period, 2 ms.
+        """Return the command of a controller with the usual control period, 2 ms, near or far.
 
         Args:
             dynamics: The robot's dynamics.
@@ -79,7 +83,8 @@ class BaseLaw(ABC):
             q: Configuration (nq,).
             nu: Quasi-velocities of the robot (dof,).
         """
-        return self.start(dynamics, USUAL_PERIOD)(dynamics, reference, t, q, nu)
+        controller = BaseController(self, self.joint_horizons(dynamics, USUAL_PERIOD))
+        return controller(dynamics, reference, t, q, nu)
 
     def leashed(self, tracking: Tracking) -> Tracking:
         """Return the tracking error that :meth:`unicycle` is given."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from rpctl.control.approach import Approach
 from rpctl.control.error import Tracking
 from rpctl.control.kinematic import coupled
 from rpctl.control.leash import Leash
@@ -58,6 +59,7 @@ class UnifiedKinematic(BaseLaw):
         bend: κ, 1/m: the curvature from which on a path counts as a turn; 0 is the paper's sign.
         weight: w, m²/rad²: the square of the lateral error that counts as much as one radian.
         leash: Bounds the error of the base before the law; None: it does not.
+        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
     horizon: float = 0.65
@@ -65,6 +67,7 @@ class UnifiedKinematic(BaseLaw):
     bend: float = 0.5
     weight: float = 0.02
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
+    approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that leave the law undefined."""

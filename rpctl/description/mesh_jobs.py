@@ -275,3 +275,24 @@ def measure_solid(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     except Exception as error:  # hulls of flat or degenerate meshes fail in many ways
         raise MeshFaultError(f"it encloses no volume ({type(error).__name__})") from None
     return {"closed": closed}, [sign * volume.reshape(1), centroid, sign * moment]
+
+
+def convex_hull(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
+    """Return the convex hull of points.
+
+    Args:
+        head: Nothing.
+        arrays: The points (n, 3), m.
+
+    Returns:
+        Nothing in words; the corners (k, 3) of the hull's triangles, as numbers of points.
+
+    Raises:
+        MeshFaultError: All points lie in a plane.
+    """
+    spatial = library("scipy.spatial")
+    try:
+        hull = spatial.ConvexHull(arrays[0])
+    except (ValueError, spatial.QhullError):
+        raise MeshFaultError("it is flat: it has no convex hull") from None
+    return {}, [np.asarray(hull.simplices, "<u4")]

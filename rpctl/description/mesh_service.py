@@ -21,6 +21,7 @@ MODULES = {  # which process does a job
     "shade": "rpctl.description.mesh_worker",
     "primitive": "rpctl.description.mesh_worker",
     "solid": "rpctl.description.solid_worker",
+    "hull": "rpctl.description.solid_worker",
 }
 LIFE_S = 3600.0  # s of processor time of one process, however many meshes it reads
 IDLE_S = 10.0  # s after which a process that nobody asks ends: it holds .1 GB
@@ -162,6 +163,11 @@ def ask(job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
 def start_reader() -> None:
     """Start the process that reads meshes, while there is something else to do."""
     SERVICES[MODULES["read"]].start()
+
+
+def start_hulls() -> None:
+    """Start the process that computes hulls, which takes a second, while something else is done."""
+    SERVICES[MODULES["hull"]].start()
 
 
 def close_all() -> None:

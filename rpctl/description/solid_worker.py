@@ -1,9 +1,9 @@
-"""The process that measures the bodies that meshes enclose; it takes long to start, for hulls."""
+"""The process that measures the bodies that meshes enclose, and their hulls; it starts slowly."""
 
 from __future__ import annotations
 
 from rpctl.description import mesh_worker
-from rpctl.description.mesh_jobs import measure_solid
+from rpctl.description.mesh_jobs import convex_hull, measure_solid
 from rpctl.files.worker import Channel
 
 
@@ -14,4 +14,4 @@ def prepare() -> None:
 
 def main(channel: Channel) -> None:
     """Answer jobs until nobody asks any more."""
-    mesh_worker.main(channel, {"solid": measure_solid})
+    mesh_worker.main(channel, {"solid": measure_solid, "hull": convex_hull})

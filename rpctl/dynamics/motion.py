@@ -27,7 +27,7 @@ class Step(NamedTuple):
     q: Array  # (nq,)
     nu: Array  # (dof,)
     work: float  # J
-    lost: float  # J
+    lost: float = 0.0  # J
 
 
 def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
@@ -71,7 +71,7 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
         v = at.S @ speed
         power = float((at.B @ tau) @ speed)
         loss = 0.0 if losses is None else -float(losses.force(v) @ v)
-        return _dexpinv(slide, v), dynamics.forward(place, speed, tau), power, loss
+        return dexpinv(slide, v), dynamics.forward(place, speed, tau), power, loss
 
     v1, a1, p1, l1 = stage(np.zeros(model.nv), nu)
     v2, a2, p2, l2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)
@@ -119,7 +119,7 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
     v2 = S @ middle
     brake = losses.force(v2)
     a2 = solve_positive(M, (1.0 - DELTA) * push + (1.0 - GAMMA) * (S.T @ brake))
-    end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * _dexpinv(slide, v2)))
+    end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
     at = dynamics.at(end)
     after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
     v3 = at.S @ after
@@ -132,7 +132,7 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
     )
 
 
-def _dexpinv(slide: Array, v: Array) -> Array:
+def dexpinv(slide: Array, v: Array) -> Array:
     """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
 
     Only the root's three velocities (body frame) fail to commute.

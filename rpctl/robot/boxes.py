@@ -78,11 +78,25 @@ def link_boxes(description: Description, name: str) -> list[tuple[Array, Array]]
     shapes = link.collisions or link.visuals
     boxes = [(s.origin, _half_edges(s)) for s in shapes if s.kind != "mesh"]
     if link.mass and len(boxes) < len(shapes):
-        ends = [joint.origin[:3, 3] - link.com for joint in description.child_joints[name]]
-        extent = max(MIN_EXTENT, *(float(np.linalg.norm(end)) for end in (link.com, *ends)))
-        pose, half = _inertia_box(link.mass, link.com, link.inertia)
-        boxes.append((pose, np.minimum(half, extent)))
+        boxes.append(mass_box(description, name))
     return boxes
+
+
+def mass_box(description: Description, name: str) -> tuple[Array, Array]:
+    """Return the solid box of a link's inertia, no larger than what joints and mass tell of it.
+
+    Args:
+        description: The robot.
+        name: The link, which has a mass.
+
+    Returns:
+        Its pose in the link's frame (4, 4) and half its edges (3,), m.
+    """
+    link = description.link[name]
+    ends = [joint.origin[:3, 3] - link.com for joint in description.child_joints[name]]
+    extent = max(MIN_EXTENT, *(float(np.linalg.norm(end)) for end in (link.com, *ends)))
+    pose, half = _inertia_box(float(link.mass or 0.0), link.com, link.inertia)
+    return pose, np.minimum(half, extent)
 
 
 def _half_edges(shape: Shape) -> Array:

@@ -95,7 +95,7 @@ def close_loop(
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     simulated, bias = plant.simulated_dynamics(dynamics), plant.bias(robot)
     first = require_state(robot, reference(0.0), 0.0)
-    q, nu = _start(robot, first, config.run.initial_error), np.zeros(robot.dof)
+    q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
     work = lost = 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     controller = Controller(
@@ -134,8 +134,19 @@ def close_loop(
         loop.wall_time = time.perf_counter() - started_at
 
 
-def _start(robot: Robot, state: ReferenceState, initial_error: Sequence[float]) -> Array:
-    """Return q (nq,) that has the tracking error asked for, arm on its reference."""
+def start_configuration(
+    robot: Robot, state: ReferenceState, initial_error: Sequence[float]
+) -> Array:
+    """Return q (nq,) that has the tracking error asked for, arm on its reference.
+
+    Args:
+        robot: The robot.
+        state: Its reference at the start.
+        initial_error: How far that is ahead (m), to the left (m) and turned (rad).
+
+    Raises:
+        RpctlError: The error is none that the robot can have.
+    """
     if len(initial_error) != 3 or not all(map(math.isfinite, initial_error)):
         raise RpctlError(f"initial error {initial_error}: give three finite numbers X,Y,THETA")
     x1, x2, x3 = initial_error

@@ -20,11 +20,14 @@ from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
-from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
+from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop, start_configuration
+from rpctl.simulation.collision_facts import CollisionFacts
+from rpctl.simulation.collisions import find_collisions, require_clear_start, surroundings
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.facts import ground_facts, robot_facts
 from rpctl.simulation.log import MIN_SAMPLES, NO_SAMPLES, Log
+from rpctl.simulation.obstacles import find_obstacles
 from rpctl.simulation.periods import delay_note, duration_note, log_note
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorded import recorded
@@ -55,6 +58,7 @@ def track(
     speed: float | None = None,
     laps: float | None = None,
     log_every: int = RunSettings.log_every,
+    collisions: bool = True,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -87,6 +91,8 @@ def track(
         laps: How many times it is gone through.
         log_every: Each so-many-th sample is logged, and the last; 1 logs all. What a long run
             takes of memory and disk falls with it.
+        collisions: Whether to look afterwards for what the links ran into, and how near they came
+            to obstacles, the ground and each other.
 
     Returns:
         What was logged.
@@ -118,11 +124,11 @@ def track(
     )
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     if isinstance(reference, str):
-        return simulate(robot, config, None, certificate, progress, watcher)
+        return simulate(robot, config, None, certificate, progress, watcher, collisions=collisions)
     SizingRequest(size, speed, laps).refuse(
         "the reference is a function, with its own pace", *WISHES
     )
-    return simulate(robot, config, reference, certificate, progress, watcher)
+    return simulate(robot, config, reference, certificate, progress, watcher, collisions=collisions)
 
 
 def simulate(
@@ -134,6 +140,7 @@ def simulate(
     watch: Watcher | None = None,
     ended: Callable[[Run], object] | None = None,
     spool: Spool | None = None,
+    collisions: bool = True,
 ) -> Run:
     """Simulate a robot as a configuration says, from rest.
 
@@ -149,11 +156,12 @@ def simulate(
             is a motion to keep; the exception is raised afterwards.
         spool: Where the samples are written while they are simulated; :meth:`Run.load` reads its
             folder, also after the process was killed. None: nowhere.
+        collisions: Whether to look for collisions of its links afterwards.
 
     Raises:
         DivergedError: The motion left the finite numbers.
-        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log, or
-            the reference does not fit the robot.
+        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log,
+            the reference does not fit the robot, or the robot starts inside an obstacle.
     """
     settings, plant, period = config.run, config.plant, config.run.control_period
     robot = config.limits.apply(robot)
@@ -167,8 +175,19 @@ def simulate(
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
+    obstacles = find_obstacles(config)
+    around = surroundings(robot, obstacles) if collisions and obstacles else None
+    if around is not None:
+        start = start_configuration(robot, reference(0.0), settings.initial_error)
+        require_clear_start(around, start)
 
-    def run(log: Log, steps: int, notes: tuple[str, ...], *ending: str) -> Run:
+    def run(
+        log: Log,
+        steps: int,
+        notes: tuple[str, ...],
+        *ending: str,
+        bodies: CollisionFacts | None = None,
+    ) -> Run:
         return Run(
             log=log,
             robot=robot_facts(robot),
@@ -189,14 +208,19 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            collisions=bodies,
             simulated=robot,
         )
 
+    bodies: CollisionFacts | None = None
     if spool is not None:
         spool.begin(entries_of(run(NO_SAMPLES, steps, notes))[0])
     try:
         close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
         recorder.derive(ends=True)
+        log = recorder.log()
+        if collisions and (around is not None or robot.joints):
+            bodies = find_collisions(around or surroundings(robot, ()), log.t, log.q)
     except BaseException as error:
         if ended is not None:
             with suppress(RpctlError):  # what is sound of the last batch is logged
@@ -206,7 +230,7 @@ def simulate(
                 note = _end_note(error, float(log.t[-1]), steps * period)
                 ended(run(log, recorder.steps, (), note))
         raise
-    return run(recorder.log(), recorder.steps, notes)
+    return run(log, recorder.steps, notes, bodies=bodies)
 
 
 def require_affordable(robot: Robot, config: Config, reference: Reference) -> Budget:

@@ -4,7 +4,8 @@ Each is told from what was logged: where a point of the robot was, where its ref
 far the point was from the reference's path (:mod:`rpctl.simulation.path_error`). Means are over the
 last quarter of the run unless said.
 
-- **collided**: the robot's body touched an obstacle that its law knows of;
+- **collided**: a link ran into an obstacle, the ground or another link
+  (:mod:`rpctl.simulation.collisions`), or the body that a law guards into an obstacle;
 - **diverging**: the mean path error grew beyond what it was in the first half, or is not finite;
 - **stuck**: the point stands while its reference moves on or is elsewhere, or it moves along beside
   the path and its error stays;
@@ -16,13 +17,14 @@ The worst of base and end effector counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.collision_facts import Collision
 from rpctl.simulation.obstacles import BASE, TIP, AvoidedObstacle, shape_text
 from rpctl.simulation.path_error import PathTrace, trace_path
 from rpctl.simulation.texts import length
@@ -97,7 +99,10 @@ def trace_points(
 
 
 def outcome(
-    t: Array, points: Mapping[str, TracedPoint], obstacles: Iterable[AvoidedObstacle] = ()
+    t: Array,
+    points: Mapping[str, TracedPoint],
+    obstacles: Iterable[AvoidedObstacle] = (),
+    collisions: Sequence[Collision] = (),
 ) -> Outcome:
     """Return the outcome of a motion.
 
@@ -105,7 +110,11 @@ def outcome(
         t: Time (K,), s.
         points: The points of the robot that have a reference.
         obstacles: What they should keep clear of.
+        collisions: What its links ran into, the deepest first.
     """
+    if collisions:
+        more = f"; {len(collisions) - 1} more collided" if len(collisions) > 1 else ""
+        return Outcome(COLLIDED, collisions[0].sentence + more)
     collision = _collision(t, points, obstacles)
     if collision is not None:
         return collision

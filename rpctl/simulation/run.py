@@ -14,6 +14,7 @@ from rpctl.files.writing import writing
 from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
 from rpctl.robot.model import Robot
+from rpctl.simulation.collision_facts import CollisionFacts
 from rpctl.simulation.config import Config, config_tables
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
@@ -41,6 +42,8 @@ class Run:
         wall_time: What the simulation took, s.
         sizing: How large and fast its named reference is, and why; None of others.
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
+        collisions: How near its links came to things, and what they ran into; None where that was
+            not looked for, and in older files.
         simulated: The robot itself, of a run that was simulated by this process; None of one that
             was read. No file has it.
         digest: SHA-256 digest of its file, which files made from it carry; None where none is
@@ -58,6 +61,7 @@ class Run:
     wall_time: float
     sizing: Sizing | None = None
     perturbed: Mapping[str, Any] | None = None
+    collisions: CollisionFacts | None = None
     simulated: Robot | None = None
     digest: str | None = None
 
@@ -218,6 +222,7 @@ def entries_of(run: Run) -> tuple[dict[str, Any], dict[str, Array]]:
     }
     entries |= {"drive": asdict(run.robot.drive), "config": config_tables(run.config)}
     entries["sizing"] = None if run.sizing is None else run.sizing.to_dict()
+    entries["collisions"] = None if run.collisions is None else run.collisions.to_dict()
     arrays = {name: value for name, value in entries.items() if name in ARRAYS}
     return {name: value for name, value in entries.items() if name not in arrays}, arrays
 

@@ -65,13 +65,19 @@ from rpctl.simulation.recorded import tables_of_settings
 from rpctl.simulation.run_schema import ARRAYS, META, check_numbers, check_shapes, checked_meta
 
 SCHEMA = 6
-PACKED_SCHEMAS = (5, SCHEMA)  # 5 lacks some of LATER_ENTRIES and ZERO_ARRAYS
-OLDER_SCHEMAS = (2, 3, 4)  # see _completed
+PACKED_SCHEMAS = (5, SCHEMA)  # older ones hold an entry for each array, see _completed
+OLDER_SCHEMAS = (2, 3, 4)
 META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 PRECISIONS = ("double", "single")
 MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
 FIX = "it is damaged or was made up; track the robot again"
-LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand for there
+SINCE_6: dict[str, Any] = {  # missing in older files, and what stands for it
+    "collisions": None,
+    "losses": False,
+    "armature": None,
+}
+LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
+    **SINCE_6,
     "xacro_args": {},
     "ignore_missing_packages": False,
     "home": {},
@@ -81,8 +87,6 @@ LATER_ENTRIES: dict[str, Any] = {  # missing in older files, and what they stand
     "perturbed": None,
     "urdf": None,
     "file_sha256": None,
-    "losses": False,
-    "armature": None,
 }
 ARRAY_ENTRIES = frozenset(ARRAYS)
 OLDER_SETTINGS = table({}, {"plant": mapping(free)}, free)
@@ -186,7 +190,7 @@ def _read_packed(npz: Npz, meta: dict[str, Any], older: bool) -> dict[str, Any]:
     if precision not in PRECISIONS:
         raise EntryError(f'entry "precision" must be one of {", ".join(PRECISIONS)}')
     _require_names(npz.names, (META_ENTRY, COLUMNS_ENTRY))
-    meta = {**LATER_ENTRIES, **meta} if older else meta
+    meta = {**SINCE_6, **meta} if older else meta
     _require_names(meta, META)
     known = checked_meta(meta)
     shapes = shapes_of(layout, npz.entry(COLUMNS_ENTRY))

@@ -11,6 +11,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import BASE_SPEEDS, Drive, Swivel, Wheel
 from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
+from rpctl.simulation.collision_facts import collision_facts
 from rpctl.simulation.columns import blocks
 from rpctl.simulation.config import Config
 from rpctl.simulation.kinds import (
@@ -188,6 +189,7 @@ META: dict[str, Kind] = {  # entries of JSON
     "wall_time": positive,
     "sizing": optional(SIZING),
     "perturbed": optional(plain(table({"sentence": text}, {}, free))),
+    "collisions": collision_facts,
 }
 SAME_LENGTH = (  # lists of one item each for one another's
     ("joint_names", "units"),

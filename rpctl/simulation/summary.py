@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.sizing import Sizing
+from rpctl.simulation.collision_facts import Collision, LinkClearance
 from rpctl.simulation.columns import split
 from rpctl.simulation.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.outcome import SUCCESSES, outcome, trace_points
@@ -126,6 +127,8 @@ class Summary:
         realtime_factor: Time simulated per time taken.
         sizing: How large and fast the named reference is, and why; None of others.
         log_every: One sample of so many was logged, and so seen by these figures.
+        clearances: How near its links came to the ground, to each obstacle, and to each other.
+        collisions: What its links ran into, the deepest first.
     """
 
     outcome: str
@@ -155,6 +158,8 @@ class Summary:
     realtime_factor: float
     sizing: Sizing | None = None
     log_every: int = 1
+    clearances: tuple[LinkClearance, ...] = ()
+    collisions: tuple[Collision, ...] = ()
 
     @property
     def succeeded(self) -> bool:
@@ -171,6 +176,7 @@ class Summary:
                 found[name] = value
         found["sizing"] = None if self.sizing is None else self.sizing.to_dict()
         found["kinematic_report"] = self.kinematic_report or None
+        found["collisions"] = [{**asdict(c), "sentence": c.sentence} for c in self.collisions]
         found["limits_bound"] = [{**asdict(b), "told": b.sentence} for b in self.limits_bound]
         return found
 
@@ -181,7 +187,9 @@ def summarize(run: Run) -> Summary:
     base = np.hypot(*split(log.e[:, :2]))
     arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
-    name, sentence = outcome(run.t, points, run_obstacles(run))
+    bodies = run.collisions
+    collisions = () if bodies is None else bodies.collisions
+    name, sentence = outcome(run.t, points, run_obstacles(run), collisions)
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     half = len(run.t) // 2
     tau = np.array([np.abs(effort).max() for effort in split(run.tau)])
@@ -221,6 +229,8 @@ def summarize(run: Run) -> Summary:
         realtime_factor=duration / run.wall_time,
         sizing=run.sizing,
         log_every=run.config.run.log_every,
+        clearances=() if bodies is None else bodies.clearances,
+        collisions=collisions,
     )
 
 

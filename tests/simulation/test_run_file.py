@@ -133,15 +133,21 @@ def test_a_run_of_schema_4_comes_back() -> None:
     assert back.log.bound_limits == tuple((wheel, "effort") for wheel in wheels)
 
 
-def test_a_run_of_schema_5_comes_back_as_one_of_an_ideal_robot(tmp_path: Path) -> None:
-    """The file was written by the version before; one of today that lacks the same is refused."""
+def test_a_run_of_schema_5_comes_back(tmp_path: Path) -> None:
+    """Written by the version before: no collisions, an ideal robot. One of today says all that."""
     path = Path(__file__).with_name("run_schema_5.npz")
     back = Run.load(path)
+    assert back.config.run.duration == pytest.approx(0.02)
+    assert back.config.run.initial_error == (0.1, 0.3, 0.3)
+    assert back.collisions is None
+    summary = rpctl.summarize(back)
+    assert (summary.collisions, summary.clearances) == ((), ())
+    assert_equal(Run.load(back.save(tmp_path / "run.npz")), back)
     assert (back.robot.losses, back.robot.armature) == (False, None)
     np.testing.assert_array_equal(back.log.lost, np.zeros(len(back.t)))
     with np.load(path) as file:
         text, columns = str(file["meta"]), file["columns"]
-    damaged = tmp_path / "run.npz"
+    damaged = tmp_path / "damaged.npz"
     np.savez(damaged, meta=np.array(text.replace('"schema": 5', '"schema": 6')), columns=columns)
-    with pytest.raises(RunFileError, match="missing or not known: armature, losses"):
+    with pytest.raises(RunFileError, match="missing or not known: armature, collisions, losses"):
         Run.load(damaged)

@@ -1,0 +1,161 @@
+"""Paths of bounded, smooth curvature from pose to pose: Dubins' paths, steered without jumps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.dubins import Bends, shortest_paths
+from rpctl.control.error import wrap
+
+GRID_M = 0.05  # m between the stored points of a path, of a bend of 1 m; less of sharper ones
+GAUSS = np.polynomial.legendre.leggauss(4)  # exact to rounding on so short a piece
+NEWTON_STEPS = 12
+STEP_M = 1e-6  # m; of the derivatives of the end by the lengths
+CLOSED = 1e-10  # m, rad: the path ends at its goal
+SHORTEST_PIECE = -1e-9  # m; a piece that comes out shorter does not exist
+
+
+class SmoothPathPoint(NamedTuple):
+    """A point of a path, and the curvature there with its derivatives by the path's length."""
+
+    pose: Array  # (3,) x, y in m, heading in rad
+    curvature: Array  # (3,) κ, κ′, κ″; 1/m, 1/m², 1/m³
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPath:
+    """A path whose curvature changes at places, each time by a smooth step.
+
+        κ(s) = κ_0 + Σ Δ_i S((s − s_i)/d),    S(u) = u³ (10 − 15 u + 6 u²) within (0, 1)
+
+    The heading is its integral in closed form; the position is integrated once on a grid, and from
+    the nearest grid point by Gauss's rule.
+
+    Attributes:
+        start: x, y (m) and heading (rad) (3,).
+        curvature: κ_0, 1/m.
+        steps: Δ_i (K,), 1/m.
+        places: s_i (K,), m: where the steps begin.
+        transition: d, m: how long a step is.
+        length: m.
+    """
+
+    start: Array
+    curvature: float
+    steps: Array
+    places: Array
+    transition: float
+    length: float
+
+    def __post_init__(self) -> None:
+        """Integrate the positions of the grid."""
+        sharpest = np.abs(np.cumsum([self.curvature, *self.steps])).max()
+        count = math.ceil(self.length * max(sharpest, 1.0) / GRID_M) + 1
+        grid = np.linspace(0.0, self.length, count + 1)
+        moves = self._move(grid[:-1], grid[1:])
+        points = self.start[:2] + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])
+        object.__setattr__(self, "_grid", grid)
+        object.__setattr__(self, "_points", points)
+
+    def __call__(self, s: float) -> SmoothPathPoint:
+        """Return the point at a length ``s`` (m) from the start."""
+        grid: Array = self._grid  # type: ignore[attr-defined]
+        at = min(max(int(s / grid[1]), 0), len(grid) - 2)
+        x, y = self._points[at] + self._move(grid[at : at + 1], np.array([s]))[0]  # type: ignore[attr-defined]
+        u = (s - self.places) / self.transition
+        inside = np.clip(u, 0.0, 1.0)
+        value = inside**3 * (10.0 - 15.0 * inside + 6.0 * inside**2)
+        slope = 30.0 * inside**2 * (1.0 - inside) ** 2 / self.transition
+        bend = 60.0 * inside * (1.0 - inside) * (1.0 - 2.0 * inside) / self.transition**2
+        kappa = self.steps @ np.column_stack([value, slope, bend])
+        kappa[0] += self.curvature
+        return SmoothPathPoint(np.array([x, y, self.heading(np.array([s]))[0]]), kappa)
+
+    def heading(self, s: Array) -> Array:
+        """Return the headings (n,), rad, at lengths ``s`` (n,) from the start."""
+        u = (s[:, None] - self.places) / self.transition
+        v = np.clip(u, 0.0, 1.0)
+        area = v**4 * (2.5 - 3.0 * v + v**2) + np.maximum(u - 1.0, 0.0)
+        return np.asarray(self.start[2] + self.curvature * s + self.transition * area @ self.steps)
+
+    @property
+    def end(self) -> Array:
+        """The last pose (3,)."""
+        return np.append(self._points[-1], self.heading(np.array([self.length])))  # type: ignore[attr-defined]
+
+    def _move(self, first: Array, last: Array) -> Array:
+        """Return the displacements (n, 2), m, between pairs of lengths (n,)."""
+        half = 0.5 * (last - first)
+        s = first[:, None] + half[:, None] * (1.0 + GAUSS[0])
+        angles = self.heading(s.ravel()).reshape(s.shape)
+        return np.column_stack(
+            [half * (np.cos(angles) @ GAUSS[1]), half * (np.sin(angles) @ GAUSS[1])]
+        )
+
+
+def smooth_path(
+    start: Array, goal: Array, curvatures: tuple[float, float], radius: float, transition: float
+) -> SmoothPath | None:
+    """Return a short path from pose to pose with these curvatures at its ends, or None.
+
+    Its pieces are those of one of Dubins' paths, joined by smooth steps of the curvature; their
+    three lengths are found by Newton's method, so that the path ends at its goal.
+
+    Args:
+        start: x, y (m) and heading (rad) (3,).
+        goal: Likewise.
+        curvatures: At start and goal, 1/m.
+        radius: Of the arcs, m.
+        transition: How long a step of the curvature is, m.
+    """
+    for bends in shortest_paths(start, goal, radius):
+        path = _closed(start, goal, curvatures, bends, transition)
+        if path is not None:
+            return path
+    return None
+
+
+def _closed(
+    start: Array, goal: Array, curvatures: tuple[float, float], bends: Bends, transition: float
+) -> SmoothPath | None:
+    """Return the path of these pieces that ends at its goal, or None."""
+
+    def miss(lengths: Array) -> tuple[SmoothPath, Array]:
+        path = _joined(start, curvatures, bends.curvatures, lengths, transition)
+        off = path.end - goal
+        off[2] = wrap(off[2])
+        return path, off
+
+    half = 0.5 * transition  # the middles of the steps lie where the sharp pieces meet
+    lengths = np.maximum(bends.lengths - half * np.array([1.0, 0.0, 1.0]), 0.0)
+    for _ in range(NEWTON_STEPS):
+        path, off = miss(lengths)
+        if np.abs(off).max() < CLOSED:
+            return path
+        jacobian = np.column_stack(
+            [(miss(lengths + step)[1] - off) / STEP_M for step in STEP_M * np.eye(3)]
+        )
+        if np.linalg.cond(jacobian) > 1.0 / STEP_M:
+            return None
+        lengths = lengths - np.linalg.solve(jacobian, off)
+        if lengths.min() < SHORTEST_PIECE:
+            return None
+    return None
+
+
+def _joined(
+    start: Array,
+    curvatures: tuple[float, float],
+    pieces: tuple[float, float, float],
+    lengths: Array,
+    transition: float,
+) -> SmoothPath:
+    """Return the path of three pieces, each as long as from one step's start to the next one's."""
+    steps = np.diff([curvatures[0], *pieces, curvatures[1]])
+    places = np.append(0.0, np.cumsum(lengths))
+    return SmoothPath(start, curvatures[0], steps, places, transition, places[-1] + transition)

@@ -1,0 +1,199 @@
+"""Commanded speeds within the limits of speeds, positions and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.law import Limit
+from rpctl.dynamics.lag import NO_LAG
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import UnknownNameError
+
+APPROACH_TIME = 0.06  # s: time constant with which a joint comes to rest at a position limit
+APPROACH_PERIODS = 2.0  # control periods that it is at least
+SPEED_MARGIN = 1e-9  # of a velocity limit: rounding of a product
+
+
+class Speeds(NamedTuple):
+    """Quasi-velocities to send to a velocity interface, and the limits that bind them."""
+
+    nu: Array  # (dof,)
+    limits: tuple[Limit, ...] = ()
+
+
+class Actuation(NamedTuple):
+    """How speeds follow a command for one control period, from a state on."""
+
+    q: Array  # (nq,)
+    nu: Array  # (dof,)
+    period: float  # s
+    lag: Array  # (dof,), s: of the first-order lag
+
+
+class _Rows(NamedTuple):
+    """Efforts without acceleration, what acceleration adds to them, their limits and labels."""
+
+    start: Array  # (n,)
+    change: Array  # (n,)
+    limit: Array  # (n,)
+    labels: tuple[Limit, ...]
+
+
+class SpeedLimits:
+    """The limits of one robot's commanded speeds.
+
+    The base comes first, then the arm, each in proportion:
+
+    - Speeds. All of the base's quasi-velocities are scaled by one factor, so that no wheel or
+      steering joint is asked for more than its velocity limit: the robot slows down on the path
+      that it was asked for. Rates of the arm are limited one by one.
+    - Positions. With a lag T a joint that is asked to stop comes to rest at y = x + T ẋ, and
+      ẏ = c: the command c keeps y, and so x, within the position limits if it is at most
+      (limit − y)/T_s.
+    - Accelerations. The command is drawn towards the speeds that the robot has, until the mean
+      acceleration over the period takes no effort beyond the limits (τ = B⁻ (M ν̇ + h)) and no
+      acceleration beyond the settings. First the base, with an arm that does not accelerate; then
+      the arm, beside this base. What already takes more without acceleration is left out.
+
+    Speeds are limited last once more, so they hold whatever the robot does.
+
+    Args:
+        dynamics: The robot's dynamics, as far as the controller knows them.
+        accelerations: Largest |ν̇| by name of the quasi-velocity, m/s² or rad/s².
+        effort_ratio: Fraction of the effort limits that accelerations may take.
+
+    Raises:
+        UnknownNameError: An acceleration is of no quasi-velocity of the robot.
+    """
+
+    def __init__(
+        self, dynamics: ReducedDynamics, accelerations: Mapping[str, float], effort_ratio: float
+    ) -> None:
+        robot = dynamics.robot
+        for name in accelerations:
+            if name not in robot.quasi_velocities:
+                raise UnknownNameError("quasi-velocity", name, robot.quasi_velocities)
+        self._base = len(robot.drive.base_speeds)
+        joint = robot.description.joint
+        fast = [name for name in robot.moving_joint_names if np.isfinite(joint[name].velocity)]
+        self._rows = [robot.velocity_index(name) for name in fast]
+        self._fastest = (1.0 - SPEED_MARGIN) * np.array([joint[name].velocity for name in fast])
+        self._speed_limits = tuple(Limit(name, "velocity") for name in fast)
+        # Joints whose own rate is a quasi-velocity, the last ones of ν: steered ones and the arm's.
+        own = [swivel.joint for swivel in robot.drive.steered] + list(robot.joint_names)
+        self._own, self._first = own, robot.dof - len(own)
+        # A joint without position limits may have two entries in q; none of them binds anything.
+        self._entries = [robot.entries[name].index for name in own]
+        self._lower, self._upper = (
+            np.array([getattr(joint[name], end) for name in own]) for end in ("lower", "upper")
+        )
+        self._accelerations = np.array(
+            [accelerations.get(name, np.inf) for name in robot.quasi_velocities]
+        )
+        self._acceleration_limits = tuple(
+            Limit(name, "acceleration") for name in robot.quasi_velocities
+        )
+        self._box = effort_ratio * robot.effort_limits
+        self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
+        self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
+
+    def __call__(self, dynamics: ReducedDynamics, wanted: Array, at: Actuation) -> Speeds:
+        """Return the speeds to send, and the limits that bind them.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            wanted: Speeds without limits (dof,).
+            at: The state from which they count, and how they are followed.
+        """
+        found: dict[Limit, None] = {}
+        rows = dynamics.basis(at.q)[self._rows]
+        speeds = self._within_speeds(rows, self._within_positions(wanted, at, found), found)
+        speeds = self._within_accelerations(dynamics, speeds, at, found)
+        return Speeds(self._within_speeds(rows, speeds, found), tuple(found))
+
+    def _within_positions(self, wanted: Array, at: Actuation, found: dict[Limit, None]) -> Array:
+        """Return speeds that take no joint beyond its position limits."""
+        own = slice(self._first, None)
+        time = max(APPROACH_TIME, APPROACH_PERIODS * at.period)
+        rest = at.q[self._entries] + at.lag[own] * at.nu[own]
+        lowest, highest = (self._lower - rest) / time, (self._upper - rest) / time
+        speeds = wanted.copy()
+        speeds[own] = np.clip(wanted[own], lowest, highest)
+        for kind, binding in (("lower", wanted[own] < lowest), ("upper", wanted[own] > highest)):
+            found |= {Limit(self._own[k], kind): None for k in np.flatnonzero(binding)}
+        return speeds
+
+    def _within_speeds(self, rows: Array, wanted: Array, found: dict[Limit, None]) -> Array:
+        """Return speeds that take no joint beyond its velocity limit.
+
+        Args:
+            rows: Rates of the limited joints by ν (k, dof).
+            wanted: Speeds (dof,).
+            found: Gets the limits that bind.
+        """
+        speeds, base, arm = wanted.copy(), slice(self._base), slice(self._base, None)
+        ratios = np.abs(rows[:, base] @ wanted[base]) / self._fastest
+        worst = float(ratios.max(initial=1.0))
+        speeds[base] /= worst
+        binding = (ratios == worst) & (worst > 1.0)
+        moved = np.abs(rows[:, arm])
+        most = np.divide(
+            self._fastest[:, None], moved, out=np.full_like(moved, np.inf), where=moved > 0.0
+        )
+        highest = most.min(axis=0, initial=np.inf)
+        held = np.abs(wanted[arm]) > highest
+        speeds[arm] = np.clip(wanted[arm], -highest, highest)
+        binding |= (most[:, held] == highest[held]).any(axis=1)
+        found |= {self._speed_limits[k]: None for k in np.flatnonzero(binding)}
+        return speeds
+
+    def _within_accelerations(
+        self, dynamics: ReducedDynamics, wanted: Array, at: Actuation, found: dict[Limit, None]
+    ) -> Array:
+        """Return speeds between the robot's and those wanted, that the limits allow to reach.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            wanted: Speeds (dof,).
+            at: The state from which they count, and how they are followed.
+            found: Gets the limits that bind.
+        """
+        gap = wanted - at.nu
+        nu_dot = gap * -np.expm1(-at.period / np.maximum(at.lag, NO_LAG)) / at.period
+        still = dynamics.efforts(at.q, dynamics.bias(at.q, at.nu))
+        gain = dynamics.efforts(at.q, dynamics.inertia(at.q))  # (n_act, dof)
+        fractions, base, arm = np.ones_like(gap), slice(self._base), slice(self._base, None)
+        push = gain[:, base] @ nu_dot[base]
+        wheels = slice(self._wheels)
+        first = _Rows(still[wheels], push[wheels], self._box[wheels], self._effort_limits[wheels])
+        fractions[base] = fraction = self._fraction(first, nu_dot, base, found)
+        loaded = still + fraction * push
+        rest = _Rows(loaded, gain[:, arm] @ nu_dot[arm], self._box, self._effort_limits)
+        fractions[arm] = self._fraction(rest, nu_dot, arm, found)
+        return np.asarray(wanted - (1.0 - fractions) * gap)
+
+    def _fraction(
+        self, efforts: _Rows, nu_dot: Array, part: slice, found: dict[Limit, None]
+    ) -> float:
+        """Return the largest fraction, at most 1, of accelerations that the limits allow.
+
+        Args:
+            efforts: What the accelerations take.
+            nu_dot: Accelerations (dof,).
+            part: Which of them count.
+            found: Gets the limits that bind.
+        """
+        start = np.concatenate([efforts.start, np.zeros_like(nu_dot[part])])
+        change = np.concatenate([efforts.change, nu_dot[part]])
+        limit = np.concatenate([efforts.limit, self._accelerations[part]])
+        labels = efforts.labels + self._acceleration_limits[part]
+        counts = (np.abs(start) <= limit) & (np.abs(start + change) > limit)
+        allowed = np.ones_like(start)
+        np.divide(limit - np.sign(change) * start, np.abs(change), out=allowed, where=counts)
+        least = float(allowed.min(initial=1.0))
+        found |= {labels[k]: None for k in np.flatnonzero(counts & (allowed == least))}
+        return least

@@ -1,0 +1,215 @@
+"""Output as speeds, for robots that take a twist or wheel speeds instead of efforts."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.law import Command, Rest
+from rpctl.control.measured import MeasuredSample
+from rpctl.control.speed_limits import Actuation, SpeedLimits, Speeds
+from rpctl.dynamics.lag import follow, joined, travel
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError, SingularBasisError, UnknownNameError, require_positive
+
+OUTPUTS = ("effort", "velocity")
+LONGEST_STEP = 0.02  # s, of the predicted motion
+MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
+MAX_LAG = 10.0  # s
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
+STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
+
+
+@dataclass(frozen=True)
+class VelocityOutput:
+    """Speeds for a robot whose speeds follow their commands late.
+
+    The model is T ν̇(t) = c(t − T_d) − ν(t): each quasi-velocity is a lag T of first order behind
+    its command, and all of them a dead time T_d. At each sample
+
+    - the measured state is predicted over T_d. All commands that act until then have been sent, so
+      for this model the prediction is exact;
+    - the kinematic law is evaluated there: at t + T_d, on the predicted q and ν;
+    - the lag is inverted along the motion, c = ν_d + (T + ½ T_s) ν̇_d. The second term makes up for
+      the command that is held for a period T_s. Then ν − ν_d decays as exp(−t/T), and a reference
+      is followed as by a robot that takes ν_d at once;
+    - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
+
+    A wrong T leaves a loop that is stable, only less exact: the measured ν enters the prediction.
+
+    Attributes:
+        lag: T of all quasi-velocities, s.
+        dead_time: T_d, s.
+        lags: T by name of the quasi-velocity, where it differs from ``lag``, s.
+        accelerations: Largest |ν̇| by name of the quasi-velocity, m/s² or rad/s².
+        effort_ratio: Fraction of the effort limits that accelerations may take.
+    """
+
+    lag: float = 0.0
+    dead_time: float = 0.0
+    lags: Mapping[str, float] = field(default_factory=dict)
+    accelerations: Mapping[str, float] = field(default_factory=dict)
+    effort_ratio: float = 0.95
+
+    def __post_init__(self) -> None:
+        """Refuse what is no time, or leaves nothing."""
+        require_time("lag", self.lag, MAX_LAG)
+        require_time("dead_time", self.dead_time, MAX_DEAD_TIME)
+        for name, lag in self.lags.items():
+            require_time(f"the lag of {name}", lag, MAX_LAG)
+        for name, acceleration in self.accelerations.items():
+            require_positive(f"the acceleration of {name}", acceleration)
+        if not 0.0 < self.effort_ratio <= 1.0:
+            raise RpctlError(f"effort_ratio is {self.effort_ratio:g}; give more than 0, at most 1")
+
+    def start(
+        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+    ) -> VelocityController:
+        """Return the output of one run; before it, commands were zero.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            rest: Not used.
+
+        Raises:
+            UnknownNameError: A lag or an acceleration is of no quasi-velocity of the robot.
+        """
+        return VelocityController(self, dynamics, period)
+
+    def lag_of(self, quasi_velocities: tuple[str, ...]) -> Array:
+        """Return T (dof,) of quasi-velocities by their names, s.
+
+        Raises:
+            UnknownNameError: A lag is of none of them.
+        """
+        return lags_by_name(quasi_velocities, self.lag, self.lags)
+
+
+def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) -> Array:
+    """Return the lag of each quasi-velocity (dof,), s.
+
+    Args:
+        names: Of the quasi-velocities.
+        lag: Of those that are not named, s.
+        lags: By name, s.
+
+    Raises:
+        UnknownNameError: A lag is of none of them.
+    """
+    for name in lags:
+        if name not in names:
+            raise UnknownNameError("quasi-velocity", name, names)
+    return np.array([lags.get(name, lag) for name in names])
+
+
+def require_time(name: str, value: float, largest: float) -> None:
+    """Refuse what is no time from 0 to ``largest`` (s).
+
+    Args:
+        name: What it is, in the words of the user.
+        value: The time, s.
+        largest: s.
+
+    Raises:
+        RpctlError: Naming it.
+    """
+    if not 0.0 <= value <= largest:
+        raise RpctlError(f"{name} is {value:g}; give a time in s, from 0 to {largest:g}")
+
+
+def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
+    """Return what makes speeds of a command, or None where efforts are wanted.
+
+    Args:
+        output: ``"effort"``, ``"velocity"``, or settings of the latter.
+
+    Raises:
+        UnknownNameError: It is none of them.
+    """
+    if isinstance(output, VelocityOutput):
+        return output
+    if output not in OUTPUTS:
+        raise UnknownNameError("output", output, OUTPUTS)
+    return VelocityOutput() if output == "velocity" else None
+
+
+class VelocityController:
+    """:class:`VelocityOutput` on one robot at one control period.
+
+    Args:
+        output: Its settings.
+        dynamics: The robot's dynamics.
+        period: Control period, s.
+    """
+
+    def __init__(self, output: VelocityOutput, dynamics: ReducedDynamics, period: float) -> None:
+        robot = dynamics.robot
+        self._dynamics, self._dead_time, self._period = dynamics, output.dead_time, period
+        self._lag = output.lag_of(robot.quasi_velocities)
+        self._limits = SpeedLimits(dynamics, output.accelerations, output.effort_ratio)
+        # Commands, and from when on they act; the first acts already.
+        self._sent = deque([(-math.inf, np.zeros(robot.dof))])
+
+    def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
+        """Return the time at which the next command acts, and the state then.
+
+        Where the steered wheels fix no one motion on the way, the prediction of q ends.
+
+        Args:
+            t: Time, s.
+            q: Measured configuration (nq,).
+            nu: Measured quasi-velocities (dof,).
+        """
+        sent = self._sent
+        while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
+            sent.popleft()
+        if self._dead_time <= TIME_ROUNDING:
+            return MeasuredSample(t, q, nu)
+        end = t + self._dead_time
+        starts = [t] + [start for start, _ in list(sent)[1:] if start < end - TIME_ROUNDING]
+        durations = np.diff([*starts, end])
+        commands = np.array([command for _, command in list(sent)[: len(starts)]])
+        nu, stretches = follow(nu, commands, durations, self._lag)
+        with suppress(SingularBasisError):
+            for stretch in joined(stretches, LONGEST_STEP):
+                q = travel(self._dynamics, q, stretch)
+        return MeasuredSample(end, q, nu)
+
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Speeds:
+        """Return the speeds to send, and the limits that bind them.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+            q: Predicted configuration (nq,).
+            nu: Predicted quasi-velocities (dof,).
+            command: What the kinematic law asks for there.
+        """
+        wanted = command.nu_d + (self._lag + 0.5 * self._period) * command.nu_d_dot
+        return self._limits(dynamics, wanted, Actuation(q, nu, self._period, self._lag))
+
+    def sent(self, t: float, nu: Array) -> None:
+        """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
+        self._sent.append((t + self._dead_time, nu))
+
+    def last(self, *_: object) -> Speeds:
+        """Return the speeds that were sent last: what stands in where there are no others."""
+        return Speeds(self._sent[-1][1])
+
+    def brake(self, t: float) -> Array:
+        """Return the speeds (dof,) to send at a time (s) in a controlled stop: they decay."""
+        start, nu = self._sent[-1]
+        elapsed = min(t + self._dead_time - start, self._period)
+        slower = nu * math.exp(-elapsed / STOPPING_TIME)
+        self.sent(t, slower)
+        return slower
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}

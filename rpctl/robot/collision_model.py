@@ -1,0 +1,222 @@
+"""Which shapes of a robot must not touch each other, and their distances by coal.
+
+Two shapes of a pair are on joints that move against each other. A pair may touch if it does so by
+construction: the shapes are on neighbouring joints, touch at home, or touch in every posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.robot.collision_shapes import WORLD, CollisionShape, read_collision_shapes, standing
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import Robot
+
+TOUCH_M = 1e-3  # m: shapes nearer than this touch; deeper than this in each other they collide
+POSTURES = 30  # random ones; a pair that touches in all of them is built so
+SEED = 0
+GROUND = "ground"
+Pairs = NDArray[np.intp]
+
+
+class AllowedPair(NamedTuple):
+    """Two links that may touch, and why: ``"at home"`` or ``"in every posture"``."""
+
+    first: str
+    second: str
+    why: str
+
+
+class Nearest(NamedTuple):
+    """The nearest points of a pair, in the world."""
+
+    distance: float  # m; negative: how deep the shapes are in each other
+    first: Array  # (3,) m
+    second: Array  # (3,) m
+    normal: Array  # (3,) unit vector from the first shape to the second
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionModel:
+    """The shapes of a robot, of the ground and of obstacles, and the pairs that must not touch.
+
+    Attributes:
+        robot: The robot.
+        shapes: The robot's, and then what stands in the world.
+        pairs: Indices of two shapes each (n, 2), read-only.
+        allowed: Links that touch by construction, but for neighbours.
+        notes: What stands in for what, in sentences.
+        geometry: The shapes and pairs as Pinocchio has them.
+    """
+
+    robot: Robot = field(repr=False)
+    shapes: tuple[CollisionShape, ...] = field(repr=False)
+    pairs: Pairs = field(repr=False)
+    allowed: tuple[AllowedPair, ...]
+    notes: tuple[str, ...]
+    geometry: pin.GeometryModel = field(repr=False)
+
+    def distances(self) -> Distances:
+        """Return a workspace that computes distances; one for each thread."""
+        return Distances(self)
+
+    def with_obstacles(
+        self, obstacles: Sequence[CollisionShape], against: Sequence[Sequence[int]]
+    ) -> CollisionModel:
+        """Return the model with more shapes that stand in the world.
+
+        Args:
+            obstacles: The shapes.
+            against: Indices of the robot's shapes that each of them must not touch.
+        """
+        first = len(self.shapes)
+        pairs = [(shape, first + k) for k, row in enumerate(against) for shape in row]
+        return _model(
+            self.robot,
+            (*self.shapes, *obstacles),
+            np.vstack([self.pairs, np.array(pairs, dtype=np.intp).reshape(-1, 2)]),
+            self.allowed,
+            self.notes,
+        )
+
+
+class Distances:
+    """Distances of the pairs of a model at one configuration at a time.
+
+    Args:
+        model: The model.
+    """
+
+    def __init__(self, model: CollisionModel) -> None:
+        self._model, self._geometry = model.robot.model, model.geometry
+        self._data, self._placed = self._model.createData(), pin.GeometryData(model.geometry)
+        for request in self._placed.distanceRequests:
+            request.enable_signed_distance = True
+
+    @property
+    def data(self) -> pin.Data:
+        """Pinocchio's workspace, with the placements of the joints."""
+        return self._data
+
+    def place(self, q: Array) -> None:
+        """Place all shapes as at a configuration (nq,)."""
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
+
+    def distance(self, pair: int) -> float:
+        """Return the distance of a pair at the last configuration, m; negative: the depth."""
+        return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance)
+
+    def nearest(self, pair: int) -> Nearest:
+        """Return the nearest points of a pair at the last configuration."""
+        found = pin.computeDistance(self._geometry, self._placed, pair)
+        return Nearest(
+            float(found.min_distance),
+            np.array(found.getNearestPoint1()),
+            np.array(found.getNearestPoint2()),
+            np.array(found.normal),
+        )
+
+
+def collision_model(robot: Robot) -> CollisionModel:
+    """Return the shapes of a robot, with the ground, and the pairs that must not touch.
+
+    Meshes are read now; whoever needs no collisions does not call this.
+
+    Args:
+        robot: The robot.
+    """
+    shapes, notes = read_collision_shapes(robot)
+    floor = np.eye(4)
+    floor[2, 3] = robot.drive.ground
+    half_space = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    everything = (*shapes, standing(GROUND, floor, half_space))
+    pairs = np.array([*_self_pairs(robot, shapes), *_ground_pairs(robot, shapes)], dtype=np.intp)
+    whole = _model(robot, everything, pairs.reshape(-1, 2), (), notes)
+    return _without_built(whole)
+
+
+def arm_joints(robot: Robot) -> set[int]:
+    """Return the model's joints that the arm moves: its own, and all above which one of them is."""
+    model, moved = robot.model, set(robot.joint_names)
+    return {
+        joint
+        for joint in range(ROOT_JOINT + 1, model.njoints)
+        if any(model.names[above] in moved for above in model.supports[joint])
+    }
+
+
+def _self_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[int, int]]:
+    """Return the pairs of shapes on joints that are neither the same nor neighbours."""
+    model = robot.model
+    bearing = {shape.joint for shape in shapes}
+    parent = {}
+    for joint in bearing:  # joints that bear no shape do not keep others apart
+        above = int(model.parents[joint])
+        while above not in bearing and above != WORLD:
+            above = int(model.parents[above])
+        parent[joint] = above
+    return [
+        (a, b)
+        for b, second in enumerate(shapes)
+        for a, first in enumerate(shapes[:b])
+        if first.joint != second.joint
+        and parent[first.joint] != second.joint
+        and parent[second.joint] != first.joint
+    ]
+
+
+def _ground_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[int, int]]:
+    """Return the pairs of the arm's shapes and the ground; wheels and base stand on it."""
+    moved = arm_joints(robot)
+    return [(k, len(shapes)) for k, shape in enumerate(shapes) if shape.joint in moved]
+
+
+def _model(
+    robot: Robot,
+    shapes: tuple[CollisionShape, ...],
+    pairs: Pairs,
+    allowed: tuple[AllowedPair, ...],
+    notes: tuple[str, ...],
+) -> CollisionModel:
+    geometry = pin.GeometryModel()
+    for number, shape in enumerate(shapes):
+        geometry.addGeometryObject(
+            pin.GeometryObject(
+                f"{number} {shape.link}", shape.joint, pin.SE3(shape.pose), shape.geometry
+            )
+        )
+    for first, second in pairs.tolist():
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    pairs.setflags(write=False)
+    return CollisionModel(robot, shapes, pairs, allowed, notes, geometry)
+
+
+def _without_built(model: CollisionModel) -> CollisionModel:
+    """Return the model without the pairs that touch by construction; they are told."""
+    robot, distances = model.robot, model.distances()
+    distances.place(robot.configuration_at(np.zeros(3), robot.home))
+    left = range(len(model.pairs))
+    home = [pair for pair in left if distances.distance(pair) < TOUCH_M]
+    always = sorted(set(left) - set(home))
+    rng = np.random.default_rng(SEED)
+    for _ in range(POSTURES):
+        if not always:
+            break
+        distances.place(robot.random_configuration(rng))
+        always = [pair for pair in always if distances.distance(pair) < TOUCH_M]
+    why = {"at home": home, "in every posture": always}
+    allowed = dict.fromkeys(
+        AllowedPair(model.shapes[first].link, model.shapes[second].link, reason)
+        for reason, pairs in why.items()
+        for first, second in model.pairs[pairs].tolist()
+    )
+    kept = np.setdiff1d(left, [*home, *always]).astype(np.intp)
+    return _model(robot, model.shapes, model.pairs[kept], tuple(allowed), model.notes)

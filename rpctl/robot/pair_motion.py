@@ -1,0 +1,106 @@
+"""How fast the shapes of a pair can approach each other: a bound that holds in every posture.
+
+Where the joints below the last common one of a pair move by Δ, no point of one shape moves against
+the other by more than Σ r |Δ|: r is 1 for a prismatic joint, and for one that turns the distance of
+the farthest point that it can carry round, with all joints between them stretched out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.robot.collision_model import CollisionModel
+from rpctl.robot.collision_shapes import WORLD, CollisionShape
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import Robot
+
+ROOT_COLUMNS = 2  # of a motion: how far the root link went, and how far it turned
+
+
+def joint_motion(robot: Robot, q: Array) -> Array:
+    """Return how far each joint went from one configuration to the next (K - 1, columns).
+
+    The columns are the root link's way (m) and turn (rad), then the other joints' in the model's
+    order; rad or m, not negative.
+
+    Args:
+        robot: The robot.
+        q: Configurations (K, nq).
+    """
+    way = np.hypot(*np.diff(q[:, :2], axis=0).T)
+    moved = [way, _turn(q[:, 2], q[:, 3])]
+    for entry in robot.entries.values():
+        if entry.is_pair:
+            moved.append(_turn(q[:, entry.index], q[:, entry.index + 1]))
+        else:
+            moved.append(np.abs(np.diff(q[:, entry.index])))
+    return np.column_stack(moved)
+
+
+def approach_rates(model: CollisionModel, travel: Array) -> Array:
+    """Return by how much at most each pair approaches per motion of each joint (n, columns).
+
+    Args:
+        model: The shapes and pairs.
+        travel: How far from 0 each joint goes, as columns of :func:`joint_motion` (columns,); of
+            prismatic joints it counts, m.
+    """
+    shapes = model.shapes
+    rates = np.array([_carried(model.robot, shape, travel) for shape in shapes])
+    found = rates[model.pairs].sum(axis=1)
+    supports = model.robot.model.supports
+    for row, (first, second) in zip(found, model.pairs.tolist(), strict=True):
+        if shapes[second].joint == WORLD:
+            row[:ROOT_COLUMNS] *= _feels_base(shapes[second])
+            continue
+        above = set(supports[shapes[first].joint]) & set(supports[shapes[second].joint])
+        for joint in above - {WORLD}:
+            row[_columns(joint)] = 0.0
+    return found
+
+
+def joint_travel(robot: Robot, q: Array) -> Array:
+    """Return how far from 0 each joint goes over configurations (K, nq), as columns of motion."""
+    far = [0.0, np.pi]
+    far += [float(np.abs(entry.read_all(q)).max(initial=0.0)) for entry in robot.entries.values()]
+    return np.array(far)
+
+
+def _carried(robot: Robot, shape: CollisionShape, travel: Array) -> Array:
+    """Return how far the farthest point of a shape moves per motion of each joint (columns,)."""
+    rates = np.zeros(ROOT_COLUMNS + robot.model.njoints - ROOT_JOINT - 1)
+    joint, reach = shape.joint, float(np.linalg.norm(shape.centre) + shape.radius)
+    while joint > ROOT_JOINT:
+        column = _columns(joint)
+        slides = _is_prismatic(robot.model, joint)
+        rates[column] = 1.0 if slides else reach
+        reach += float(np.linalg.norm(robot.model.jointPlacements[joint].translation))
+        reach += float(travel[column]) if slides else 0.0
+        joint = int(robot.model.parents[joint])
+    if joint == ROOT_JOINT:
+        rates[:ROOT_COLUMNS] = 1.0, reach
+    return rates
+
+
+def _feels_base(world: CollisionShape) -> float:
+    """Return 0.0 for a level plane, whose distance the motion of the base does not change."""
+    return float(not (np.isinf(world.radius) and abs(world.geometry.n[2]) == 1.0))
+
+
+def _columns(joint: int) -> slice | int:
+    """Return the columns of a joint."""
+    return slice(0, ROOT_COLUMNS) if joint == ROOT_JOINT else ROOT_COLUMNS + joint - ROOT_JOINT - 1
+
+
+def _is_prismatic(model: pin.Model, joint: int) -> bool:
+    """Return whether a joint slides; all others turn about one axis."""
+    return "JointModelP" in model.joints[joint].shortname()
+
+
+def _turn(cos: Array, sin: Array) -> Array:
+    """Return the angles (K - 1,) from one direction (K,) to the next, rad, without their signs."""
+    return np.abs(
+        np.arctan2(sin[1:] * cos[:-1] - cos[1:] * sin[:-1], cos[1:] * cos[:-1] + sin[1:] * sin[:-1])
+    )

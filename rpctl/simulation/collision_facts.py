@@ -1,0 +1,134 @@
+"""What a run keeps of its links' shapes: how near they came to things, and what they ran into."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rpctl.simulation.kinds import fault, many, number, optional, positive, record, row, text
+from rpctl.simulation.texts import length
+
+SELF, GROUND = "itself", "the ground"  # beside obstacles, which are called by their shape
+
+
+@dataclass(frozen=True)
+class LinkClearance:
+    """How near the robot came to a thing.
+
+    Attributes:
+        to: ``SELF``, ``GROUND``, or an obstacle in words.
+        distance: The least distance, m; negative: how deep a link was in it.
+        time: When, s.
+        link: The link that was nearest.
+        other: The other link, of ``SELF``; empty otherwise.
+    """
+
+    to: str
+    distance: float
+    time: float
+    link: str
+    other: str = ""
+
+
+@dataclass(frozen=True)
+class Collision:
+    """Two things that were in each other.
+
+    Attributes:
+        to: As of a :class:`LinkClearance`.
+        link: The link.
+        other: The other link, of ``SELF``; empty otherwise.
+        depth: How deep at worst, m.
+        first_time: When first, s.
+        duration: For how long in all, s.
+    """
+
+    to: str
+    link: str
+    other: str
+    depth: float
+    first_time: float
+    duration: float
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one sentence."""
+        return (
+            f"{self.link} ran into {self.other or self.to} at {self.first_time:.3g} s, "
+            f"{length(self.depth)} deep at worst, for {self.duration:.2g} s"
+        )
+
+
+@dataclass(frozen=True)
+class CollisionFacts:
+    """All that a run keeps of its links' shapes.
+
+    Attributes:
+        clearances: One for each thing.
+        collisions: The deepest first.
+        allowed: Pairs of links that may touch, and why.
+        notes: What stands in for what, in sentences.
+        resolution: What the least distances may be too large by, m; no deeper collision than this
+            and ``TOUCH_M`` is missed.
+        times: Instants of ``series``, s.
+        series: The distance to each thing at those instants, m.
+    """
+
+    clearances: tuple[LinkClearance, ...]
+    collisions: tuple[Collision, ...]
+    allowed: tuple[tuple[str, str, str], ...]
+    notes: tuple[str, ...]
+    resolution: float
+    times: tuple[float, ...]
+    series: tuple[tuple[float, ...], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON says it."""
+        return asdict(self)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What ran into what, then what may touch and what stands in for what."""
+        found = [each.sentence for each in self.collisions]
+        if self.allowed:
+            pairs = "; ".join(f"{first} and {second} {why}" for first, second, why in self.allowed)
+            found.append(f"may touch, for they do: {pairs}")
+        return (*found, *self.notes)
+
+
+def clearance_text(clearance: LinkClearance) -> str:
+    """Return a clearance in words, without a verb."""
+    pair = f"{clearance.link} and {clearance.other}" if clearance.other else clearance.link
+    return f"{clearance.to} {length(clearance.distance)} ({pair}, {clearance.time:.3g} s)"
+
+
+_LINK = {"to": text, "link": text, "other": text}
+_CLEARANCE = record(LinkClearance, {**_LINK, "distance": number, "time": number}, {})
+_COLLISION = record(
+    Collision,
+    {**_LINK, "depth": number, "first_time": number, "duration": number},
+    {},
+)
+_FACTS = record(
+    CollisionFacts,
+    {
+        "clearances": many(_CLEARANCE),
+        "collisions": many(_COLLISION),
+        "allowed": many(row(text, text, text)),
+        "notes": many(text),
+        "resolution": positive,
+        "times": many(number),
+        "series": many(many(number)),
+    },
+    {},
+)
+
+
+def collision_facts(value: Any, where: str) -> CollisionFacts | None:
+    """Accept what a run keeps of collisions, or null; a kind of :mod:`rpctl.simulation.kinds`."""
+    found: CollisionFacts | None = optional(_FACTS)(value, where)
+    if found is not None:
+        lengths = [len(found.times)] * len(found.clearances)
+        if [len(each) for each in found.series] != lengths:
+            raise fault(f"{where}.series", value["series"], "one distance a time, for each thing")
+    return found

@@ -1,0 +1,264 @@
+"""Distances of a robot's shapes along a motion, and what they run into.
+
+A pair's distance is computed only where it can have become interesting: between two samples it
+falls by no more than the joints' motion allows (:mod:`rpctl.robot.pair_motion`), so the samples in
+between need no look. No collision deeper than ``TOUCH_M`` and the resolution is missed at any
+sample of the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.control.obstacles import Disc
+from rpctl.errors import RpctlError
+from rpctl.robot.collision_model import TOUCH_M, CollisionModel, arm_joints, collision_model
+from rpctl.robot.collision_shapes import WORLD, CollisionShape, standing
+from rpctl.robot.model import Robot
+from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
+from rpctl.simulation.collision_facts import (
+    GROUND,
+    SELF,
+    Collision,
+    CollisionFacts,
+    LinkClearance,
+)
+from rpctl.simulation.obstacles import TIP, AvoidedObstacle, shape_text
+from rpctl.simulation.texts import length
+
+RESOLUTION_M = 1e-3  # m: how far a pair may move on before it is looked at again, at least
+BUDGET = 100_000  # distances after which the resolution doubles: a third of a second
+BLOCK = 1024  # samples whose motion is added up at once
+INSTANTS = 200  # of the series, at most
+WALL_M = 1e3  # m: height of an obstacle without end
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """A robot's shapes among the ground and obstacles.
+
+    Attributes:
+        model: The shapes and pairs.
+        things: What the pairs are with: ``SELF``, ``GROUND``, and each obstacle in words.
+        thing: Index into ``things`` of each pair (n,).
+    """
+
+    model: CollisionModel
+    things: tuple[str, ...]
+    thing: NDArray[np.intp]
+
+
+def surroundings(robot: Robot, obstacles: Sequence[AvoidedObstacle]) -> Surroundings:
+    """Return a robot's shapes among obstacles.
+
+    What the base avoids no link may touch; what the end effector avoids no link of the arm may.
+
+    Args:
+        robot: The robot.
+        obstacles: Of its laws.
+    """
+    model = collision_model(robot)
+    count, moved = len(model.shapes) - 1, arm_joints(robot)  # the last is the ground
+    shapes = model.shapes[:count]
+    everything = list(range(count))
+    arm = [k for k in everything if shapes[k].joint in moved]
+    against = [arm if each.body == TIP else everything for each in obstacles]
+    whole = model.with_obstacles([_standing(each, robot) for each in obstacles], against)
+    thing = [0 if whole.shapes[b].joint != WORLD else 1 + b - count for b in whole.pairs[:, 1]]
+    names = [f"the {shape_text(each.shape)}" for each in obstacles]
+    return Surroundings(whole, (SELF, GROUND, *names), np.array(thing, dtype=np.intp))
+
+
+def _standing(obstacle: AvoidedObstacle, robot: Robot) -> CollisionShape:
+    """Return an obstacle as a shape that stands in the world."""
+    shape, pose = obstacle.shape, np.eye(4)
+    if isinstance(shape, Disc):
+        pose[:3, 3] = shape.x, shape.y, robot.drive.ground
+        return standing(obstacle.body, pose, coal.Cylinder(shape.radius, WALL_M))
+    normal = np.append(shape.normal, 0.0)
+    pose[:3, 3] = shape.offset * normal
+    return standing(obstacle.body, pose, coal.Halfspace(normal, 0.0))
+
+
+def require_clear_start(around: Surroundings, q: Array) -> None:
+    """Refuse to start inside an obstacle.
+
+    Args:
+        around: The robot among its obstacles.
+        q: Where it starts (nq,).
+
+    Raises:
+        RpctlError: A link is in an obstacle; how deep, and what to do, is told.
+    """
+    distances = around.model.distances()
+    distances.place(q)
+    pairs = np.flatnonzero(around.thing > 1).tolist()
+    if not pairs:
+        return
+    depth, pair = min((distances.distance(pair), pair) for pair in pairs)
+    if depth < -TOUCH_M:
+        link = around.model.shapes[around.model.pairs[pair, 0]].link
+        raise RpctlError(
+            f"the robot starts inside an obstacle: {link} is {length(-depth)} deep in "
+            f"{around.things[around.thing[pair]]}; start elsewhere (--initial-error), or move "
+            "the obstacle or the reference"
+        )
+
+
+def find_collisions(around: Surroundings, t: Array, q: Array) -> CollisionFacts:
+    """Return how near a robot came to things along a motion, and what it ran into.
+
+    Args:
+        around: The robot among its obstacles.
+        t: Time (K,), s.
+        q: Configurations (K, nq).
+    """
+    scan = _Scan(around, t, q)
+    scan.run()
+    return scan.facts()
+
+
+class _Scan:
+    """Follows the pairs along a motion.
+
+    Args:
+        around: The robot among its obstacles.
+        t: Time (K,), s.
+        q: Configurations (K, nq).
+    """
+
+    def __init__(self, around: Surroundings, t: Array, q: Array) -> None:
+        self._around, self._t, self._q = around, t, q
+        self._distances = around.model.distances()
+        count, things = len(around.thing), len(around.things)
+        self._resolution, self._looks = RESOLUTION_M, 0
+        self._distance = np.zeros(count)  # of each pair when it was looked at last
+        self._looked = np.zeros(count)  # its path then, m
+        self._goal = np.zeros(count)  # its path at which it is to be looked at again, m
+        self._least = np.full(things, np.inf)
+        self._nearest = [(0, 0)] * things  # sample and pair of the least distance
+        self._touching: dict[int, tuple[float, float, float, float]] = {}
+        self._instants = np.unique(np.linspace(0, len(t) - 1, INSTANTS).astype(int))
+        self._series = np.full((things, len(self._instants)), np.inf)
+
+    def run(self) -> None:
+        """Follow the pairs from the first sample to the last."""
+        robot, count = self._around.model.robot, len(self._around.thing)
+        if not count:
+            return
+        rates = approach_rates(self._around.model, joint_travel(robot, self._q))
+        path = np.zeros((count, 1))
+        for first in range(0, len(self._t), BLOCK):
+            last = min(first + BLOCK, len(self._t))
+            moved = joint_motion(robot, self._q[max(first - 1, 0) : last])
+            ways = rates @ np.cumsum(moved, axis=0).T
+            path = path[:, -1:] + (ways if first else np.hstack([np.zeros((count, 1)), ways]))
+            self._follow(first, path)
+
+    def _follow(self, first: int, path: Array) -> None:
+        """Look at the pairs wherever they are due in some samples.
+
+        Args:
+            first: The first sample.
+            path: The paths of the pairs from the start (n, samples), m.
+        """
+        due = (path < self._goal[:, None]).sum(axis=1)
+        shown = {int(k) - first for k in self._instants if first <= k < first + path.shape[1]}
+        while (k := min(int(due.min()), *shown, path.shape[1])) < path.shape[1]:
+            self._distances.place(self._q[first + k])
+            pairs = np.flatnonzero(due <= k).tolist()
+            for pair in pairs:
+                self._look(pair, first + k, path[pair, k])
+            if k in shown:
+                shown.remove(k)
+                pairs += self._show(first + k, path[:, k])
+            self._plan(pairs)
+            for pair in pairs:
+                due[pair] = k + int(np.searchsorted(path[pair, k:], self._goal[pair]))
+
+    def _look(self, pair: int, k: int, path: float) -> None:
+        """Compute the distance of a pair at a sample, all shapes placed."""
+        distance, thing = self._distances.distance(pair), self._around.thing[pair]
+        self._distance[pair], self._looked[pair] = distance, path
+        self._looks += 1
+        if distance < self._least[thing]:
+            self._least[thing], self._nearest[thing] = distance, (k, pair)
+        self._touch(pair, distance, float(self._t[k]))
+
+    def _touch(self, pair: int, distance: float, t: float) -> None:
+        """Keep since when and how deep a pair is in each other: depth, first, since, for how long.
+
+        ``since`` is NaN while it is not.
+        """
+        depth, first, since, lasted = self._touching.get(pair, (0.0, t, np.nan, 0.0))
+        lasted += 0.0 if np.isnan(since) else t - since
+        if distance < -TOUCH_M:
+            self._touching[pair] = max(depth, -distance), first, t, lasted
+        elif pair in self._touching:
+            self._touching[pair] = depth, first, np.nan, lasted
+
+    def _plan(self, pairs: list[int]) -> None:
+        """Set when to look at pairs again: when they may be nearer than their thing was, or touch.
+
+        Args:
+            pairs: Those that were just looked at.
+        """
+        if self._looks > BUDGET:
+            self._looks, self._resolution = 0, 2.0 * self._resolution
+        least = self._least[self._around.thing[pairs]]
+        threshold = np.maximum(least - self._resolution, -TOUCH_M)
+        step = np.maximum(self._distance[pairs] - threshold, self._resolution)
+        self._goal[pairs] = self._looked[pairs] + step
+
+    def _show(self, k: int, path: Array) -> list[int]:
+        """Compute the distance of each thing at a sample; return the pairs that were looked at."""
+        column, looked = int(np.searchsorted(self._instants, k)), []
+        bound = self._distance - (path - self._looked)
+        for thing in range(len(self._around.things)):
+            pairs, least = np.flatnonzero(self._around.thing == thing), np.inf
+            for pair in pairs[np.argsort(bound[pairs])].tolist():
+                if bound[pair] >= least:
+                    break
+                if self._looked[pair] != path[pair]:
+                    self._look(pair, k, path[pair])
+                    looked.append(pair)
+                least = min(least, float(self._distance[pair]))
+            self._series[thing, column] = least
+        return looked
+
+    def facts(self) -> CollisionFacts:
+        """Return what was found."""
+        model, end = self._around.model, float(self._t[-1])
+        known = [thing for thing in range(len(self._least)) if np.isfinite(self._least[thing])]
+        clearances, collisions = [], []
+        for thing in known:
+            k, pair = self._nearest[thing]
+            names = self._names(pair)
+            clearances.append(
+                LinkClearance(*names[:1], float(self._least[thing]), float(self._t[k]), *names[1:])
+            )
+        for pair, (depth, first, since, lasted) in self._touching.items():
+            lasted += 0.0 if np.isnan(since) else end - since
+            collisions.append(Collision(*self._names(pair), depth, first, lasted))
+        return CollisionFacts(
+            tuple(clearances),
+            tuple(sorted(collisions, key=lambda each: -each.depth)),
+            tuple((each.first, each.second, each.why) for each in model.allowed),
+            model.notes,
+            self._resolution,
+            tuple(self._t[self._instants].tolist()),
+            tuple(tuple(self._series[thing].tolist()) for thing in known),
+        )
+
+    def _names(self, pair: int) -> tuple[str, str, str]:
+        """Return what a pair is with, its link, and the other link."""
+        shapes = self._around.model.shapes
+        first, second = (shapes[k] for k in self._around.model.pairs[pair])
+        other = "" if second.joint == WORLD else second.link
+        return self._around.things[self._around.thing[pair]], first.link, other

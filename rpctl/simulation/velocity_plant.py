@@ -1,0 +1,83 @@
+"""The plant with a velocity interface: speeds follow their commands by a lag and a dead time."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.dynamics.lag import follow, travel
+from rpctl.dynamics.motion import Step
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import DivergedError, RpctlError
+from rpctl.simulation.plant import substeps
+
+ROUNDING = 1e-9  # of a control period: a rest of a dead time this small is none
+
+
+class VelocityPlant:
+    """A robot whose own controllers follow commanded speeds: T ν̇(t) = c(t − T_d) − ν(t), exactly.
+
+    Commands are held between samples. A dead time need be no whole number of control periods: the
+    commands then change within them.
+
+    Args:
+        dynamics: Of the simulated robot.
+        lag: T of each quasi-velocity (dof,), s.
+        dead_time: T_d, s.
+        period: Control period, s.
+        longest: Longest step in which the configuration is integrated, s.
+    """
+
+    def __init__(
+        self, dynamics: ReducedDynamics, lag: Array, dead_time: float, period: float, longest: float
+    ) -> None:
+        self._dynamics, self._lag, self._period = dynamics, lag, period
+        whole = math.floor(dead_time / period + ROUNDING)
+        rest = max(dead_time - whole * period, 0.0)
+        self._rest = rest if rest > ROUNDING * period else 0.0
+        # The first acts for the rest of the dead time, then the second.
+        self._sent = deque([np.zeros(dynamics.robot.dof)] * (whole + 2), maxlen=whole + 2)
+        parts = [part for part in (self._rest, period - self._rest) if part > 0.0]
+        counts = [substeps(part, longest) for part in parts]
+        self._durations = np.repeat(np.divide(parts, counts), counts)
+        self._counts = counts
+
+    def send(self, speeds: Array) -> None:
+        """Send commanded speeds (dof,) at the beginning of a control period."""
+        self._sent.append(speeds)
+
+    def acceleration(self, nu: Array) -> Array:
+        """Return the mean ν̇ (dof,) of the coming control period, from ν (dof,) on."""
+        after, _ = follow(nu, self._commands(), self._durations, self._lag)
+        return np.asarray((after - nu) / self._period)
+
+    def advance(self, q: Array, nu: Array) -> Step:
+        """Advance the robot by a control period.
+
+        The work is that of actuators which let it move so, the change of its energy.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+
+        Raises:
+            DivergedError: The state left the finite numbers.
+        """
+        before = self._dynamics.energy(q, nu)
+        after, stretches = follow(nu, self._commands(), self._durations, self._lag)
+        try:
+            for stretch in stretches:
+                q = travel(self._dynamics, q, stretch)
+        except RpctlError as error:
+            raise DivergedError(f"the motion diverged: {error}") from error
+        if not (np.isfinite(q).all() and np.isfinite(after).all()):
+            raise DivergedError("the motion diverged; give longer horizons, or the true lag")
+        return Step(q, after, self._dynamics.energy(q, after) - before)
+
+    def _commands(self) -> Array:
+        """Return the commands (n, dof) that act in the stretches of the coming period."""
+        acting = [self._sent[0], self._sent[1]] if self._rest else [self._sent[1]]
+        return np.repeat(acting, self._counts, axis=0)

@@ -1,0 +1,276 @@
+"""Lag and dead time of a robot's actuators, identified from commanded and measured speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rpctl.arrays import Array
+from rpctl.control.velocity_output import MAX_LAG, VelocityOutput
+from rpctl.errors import RpctlError, UnknownNameError, require_positive
+from rpctl.simulation.run import Run
+from rpctl.study.speed_log import SpeedLog, log_of_run, read_speed_log
+
+MAX_DEAD_TIME = 1.0  # s, if not asked for another
+MAX_SAMPLES = 5_000  # that are fitted: of a longer log those in which the commands change most
+DEAD_TIMES, STARTS = 25, 3  # that are tried with each lag, and of all pairs those that are refined
+LAGS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2)  # s, that are tried
+NO_CHANGE = 1e-6  # m/s or rad/s: a command that changes by less does not excite
+WORST_RESIDUAL = 0.3  # of the rms of the change: a motion that follows so badly has another model
+# F statistic of a fit with one parameter less: the gain of the second is beyond chance. Errors that
+# follow one another, as a model's do, count as a few independent ones; so it is a strict one.
+SURE = 50.0
+
+
+@dataclass(frozen=True)
+class ChannelLag:
+    """Lag and dead time of one channel.
+
+    Attributes:
+        name: Of the quasi-velocity, or the column.
+        lag: T, s.
+        dead_time: T_d, s.
+        residual: Rms of what the model leaves of the measured speed, m/s or rad/s.
+    """
+
+    name: str
+    lag: float
+    dead_time: float
+    residual: float
+
+
+@dataclass(frozen=True)
+class ActuatorLag:
+    """Lag and dead time of a robot's actuators: T ν̇(t) = c(t − T_d) − ν(t).
+
+    Attributes:
+        lag: T that fits all channels best, s.
+        dead_time: T_d that fits all channels best, s.
+        residual: Rms of what this model leaves, relative to the rms change of each channel.
+        channels: Each channel by itself.
+        left_out: Why other channels tell nothing, by name.
+    """
+
+    lag: float
+    dead_time: float
+    residual: float
+    channels: tuple[ChannelLag, ...]
+    left_out: dict[str, str]
+
+    def channel(self, name: str) -> ChannelLag:
+        """Return a channel by its name.
+
+        Raises:
+            UnknownNameError: There is none such.
+        """
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        raise UnknownNameError("channel", name, [each.name for each in self.channels])
+
+    def output(self) -> VelocityOutput:
+        """Return the output that compensates this lag and dead time."""
+        return VelocityOutput(lag=self.lag, dead_time=self.dead_time)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON says it."""
+        return asdict(self)
+
+
+def lag_from(log: Run | SpeedLog | str | Path, max_dead_time: float = MAX_DEAD_TIME) -> ActuatorLag:
+    """Identify lag and dead time from a log of commanded and measured speeds.
+
+    The motion must excite: a step, or any motion whose commands change faster than the lag. The
+    model's answer to the commands, held in between and T_d late, is exact; least squares over T and
+    T_d bring it nearest to what was measured, from the best of a row of dead times on.
+
+    Args:
+        log: A run whose output were speeds, a log of one's own, or the file of either:
+            ``run.npz``, or CSV as of :func:`~rpctl.study.speed_log.read_speed_log`.
+        max_dead_time: The longest dead time to look for, s.
+
+    Raises:
+        RpctlError: No channel excites, or follows its command as the model says; each says why.
+        DescriptionError: The file cannot be read.
+    """
+    require_positive("max_dead_time", max_dead_time)
+    if isinstance(log, str | Path):
+        log = read_speed_log(log) if str(log).lower().endswith(".csv") else Run.load(log)
+    if isinstance(log, Run):
+        log = log_of_run(log)
+    longest = min(max_dead_time, 0.5 * float(log.t[-1] - log.t[0]))
+    channels: list[ChannelLag] = []
+    used: list[int] = []
+    left_out: dict[str, str] = {}
+    for index, name in enumerate(log.names):
+        found = _identify(log, index, longest)
+        if isinstance(found, str):
+            left_out[name] = found
+            continue
+        residual = found.residual * _size(log, index)
+        channels.append(ChannelLag(name, found.lag, found.dead_time, residual))
+        used.append(index)
+    if not channels:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+        raise RpctlError(f"no lag can be identified: {reasons}")
+    common = _Model(log, used, longest).fit()
+    return ActuatorLag(common.lag, common.dead_time, common.residual, tuple(channels), left_out)
+
+
+class _Fit(NamedTuple):
+    lag: float  # s
+    dead_time: float  # s
+    cost: float  # sum of squares, relative to the channels' rms changes
+    squares: int  # their number
+
+    @property
+    def residual(self) -> float:
+        """Rms, relative to the channels' rms changes."""
+        return float(np.sqrt(self.cost / self.squares))
+
+
+class _Model:
+    """Channels of a log, and how far a lag and a dead time leave them from what was measured.
+
+    Args:
+        log: The log.
+        channels: Their indices.
+        longest: The longest dead time to look for, s.
+    """
+
+    def __init__(self, log: SpeedLog, channels: Sequence[int], longest: float) -> None:
+        rows, columns = _window(log), list(channels)
+        self._t, self._command = log.t[rows], log.commanded[rows][:, columns]
+        self._measured = log.measured[rows][:, columns]
+        self._size = np.array([_size(log, index) for index in columns])
+        self._longest = longest
+
+    def residuals(self, x: Array) -> Array:
+        """Return what lag and dead time x (2,) leave, relative to the channels' rms changes."""
+        found = response(self._t, self._command, self._measured[0], *x)
+        return np.ravel((found - self._measured) / self._size)
+
+    def fit(self, only: str = "") -> _Fit:
+        """Return the least-squares fit, from the best pairs of a grid on.
+
+        Args:
+            only: ``"lag"`` or ``"dead_time"``: the other one is 0.
+        """
+        dead_times = np.linspace(0.0, self._longest, DEAD_TIMES)
+        pairs = [
+            np.array([lag, dead])
+            for lag in ((0.0,) if only == "dead_time" else LAGS)
+            for dead in ((0.0,) if only == "lag" else dead_times)
+        ]
+        pairs.sort(key=lambda x: float(np.square(self.residuals(x)).sum()))
+        free = np.array([only in ("", "lag"), only in ("", "dead_time")])
+        fits = [self._refined(x, free) for x in pairs[:STARTS]]
+        best = min(fits, key=lambda fit: fit.cost)
+        if only:
+            return best
+        # The cost has kinks, where a change of the command comes to pass a sample: its neighbours.
+        step = float(np.median(np.diff(self._t)))
+        for change in (-2.0 * step, -step, step, 2.0 * step):
+            start = np.maximum([best.lag - change, best.dead_time + change], 0.0)
+            fits.append(self._refined(start, free))
+        return min(fits, key=lambda fit: fit.cost)
+
+    def _refined(self, start: Array, free: NDArray[np.bool_]) -> _Fit:
+        """Return the local fit of the free ones of lag and dead time, beginning at ``start``."""
+        upper = np.array([MAX_LAG, self._longest])
+        x = start.copy()
+
+        def residuals(part: Array) -> Array:
+            x[free] = part
+            return self.residuals(x)
+
+        inside = np.clip(start, 1e-3 * self._longest, 0.999 * upper)[free]
+        found = least_squares(
+            residuals, inside, bounds=(0.0, upper[free]), x_scale=0.1, diff_step=1e-4,
+            xtol=1e-12, ftol=1e-12, gtol=1e-14,
+        )  # fmt: skip
+        x[free] = found.x
+        return _Fit(float(x[0]), float(x[1]), 2.0 * float(found.cost), len(found.fun))
+
+
+def _identify(log: SpeedLog, channel: int, longest: float) -> _Fit | str:
+    """Return the fit of a channel, or why there is none worth having."""
+    if np.ptp(log.commanded[:, channel]) < NO_CHANGE:
+        return "its command does not change; send a step, as from rest to half of its speed"
+    if np.ptp(log.measured[:, channel]) < NO_CHANGE:
+        return "it does not move, whatever is commanded"
+    model = _Model(log, [channel], longest)
+    found = model.fit()
+    if found.residual > WORST_RESIDUAL:
+        return (
+            f"it does not follow its command as a lag of first order does ({found.residual:.0%} "
+            "of its motion is left over); is it the command of this speed?"
+        )
+    if found.dead_time > longest * (1.0 - 1e-6):
+        return f"its dead time is longer than the {longest:.3g} s that were looked for"
+    spread = SURE * found.cost / found.squares
+    if all(model.fit(only=one).cost < found.cost + spread for one in ("lag", "dead_time")):
+        return (
+            "its command changes too slowly to tell a lag from a dead time; send a step, as from "
+            "rest to half of its speed"
+        )
+    return found
+
+
+def response(t: Array, command: Array, start: Array, lag: float, dead_time: float) -> Array:
+    """Return ν (K, n) of T ν̇ = c(t − T_d) − ν at the samples' times; exact.
+
+    Args:
+        t: Times (K,), s.
+        command: c (K, n), each held until the next; the first held before, too.
+        start: ν at the first time (n,).
+        lag: T, s; 0 for none.
+        dead_time: T_d, s.
+    """
+    changes = t + dead_time
+    times = np.union1d(t, changes[(changes > t[0]) & (changes < t[-1])])
+    middles = 0.5 * (times[1:] + times[:-1]) - dead_time
+    held = command[np.maximum(np.searchsorted(t, middles, side="right") - 1, 0)]
+    left = np.exp(-np.diff(times) / max(lag, 1e-9))[:, None]
+    values = _scan(left, (1.0 - left) * held, start)
+    return values[np.searchsorted(times, t)]
+
+
+def _scan(factors: Array, terms: Array, start: Array) -> Array:
+    """Return x (K + 1, n) of x_{k+1} = a_k x_k + b_k from a start, by doubling the stretch.
+
+    Args:
+        factors: a (K, 1).
+        terms: b (K, n).
+        start: x_0 (n,).
+    """
+    a = np.vstack([[[1.0]], factors])
+    b = np.vstack([start, terms])
+    stretch = 1
+    while stretch < len(b):
+        b[stretch:] = b[stretch:] + a[stretch:] * b[:-stretch]
+        a[stretch:] = a[stretch:] * a[:-stretch]
+        stretch *= 2
+    return b
+
+
+def _size(log: SpeedLog, channel: int) -> float:
+    """Return the rms of a channel's motion about its mean."""
+    return max(float(log.measured[:, channel].std()), NO_CHANGE)
+
+
+def _window(log: SpeedLog) -> slice:
+    """Return the samples to fit: all, or as many as may be where the commands change most."""
+    if len(log.t) <= MAX_SAMPLES:
+        return slice(None)
+    scale = np.maximum(np.ptp(log.commanded, axis=0), NO_CHANGE)
+    change = np.abs(np.diff(log.commanded, axis=0) / scale).sum(axis=1)
+    total = np.concatenate([[0.0], np.cumsum(change)])
+    first = int(np.argmax(total[MAX_SAMPLES - 1 :] - total[: len(total) - MAX_SAMPLES + 1]))
+    return slice(first, first + MAX_SAMPLES)

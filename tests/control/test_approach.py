@@ -1,0 +1,158 @@
+"""The stage before a law: a base with a tightest bend drives up to its reference from anywhere."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import (
+    Approach,
+    Kanayama,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    UnifiedKinematic,
+    summarize,
+    track,
+)
+from rpctl.control.approach import RADIUS_RATIO, ApproachingLaw
+from rpctl.control.approach_plan import (
+    ACCELERATION,
+    ApproachPlan,
+    Pace,
+    WayLimits,
+    plan_approach,
+)
+from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.drive.steering import turning_radius
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.named import reference_by_name
+from tests.control.unicycle import NO_JOINTS
+
+STEP = 1e-5
+FAR = ((0.5, -1.0, 3.11), (-1.4, 1.3, -2.0), (0.0, 0.9, 0.0))
+
+
+@pytest.fixture(scope="module")
+def bicycle() -> Robot:
+    return rpctl.load("bicycle")
+
+
+def plan(robot: Robot, name: str, error: tuple[float, float, float]) -> ApproachPlan:
+    reference, dynamics = reference_by_name(robot, name), ReducedDynamics(robot)
+    radius = RADIUS_RATIO * turning_radius(robot.drive, robot.description.joint)
+    q = robot.configuration_at(reference(2.0).pose + np.array(error), robot.home)
+    made = plan_approach(
+        dynamics, reference, 2.0, q, np.zeros(robot.dof), WayLimits(radius, 1.5, math.inf)
+    )
+    assert made is not None
+    return made
+
+
+@pytest.mark.parametrize("name", ["line", "reverse", "circle", "eight"])
+def test_a_plan_leads_from_the_robot_to_its_reference(bicycle: Robot, name: str) -> None:
+    """At both ends pose, speed and curvature are those of the robot and of the reference."""
+    reference = reference_by_name(bicycle, name)
+    for error in FAR:
+        way = plan(bicycle, name, error)
+        first, last = (way(t, reference(t)) for t in (2.0, way.joins_at))
+        there = reference(way.joins_at)
+        off = np.column_stack([first.pose - reference(2.0).pose - error, last.pose - there.pose])
+        off[2] = np.remainder(off[2] + 1.0, 2.0 * math.pi) - 1.0
+        np.testing.assert_allclose(off, 0.0, atol=1e-8)
+        np.testing.assert_array_equal(first.twist, 0.0)
+        np.testing.assert_allclose(last.twist, there.twist, atol=1e-8)
+        assert way.sense == (-1.0 if name == "reverse" else 1.0)
+
+
+def test_a_plan_moves_as_its_rates_say(bicycle: Robot, rng: np.random.Generator) -> None:
+    """Twist and its rate, the direction and its rates, against differences; without a slip."""
+    still = ReferenceState(np.zeros(3), np.zeros(3), np.zeros(3), *[NO_JOINTS] * 3)
+    way = plan(bicycle, "reverse", FAR[0])
+    for t in way.begins_at + rng.uniform(0.05, 0.95, 7) * way.pace.duration:
+        behind, at, ahead = (way(t + step, still) for step in (-STEP, 0.0, STEP))
+        cos, sin = math.cos(at.pose[2]), math.sin(at.pose[2])
+        moved = (ahead.pose - behind.pose) / (2.0 * STEP)
+        twist = [cos * moved[0] + sin * moved[1], cos * moved[1] - sin * moved[0], moved[2]]
+        np.testing.assert_allclose(twist, at.twist, atol=1e-7)
+        rate = (ahead.twist - behind.twist) / (2.0 * STEP)
+        np.testing.assert_allclose(rate, at.twist_dot, atol=1e-6)
+        assert at.direction is not None and ahead.direction is not None
+        assert behind.direction is not None
+        turned = (ahead.direction - behind.direction) / (2.0 * STEP)
+        np.testing.assert_allclose(turned[:2], at.direction[1:], atol=1e-5)
+        assert np.cross(at.twist, at.direction[0]) == pytest.approx(0.0, abs=1e-12)
+        assert at.twist @ at.direction[0] >= 0.0
+
+
+def test_a_plan_keeps_bend_speed_and_acceleration(bicycle: Robot) -> None:
+    way, still = plan(bicycle, "line", FAR[0]), reference_by_name(bicycle, "line")(0.0)
+    states = [way(t, still) for t in np.linspace(2.0, way.joins_at, 200)]
+    radius = RADIUS_RATIO * turning_radius(bicycle.drive, bicycle.description.joint)
+    speed = max(abs(state.twist[0]) for state in states)
+    assert max(abs(state.twist[2]) for state in states) < 1.05 * speed / radius
+    assert speed <= 1.5 * reference_by_name(bicycle, "line")(20.0).twist[0] + 1e-12
+    assert max(abs(state.twist_dot[0]) for state in states) <= ACCELERATION + 1e-12
+
+
+def test_a_pace_by_paper_and_pencil() -> None:
+    """From rest to 2 m/s within 1 s, on for 2 s, down to 1 m/s: 1 + 4 + 1.5 m."""
+    pace = Pace((0.0, 2.0, 1.0), 1.0, 4.0)
+    assert pace(0.0) == (0.0, 0.0, 0.0)
+    assert pace(1.0) == pytest.approx((1.0, 2.0, 0.0))
+    assert pace(2.0) == pytest.approx((3.0, 2.0, 0.0))
+    assert pace(3.5)[2] == pytest.approx(-1.875)
+    assert pace(4.0) == pytest.approx((6.5, 1.0, 0.0))
+
+
+def test_a_faster_reference_is_not_met(bicycle: Robot) -> None:
+    """Where the wheels allow less than its speed, there is no plan, and the law is on its own."""
+    reference, dynamics = reference_by_name(bicycle, "line"), ReducedDynamics(bicycle)
+    q = bicycle.configuration(x=-1.0)
+    slow = WayLimits(1.0, 1.5, 0.5 * float(reference(30.0).twist[0]))
+    assert plan_approach(dynamics, reference, 0.0, q, np.zeros(bicycle.dof), slow) is None
+
+
+def test_only_bases_with_a_tightest_bend_have_the_stage(bicycle: Robot, paper: Robot) -> None:
+    for law in (UnifiedKinematic(), Kanayama()):
+        assert not isinstance(law.start(ReducedDynamics(paper), 0.01), ApproachingLaw)
+        assert isinstance(law.start(ReducedDynamics(bicycle), 0.01), ApproachingLaw)
+    for bare in (PaperKinematic(), UnifiedKinematic(approach=None)):
+        assert not isinstance(bare.start(ReducedDynamics(bicycle), 0.01), ApproachingLaw)
+
+
+def test_near_its_reference_a_law_is_itself(bicycle: Robot) -> None:
+    """And it stays so: no plan is made, and commands are the law's own, bit by bit."""
+    reference, dynamics = reference_by_name(bicycle, "eight"), ReducedDynamics(bicycle)
+    law = UnifiedKinematic()
+    started: Any = law.start(dynamics, USUAL_PERIOD)
+    for error in ((0.1, 0.3, -0.7), (0.0, -0.49, 0.0)):
+        q = bicycle.configuration_at(reference(4.0).pose + np.array(error), bicycle.home)
+        arguments = dynamics, reference, 4.0, q, np.full(bicycle.dof, 0.1)
+        for mine, its in zip(started(*arguments), law(*arguments), strict=True):
+            np.testing.assert_array_equal(mine, its)
+    assert started.report()["approaches"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [UnifiedKinematic(), PaperKinematic(approach=Approach())])
+def test_a_car_comes_home_from_behind_and_facing_away(
+    bicycle: Robot, law: UnifiedKinematic | PaperKinematic
+) -> None:
+    for error in FAR[:2]:
+        run = track(bicycle, "circle", 35.0, error, law, control_period=0.01, plant_step=0.01)
+        figures = summarize(run)
+        assert figures.final_base_error < 1e-3
+        assert figures.kinematic_report["approaches"] == 1
+
+
+def test_bounds_are_positive(tmp_path: Path) -> None:
+    for name in ("distance", "heading", "haste"):
+        with pytest.raises(RpctlError, match=f"{name} is 0; give a positive number"):
+            Approach(**{name: 0.0})

@@ -1,0 +1,301 @@
+"""Speeds as output: lag and dead time are predicted over, exactly where the model is right."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rpctl import (
+    Controller,
+    ControllerOutput,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    UnifiedKinematic,
+    load_reference,
+)
+from rpctl.arrays import Array
+from rpctl.control.error import tracking_error
+from rpctl.control.law import Command, KinematicLaw
+from rpctl.control.velocity_output import VelocityOutput, as_output
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.simulation.velocity_plant import VelocityPlant
+from tests.grids import cells
+
+
+def close(
+    robot: Robot,
+    reference: Reference,
+    output: VelocityOutput,
+    true: VelocityOutput | None = None,
+    law: KinematicLaw | None = None,
+    duration: float = 4.0,
+    period: float = 0.02,
+    error: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    joints: Array | float = 0.0,
+    start: float = 0.0,
+    sent: list[Array] | None = None,
+) -> Array:
+    """Return the errors (K, 3 + n_joints) of a loop over a plant with a velocity interface.
+
+    Args:
+        robot: The robot.
+        reference: What is tracked.
+        output: What the controller knows of lag and dead time.
+        true: What they are; None: that.
+        law: The kinematic law; None: the unified one.
+        duration: s.
+        period: s.
+        error: Of the base at the start.
+        joints: Of the arm at the start.
+        start: Time of the first sample, s.
+        sent: Gets the commands.
+    """
+    dynamics, true = ReducedDynamics(robot), true or output
+    lag = true.lag_of(robot.quasi_velocities)
+    plant = VelocityPlant(dynamics, lag, true.dead_time, period, period)
+    controller = output.start(dynamics, period)
+    kinematic = (law or UnifiedKinematic()).start(dynamics, period)
+    state = reference(start)
+    q = robot.configuration_at(state.pose - error, state.joints - joints)
+    nu, errors = np.zeros(robot.dof), []
+    for k in range(round(duration / period) + 1):
+        t = start + k * period
+        errors.append(tracking_error(robot, reference(t), q))
+        ahead = controller.predict(t, q, nu)
+        command = kinematic(dynamics, reference, *ahead)
+        speeds = controller(dynamics, *ahead[1:], command)
+        controller.sent(t, speeds.nu)
+        plant.send(speeds.nu)
+        q, nu, *_ = plant.advance(q, nu)
+        if sent is not None:
+            sent.append(speeds.nu)
+    return np.array(errors)
+
+
+def resting(robot: Robot) -> Reference:
+    """Return a reference that stands at the origin, arm at home."""
+    none, arm = np.zeros(3), np.zeros(len(robot.joints))
+    return lambda t: ReferenceState(none, none, none, robot.home, arm, arm)
+
+
+def rms(errors: Array) -> float:
+    """Return the rms distance of the base (m)."""
+    return float(np.sqrt(np.mean(errors[:, 0] ** 2 + errors[:, 1] ** 2)))
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.037, 0.25])
+def test_the_prediction_is_where_the_robot_comes_to(
+    paper: Robot, dead_time: float, rng: np.random.Generator
+) -> None:
+    """Commands sent at odd times, integrated stretch by stretch by another method."""
+    dynamics, lags = ReducedDynamics(paper), {"v": 0.1, "omega": 0.05, "arm_revolute_joint": 0.2}
+    output = VelocityOutput(lag=0.02, dead_time=dead_time, lags=lags)
+    lag, controller = output.lag_of(paper.quasi_velocities), output.start(dynamics, 0.02)
+    times = np.cumsum(rng.uniform(0.005, 0.03, 40))
+    commands = rng.normal(size=(40, 4))
+    acting = np.concatenate([times + dead_time, [times[-1] + dead_time]])
+
+    def rate(t: float, x: Array, command: Array) -> Array:
+        nu = x[3:7]
+        moved = [nu[0] * np.cos(x[2]), nu[0] * np.sin(x[2]), nu[1]]
+        return np.array([*moved, *((command - nu) / lag), *nu[2:]])
+
+    def state(x: Array) -> tuple[Array, Array]:
+        return paper.configuration_at(x[:3], x[7:]), x[3:7]
+
+    def drive(x: Array, t: float, end: float) -> Array:
+        while t < end - 1e-12:
+            later = acting[acting > t + 1e-12]
+            stop = min([end, *later])
+            count = int(np.searchsorted(acting[:-1], t + 1e-12, side="right"))
+            command = commands[count - 1] if count else np.zeros(4)
+            found = solve_ivp(
+                rate, (t, stop), x, args=(command,), rtol=1e-11, atol=1e-12, method="DOP853"
+            )
+            x, t = found.y[:, -1], stop
+        return np.asarray(x)
+
+    x, t = np.concatenate([[1.0, 2.0, 0.5], np.zeros(4), paper.home]), float(times[0])
+    for k, now in enumerate(times[:-1]):
+        x, t = drive(x, t, float(now)), float(now)
+        if k % 13 == 12:
+            at, q, nu = controller.predict(t, *state(x))
+            there = drive(x, t, t + dead_time)
+            assert at == pytest.approx(t + dead_time, abs=1e-12)
+            np.testing.assert_allclose(q[:6], state(there)[0][:6], atol=2e-7)  # without wheels
+            np.testing.assert_allclose(nu, state(there)[1], atol=1e-9)
+        controller.predict(t, *state(x))
+        controller.sent(t, commands[k])
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.15])
+def test_a_dead_time_only_shifts_the_answer(paper: Robot, lag: float) -> None:
+    """Smith's property: what the loop without dead time does, later; to rounding."""
+    dead, joints = 0.2, np.array([0.3, -0.1])
+    arm = slice(3, None)
+    at_once = close(paper, resting(paper), VelocityOutput(lag), joints=joints)
+    late = close(paper, resting(paper), VelocityOutput(lag, dead), joints=joints)
+    np.testing.assert_allclose(late[:11, arm], np.tile(joints, (11, 1)), atol=1e-15)
+    np.testing.assert_allclose(late[10:, arm], at_once[:-10, arm], atol=1e-14)
+    assert np.abs(late[-1, arm]).max() < 0.02
+
+
+def test_a_moving_reference_is_read_ahead(paper: Robot) -> None:
+    """The loop is that of a robot without dead time, which starts later on the same clock."""
+    reference, dead = load_reference(paper, "eight"), 0.1
+    late = close(paper, reference, VelocityOutput(0.1, dead))
+    gone = reference(dead).pose - reference(0.0).pose
+    joints = reference(dead).joints - reference(0.0).joints
+    at_once = close(
+        paper, reference, VelocityOutput(0.1), start=dead, error=tuple(gone), joints=joints
+    )
+    np.testing.assert_allclose(late[5:], at_once[:-5], atol=2e-6)
+
+
+def test_without_lag_the_loop_is_the_kinematic_laws_own(paper: Robot) -> None:
+    """Against the law in continuous time; the error is of second order in the period."""
+    reference, dynamics = load_reference(paper, "eight"), ReducedDynamics(paper)
+    law, error = UnifiedKinematic(), (0.05, -0.04, 0.1)
+
+    def rate(t: float, x: Array) -> Array:
+        q = paper.configuration_at(x[:3], x[3:])
+        nu = law(dynamics, reference, t, q, np.zeros(4)).nu_d
+        return np.array([nu[0] * np.cos(x[2]), nu[0] * np.sin(x[2]), *nu[1:]])
+
+    start = reference(0.0)
+    first = np.concatenate([start.pose - error, start.joints])
+    ends = np.arange(0.0, 4.0, 0.5)
+    exact = solve_ivp(rate, (0.0, 4.0), first, t_eval=ends, rtol=1e-9, atol=1e-10).y.T
+    wanted = [
+        tracking_error(paper, reference(t), paper.configuration_at(x[:3], x[3:]))
+        for t, x in zip(ends, exact, strict=True)
+    ]
+    off = []
+    for period in (0.05, 0.025):
+        errors = close(paper, reference, VelocityOutput(), error=error, period=period)
+        off.append(np.abs(errors[:: round(0.5 / period)][: len(ends)] - wanted).max())
+    assert off[0] < 4e-3
+    assert off[0] / off[1] > 3.0
+
+
+@pytest.mark.parametrize(
+    "lag, dead_time", cells([(0.1, 0.0), (0.1, 0.1), (0.3, 0.05)], [(0.1, 0.1)], [(0.3, 0.05)])
+)
+def test_lag_and_dead_time_cost_no_accuracy(paper: Robot, lag: float, dead_time: float) -> None:
+    reference, true = load_reference(paper, "eight"), VelocityOutput(lag, dead_time)
+    blind = close(paper, reference, VelocityOutput(), true, duration=6.0)
+    known = close(paper, reference, true, duration=6.0)
+    assert rms(known) < 1e-3
+    assert rms(known) < 0.1 * rms(blind)
+    assert np.abs(known[:, 3:]).max() < 0.15 * np.abs(blind[:, 3:]).max()
+
+
+@pytest.mark.parametrize(
+    "ratio, dead_time",
+    cells([(r, d) for r in (0.5, 1.5) for d in (0.0, 0.2)], [(0.5, 0.2)], [(1.5, 0.2)]),
+)
+def test_a_lag_that_is_half_wrong_leaves_the_loop_stable(
+    paper: Robot, ratio: float, dead_time: float
+) -> None:
+    true, known = VelocityOutput(0.2, dead_time), VelocityOutput(ratio * 0.2, dead_time)
+    errors = close(
+        paper, load_reference(paper, "line"), known, true, duration=8.0,
+        error=(0.1, 0.1, 0.2), joints=np.array([0.3, -0.1]),
+    )  # fmt: skip
+    assert rms(errors[-50:]) < 5e-3
+    assert np.abs(errors[-50:, 2:]).max() < 0.02
+    assert np.abs(errors[-50:]).max() <= np.abs(errors[:50]).max() / 10.0
+
+
+def test_the_lead_is_along_the_motion(paper: Robot) -> None:
+    """c = ν_d + (T + ½ T_s) ν̇_d, each channel by its own lag."""
+    output = VelocityOutput(0.1, lags={"omega": 0.3})
+    controller = output.start(ReducedDynamics(paper), 0.02)
+    q, slow = paper.configuration_at(np.zeros(3), paper.home), np.full(4, 1e-3)
+    command = Command(np.array([0.01, 0.02, 0.0, 0.03]), 0.1 * slow)
+    speeds = controller(ReducedDynamics(paper), q, command.nu_d, command)
+    lead = np.array([0.11, 0.31, 0.11, 0.11])
+    np.testing.assert_allclose(speeds.nu, command.nu_d + lead * 1e-4, rtol=1e-13)
+    assert speeds.limits == ()
+
+
+@pytest.mark.parametrize(
+    "settings, message",
+    [
+        ({"lag": -0.1}, "lag is -0.1; give a time in s, from 0 to 10"),
+        ({"dead_time": float("nan")}, "dead_time is nan; give a time"),
+        ({"lags": {"v": 11.0}}, "the lag of v is 11; give a time"),
+        ({"accelerations": {"v": 0.0}}, "the acceleration of v is 0; give a positive number"),
+        ({"effort_ratio": 1.5}, "effort_ratio is 1.5; give more than 0, at most 1"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings: dict[str, float], message: str) -> None:
+    with pytest.raises(RpctlError, match=message):
+        VelocityOutput(**settings)  # type: ignore[arg-type]
+
+
+def test_a_lag_of_nothing_is_refused(paper: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean omega"):
+        VelocityOutput(lags={"omga": 0.1}).start(ReducedDynamics(paper), 0.02)
+
+
+def stepped(
+    robot: Robot, output: VelocityOutput | str, samples: int, spoil: dict[int, Any] | None = None
+) -> list[ControllerOutput]:
+    """Return the answers of a controller in a loop, some of whose samples are spoilt."""
+    period, settings = 0.02, as_output(output) or VelocityOutput()
+    controller = Controller(robot, "circle", "unified", period=period, output=output)
+    dynamics = ReducedDynamics(robot)
+    lag = settings.lag_of(robot.quasi_velocities)
+    plant = VelocityPlant(dynamics, lag, settings.dead_time, period, period)
+    state = controller.reference(0.0)
+    q, nu = robot.configuration_at(state.pose, state.joints), np.zeros(robot.dof)
+    answers = []
+    for k in range(samples):
+        measured = (spoil or {}).get(k, nu)
+        answers.append(controller.step(k * period, q, measured))
+        plant.send(answers[-1].speeds)
+        q, nu, *_ = plant.advance(q, nu)
+    return answers
+
+
+def test_a_controller_answers_with_speeds(paper: Robot) -> None:
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 200)
+    assert {answer.status for answer in answers} == {"ok"}
+    assert {answer.efforts.shape for answer in answers} == {(0,)}
+    command, dt = answers[-1].command, 0.11
+    np.testing.assert_allclose(answers[-1].speeds, command.nu_d + dt * command.nu_d_dot)
+
+
+@pytest.mark.parametrize("bad", [np.full(4, np.nan), np.array([0.1, np.inf, 0.0, 0.0]), "left"])
+def test_a_bad_sample_is_answered_with_the_last_speeds(paper: Robot, bad: Any) -> None:
+    """The robot goes on with them, the prediction knows it: two samples later all is as it was."""
+    plain = stepped(paper, VelocityOutput(0.1, 0.1), 200)
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 200, {150: bad})
+    assert answers[150].status == "held"
+    np.testing.assert_array_equal(answers[150].speeds, answers[149].speeds)
+    assert all(np.isfinite(answer.speeds).all() for answer in answers)
+    np.testing.assert_allclose(answers[-1].speeds, plain[-1].speeds, atol=1e-4)
+
+
+def test_silence_ends_in_a_controlled_stop(paper: Robot) -> None:
+    nothing = np.full(4, np.nan)
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 300, dict.fromkeys(range(150, 290), nothing))
+    kinds = [answer.status for answer in answers]
+    assert kinds[150:155] == ["held"] * 5
+    assert set(kinds[156:290]) == {"stopped"}
+    assert set(kinds[290:]) == {"ok"}
+    speeds = np.array([answer.speeds for answer in answers])
+    ratio = speeds[157:290, 0] / speeds[156:289, 0]
+    np.testing.assert_allclose(ratio, np.exp(-0.02 / 0.3), rtol=1e-9)
+    assert 0.0 < speeds[289, 0] < 1e-3
+
+
+def test_an_output_of_no_name_is_refused(paper: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="output 'speed' is not known"):
+        Controller(paper, "line", output="speed")

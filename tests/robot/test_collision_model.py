@@ -1,0 +1,231 @@
+"""Shapes that collide: coal's distances against geometry on paper, and which pairs may touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import Robot
+from rpctl.arrays import Array
+from rpctl.robot.collision_model import CollisionModel, collision_model
+from tests import urdf
+from tests.folding import HOME, folding
+from tests.robots import write
+
+GJK_M = 1e-5  # m: what coal's iterations leave
+HOOK = urdf.limit(-1.0, 1.0, 5, 1)
+LIGHT = urdf.inertial(0.1, (1e-3, 1e-3, 1e-3))
+
+
+def turn(rng: np.random.Generator) -> Array:
+    matrix, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
+
+
+def to_box(point: Array, half: Array) -> float:
+    """Return the distance of a point to a box about the origin."""
+    return float(np.linalg.norm(np.maximum(np.abs(point) - half, 0.0)))
+
+
+def to_cylinder(point: Array, radius: float, length: float) -> float:
+    off = np.hypot(*point[:2]) - radius, abs(point[2]) - 0.5 * length
+    return float(np.hypot(*np.maximum(off, 0.0)))
+
+
+def to_segment(point: Array, length: float) -> float:
+    nearest = np.array([0.0, 0.0, np.clip(point[2], -0.5 * length, 0.5 * length)])
+    return float(np.linalg.norm(point - nearest))
+
+
+def segments(a: Array, u: Array, b: Array, v: Array) -> float:
+    """Return the distance of two segments, centre and half vector each, by their ends and lines."""
+    found = []
+    for (p, d), (q, e) in (((a, u), (b, v)), ((b, v), (a, u))):
+        for end in (p - d, p + d):
+            s = np.clip((end - q) @ e / (e @ e), -1.0, 1.0)
+            found.append(np.linalg.norm(end - q - s * e))
+    s, r = np.linalg.lstsq(np.column_stack([u, -v]), b - a, rcond=None)[0]
+    if abs(s) <= 1.0 and abs(r) <= 1.0:
+        found.append(np.linalg.norm(a + s * u - b - r * v))
+    return float(min(found))
+
+
+SIZES = {"box": (0.4, 0.3, 0.2), "cylinder": (0.1, 0.5), "capsule": (0.1, 0.5), "sphere": (0.15,)}
+TO_POINT: dict[str, Callable[[Array], float]] = {
+    "box": lambda p: to_box(p, 0.5 * np.array(SIZES["box"])),
+    "cylinder": lambda p: to_cylinder(p, *SIZES["cylinder"]),
+    "capsule": lambda p: to_segment(p, SIZES["capsule"][1]) - SIZES["capsule"][0],
+    "sphere": lambda p: float(np.linalg.norm(p)) - SIZES["sphere"][0],
+}
+SHAPES = {"box": coal.Box, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
+SHAPES |= {"sphere": coal.Sphere}
+
+
+def measured(first: object, second: object, R: Array, p: Array) -> coal.DistanceResult:
+    found = coal.DistanceResult()
+    there = coal.Transform3s(R, p)
+    coal.distance(first, coal.Transform3s(), second, there, coal.DistanceRequest(), found)
+    return found
+
+
+@pytest.mark.parametrize("kind", SIZES)
+def test_a_ball_is_as_far_from_a_shape_as_geometry_says(kind: str) -> None:
+    rng, ball, shape = np.random.default_rng(1), coal.Sphere(0.05), SHAPES[kind](*SIZES[kind])
+    for _ in range(50):
+        R, p = turn(rng), rng.uniform(-1.0, 1.0, 3)
+        wanted = TO_POINT[kind](p) - 0.05
+        if wanted > 0.01:
+            assert measured(shape, ball, R, p).min_distance == pytest.approx(wanted, abs=GJK_M)
+
+
+def test_capsules_are_as_far_from_each_other_as_their_segments() -> None:
+    rng, capsule = np.random.default_rng(2), coal.Capsule(0.1, 0.5)
+    for _ in range(50):
+        R, p = turn(rng), rng.uniform(-0.6, 0.6, 3)
+        half = np.array([0.0, 0.0, 0.25])
+        wanted = segments(np.zeros(3), half, p, R @ half) - 0.2
+        if abs(wanted) > 0.005:  # also in each other, where the normal is theirs
+            found = measured(capsule, capsule, R, p)
+            assert found.min_distance == pytest.approx(wanted, abs=2e-4 if wanted < 0 else GJK_M)
+
+
+@pytest.mark.parametrize("kind", SIZES)
+def test_the_ground_is_below_the_lowest_point(kind: str) -> None:
+    """The support function of each shape along -z, by hand."""
+    rng, ground = np.random.default_rng(3), coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    size = SIZES[kind]
+    for _ in range(20):
+        R, p = turn(rng), rng.uniform(-1.0, 1.0, 3)
+        up = np.abs(R[2])
+        low = {
+            "box": 0.5 * float(up @ np.array([*size, 0.0, 0.0])[:3]),
+            "sphere": size[0],
+            "capsule": size[0] + 0.25 * up[2],
+            "cylinder": size[0] * np.hypot(up[0], up[1]) + 0.25 * up[2],
+        }[kind]
+        found = measured(ground, SHAPES[kind](*size), R, p).min_distance
+        assert found == pytest.approx(p[2] - low, abs=1e-7)
+
+
+def names(model: CollisionModel) -> set[frozenset[str]]:
+    return {frozenset(model.shapes[k].link for k in pair) for pair in model.pairs.tolist()}
+
+
+def test_neighbours_and_the_wheels_on_the_ground_may_touch(tmp_path: Path) -> None:
+    model = collision_model(folding(tmp_path))
+    found = names(model)
+    assert frozenset(["base", "forearm"]) in found
+    assert frozenset(["column", "forearm"]) in found
+    assert frozenset(["left_wheel", "upper"]) in found
+    assert not found & {frozenset(["base", "upper"]), frozenset(["upper", "forearm"])}
+    assert not found & {frozenset(["base", "left_wheel"]), frozenset(["base", "column"])}
+    on_ground = {link for pair in found for link in pair if "ground" in pair} - {"ground"}
+    assert on_ground == {"upper", "forearm"}
+    assert model.allowed == ()
+    assert model.notes == ()
+
+
+def test_what_touches_at_home_may_touch_and_is_told(tmp_path: Path) -> None:
+    """A cage about the upper arm at home, fixed to the base beside it: it is on a third joint."""
+    stand = [
+        urdf.link(
+            "hook", urdf.inertial(0.1, (1e-3, 1e-3, 1e-3)), urdf.shape('sphere radius="0.1"')
+        ),
+        urdf.joint("hook_joint", "revolute", ("base", "hook"), (0.2, 0, 0.5), "0 0 1", HOOK),
+    ]
+    model = collision_model(folding(tmp_path, *stand))
+    assert [tuple(pair) for pair in model.allowed] == [("upper", "hook", "at home")]
+    assert frozenset(["hook", "upper"]) not in names(model)
+    assert frozenset(["hook", "forearm"]) in names(model)
+
+
+def test_what_touches_in_every_posture_may_touch(tmp_path: Path) -> None:
+    """A slider that leaves the ball of a pivot only at its home, by 2 mm of 0.2 m."""
+    slide = urdf.limit(-0.2, 0.0, 5, 1)
+    parts = [
+        urdf.link("pivot", LIGHT, urdf.shape('sphere radius="0.2"')),
+        urdf.joint("pivot_joint", "revolute", ("base", "pivot"), (0, 0, 1.5), "0 0 1", HOOK),
+        urdf.link("slider", LIGHT, urdf.shape('sphere radius="0.2"')),
+        urdf.joint("slide", "prismatic", ("base", "slider"), (0.402, 0, 1.5), "1 0 0", slide),
+    ]
+    model = collision_model(folding(tmp_path, *parts, slide=0.0))
+    assert [tuple(pair) for pair in model.allowed] == [("pivot", "slider", "in every posture")]
+    wide = collision_model(folding(tmp_path, *parts, slide=-0.1))
+    assert [tuple(pair) for pair in wide.allowed] == [("pivot", "slider", "at home")]
+
+
+def distance(robot: Robot, first: str, second: str, **joints: float) -> float:
+    model = collision_model(robot)
+    distances = model.distances()
+    distances.place(robot.configuration(joints=joints))
+    (pair,) = [
+        number
+        for number, pair in enumerate(model.pairs.tolist())
+        if {model.shapes[k].link for k in pair} == {first, second}
+    ]
+    return distances.distance(pair)
+
+
+def test_distances_of_a_posture_on_paper(tmp_path: Path) -> None:
+    """The forearm straight down from 0.4 m ahead: its end at 0.4 - 0.35 - 0.03 m, 0.12 beside."""
+    robot = folding(tmp_path)
+    down = {"shoulder": 0.0, "elbow": 0.5 * np.pi}
+    assert distance(robot, "forearm", "ground", **down) == pytest.approx(0.02, abs=GJK_M)
+    assert distance(robot, "forearm", "base", **down) == pytest.approx(0.12, abs=GJK_M)
+    folded = {"shoulder": 0.0, "elbow": np.pi}  # back along the upper arm, above the base
+    assert distance(robot, "forearm", "base", **folded) == pytest.approx(0.14, abs=GJK_M)
+    assert distance(robot, "forearm", "column", **folded) == pytest.approx(-0.005, abs=0.002)
+
+
+MESH = 'mesh filename="part.stl" scale="1 1 2"'
+
+
+@pytest.mark.slow
+def test_a_mesh_is_its_hull(tmp_path: Path) -> None:
+    """A tetrahedron with corners at 0.1 m, drawn out to 0.2 m along the arm."""
+    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {' '.join(map(str, corners[k]))}\n" for k in face)
+        + "endloop\nendfacet\n"
+        for face in faces
+    )
+    (tmp_path / "part.stl").write_text(f"solid part\n{facets}endsolid part\n")
+    robot = folding(tmp_path, forearm=MESH)
+    assert collision_model(robot).notes == ()
+    down = {"shoulder": 0.0, "elbow": 0.5 * np.pi}  # from 0.2 m below the elbow on
+    assert distance(robot, "forearm", "ground", **down) == pytest.approx(0.0, abs=GJK_M)
+    flat = facets.replace("0.1\nendloop", "0.0\nendloop").replace(" 0.1\n", " 0.0\n")
+    (tmp_path / "part.stl").write_text(f"solid part\n{flat}endsolid part\n")
+    (note,) = collision_model(folding(tmp_path, forearm=MESH)).notes
+    assert "it is flat: it has no convex hull" in note
+
+
+def test_for_a_missing_mesh_a_box_stands_in(tmp_path: Path) -> None:
+    """The box of its moments is 0.49 m long, and ends where the elbow is, 0.2 m from its middle."""
+    robot = folding(tmp_path, forearm=MESH)
+    model = collision_model(robot)
+    (note,) = model.notes
+    assert note.startswith("the collision mesh of forearm is not there (no such file")
+    assert note.endswith("a box of the link's inertia stands in")
+    up = {"shoulder": -0.5 * np.pi, "elbow": 0.0}  # its middle 1.0 m above the ground
+    assert distance(robot, "forearm", "ground", **up) == pytest.approx(1.0 - 0.2, abs=GJK_M)
+    level = {"shoulder": 0.0, "elbow": 0.0}  # 0.346 m high
+    height = 0.5 * np.sqrt(6.0 * (0.02 + 0.03 - 0.03) / 1.0)
+    assert distance(robot, "forearm", "ground", **level) == pytest.approx(0.4 - height, abs=GJK_M)
+
+
+def test_without_collision_shapes_those_that_are_drawn_count(tmp_path: Path) -> None:
+    text = (folding(tmp_path).description.raw).decode().replace("collision>", "visual>")
+    robot = rpctl.load(write(tmp_path, text), home=HOME)
+    model = collision_model(robot)
+    assert model.notes == (
+        "the robot has no <collision>; its <visual> shapes are checked for collisions",
+    )
+    assert names(model) == names(collision_model(folding(tmp_path)))
