@@ -15,7 +15,7 @@ import rpctl
 
 PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
-ROOMS += ["equivalence", "derive", "reference", "control", "simulation", "study", "view", "cli"]
+ROOMS += ["equivalence", "reference", "control", "derive", "simulation", "study", "view", "cli"]
 VIEW = [
     "labels",
     "chart",

@@ -70,7 +70,7 @@ class _Derivation:
         Tree(robot, Scalars(numbers, sp.cos, sp.sin))  # asks for every number once
         numbers(9.81, "gravity", "gravity")
         self.parameters = tuple(numbers.parameters.values())
-        self.symbols = _position_symbols(robot)
+        self.symbols = position_symbols(robot)
         self.rates = _rate_symbols(robot, self.symbols)
         self.accelerations = tuple(sp.Symbol(f"{rate}_dot") for rate in self.rates)
         self.positions: dict[str, Any] = self._positions()
@@ -210,7 +210,7 @@ def by_differentiation(robot: Robot, named: bool = False) -> Equations:
     return derivation.result(M, h, B, ())
 
 
-def _position_symbols(robot: Robot) -> dict[str, sp.Symbol]:
+def position_symbols(robot: Robot) -> dict[str, sp.Symbol]:
     """Return θ1, θ2, … for turning and η1, η2, … for sliding joints; φ1, φ2, … for wheels."""
     counters = {letter: count(1) for letter in ("theta", "eta", "phi")}
     symbols = {}

@@ -15,7 +15,7 @@ LINE_WIDTH = 76  # of a line of a formula, in letters, about
 SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 SPECIAL |= {character: f"\\{character}" for character in "#$%&_{}"}
 
-DOCUMENT = r"""\documentclass[a4paper,fleqn]{article}
+PREAMBLE = r"""\documentclass[a4paper,fleqn]{article}
 \usepackage{amsmath}
 \setlength{\textwidth}{17cm}
 \setlength{\oddsidemargin}{-0.5cm}
@@ -27,43 +27,48 @@ DOCUMENT = r"""\documentclass[a4paper,fleqn]{article}
 \allowdisplaybreaks
 \sloppy
 \begin{document}
-\section*{%(robot)s}
+"""
+
+BODY = r"""\section*{%(robot)s}
 The reduced equations of motion $M \dot\nu + h = B \tau$ with $\nu = (%(rates)s)$ and
 $\tau$ the efforts of %(actuators)s.
 
 \medskip
 %(legend)s
 %(parts)s
-\end{document}
 """
 
 
 def to_latex(form: ClosedForm) -> str:
     """Return a closed form as a complete LaTeX document."""
+    return PREAMBLE % {"columns": max(10, form.B.cols)} + equations_of(form) + "\\end{document}\n"
+
+
+def equations_of(form: ClosedForm) -> str:
+    """Return the section of a closed form."""
     names = {symbol: _symbol(str(symbol)) for symbol in _all_symbols(form)}
-    rows = [f"${names[symbol]}$ & {_escaped(what)}" for symbol, what in legend(form)]
+    rows = [f"${names[symbol]}$ & {escaped(what)}" for symbol, what in legend(form)]
     rows += [
-        f"${names[p.symbol]}$ & {p.value:g} {_unit(p.unit)}, {_escaped(p.of)}"
+        f"${names[p.symbol]}$ & {p.value:g} {_unit(p.unit)}, {escaped(p.of)}"
         for p in form.parameters
     ]
     parts = []
     if form.definitions:
-        parts.append(_aligned([(names[s], value) for s, value in form.definitions], names))
+        parts.append(aligned([(names[s], value) for s, value in form.definitions], names))
     lefts = [(" = ".join(f"M_{{{x[1:]}}}" for x in left), value) for left, value in inertia(form)]
-    parts += ["$M$ is symmetric:", _aligned(lefts, names)]
-    parts.append(_aligned([(f"h_{{{i + 1}}}", x) for i, x in enumerate(form.h)], names))
+    parts += ["$M$ is symmetric:", aligned(lefts, names)]
+    parts.append(aligned([(f"h_{{{i + 1}}}", x) for i, x in enumerate(form.h)], names))
     parts.append(f"\\[ B = {_latex(form.B, names)} \\]")
-    return DOCUMENT % {
-        "columns": max(10, form.B.cols),
-        "robot": _escaped(form.robot),
+    return BODY % {
+        "robot": escaped(form.robot),
         "rates": ", ".join(names[rate] for rate in form.rates),
-        "actuators": ", ".join(map(_escaped, form.actuators)),
+        "actuators": ", ".join(map(escaped, form.actuators)),
         "legend": "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n",
         "parts": "\n".join(parts),
     }
 
 
-def _aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str]) -> str:
+def aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str]) -> str:
     """Return equations one below the other, each in as many lines as it needs."""
     written = []
     for left, value in rows:
@@ -130,7 +135,7 @@ def _unit(unit: str) -> str:
     return re.sub(r"\^(\d)", r"$^\1$", unit)
 
 
-def _escaped(text: str) -> str:
+def escaped(text: str) -> str:
     """Return any text as LaTeX of plain ASCII; names come from any file."""
     plain = "".join(c if " " <= c <= "~" else "?" for c in text)
     return "".join(SPECIAL.get(c, c) for c in plain)

@@ -17,16 +17,16 @@ def to_text(form: ClosedForm) -> str:
     lines = [f"{printable(form.robot)}: M nu_dot + h = B tau", ""]
     lines += [f"nu  = ({rates})", f"tau = ({', '.join(map(printable, form.actuators))})"]
     rows = [(str(symbol), what) for symbol, what in legend(form)]
-    lines += ["", *_columns(rows)]
+    lines += ["", *columns(rows)]
     numbers = [(f"{p.symbol} = {p.value:g} {p.unit}", printable(p.of)) for p in form.parameters]
-    lines += ["", *_columns(numbers)] if numbers else []
-    named = [f"  {symbol} = {_text(value)}" for symbol, value in form.definitions]
+    lines += ["", *columns(numbers)] if numbers else []
+    named = [f"  {symbol} = {plain(value)}" for symbol, value in form.definitions]
     lines += ["", *named] if named else []
-    lines += ["", *(f"  {' = '.join(left)} = {_text(value)}" for left, value in inertia(form))]
-    lines += ["", *(f"  h{i + 1} = {_text(value)}" for i, value in enumerate(form.h))]
-    widths = [max(len(_text(x)) for x in form.B.col(j)) for j in range(form.B.cols)]
+    lines += ["", *(f"  {' = '.join(left)} = {plain(value)}" for left, value in inertia(form))]
+    lines += ["", *(f"  h{i + 1} = {plain(value)}" for i, value in enumerate(form.h))]
+    widths = [max(len(plain(x)) for x in form.B.col(j)) for j in range(form.B.cols)]
     for i in range(form.B.rows):
-        row = "  ".join(_text(x).rjust(w) for x, w in zip(form.B.row(i), widths, strict=True))
+        row = "  ".join(plain(x).rjust(w) for x, w in zip(form.B.row(i), widths, strict=True))
         lines.append(f"  B = [ {row} ]" if i == 0 else f"      [ {row} ]")
         if i == 0:
             lines.insert(-1, "")
@@ -58,10 +58,12 @@ def inertia(form: ClosedForm) -> Iterator[tuple[list[str], sp.Expr]]:
         yield names, value
 
 
-def _text(expression: sp.Expr) -> str:
+def plain(expression: sp.Expr) -> str:
+    """Return an expression as SymPy writes it, in one line."""
     return str(sp.sstr(readable(expression), full_prec=False))
 
 
-def _columns(rows: list[tuple[str, str]]) -> list[str]:
+def columns(rows: list[tuple[str, str]]) -> list[str]:
+    """Return rows of two columns, the second aligned."""
     width = max((len(left) for left, _ in rows), default=0)
     return [f"  {left.ljust(width)}  {right}" for left, right in rows]

@@ -68,6 +68,12 @@ def joint_travel(robot: Robot, q: Array) -> Array:
     return np.array(far)
 
 
+def joint_limits_travel(robot: Robot) -> Array:
+    """Return how far from 0 each joint may go, as columns of motion; endless ones slide 1 m."""
+    spans = (robot.description.joint[name].span(1.0) for name in robot.entries)
+    return np.array([0.0, np.pi, *(max(map(abs, span)) for span in spans)])
+
+
 def _carried(robot: Robot, shape: CollisionShape, travel: Array) -> Array:
     """Return how far the farthest point of a shape moves per motion of each joint (columns,)."""
     rates = np.zeros(ROOT_COLUMNS + robot.model.njoints - ROOT_JOINT - 1)

@@ -102,13 +102,14 @@ def close_loop(
         plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
     )
     loop.controller, started_at = controller, time.perf_counter()
-    sent = plant.pipeline(rest.tau, period)
+    sent, arrives = plant.pipeline(rest.tau, period), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
             t = k * period
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
-            output = controller.step(t, q, nu)
+            if arrives[k]:
+                output = controller.step(t, q, nu)
             sent.append(output.efforts)
             tau = sent.popleft()
             loop.wall_time = time.perf_counter() - started_at

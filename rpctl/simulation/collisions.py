@@ -11,15 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.obstacles import Disc
+from rpctl.control.obstacle_shapes import links_among
 from rpctl.errors import RpctlError
-from rpctl.robot.collision_model import TOUCH_M, CollisionModel, arm_joints, collision_model
-from rpctl.robot.collision_shapes import WORLD, CollisionShape, standing
+from rpctl.robot.collision_model import TOUCH_M, CollisionModel
+from rpctl.robot.collision_shapes import WORLD
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
 from rpctl.simulation.collision_facts import (
@@ -29,14 +28,13 @@ from rpctl.simulation.collision_facts import (
     CollisionFacts,
     LinkClearance,
 )
-from rpctl.simulation.obstacles import TIP, AvoidedObstacle, shape_text
+from rpctl.simulation.obstacles import BASE, TIP, AvoidedObstacle, shape_text
 from rpctl.simulation.texts import length
 
 RESOLUTION_M = 1e-3  # m: how far a pair may move on before it is looked at again, at least
 BUDGET = 100_000  # distances after which the resolution doubles: a third of a second
 BLOCK = 1024  # samples whose motion is added up at once
 INSTANTS = 200  # of the series, at most
-WALL_M = 1e3  # m: height of an obstacle without end
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,33 +55,17 @@ class Surroundings:
 def surroundings(robot: Robot, obstacles: Sequence[AvoidedObstacle]) -> Surroundings:
     """Return a robot's shapes among obstacles.
 
-    What the base avoids no link may touch; what the end effector avoids no link of the arm may.
-
     Args:
         robot: The robot.
         obstacles: Of its laws.
     """
-    model = collision_model(robot)
-    count, moved = len(model.shapes) - 1, arm_joints(robot)  # the last is the ground
-    shapes = model.shapes[:count]
-    everything = list(range(count))
-    arm = [k for k in everything if shapes[k].joint in moved]
-    against = [arm if each.body == TIP else everything for each in obstacles]
-    whole = model.with_obstacles([_standing(each, robot) for each in obstacles], against)
-    thing = [0 if whole.shapes[b].joint != WORLD else 1 + b - count for b in whole.pairs[:, 1]]
-    names = [f"the {shape_text(each.shape)}" for each in obstacles]
-    return Surroundings(whole, (SELF, GROUND, *names), np.array(thing, dtype=np.intp))
-
-
-def _standing(obstacle: AvoidedObstacle, robot: Robot) -> CollisionShape:
-    """Return an obstacle as a shape that stands in the world."""
-    shape, pose = obstacle.shape, np.eye(4)
-    if isinstance(shape, Disc):
-        pose[:3, 3] = shape.x, shape.y, robot.drive.ground
-        return standing(obstacle.body, pose, coal.Cylinder(shape.radius, WALL_M))
-    normal = np.append(shape.normal, 0.0)
-    pose[:3, 3] = shape.offset * normal
-    return standing(obstacle.body, pose, coal.Halfspace(normal, 0.0))
+    base, tip = ([each.shape for each in obstacles if each.body == body] for body in (BASE, TIP))
+    model = links_among(robot, base, tip)
+    ground = len(model.shapes) - 1 - len(base) - len(tip)
+    second = model.pairs[:, 1]
+    thing = np.where(second < ground, 0, 1 + second - ground).astype(np.intp)
+    names = [f"the {shape_text(shape)}" for shape in (*base, *tip)]
+    return Surroundings(model, (SELF, GROUND, *names), thing)
 
 
 def require_clear_start(around: Surroundings, q: Array) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
@@ -30,18 +31,23 @@ class Plant:
         controller_model: The robot that the controller computes with; None: the simulated one.
         joint_friction: Dry friction (N·m or N) by actuator, which the simulated robot has besides
             what the controller knows.
+        dropped: Share of the samples that never reach the controller, 0 or more and below 1. Which
+            ones is drawn, and the same in every run; the first one arrives.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
     delay: float = 0.0
     controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
     joint_friction: Mapping[str, float] = field(default_factory=dict)
+    dropped: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
         if not (math.isfinite(self.delay) and self.delay >= 0.0):
             raise RpctlError(f"delay is {self.delay:g}; give a time in s, 0 or more")
         require_within("delay", [self.delay])
+        if not 0.0 <= self.dropped < 1.0:
+            raise RpctlError(f"dropped is {self.dropped:g}; give a share from 0 to less than 1")
         for name, bias in self.tau_bias.items():
             require_within(f"tau_bias of {name}", [bias])
         for name, friction in self.joint_friction.items():
@@ -91,6 +97,12 @@ class Plant:
                     "vary its masses or limits only"
                 )
         return model
+
+    def arrives(self, samples: int) -> NDArray[np.bool_]:
+        """Return of each sample (samples,) whether it reaches the controller."""
+        arrives = np.random.default_rng(0).random(samples) >= self.dropped
+        arrives[:1] = True
+        return np.asarray(arrives)
 
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""

@@ -19,9 +19,8 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.registry import dynamic_by_name
 from rpctl.dynamics.motion import rk4_step
-from rpctl.reference.named import reference_by_name
 from rpctl.robot import catalog
 from rpctl.study.scenarios import LawPair, controllers
 
@@ -95,18 +94,15 @@ def test_forward_of_each_drive(
 @pytest.mark.benchmark(group="control sample of TIAGo")
 @pytest.mark.parametrize("pair", controllers(), ids=str)
 def test_control_sample(benchmark: BenchmarkFixture, tiago: Robot, pair: LawPair) -> None:
-    """Both laws of each controller that ``rpctl compare`` compares, off their reference."""
-    dynamics, reference = ReducedDynamics(tiago), reference_by_name(tiago, "eight")
-    kinematic = kinematic_by_name(pair.kinematic).start(dynamics, 0.002)
-    dynamic = dynamic_by_name(pair.dynamic).start(dynamics, 0.002)
-    state = reference(7.0)
+    """A step of each controller that ``rpctl compare`` compares, off its reference."""
+    controller = rpctl.Controller(tiago, "eight", pair.kinematic, pair.dynamic)
+    state = controller.reference(7.0)
     q = tiago.configuration_at(state.pose + 0.05, state.joints)
     nu = np.concatenate([state.twist[[0, 2]], state.joint_rates])
     times = itertools.count()
 
-    def sample() -> object:
-        t = 7.0 + 0.002 * next(times)  # a law that solves now and then does so as in a run
-        return dynamic(dynamics, q, nu, kinematic(dynamics, reference, t, q, nu))
+    def sample() -> object:  # a law that solves now and then does so as in a run
+        return controller.step(7.0 + 0.002 * next(times), q, nu)
 
     benchmark(sample)
 

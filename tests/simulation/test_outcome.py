@@ -286,6 +286,19 @@ def test_a_base_without_a_radius_reaches_to_its_farthest_contact(golden: Run) ->
     assert summarize(vary(log(golden, REFERENCE), config=Config(law))).outcome == "tracked"
 
 
+def test_whoever_stands_does_not_diverge(golden: Run) -> None:
+    """A wall 1 m before the end of the way: on its path until then, and then it stands there."""
+    reached = np.minimum(SPEED * T, SPEED * T[-1] - 1.0)
+    corner = np.where(reached < SPEED * T, SPEED * T - reached, 0.0)  # the reference turns off
+    reference = np.column_stack([reached, corner, 0.0 * T])
+    stopped = np.column_stack([reached, 0.0 * T, 0.0 * T])
+    found = judged(golden, stopped, reference)
+    assert found.outcome == "stuck"
+    assert " stands " in found.outcome_sentence
+    moving = np.column_stack([reached + corner, 0.0 * T, 0.0 * T])
+    assert judged(golden, moving, reference).outcome == "diverging"
+
+
 def test_outcomes_run_from_good_to_bad() -> None:
     assert OUTCOMES == ("tracked", "late", "stuck", "diverging", "collided")
     assert OUTCOMES[:2] == SUCCESSES

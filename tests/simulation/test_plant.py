@@ -117,3 +117,20 @@ def test_the_log_knows_of_dry_friction(tmp_path: Path) -> None:
     assert run.log.lost[-1] == pytest.approx(0.5 * way, rel=0.01)
     assert summarize(run).energy_residual < 1e-6
     assert run.config.plant.joint_friction == plant.joint_friction
+
+
+def test_samples_that_never_arrive_leave_the_efforts_on(paper: Robot) -> None:
+    """A third is lost, the same in every run, and the laws know how long ago the last one was."""
+    runs = [
+        track(paper, "circle", 0.6, dynamic=rpctl.IntegralDynamic(), plant=Plant(dropped=share))
+        for share in (0.3, 0.3, 0.0)
+    ]
+    held = [(np.diff(run.tau, axis=0) == 0.0).all(axis=1) for run in runs]
+    np.testing.assert_array_equal(held[0], held[1])
+    assert 0.2 < held[0].mean() < 0.4
+    assert not held[2].any()
+    distance = np.linalg.norm(runs[0].log.base - runs[2].log.base, axis=1)
+    assert 0.0 < distance.max() < 1e-3
+    for share in (-0.1, 1.0, np.nan):
+        with pytest.raises(RpctlError, match="give a share from 0 to less than 1"):
+            Plant(dropped=share)

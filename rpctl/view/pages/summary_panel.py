@@ -235,7 +235,8 @@ def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]
         yield key, [(key, getattr(settings, key))]
     biases = [(f"bias of {name}", bias) for name, bias in plant.tau_bias.items()]
     biases += [(f"friction of {name}", each) for name, each in plant.joint_friction.items()]
-    yield "plant", [*biases, ("delay", plant.delay), ("believed", run.controller_model)]
+    biases += [(name, getattr(plant, name)) for name in ("delay", "dropped")]
+    yield "plant", [*biases, ("believed", run.controller_model)]
     yield "kinematic_report", [*run.kinematic_report.items()]
 
 

@@ -22,9 +22,10 @@ from rpctl import (
     Run,
     summarize,
 )
+from rpctl.control.horizon.condensed import CondensedQp
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.qp import QuadraticProgram
-from rpctl.control.horizon.solver import QpSolution, Solver
+from rpctl.control.horizon.qp import Linearisation
+from rpctl.control.horizon.solver import Answer, HorizonSolver
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
@@ -176,16 +177,16 @@ def test_every_kind_of_robot(tmp_path: Path, kind: str) -> None:
 def test_a_failed_solve_falls_back_and_is_counted(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solve = Solver.solve
+    solve = HorizonSolver.solve
     failing = [3, 4, 9]  # of the solves
     count = iter(range(1000))
 
-    def sometimes(self: Solver, qp: QuadraticProgram) -> QpSolution:
+    def sometimes(self: HorizonSolver, values: Linearisation, qp: CondensedQp | None) -> Answer:
         k = next(count)
         # The first sample takes three passes.
-        return solve(self, qp)._replace(solved=k not in failing)
+        return solve(self, values, qp)._replace(solved=k not in failing)
 
-    monkeypatch.setattr(Solver, "solve", sometimes)
+    monkeypatch.setattr(HorizonSolver, "solve", sometimes)
     called: list[float] = []
     inner = PaperKinematic()
 
@@ -202,9 +203,9 @@ def test_a_failed_solve_falls_back_and_is_counted(
 
 
 def test_contradicting_bounds_give_way(paper: Robot) -> None:
-    """Two walls with less room than the base between them: softened, not failed."""
-    walls = (HalfPlane(0.0, 1.0, 0.0), HalfPlane(0.0, -1.0, -0.2))
-    run = track(paper, "line", 1.0, Horizon(base_obstacles=walls, base_radius=0.3))
+    """Two walls with less room than the base's radius between them: softened, not failed."""
+    walls = (HalfPlane(0.0, 1.0, -0.9), HalfPlane(0.0, -1.0, -0.9))
+    run = track(paper, "line", 1.0, Horizon(base_obstacles=walls, base_radius=1.0))
     report = summarize(run).kinematic_report
     assert report["fallbacks"] == 0
     assert report["softened"] == report["solves"]

@@ -1,0 +1,188 @@
+"""Soft rows that keep a robot's links off the ground, off obstacles and off each other.
+
+Of each two joints the nearest pair of shapes counts. With the nearest points p₁, p₂, the unit
+vector n from p₁ to p₂ and the distance d, a row asks
+
+    d + n · (J₂(p₂) − J₁(p₁)) δ ≥ margin − slack.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.constraints import SoftBound, every_nth_stage
+from rpctl.control.horizon.prediction import Model
+from rpctl.control.horizon.qp import LinearisedConstraint, RowBlock, StageIndices
+from rpctl.control.horizon.target import Sample
+from rpctl.control.obstacle_shapes import links_among
+from rpctl.control.obstacles import Disc, HalfPlane, Obstacle
+from rpctl.robot.collision_model import CollisionModel, Nearest
+from rpctl.robot.collision_shapes import WORLD
+from rpctl.robot.model import BASE_NV
+from rpctl.robot.pair_motion import approach_rates, joint_limits_travel
+
+ROWS = 4  # of the nearest joints at a stage
+NEAR_STAGES = 2  # first stages that have rows
+STRIDE = 3  # steps between the later ones
+RANGE_M = 0.1  # m: pairs that are farther than this beyond their margin have no row
+HOME_SHARE = 0.5  # of its distance at home: the margin of a pair of links that are nearer by build
+HOME_RANGE = 0.5  # of that margin: such a pair has no row as long as it stays as at home
+TIE_M = 0.003  # m: of two pairs whose distances differ by no more either may have the row
+FAR = -1.0  # m: value of a row that asks nothing
+
+
+class _Pair(NamedTuple):
+    """A pair of shapes: its number, and the joints that move the shapes."""
+
+    number: int
+    first: int
+    second: int
+
+
+class BodyClearance(SoftBound):
+    """Distances of the links at some stages; slack in m.
+
+    A pair's distance is computed only where it may be within reach: since it was computed last,
+    the joints' motion can have taken no more than a known bound from it.
+
+    Args:
+        model: The prediction's model.
+        shapes: The robot's links among the ground and obstacles.
+        margin: Distance that the links keep, m; half of what they have at home, if that is less.
+
+    Attributes:
+        stages: Stages that have rows.
+    """
+
+    def __init__(self, model: Model, shapes: CollisionModel, margin: float) -> None:
+        self._model, self._distances = model, shapes.distances()
+        self.stages = sorted(
+            {*range(min(NEAR_STAGES, model.steps)), *every_nth_stage(model.steps, STRIDE)}
+        )
+        robot = model.robot
+        rates = approach_rates(shapes, joint_limits_travel(robot))
+        self._rates = np.hstack([rates[:, :1], rates])  # |Δx| + |Δy| is no less than the way
+        joints = [[shapes.shapes[k].joint for k in pair] for pair in shapes.pairs.tolist()]
+        self._pairs = [_Pair(number, *pair) for number, pair in enumerate(joints)]
+        self._group = _groups(shapes, self._pairs)
+        home = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        self._distances.place(home)
+        known = np.array([self._distances.distance(pair.number) for pair in self._pairs])
+        own = np.array([pair.second != WORLD for pair in self._pairs], dtype=bool)
+        self._margin = np.where(own, np.minimum(margin, HOME_SHARE * known), margin)
+        self._range = np.where(self._margin < margin, HOME_RANGE * self._margin, RANGE_M)
+        # Of each stage: a stage's posture changes little from one solve to the next.
+        self._known = np.tile(known, (len(self.stages), 1))
+        self._where = np.tile(self._state(home), (len(self.stages), len(joints), 1))
+
+    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+        """Return one block, on pose and joints."""
+        unknowns = np.hstack([indices.pose[self.stages], indices.joints[self.stages]])
+        return [RowBlock(unknowns, ROWS)]
+
+    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
+        """Return the values of the block."""
+        motion, model = sample.motion, self._model
+        columns = (BASE_NV if model.base else 0) + len(model.joints)
+        value = np.full((len(self.stages), ROWS), FAR)
+        jacobian = np.zeros((len(self.stages), ROWS, columns))
+        for stage, k in enumerate(self.stages):
+            pose = motion.pose[k + 1]
+            q = model.configuration(motion.joints[k + 1], pose)
+            found = self._nearest_pairs(stage, q)
+            if not found:
+                continue
+            pin.computeJointJacobians(model.robot.model, self._distances.data, q)
+            for row, (pair, nearest) in enumerate(found):
+                value[stage, row] = self._margin[pair.number] - nearest.distance
+                jacobian[stage, row] = -self._gradient(pair, nearest, pose)
+        return [LinearisedConstraint(value, jacobian)]
+
+    def _state(self, q: Array) -> Array:
+        """Return x, y, heading and the joints' positions: what distances change with."""
+        entries = self._model.robot.entries.values()
+        return np.array([q[0], q[1], np.arctan2(q[3], q[2]), *(entry.read(q) for entry in entries)])
+
+    def _nearest_pairs(self, stage: int, q: Array) -> list[tuple[_Pair, Nearest]]:
+        """Return the pairs that have rows at a stage, in q (nq,), the nearest first."""
+        state, known, where = self._state(q), self._known[stage], self._where[stage]
+        moved = np.einsum("ij,ij->i", self._rates, np.abs(state - where))
+        spare = known - moved - self._margin  # at least
+        near = np.flatnonzero(spare < self._range)
+        if not len(near):
+            return []
+        self._distances.place(q)
+        best: dict[int, tuple[float, int]] = {}
+        for number in near[np.argsort(spare[near])].tolist():
+            group = self._group[number]
+            if group in best and spare[number] >= best[group][0] - TIE_M:
+                continue
+            known[number], where[number] = self._distances.distance(number), state
+            left = float(known[number] - self._margin[number])
+            if left < min(self._range[number], best[group][0] if group in best else np.inf):
+                best[group] = left, number
+        chosen = [self._pairs[number] for _, number in sorted(best.values())[:ROWS]]
+        return [(pair, self._distances.nearest(pair.number)) for pair in chosen]
+
+    def _gradient(self, pair: _Pair, nearest: Nearest, pose: Array) -> Array:
+        """Return the derivatives of a pair's distance by pose and joints (columns,)."""
+        normal, by_v, by_pose = nearest.normal, np.zeros(self._model.robot.nv), np.zeros(BASE_NV)
+        robot, data = self._model.robot.model, self._distances.data
+        for joint, point, sign in (
+            (pair.first, nearest.first, -1.0),
+            (pair.second, nearest.second, 1.0),
+        ):
+            if joint == WORLD:
+                continue
+            J = pin.getJointJacobian(robot, data, joint, pin.LOCAL_WORLD_ALIGNED)
+            arm = point - data.oMi[joint].translation
+            by_v += sign * (normal @ J[:3] + _cross(arm, normal) @ J[3:])
+            x, y = point[:2] - pose[:2]
+            by_pose += sign * np.array([normal[0], normal[1], x * normal[1] - y * normal[0]])
+        by_joints = by_v @ self._model.joint_columns
+        return np.concatenate([by_pose, by_joints]) if self._model.base else by_joints
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a × b; NumPy's takes ten times as long."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def _groups(shapes: CollisionModel, pairs: Sequence[_Pair]) -> list[int]:
+    """Return for each pair the number of its two joints, or of its joint and obstacle."""
+    numbers: dict[tuple[int, int, int], int] = {}
+    found = []
+    for pair in pairs:
+        obstacle = int(shapes.pairs[pair.number, 1]) if pair.second == WORLD else -1
+        key = (pair.first, pair.second, obstacle)
+        found.append(numbers.setdefault(key, len(numbers)))
+    return found
+
+
+def body_clearance(
+    model: Model,
+    margin: float,
+    base_obstacles: Sequence[Obstacle],
+    end_effector_obstacles: Sequence[Obstacle],
+) -> list[SoftBound]:
+    """Return the rows that keep a robot's links clear; none where nothing can be touched.
+
+    Args:
+        model: The prediction's model.
+        margin: Distance that the links keep, m.
+        base_obstacles: No link may touch them.
+        end_effector_obstacles: No link of the arm may.
+    """
+    base, tip = (
+        [each for each in obstacles if isinstance(each, Disc | HalfPlane)]
+        for obstacles in (base_obstacles, end_effector_obstacles)
+    )
+    shapes = links_among(model.robot, base, tip)
+    return [BodyClearance(model, shapes, margin)] if len(shapes.pairs) else []

@@ -1,0 +1,112 @@
+"""``derive_law``: a kinematic and a dynamic law on a robot as text, LaTeX, Python or C."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.kinematic import PaperKinematic
+from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.twist_law import BaseLaw
+from rpctl.control.unified import UnifiedKinematic
+from rpctl.derive.closed_form import ClosedForm, closed_form
+from rpctl.derive.law_code import c_law, python_law
+from rpctl.derive.law_program import law_program, law_sheet
+from rpctl.derive.law_steps import Operations
+from rpctl.derive.law_text import law_latex, law_text
+from rpctl.derive.write import FORMATS
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.model import Robot
+
+PRECISIONS = ("double", "float")
+NOT_CLOSED = {  # what has no closed form, and why
+    "Horizon": "solves a quadratic program at each sample",
+    "EndEffector": "solves for the arm's rates within its limits at each sample",
+    "BoundedDynamic": "solves a quadratic program where a limit binds",
+    "IntegralDynamic": "remembers its integral and solves a quadratic program where a limit binds",
+}
+
+
+class DerivedLaw(NamedTuple):
+    """A law that is written: its text, and what a sample costs; None for formulas to read."""
+
+    text: str
+    operations: Operations | None
+
+
+def derive_law(
+    robot: Robot,
+    kinematic: Any = "unified",
+    dynamic: Any = "paper",
+    format: str = "text",
+    precision: str = "double",
+    period: float = USUAL_PERIOD,
+) -> DerivedLaw:
+    """Write a kinematic law, its analytic ν̇_d and the dynamic law in closed form.
+
+    Settings are those of the laws, as constants with names. The law is that near its reference: the
+    stage for far starts of bases that cannot turn on the spot remembers its way, and is left out.
+
+    Args:
+        robot: The robot.
+        kinematic: ``"paper"``, ``"unified"``, or such a law with settings of its own.
+        dynamic: ``"paper"``, or that law with settings of its own.
+        format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
+            dependencies, without loops and without memory.
+        precision: Of the numbers in C, ``"double"`` or ``"float"``.
+        period: Control period, s: where the law does not set the joints' prediction times, they
+            follow from it.
+
+    Raises:
+        RpctlError: The laws have no closed form, or nothing drives the robot.
+        UnknownNameError: A law, the format or the precision is not known.
+    """
+    for kind, value, known in (("format", format, FORMATS), ("precision", precision, PRECISIONS)):
+        if value not in known:
+            raise UnknownNameError(kind, value, known)
+    if precision != "double" and format != "c":
+        raise RpctlError(f"--format {format} has no precision to choose; take --format c")
+    law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
+    efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
+    sheet = law_sheet(robot, *_closed(robot, law, efforts), period)
+    if format in ("text", "latex"):
+        write = law_text if format == "text" else law_latex
+        return DerivedLaw(write(sheet, _form(robot)), None)
+    program = law_program(sheet)
+    text = python_law(program) if format == "python" else c_law(program, precision == "float")
+    return DerivedLaw(text, program.operations)
+
+
+def _closed(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
+    """Return the laws, which have a closed form on this robot."""
+    if robot.dof == 0:
+        raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
+    if robot.drive.steered:
+        raise RpctlError(f"{robot.name}: wheels that steer are not written yet")
+    if type(law) not in (PaperKinematic, UnifiedKinematic):
+        raise RpctlError(f"{_refusal(law)}; take --law unified or paper")
+    if type(efforts) is not PaperDynamic:
+        raise RpctlError(
+            f"{_refusal(efforts)}; take --dynamic paper, and keep the efforts' limits beside it"
+        )
+    if efforts.midpoint:
+        raise RpctlError(
+            "PaperDynamic(midpoint=True) looks half a period ahead; leave midpoint out"
+        )
+    return law, efforts
+
+
+def _refusal(law: object) -> str:
+    name = type(law).__name__
+    return f"{name} {NOT_CLOSED.get(name, 'is none of those that are written in closed form')}"
+
+
+def _form(robot: Robot) -> ClosedForm | None:
+    """Return a robot's closed form; None if it is too long to read."""
+    if robot.drive.swivels:
+        return None
+    try:
+        return closed_form(robot)
+    except RpctlError:
+        return None

@@ -1,0 +1,172 @@
+"""The quasi-force M ν̇ + h and the efforts that give it, as CasADi functions.
+
+∂G/∂ν̇ of the Gibbs function *is* M ν̇ + h ([MS21, Eq. 1-5]). The gradient is taken backwards, so it
+costs a few times what G does, and M is never formed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.derive.casadi_scalar import CASADI, CasadiScalar
+from rpctl.derive.folding import cyclic_joints, fold
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.gibbs_appell import (
+    GRAVITY,
+    UP,
+    GibbsAppell,
+    JointRates,
+    LinkKinematics,
+    cross,
+)
+from rpctl.robot.model import Robot
+
+ROUNDING = 1e-14  # of the largest entry of a constant matrix: below it an entry is 0
+
+
+@dataclass(frozen=True)
+class LawDynamics:
+    """What a law's code needs of a robot's dynamics, of q, ν and ν̇.
+
+    Attributes:
+        robot: The robot.
+        oracle: Its Gibbs-Appell equations in CasADi's symbols.
+        joints: Moving joints but mimics, in the order of ``q``.
+        q: Their positions.
+        nu: Quasi-velocities.
+        nu_dot: Their derivatives.
+    """
+
+    robot: Robot
+    oracle: GibbsAppell
+    joints: tuple[str, ...]
+    q: Any
+    nu: Any
+    nu_dot: Any
+
+    @cached_property
+    def quasi_force(self) -> list[Any]:
+        """M ν̇ + h (dof,)."""
+        root, rates = self._start()
+        oracle = self.oracle
+        speeds = _elements(self.nu)
+        acceleration = _elements(self.nu_dot)
+        root = replace(
+            root,
+            alpha=root.alpha + root.J_w @ acceleration,
+            a=root.a + root.J_v @ acceleration,
+        )
+        drifts = {name: rates.drifts[name] + row @ acceleration for name, row in rates.rows.items()}
+        rates = JointRates(rates.rows, drifts, rates.R)
+        G = CasadiScalar(0.0)
+        for body, motion in oracle.links(self._positions, speeds, root, rates):
+            _, a = motion.at(motion.R @ body.com)
+            turn = motion.R @ body.R
+            inertia = turn @ body.inertia @ turn.T
+            alpha, omega = motion.alpha, motion.omega
+            G = G + 0.5 * body.mass * (a @ a) + body.mass * GRAVITY * (a @ UP)
+            G = G + 0.5 * (alpha @ inertia @ alpha) + alpha @ cross(omega, inertia @ omega)
+        gradient = casadi.gradient(G.sx, self.nu_dot)
+        return [gradient[i] for i in range(self.robot.dof)]
+
+    @cached_property
+    def actuation(self) -> Array:
+        """B (dof, n_act), of CasADi scalars."""
+        root, rates = self._start()
+        for _ in self.oracle.links(self._positions, _elements(self.nu), root, rates):
+            pass  # the rates of rolling wheels join on the way
+        rows = [rates.rows[name] for name in self.robot.actuators]
+        return np.array(rows).T.reshape(self.robot.dof, -1)
+
+    def efforts(self, force: Sequence[Any]) -> list[Any]:
+        """Return τ (n_act,) of least effort relative to the limits with B τ = ``force``."""
+        dynamics = ReducedDynamics(self.robot)
+        if dynamics.constant:
+            allocation = clean(dynamics.at(self.robot.configuration()).allocation)
+            terms = ([CasadiScalar(x) * f for x, f in zip(row, force, strict=True) if x]
+                     for row in allocation)  # fmt: skip
+            return [sum(row[1:], row[0]) if row else CasadiScalar(0.0) for row in terms]
+        limits = self.robot.effort_limits
+        square = np.where(np.isfinite(limits), limits, 1.0) ** 2
+        B = self.actuation
+        weighted = B * square
+        return list(weighted.T @ np.array(_solved(weighted @ B.T, force), dtype=object))
+
+    @cached_property
+    def _positions(self) -> dict[str, Any]:
+        robot = self.robot
+        positions: dict[str, Any] = {
+            name: CasadiScalar.of(self.q[i]) for i, name in enumerate(self.joints)
+        }
+        positions |= dict.fromkeys(cyclic_joints(robot), CasadiScalar(0.0))
+        positions |= {name: CasadiScalar(value) for name, value in robot.locked.items()}
+        for joint in robot.mimics:
+            assert joint.mimic is not None
+            followed = positions[joint.mimic.joint]
+            positions[joint.name] = joint.mimic.multiplier * followed + joint.mimic.offset
+        return positions
+
+    def _start(self) -> tuple[LinkKinematics, JointRates]:
+        R = CASADI.identity(3)
+        return self.oracle.rolling_root(R, self._positions, _elements(self.nu))
+
+
+def law_dynamics(robot: Robot) -> LawDynamics:
+    """Return the dynamics of a robot in symbols."""
+    mimics = {joint.name for joint in robot.mimics}
+    oracle = GibbsAppell(robot, CASADI)
+    oracle.tree = fold(robot, CASADI)
+    names = tuple(name for name in oracle.tree.moving if name not in mimics)
+    symbols = casadi.SX.sym("q", len(names)), casadi.SX.sym("nu", robot.dof)
+    return LawDynamics(robot, oracle, names, *symbols, casadi.SX.sym("nu_dot", robot.dof))
+
+
+def clean(matrix: Array) -> Array:
+    """Return a constant matrix without entries that are rounding, and simple ones exact."""
+    size = float(np.abs(matrix).max(initial=0.0))
+    nearest = np.round(matrix)
+    simple = np.abs(matrix - nearest) <= ROUNDING * max(size, 1.0)
+    return np.where(np.abs(matrix) <= ROUNDING * size, 0.0, np.where(simple, nearest, matrix))
+
+
+def _elements(vector: Any) -> Array:
+    return np.array([CasadiScalar.of(vector[i]) for i in range(vector.numel())], dtype=object)
+
+
+def _solved(matrix: Array, right: Sequence[Any]) -> list[Any]:
+    """Return the solution of equations whose matrix is symmetric and positive definite.
+
+    Such a matrix needs no search for pivots while it is solved: none on the diagonal vanishes. Rows
+    that have little beside their diagonal, as the arm's, are eliminated first and cost little.
+    """
+    n = len(matrix)
+    rows, values = [list(row) for row in matrix], list(right)
+    order: list[int] = []
+    rest = list(range(n))
+    while rest:
+        i = min(rest, key=lambda k: sum(bool(rows[k][m]) for m in rest))
+        rest.remove(i)
+        order.append(i)
+        for k in rest:
+            if not rows[k][i]:
+                continue
+            factor = rows[k][i] / rows[i][i]
+            for m in rest:
+                if rows[i][m]:
+                    rows[k][m] = rows[k][m] - factor * rows[i][m]
+            values[k] = values[k] - factor * values[i]
+    found: dict[int, Any] = {}
+    for i in reversed(order):
+        total = values[i]
+        for m, value in found.items():
+            if rows[i][m]:
+                total = total - rows[i][m] * value
+        found[i] = total / rows[i][i]
+    return [found[i] for i in range(n)]
