@@ -79,6 +79,20 @@ LapsOption = Annotated[
     float | None,
     typer.Option(metavar="N", help="How many times circle, eight or spin; 1 if not given."),
 ]
+SmoothOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRES|auto",
+        help="Smooth the rows of a CSV: by at most so much, root mean square, or by as much as "
+        "their noise asks for.",
+    ),
+]
+RetimeOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--retime", help="Slow a CSV down where it asks more than the robot's limits allow."
+    ),
+]
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ PRECISIONS = ("double", "single")
 MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
 FIX = "it is damaged or was made up; track the robot again"
 SINCE_6: dict[str, Any] = {  # missing in older files, and what stands for it
+    "recording": None,
     "collisions": None,
     "losses": False,
     "armature": None,

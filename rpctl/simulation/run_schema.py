@@ -188,6 +188,7 @@ META: dict[str, Kind] = {  # entries of JSON
     "certificate": optional(plain(CERTIFICATE)),
     "wall_time": positive,
     "sizing": optional(SIZING),
+    "recording": optional(plain(table({"sentence": text}, {}, free))),
     "perturbed": optional(plain(table({"sentence": text}, {}, free))),
     "collisions": collision_facts,
 }
