@@ -9,7 +9,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
-from rpctl.dynamics.motion import Step, friction_efforts
+from rpctl.dynamics.motion import Step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
@@ -46,7 +46,7 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
     """Return the interface of the simulated robot, at rest.
 
     Args:
-        dynamics: Of the simulated robot.
+        dynamics: Of the simulated robot, with what the plant adds.
         config: Its plant, and which output the controller has.
         rest: Its state, and the efforts that hold it.
 
@@ -68,7 +68,7 @@ class EffortInterface:
     """A robot that takes efforts; they act after the plant's delay.
 
     Args:
-        dynamics: Of the simulated robot.
+        dynamics: Of the simulated robot, with what the plant adds.
         config: Its plant.
         rest: Efforts that hold it until the first ones act.
     """
@@ -76,7 +76,7 @@ class EffortInterface:
     def __init__(self, dynamics: ReducedDynamics, config: Config, rest: Rest) -> None:
         robot, plant = dynamics.robot, config.plant
         self._dynamics, self._run = dynamics, config.run
-        self._bias, self._friction = plant.bias(robot), plant.friction(robot)
+        self._bias = plant.bias(robot)
         self._sent = plant.pipeline(rest.tau, config.run.control_period)
         self._tau = rest.tau
 
@@ -95,16 +95,14 @@ class EffortInterface:
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period; see :class:`Interface`."""
         run, push = self._run, self._tau + self._bias
-        return advance(
-            self._dynamics, q, nu, push, run.control_period, run.plant_step, self._friction
-        )
+        return advance(self._dynamics, q, nu, push, run.control_period, run.plant_step)
 
 
 class SpeedInterface:
     """A robot that takes speeds, and whose own controllers find the efforts that follow them.
 
     Args:
-        dynamics: Of the simulated robot.
+        dynamics: Of the simulated robot, with what the plant adds.
         config: Its plant, and how its controller takes it to follow.
     """
 
@@ -115,7 +113,7 @@ class SpeedInterface:
         truth = plant.velocity_interface(config.output)
         late = delay_periods(plant.delay, run.control_period) * run.control_period
         self._dynamics = dynamics
-        self._bias, self._friction = plant.bias(robot), plant.friction(robot)
+        self._bias = plant.bias(robot)
         self._plant = VelocityPlant(
             dynamics,
             truth.lag_of(robot.quasi_velocities),
@@ -135,10 +133,7 @@ class SpeedInterface:
         self._plant.send(output.speeds)
         dynamics = self._dynamics
         force = dynamics.inverse(q, nu, self._plant.acceleration(nu))
-        tau = dynamics.efforts(q, force) - self._bias
-        if self._friction is not None:
-            tau = tau - friction_efforts(self._friction, dynamics.actuation(q).T @ nu)
-        return np.asarray(tau)
+        return np.asarray(dynamics.efforts(q, force) - self._bias)
 
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period; see :class:`Interface`."""

@@ -38,7 +38,7 @@ def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     for _ in range(20):
         plant.send(command)
         ahead = nu + period * plant.acceleration(nu)
-        q, nu, _ = plant.advance(q, nu)
+        q, nu, *_ = plant.advance(q, nu)
         np.testing.assert_allclose(nu, ahead, atol=1e-15)
         rows.append(nu)
     passed = np.maximum((np.arange(20) + 1.0) * period - dead, 0.0)[:, None]
@@ -68,6 +68,19 @@ def test_efforts_are_those_that_the_motion_takes(paper: Robot, kept: bool, tmp_p
     assert any("which the robot follows with a lag of 0.1 s and a dead" in x for x in run.notes)
     assert summarize(run).max_effort_ratio == pytest.approx(
         float(np.max(np.abs(run.tau) / paper.effort_limits))
+    )
+
+
+def test_losses_are_part_of_the_work(paper: Robot) -> None:
+    """A wheel's friction f at rate ω takes ∫ f |ω| dt, where it is fast beside what it takes."""
+    plant = Plant(joint_friction={"wheel_left_joint": 1.0})
+    run = track(
+        paper, "circle", 0.6, (0.3, 0.0, 0.0), output="velocity", control_period=0.02, plant=plant
+    )
+    turned = float(np.ptp(run.log.others[:, run.robot.other_names.index("wheel_left_joint")]))
+    assert run.log.lost[-1] == pytest.approx(turned, rel=0.02)
+    np.testing.assert_allclose(
+        run.log.work, run.log.energy - run.log.energy[0] + run.log.lost, atol=1e-12
     )
 
 
