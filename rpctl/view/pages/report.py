@@ -21,6 +21,7 @@ from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
 from rpctl.view.pages.page import asset, embed, escape, policy
+from rpctl.view.pages.poles import poles_section
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.pages.timeline import timeline_marks
@@ -163,7 +164,7 @@ def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) 
         scene_label=f"{run.robot.name} following its reference, in three dimensions",
         figures=headline(run, summary),
         legend=legend(run, scene.stand_ins),
-        panel=panel(run, summary, scene.notes),
+        panel=panel(run, summary, scene.notes, poles_section(run, robot)),
         duration=scene.duration,
         data={
             **_scene_data([scene], scene),

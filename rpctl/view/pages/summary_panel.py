@@ -61,16 +61,18 @@ KEYBOARD = (
 )
 
 
-def panel(run: Run, summary: Summary, notes: Sequence[str]) -> str:
-    """Return the panel: figures of merit, certificate, settings, robot, notes, keys.
+def panel(run: Run, summary: Summary, notes: Sequence[str], linear_loop: str = "") -> str:
+    """Return the panel: figures of merit, poles, certificate, settings, robot, notes, keys.
 
     Args:
         run: The run.
         summary: Its figures of merit.
         notes: Notes on the scene, in sentences.
+        linear_loop: The section on the linear loop, HTML.
     """
     sections = (
         merits_section(run, summary),
+        linear_loop,
         _certificate(run.certificate),
         _settings(run),
         _robot(run),
