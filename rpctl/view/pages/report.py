@@ -213,7 +213,9 @@ def _names(runs: Sequence[Run]) -> list[str]:
             run.robot.name,
             setting_text(run.config.run.reference),
             setting_text(name_of(run.config.kinematic)),
-            setting_text(name_of(run.config.dynamic)),
+            setting_text(
+                name_of(run.config.dynamic) if run.config.output is None else "velocity output"
+            ),
         )
         for run in runs
     ]
