@@ -178,7 +178,7 @@ def simulate(
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
-    derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
     recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)

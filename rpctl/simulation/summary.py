@@ -314,8 +314,8 @@ def _joint_errors(run: Run, half: int) -> tuple[JointError, ...]:
 
 
 def _energy_residual(run: Run) -> float:
-    """Return the largest gap between energy and work, relative to the work's swing."""
-    gap = run.log.energy - run.log.energy[0] - run.log.work
+    """Return the largest gap between energy, work and loss, relative to the work's swing."""
+    gap = run.log.energy - run.log.energy[0] - run.log.work + run.log.lost
     return float(np.abs(gap).max() / max(float(np.ptp(run.log.work)), 1e-12))
 
 
