@@ -26,6 +26,7 @@ from rpctl.equivalence.gibbs_appell import (
     LinkKinematics,
     cross,
 )
+from rpctl.equivalence.planar import base_motion
 from rpctl.robot.model import Robot
 
 ROUNDING = 1e-14  # of the largest entry of a constant matrix: below it an entry is 0
@@ -84,6 +85,20 @@ class LawDynamics:
             pass  # the rates of rolling wheels join on the way
         rows = [rates.rows[name] for name in self.robot.actuators]
         return np.array(rows).T.reshape(self.robot.dof, -1)
+
+    @cached_property
+    def rolling(self) -> Any:
+        """What rolling makes of a steered base's ν, in the order of ``RollingInputs.symbols``."""
+        robot, tree = self.robot, self.oracle.tree
+        drive, count = tree.reading.drive, len(robot.drive.base_speeds)
+        zero = CasadiScalar(0.0)
+        speeds = _elements(self.nu)
+        turning = np.array([zero, *speeds[1:count], *[zero] * (robot.dof - count)], dtype=object)
+        unit = np.array([CasadiScalar(1.0), *turning[1:]], dtype=object)
+        at, beside = (base_motion(tree, drive, self._positions, each) for each in (turning, unit))
+        P = clean(robot.point_velocity)
+        entries = [*(P @ at.J[:, :count]).ravel(), *(P @ at.drift), *(P @ beside.drift)]
+        return casadi.cse(casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries)))
 
     def efforts(self, force: Sequence[Any]) -> list[Any]:
         """Return τ (n_act,) of least effort relative to the limits with B τ = ``force``."""

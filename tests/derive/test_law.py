@@ -50,20 +50,9 @@ LAWS = {
     "bare": UnifiedKinematic(leash=None, bend=0.0),
     "leashed": LEASHED,
 }
-ROBOTS = [
-    "paper",
-    "platform",
-    "mecanum",
-    "skid-steer",
-    "tiago",
-    "panda",
-    "mixed_chain",
-    "casters",
-    "omni",
-    "powered",
-]
+ROBOTS = ["paper", "platform", "mecanum", "skid-steer", "tiago", "panda", "mixed_chain", *KINDS]
 GRID = [(robot, law) for robot in ROBOTS for law in LAWS]
-QUICK = {("paper", "leashed"), ("mecanum", "leashed")}
+QUICK = {("paper", "leashed"), ("mecanum", "leashed"), ("bicycle", "unified")}
 
 Outputs = tuple[Array, Array, Array]
 Evaluate = Callable[[Array, Array, ReferenceState], Outputs]
@@ -248,7 +237,7 @@ def test_formulas_to_read_are_the_law(paper: Robot, rng: np.random.Generator) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "law"), [("paper", "unified"), ("omni", "leashed")])
+@pytest.mark.parametrize(("name", "law"), [("paper", "unified"), ("bicycle", "leashed")])
 def test_a_loop_driven_by_the_compiled_law_is_that_of_track(
     name: str, law: str, tmp_path: Path
 ) -> None:
