@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpctl.cli.options import LapsOption, SizeOption, SpeedOption, read_triple
+from rpctl.cli.options import (
+    LapsOption,
+    RetimeOption,
+    SizeOption,
+    SmoothOption,
+    SpeedOption,
+    read_triple,
+)
 from rpctl.cli.terminal import progress_bar
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.reference.pose_goal import goal_of_words
+from rpctl.reference.smooth_wish import read_smoothing
 from rpctl.simulation.config import Config, read_config
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -58,6 +66,8 @@ class ConfigOptions:
     size: SizeOption = None
     speed: SpeedOption = None
     laps: LapsOption = None
+    smooth: SmoothOption = None
+    retime: RetimeOption = None
     initial_error: Annotated[
         str | None,
         typer.Option(
@@ -114,6 +124,8 @@ class ConfigOptions:
             speed=self.speed,
             laps=self.laps,
             log_every=self.log_every,
+            smooth=read_smoothing(self.smooth),
+            retime=self.retime,
         )
 
     def _reference(self) -> str | None:

@@ -80,7 +80,7 @@ def close_loop(
     """Close the loop for a number of control periods.
 
     Args:
-        dynamics: Of the simulated robot.
+        dynamics: Of the simulated robot, without what the plant adds.
         config: Laws, circumstances and plant; its limits are the robot's already.
         reference: What is tracked.
         steps: Number of control periods.
@@ -93,13 +93,10 @@ def close_loop(
         DivergedError: The motion left the finite numbers.
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    bias, friction = plant.bias(robot), plant.friction(robot)
+    simulated, bias = plant.simulated_dynamics(dynamics), plant.bias(robot)
     first = require_state(robot, reference(0.0), 0.0)
-    q, nu, work = (
-        start_configuration(robot, first, config.run.initial_error),
-        np.zeros(robot.dof),
-        0.0,
-    )
+    q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
+    work = lost = 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
     controller = Controller(
         plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
@@ -117,7 +114,7 @@ def close_loop(
             tau = sent.popleft()
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits)
+                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
@@ -128,10 +125,10 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done = advance(
-                    dynamics, q, nu, tau + bias, period, config.run.plant_step, friction
+                q, nu, done, gone = advance(
+                    simulated, q, nu, tau + bias, period, config.run.plant_step
                 )
-                work += done
+                work, lost = work + done, lost + gone
             if progress is not None:
                 progress(k, steps)
     finally:

@@ -36,6 +36,7 @@ from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import MAX_DISTANCE
 from rpctl.reference.sizing import SizingRequest
+from rpctl.reference.smooth_wish import require_smoothing
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.periods import CONTROL_PERIOD
@@ -82,6 +83,8 @@ class RunSettings:
         speed: Of a named reference, m/s, of a spin rad/s; None: as fits the robot.
         laps: How many times a named reference is gone through; None: once.
         log_every: Each so-many-th sample is logged, and the last; 1 logs all.
+        smooth: Of a CSV: metres (root mean square) by which it may miss its rows, or ``auto``.
+        retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
     """
 
     reference: str = "eight"
@@ -94,6 +97,8 @@ class RunSettings:
     speed: float | None = None
     laps: float | None = None
     log_every: int = 1
+    smooth: float | str | None = None
+    retime: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""
@@ -104,6 +109,7 @@ class RunSettings:
             if value is not None:
                 require_positive(name, value)
         SizingRequest(self.size, self.speed, self.laps)
+        require_smoothing(self.smooth)
         require_within("initial_error", self.initial_error, MAX_DISTANCE)
 
     def load_reference(self, robot: Robot) -> Reference:
@@ -112,7 +118,9 @@ class RunSettings:
         Raises:
             RpctlError: There is none such, or the robot cannot follow it.
         """
-        return load_reference(robot, self.reference, self.size, self.speed, self.laps)
+        return load_reference(
+            robot, self.reference, self.size, self.speed, self.laps, self.smooth, self.retime
+        )
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
+from rpctl.reference.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
@@ -58,6 +59,8 @@ def track(
     speed: float | None = None,
     laps: float | None = None,
     log_every: int = RunSettings.log_every,
+    smooth: float | str | None = RunSettings.smooth,
+    retime: bool = RunSettings.retime,
     collisions: bool = True,
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
@@ -91,6 +94,9 @@ def track(
         laps: How many times it is gone through.
         log_every: Each so-many-th sample is logged, and the last; 1 logs all. What a long run
             takes of memory and disk falls with it.
+        smooth: Of a CSV: metres (root mean square) by which the reference may miss its rows to be
+            smooth, or ``auto``, as their noise asks for; None passes every row.
+        retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
         collisions: Whether to look afterwards for what the links ran into, and how near they came
             to obstacles, the ground and each other.
 
@@ -119,6 +125,8 @@ def track(
             speed,
             laps,
             log_every,
+            smooth,
+            retime,
         ),
         plant=plant or Plant(),
     )
@@ -170,7 +178,8 @@ def simulate(
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
-    derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
+    recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
     watching = Watching("what watched the simulation", watch)
@@ -208,6 +217,7 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            recording=None if recording is None else recording.to_dict(),
             collisions=bodies,
             simulated=robot,
         )
