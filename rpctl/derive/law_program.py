@@ -142,6 +142,7 @@ def law_program(law: LawSheet) -> LawProgram:
         lambda i: steps.add("q", place[i]),
         lambda i: steps.add("nu", i),
         lambda i: outputs[2][i],
+        lambda i: outputs[0][i],
     ]
     if law.rolling is not None:
         function = casadi.Function("rolling", [dynamics.q, dynamics.nu], [dynamics.rolling])
@@ -152,7 +153,7 @@ def law_program(law: LawSheet) -> LawProgram:
         named[translate.node(value)] = str(symbol)
         translate.known[symbol] = translate.node(value)
     outputs = [[translate.node(x) for x in part] for part in (law.nu_d, law.nu_d_dot, law.nu_dot)]
-    function = casadi.Function("efforts", [dynamics.q, dynamics.nu, dynamics.nu_dot], [efforts])
+    function = casadi.Function("efforts", dynamics.symbols, [efforts])
     tau = steps.evaluate(function, inputs)
     kept, moved = without_idle(steps.nodes, [*tau, *outputs[0], *outputs[1]])
     return LawProgram(

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ from rpctl.derive.law import derive_law
 from rpctl.derive.law_code import c_law, python_law
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
 from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.losses import Losses
 from tests.grids import cells
 from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import KINDS, vehicle
@@ -165,6 +167,17 @@ def test_code_says_what_the_laws_say(
     check(executed(program), found)
     if name != "mecanum":  # one compiler less
         check(compiled(program, tmp_path), found)
+
+
+def test_losses_and_rotors_count(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Losses are made up for at the speeds wanted, by the driven wheels' joints as by the arm's."""
+    robot = made("mecanum", tmp_path)
+    model, size = robot.model.copy(), np.append(np.zeros(3), rng.uniform(0.5, 2.0, robot.nv - 3))
+    model.armature = 0.1 * size
+    losses = Losses(0.4 * size, 0.9 * size, np.full(robot.nv, 0.01))
+    robot = replace(robot, model=model, losses=losses)
+    program = law_program(law_sheet(robot, LEASHED, PaperDynamic()))
+    check(executed(program), samples(robot, LEASHED, PaperDynamic(), rng, 20))
 
 
 def test_float_is_as_near_as_float_can_be(
