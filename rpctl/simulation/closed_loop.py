@@ -13,6 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller
 from rpctl.control.error import tracking_error
+from rpctl.control.horizon.beside import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
 from rpctl.control.returned import require_state
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -20,6 +21,7 @@ from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
+from rpctl.simulation.computing import ComputingController, HeldEfforts
 from rpctl.simulation.config import Config
 from rpctl.simulation.plant import advance
 from rpctl.simulation.recorder import Recorder
@@ -98,9 +100,12 @@ def close_loop(
     q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
     work = lost = 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
-    controller = Controller(
-        plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
-    )
+    simulated_time = SimulatedTime(plant.computing_time)
+    with in_simulated_time(simulated_time):
+        controller = Controller(
+            plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
+        )
+    computing, held = ComputingController(controller, simulated_time), HeldEfforts(rest.tau)
     loop.controller, started_at = controller, time.perf_counter()
     sent, arrives = plant.pipeline(rest.tau, period), plant.arrives(steps + 1)
     try:
@@ -109,9 +114,10 @@ def close_loop(
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
             if arrives[k]:
-                output = controller.step(t, q, nu)
+                output = computing.step(t, q, nu)
             sent.append(output.efforts)
-            tau = sent.popleft()
+            held.send(max(t, computing.busy_until), sent.popleft())
+            tau = held.at(t)
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
                 recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
@@ -125,10 +131,12 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done, gone = advance(
-                    simulated, q, nu, tau + bias, period, config.run.plant_step
-                )
-                work, lost = work + done, lost + gone
+                for duration, tau in held.during(t, period):
+                    q, nu, done, gone = advance(
+                        simulated, q, nu, tau + bias, duration, config.run.plant_step
+                    )
+                    work, lost = work + done, lost + gone
+                controller.prepare()
             if progress is not None:
                 progress(k, steps)
     finally:
