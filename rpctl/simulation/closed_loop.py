@@ -21,9 +21,9 @@ from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
-from rpctl.simulation.computing import ComputingController, HeldEfforts
+from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
-from rpctl.simulation.plant import advance
+from rpctl.simulation.interface import start_interface
 from rpctl.simulation.recorder import Recorder
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
@@ -95,19 +95,25 @@ def close_loop(
         DivergedError: The motion left the finite numbers.
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    simulated, bias = plant.simulated_dynamics(dynamics), plant.bias(robot)
+    simulated = plant.simulated_dynamics(dynamics)
     first = require_state(robot, reference(0.0), 0.0)
     q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
     work = lost = 0.0
-    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
+    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - plant.bias(robot)))
     simulated_time = SimulatedTime(plant.computing_time)
     with in_simulated_time(simulated_time):
         controller = Controller(
-            plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
+            plant.known_robot(robot),
+            reference,
+            config.kinematic,
+            config.dynamic,
+            period,
+            rest,
+            output=config.output or "effort",
         )
-    computing, held = ComputingController(controller, simulated_time), HeldEfforts(rest.tau)
+    computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
-    sent, arrives = plant.pipeline(rest.tau, period), plant.arrives(steps + 1)
+    interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
             t = k * period
@@ -115,9 +121,7 @@ def close_loop(
             e = tracking_error(robot, state, q)
             if arrives[k]:
                 output = computing.step(t, q, nu)
-            sent.append(output.efforts)
-            held.send(max(t, computing.busy_until), sent.popleft())
-            tau = held.at(t)
+            tau = interface.take(output, q, nu, computing.late(t))
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
                 recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
@@ -131,11 +135,8 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                for duration, tau in held.during(t, period):
-                    q, nu, done, gone = advance(
-                        simulated, q, nu, tau + bias, duration, config.run.plant_step
-                    )
-                    work, lost = work + done, lost + gone
+                q, nu, done, gone = interface.advance(q, nu)
+                work, lost = work + done, lost + gone
                 controller.prepare()
             if progress is not None:
                 progress(k, steps)

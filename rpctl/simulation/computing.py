@@ -1,10 +1,8 @@
-"""Computing takes time: efforts that come late, and samples that a busy controller misses."""
+"""Computing takes time: answers that come late, and samples that a busy controller misses."""
 
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Iterator
 
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller, ControllerOutput
@@ -26,7 +24,7 @@ class ComputingController:
 
     def __init__(self, controller: Controller, simulated: SimulatedTime) -> None:
         self._controller, self._simulated = controller, simulated
-        self.busy_until = 0.0  # s
+        self._busy_until = 0.0  # s
         self._output: ControllerOutput | None = None
 
     def step(self, t: float, q: Array, nu: Array) -> ControllerOutput:
@@ -37,14 +35,18 @@ class ComputingController:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
         """
-        if self._output is not None and t < self.busy_until - TIME_ROUNDING:
+        if self._output is not None and t < self._busy_until - TIME_ROUNDING:
             return self._output
         before, beside = self._controller.kinematic_report(), self._simulated.spent_beside
         began = time.thread_time()
         self._output = output = self._controller.step(t, q, nu)
         spent = time.thread_time() - began - (self._simulated.spent_beside - beside)
-        self.busy_until = t + self._charge(before, self._controller.kinematic_report(), spent)
+        self._busy_until = t + self._charge(before, self._controller.kinematic_report(), spent)
         return output
+
+    def late(self, t: float) -> float:
+        """Return how much after a sample's time (s) the controller sends its answer, s."""
+        return max(self._busy_until - t, 0.0)
 
     def _charge(self, before: dict[str, float], after: dict[str, float], spent: float) -> float:
         """Return what a sample takes, s.
@@ -61,37 +63,3 @@ class ComputingController:
             return stated
         beside = "largest_delay" in after
         return stated if after["solves"] > before["solves"] and not beside else 0.0
-
-
-class HeldEfforts:
-    """Efforts that hold until others come.
-
-    Args:
-        tau: The first ones (n_act,), N·m or N.
-    """
-
-    def __init__(self, tau: Array) -> None:
-        self._tau = tau
-        self._coming = deque[tuple[float, Array]]()
-
-    def send(self, at: float, tau: Array) -> None:
-        """Send efforts (n_act,) that come at a time (s), later than those sent before."""
-        self._coming.append((at, tau))
-
-    def at(self, t: float) -> Array:
-        """Return the efforts from a time (s) on."""
-        while self._coming and self._coming[0][0] <= t + TIME_ROUNDING:
-            self._tau = self._coming.popleft()[1]
-        return self._tau
-
-    def during(self, t: float, duration: float) -> Iterator[tuple[float, Array]]:
-        """Yield how long (s) which efforts hold, from a time (s) on for a duration (s)."""
-        left = duration
-        while self._coming and self._coming[0][0] < t + left - TIME_ROUNDING:
-            at = self._coming[0][0]
-            held = self.at(t)
-            if at > t + TIME_ROUNDING:
-                yield at - t, held
-                t, left = at, left - (at - t)
-            self.at(at)
-        yield left, self.at(t)

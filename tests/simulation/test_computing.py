@@ -18,7 +18,7 @@ from rpctl.control.horizon.law import HorizonLaw
 from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import KinematicLaw
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation.computing import HeldEfforts
+from rpctl.simulation.held import HeldCommands
 
 PERIOD = 0.01  # s
 
@@ -31,7 +31,7 @@ def track(robot: Robot, law: KinematicLaw, plant: Plant, duration: float = 0.3) 
 
 
 def test_efforts_hold_until_others_come() -> None:
-    held = HeldEfforts(np.array([0.0]))
+    held = HeldCommands(np.array([0.0]))
     held.send(0.003, np.array([1.0]))
     held.send(0.010, np.array([2.0]))
     held.send(0.023, np.array([3.0]))
