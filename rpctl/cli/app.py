@@ -72,6 +72,11 @@ COMMANDS = {
         "Compare pairs of laws over references and scenarios; write a table and a figure.",
         "rpctl compare tiago --references line,eight",
     ),
+    "attraction": LazyCommand(
+        "rpctl.cli.attraction:attraction_command",
+        "Draw from which starts a law brings a robot to its reference, and how soon.",
+        "rpctl attraction car --reference line,circle --starts 100",
+    ),
     "expand": LazyCommand(
         "rpctl.cli.sources:expand_command",
         "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",

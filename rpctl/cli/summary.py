@@ -11,14 +11,16 @@ from rich.console import Console
 from rich.table import Table
 
 from rpctl.cli.terminal import console, escape, format_limit, new_table
+from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.collision_facts import clearance_text
+from rpctl.simulation.collision_facts import clearance_text, collision_texts
 from rpctl.simulation.outcome import LATE, TRACKED
 from rpctl.simulation.path_error import PathFigures
 from rpctl.simulation.summary import EffortPeak, Summary
 from rpctl.simulation.texts import lag
 
 if TYPE_CHECKING:
+    from rpctl.reference.recording import Recording
     from rpctl.view.run_folder import RunFolder
 
 
@@ -29,6 +31,28 @@ def show_sizing(out: Console, sizing: Sizing | None) -> None:
     out.print(escape(sizing.sentence))
     if sizing.assumed:
         out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
+
+
+def show_recording(out: Console, recording: Recording | None, strict: bool) -> None:
+    """Print what became of a table's rows, and what they ask beyond the robot's limits.
+
+    Args:
+        out: Where to print.
+        recording: The table's; None of another reference.
+        strict: Whether to refuse what asks too much.
+
+    Raises:
+        RpctlError: It asks too much, and that is to be refused.
+    """
+    if recording is None:
+        return
+    for change in recording.changes:
+        out.print(escape(change))
+    warnings = recording.warnings
+    if strict and warnings:
+        raise RpctlError("the reference asks too much: " + "; ".join(warnings))
+    for warning in warnings:
+        out.print(f"[bold red]beyond limits[/] {escape(warning)}")
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:
@@ -48,10 +72,12 @@ def show_summary(written: RunFolder, folder: Path) -> None:
                   f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
     for bound in summary.limits_bound:
         out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
-    for collision in summary.collisions:
-        out.print(f"[bold red]collision[/] {escape(collision.sentence)}")
+    for collision in collision_texts(summary.collisions):
+        out.print(f"[bold red]collision[/] {escape(collision)}")
     if summary.clearances:
         out.print(escape(f"nearest to {', '.join(map(clearance_text, summary.clearances))}"))
+    for remark in summary.collision_notes:
+        out.print(f"[yellow]note[/] {escape(remark)}")
     ground = summary.ground
     if ground.sentence is not None:
         mark = "[yellow]ground[/]" if ground.could_slip else "ground"

@@ -37,6 +37,8 @@ REFERENCES = ("line", "reverse", "spin", "circle", "eight", "waypoints", "ee-squ
 INITIAL_ERROR = (0.1, -0.1, 0.1)  # m, m, rad
 
 Controller = TypeVar("Controller")
+Asked = TypeVar("Asked")
+Result = TypeVar("Result")
 Progress = Callable[[int, int], object]
 
 
@@ -251,12 +253,15 @@ def grid(
 
 
 def run_grid(
-    bench: Benchmark, cells: Sequence[Cell], jobs: int = 1, progress: Progress | None = None
-) -> list[Row]:
+    bench: Callable[[Asked], Result],
+    cells: Sequence[Asked],
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> list[Result]:
     """Run cells, in several processes if asked; return their rows in order.
 
     Args:
-        bench: What runs them.
+        bench: What runs them; it can be sent to another process.
         cells: Which.
         jobs: Number of processes; 1 runs them in this one.
         progress: Called with the cells done and their total.
@@ -285,7 +290,9 @@ def run_grid(
 
 
 @contextmanager
-def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Row]]]:
+def _workers(
+    bench: Callable[[Asked], Result], jobs: int
+) -> Iterator[Callable[[Asked], Future[Result]]]:
     """Yield what sends a cell to another process; none of them outlives this.
 
     Workers ignore SIGINT; on Ctrl-C this process, their parent, terminates them.
@@ -294,7 +301,7 @@ def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Ro
     resource_tracker.ensure_running()  # it would unblock the signal when it starts
     executor = ProcessPoolExecutor(jobs, mp.get_context("spawn"), _set_bench, (bench,))
 
-    def submit(cell: Cell) -> Future[Row]:
+    def submit(cell: Asked) -> Future[Result]:
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
         try:
             return executor.submit(_run_cell, cell)
@@ -311,10 +318,10 @@ def _workers(bench: Benchmark, jobs: int) -> Iterator[Callable[[Cell], Future[Ro
         executor.shutdown(cancel_futures=True)
 
 
-_benches: list[Benchmark] = []  # of this worker process; one at most
+_benches: list[Callable[[Any], Any]] = []  # of this worker process; one at most
 
 
-def _set_bench(bench: Benchmark) -> None:
+def _set_bench(bench: Callable[[Any], Any]) -> None:
     _benches[:] = [bench]
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -327,5 +334,5 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _run_cell(cell: Cell) -> Row:
+def _run_cell(cell: Any) -> Any:
     return _benches[0](cell)

@@ -10,6 +10,7 @@ import pytest
 import rpctl
 from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, Run
 from rpctl.arrays import Array
+from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.control.unregistered import Unregistered
@@ -42,7 +43,7 @@ def test_a_law_of_laws_takes_a_function(paper: Robot, monkeypatch: pytest.Monkey
     expected = run(paper, EndEffector(PaperKinematic()))
     found = run(paper, EndEffector(plain))  # type: ignore[arg-type]
     np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
-    monkeypatch.setattr("rpctl.control.horizon.law.HorizonLaw._solve", lambda *_: None)
+    monkeypatch.setattr("rpctl.control.horizon.planner.Planner.plan", lambda *_: Planned(None))
     fallback = run(paper, Horizon(fallback=plain))  # type: ignore[arg-type]
     np.testing.assert_array_equal(fallback.log.nu_d, run(paper, PaperKinematic()).log.nu_d)
 

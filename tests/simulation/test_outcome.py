@@ -289,7 +289,7 @@ def test_a_base_without_a_radius_reaches_to_its_farthest_contact(golden: Run) ->
 def test_whoever_stands_does_not_diverge(golden: Run) -> None:
     """A wall 1 m before the end of the way: on its path until then, and then it stands there."""
     reached = np.minimum(SPEED * T, SPEED * T[-1] - 1.0)
-    corner = np.where(SPEED * T > reached, SPEED * T - reached, 0.0)  # the reference turns off
+    corner = np.where(reached < SPEED * T, SPEED * T - reached, 0.0)  # the reference turns off
     reference = np.column_stack([reached, corner, 0.0 * T])
     stopped = np.column_stack([reached, 0.0 * T, 0.0 * T])
     found = judged(golden, stopped, reference)

@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_are
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Model
-from rpctl.control.horizon.qp import Quadratic, StageValues
+from rpctl.control.horizon.qp import LeastSquares, StageValues
 from rpctl.control.horizon.settings import Weights
 from rpctl.control.horizon.target import EndEffectorPoints, Sample
 
@@ -63,15 +63,13 @@ class Cost:
         of_pose = hessian.pose * pose[:, : hessian.pose.shape[1]]
         return StageValues(hessian.nu_dot * nu_dot, of_pose, of_joints, of_nu)
 
-    def end_effector_cost(self, end_effector: EndEffectorPoints | None) -> list[Quadratic]:
+    def end_effector_cost(self, end_effector: EndEffectorPoints | None) -> list[LeastSquares]:
         """Return the cost of the end effector's error at its stages; empty without one."""
         if end_effector is None:
             return []
-        weighted_error = self._end_effector * (end_effector.positions - end_effector.goals)
-        return [
-            Quadratic(self._end_effector * by.T @ by, by.T @ error)
-            for by, error in zip(end_effector.jacobian, weighted_error, strict=True)
-        ]
+        root = math.sqrt(self._end_effector)
+        errors = root * (end_effector.positions - end_effector.goals)
+        return list(map(LeastSquares, root * end_effector.jacobian, errors))
 
 
 def _cost_to_go(weight: float, weights: Weights, dt: float) -> Array:

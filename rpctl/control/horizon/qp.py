@@ -6,7 +6,7 @@ of pose, joints and ν at step k + 1; the slacks of the soft constraints come la
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -52,11 +52,31 @@ class StageValues(NamedTuple):
     nu: Array
 
 
-class Quadratic(NamedTuple):
-    """Part of the cost on pose and joints at one stage: ½ δᵀ H δ + gᵀ δ."""
+class LeastSquares(NamedTuple):
+    """Part of the cost on pose and joints at one stage: ½ |residual + jacobian δ|²."""
 
-    H: Array
-    g: Array
+    jacobian: Array  # (rows, unknowns)
+    residual: Array  # (rows,)
+
+
+class Linearisation(NamedTuple):
+    """The values of a QP about a motion.
+
+    Attributes:
+        jacobian: Derivatives of the base's motion.
+        gradient: Gradient of the cost at the motion, without ``extra_cost``.
+        extra_cost: Cost on pose and joints, one for each stage that has it.
+        soft: Values of the soft rows, in the order of their structure.
+        lower: Lower bounds of the unknowns.
+        upper: Upper bounds of the unknowns.
+    """
+
+    jacobian: PoseJacobian
+    gradient: StageValues
+    extra_cost: Sequence[LeastSquares]
+    soft: Sequence[LinearisedConstraint]
+    lower: StageValues
+    upper: StageValues
 
 
 class QuadraticProgram(NamedTuple):
@@ -114,7 +134,7 @@ class QpBuilder:
         model: The prediction's model.
         weights: Diagonal of the cost's Hessian.
         terminal: Cross weight of each joint's position and rate at the last stage (n_joints,).
-        extra_cost: Stages whose cost has a :class:`Quadratic` on pose and joints besides.
+        extra_cost: Stages whose cost has a :class:`LeastSquares` on pose and joints besides.
         soft: Structure of the soft rows.
     """
 
@@ -197,35 +217,20 @@ class QpBuilder:
         self._transition = SparsityPattern((row.size, total), rows, columns)
         self._b = np.zeros(row.size)
 
-    def build(
-        self,
-        jacobian: PoseJacobian,
-        gradient: StageValues,
-        extra_cost: Sequence[Quadratic],
-        soft: Iterable[LinearisedConstraint],
-        lower: StageValues,
-        upper: StageValues,
-    ) -> QuadraticProgram:
-        """Return the QP about a motion.
-
-        Args:
-            jacobian: Derivatives of the base's motion.
-            gradient: Gradient of the cost at the motion, without ``extra_cost``.
-            extra_cost: Cost on pose and joints, one for each stage that has it.
-            soft: Values of the soft rows, in the order of their structure.
-            lower: Lower bounds of the unknowns.
-            upper: Upper bounds of the unknowns.
-        """
+    def build(self, linearisation: Linearisation) -> QuadraticProgram:
+        """Return the QP about a motion."""
+        jacobian, gradient, extra_cost, soft, lower, upper = linearisation
         total = len(self._diagonal)
         c = np.full(total, SLACK_PRICE)
         low, high = np.zeros(total), np.full(total, np.inf)
         for index, g, least, most in zip(self.indices, gradient, lower, upper, strict=True):
             c[index], low[index], high[index] = g, least, most
         diagonal, off_diagonal = self._diagonal.copy(), [self._terminal]
-        for k, (H, g) in zip(self._extra_stages, extra_cost, strict=True):
+        for k, (J, residual) in zip(self._extra_stages, extra_cost, strict=True):
+            H = J.T @ J
             unknowns = np.concatenate([self.indices.pose[k], self.indices.joints[k]])
             diagonal[unknowns] += np.diag(H)
-            c[unknowns] += g
+            c[unknowns] += J.T @ residual
             off_diagonal.append(H[self._pairs])
         rows, h = [np.empty(0)], [np.empty(0)]
         for value, by in soft:

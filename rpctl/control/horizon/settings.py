@@ -1,16 +1,19 @@
-"""Settings of the horizon law: the weights of its cost and the bounds of its motions."""
+"""Settings of the horizon law: its steps, the weights of its cost, the bounds of its motions."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Indices, Model
+from rpctl.control.obstacles import Obstacle
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import require_positive
+from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
+
+MAX_STEPS = 500  # memory grows with their square: .1 GB for a mobile manipulator
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,37 @@ class Bounds:
     def _limited(self, limits: Array) -> tuple[Indices, Array]:
         found = np.flatnonzero(np.isfinite(limits))
         return found, self.share * limits[found]
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """What the horizon law plans: see :class:`~rpctl.control.horizon.law.Horizon`."""
+
+    steps: int = 20
+    dt: float = 0.1
+    period: float = 0.02
+    weights: Weights = field(default_factory=Weights)
+    bounds: Bounds = field(default_factory=Bounds)
+    base_obstacles: tuple[Obstacle, ...] = ()
+    end_effector_obstacles: tuple[Obstacle, ...] = ()
+    base_radius: float | None = None
+    end_effector_radius: float = 0.05
+    leash: float = 0.3
+    body_clearance: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse settings that predict nothing."""
+        for name in ("dt", "period", "end_effector_radius", "leash"):
+            require_positive(name, getattr(self, name))
+        for name in ("base_radius", "body_clearance"):
+            if getattr(self, name) is not None:
+                require_positive(name, getattr(self, name))
+        if not 2 <= self.steps <= MAX_STEPS:
+            raise RpctlError(f"steps is {self.steps}; give 2 to {MAX_STEPS}")
+        if self.period > self.dt:
+            raise RpctlError(
+                f"period {self.period:g} s is longer than a step; give at most {self.dt:g} s"
+            )
 
 
 def is_turning(model: Model) -> list[bool]:

@@ -1,4 +1,4 @@
-"""Solver of the horizon law's quadratic programs: PIQP, without inequalities first."""
+"""Solvers of the horizon law's quadratic programs: by active bounds, or PIQP on the sparse QP."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import numpy as np
 import piqp
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.qp import QuadraticProgram
+from rpctl.control.horizon.condensed import CondensedQp
+from rpctl.control.horizon.prediction import Indices
+from rpctl.control.horizon.qp import Linearisation, QpBuilder, QuadraticProgram
+from rpctl.control.horizon.structure import CondensedStructure
 
 QP_TOLERANCE = 1e-6  # of the QP's residuals and gap, absolute and relative
 MAX_QP_ITERATIONS = 40  # of the interior-point method; most samples take about ten
@@ -27,7 +30,57 @@ class QpSolution(NamedTuple):
     status: str
 
 
-class Solver:
+class Answer(NamedTuple):
+    """Solution of a QP, or what its solver ended with."""
+
+    x: Array  # deviations of all stages, then the slacks
+    solved: bool
+
+
+class HorizonSolver:
+    """Solves the QPs of one robot: condensed, or, where that gives up, sparse.
+
+    The bounds that were active last are the first to be tried.
+
+    Args:
+        builder: Builds the sparse QP.
+        structure: Of the condensed QP.
+    """
+
+    def __init__(self, builder: QpBuilder, structure: CondensedStructure) -> None:
+        self._builder, self._structure = builder, structure if structure.affordable else None
+        self._sparse = SparseSolver()
+        self._active: Indices = np.empty(0, dtype=np.intp)
+        self.sparse_solves = 0
+
+    def factored(self, linearisation: Linearisation) -> CondensedQp | None:
+        """Return the condensed QP, its Hessian factored; None where there are too many unknowns."""
+        if self._structure is None:
+            return None
+        return CondensedQp(self._structure, linearisation)
+
+    def solve(self, linearisation: Linearisation, qp: CondensedQp | None) -> Answer:
+        """Return the solution.
+
+        Args:
+            linearisation: Values of the QP.
+            qp: The condensed QP, factored for the same motion; None leaves it to the sparse one.
+        """
+        if qp is not None:
+            found = qp.solve(linearisation, self._active)
+            self._active = found.active
+            if found.solved and np.isfinite(found.x).all():
+                return Answer(found.x, True)
+            self.sparse_solves += 1
+        return self.solve_sparse(linearisation)
+
+    def solve_sparse(self, linearisation: Linearisation) -> Answer:
+        """Return the solution of the sparse QP."""
+        found = self._sparse.solve(self._builder.build(linearisation))
+        return Answer(found.x, found.solved)
+
+
+class SparseSolver:
     """PIQP ([SJKJ23]) on QPs of one sparsity: its ordering and symbolic factors are kept.
 
     The QP without inequalities is solved first, at a fraction of the cost; if its solution

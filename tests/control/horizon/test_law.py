@@ -22,9 +22,10 @@ from rpctl import (
     Run,
     summarize,
 )
+from rpctl.control.horizon.condensed import CondensedQp
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.qp import QuadraticProgram
-from rpctl.control.horizon.solver import QpSolution, Solver
+from rpctl.control.horizon.qp import Linearisation
+from rpctl.control.horizon.solver import Answer, HorizonSolver
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
@@ -176,16 +177,16 @@ def test_every_kind_of_robot(tmp_path: Path, kind: str) -> None:
 def test_a_failed_solve_falls_back_and_is_counted(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solve = Solver.solve
+    solve = HorizonSolver.solve
     failing = [3, 4, 9]  # of the solves
     count = iter(range(1000))
 
-    def sometimes(self: Solver, qp: QuadraticProgram) -> QpSolution:
+    def sometimes(self: HorizonSolver, values: Linearisation, qp: CondensedQp | None) -> Answer:
         k = next(count)
         # The first sample takes three passes.
-        return solve(self, qp)._replace(solved=k not in failing)
+        return solve(self, values, qp)._replace(solved=k not in failing)
 
-    monkeypatch.setattr(Solver, "solve", sometimes)
+    monkeypatch.setattr(HorizonSolver, "solve", sometimes)
     called: list[float] = []
     inner = PaperKinematic()
 

@@ -11,11 +11,12 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.cost import wrap_angles
-from rpctl.control.horizon.law import Horizon, HorizonLaw
+from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.planner import Planner
 from rpctl.control.horizon.prediction import PredictedMotion
 from rpctl.control.horizon.preview import Preview
 from rpctl.control.horizon.qp import QuadraticProgram
-from rpctl.control.horizon.solver import QP_TOLERANCE, QpSolution, Solver
+from rpctl.control.horizon.solver import QP_TOLERANCE, QpSolution, SparseSolver
 from rpctl.control.horizon.target import EndEffectorKinematics, Target, TimeScaling, look_ahead
 from rpctl.control.obstacles import Disc
 from rpctl.reference.named import reference_by_name
@@ -30,9 +31,9 @@ NOW = 4.0  # s: the reference is at its full speed
 
 def written(
     robot: Robot, law: Horizon, off: Array, rng: np.random.Generator
-) -> tuple[HorizonLaw, PredictedMotion, Target, QuadraticProgram]:
+) -> tuple[Planner, PredictedMotion, Target, QuadraticProgram]:
     """Return a QP about a motion from beside the reference."""
-    run = law.start(ReducedDynamics(robot), 0.002)
+    run = law.start(ReducedDynamics(robot), 0.002).planner
     model, reference = run.model, reference_by_name(robot, "eight")
     times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
     now = np.concatenate([steering(robot, reference(NOW))[0], reference(NOW).joints])
@@ -43,7 +44,7 @@ def written(
     nu_dot = 0.1 * rng.normal(size=(law.steps, robot.dof))
     joints = target.joints[0] + 0.01 * rng.normal(size=len(model.joints))
     motion = model.predict(model.configuration(joints, pose), target.nu[0], nu_dot)
-    return run, motion, target, run.build_qp(motion, target)
+    return run, motion, target, run.program.build(run.linearise(motion, target))
 
 
 def residuals(qp: QuadraticProgram, found: QpSolution) -> dict[str, float]:
@@ -76,7 +77,7 @@ def test_the_solution_satisfies_its_conditions(
     robot = limited(rpctl.load("paper"), effort=share, speed=share)
     law = Horizon(base_obstacles=(Disc(9.0, 0.0, 0.2),))
     _, _, _, qp = written(robot, law, np.array(off), rng)
-    solver = Solver()
+    solver = SparseSolver()
     found = solver.solve(qp)
     assert found.solved
     assert found.z.any() == any(off)  # beside the reference, some limit binds
@@ -86,7 +87,7 @@ def test_the_solution_satisfies_its_conditions(
 
 def test_where_nothing_binds_the_bounds_do_not_matter(rng: np.random.Generator) -> None:
     _, _, _, qp = written(rpctl.load("paper"), Horizon(), np.zeros(3), rng)
-    solver = Solver()
+    solver = SparseSolver()
     free, bounded = solver.solve(qp), solver.bounded(qp)
     assert not free.z.any()
     np.testing.assert_allclose(free.x[: qp.slack], bounded.x[: qp.slack], atol=1e-3)
@@ -115,7 +116,7 @@ def test_without_bounds_it_is_least_squares(
         ]
     )
     expected = np.linalg.lstsq(J, -errors(indices), rcond=None)[0]
-    found = Solver().unbounded(qp)
+    found = SparseSolver().unbounded(qp)
     assert found.solved
     scale = np.abs(expected).max()
     np.testing.assert_allclose(
@@ -124,7 +125,7 @@ def test_without_bounds_it_is_least_squares(
 
 
 def _weighted(
-    run: HorizonLaw, ahead: PredictedMotion, target: Target, arm: EndEffectorKinematics
+    run: Planner, ahead: PredictedMotion, target: Target, arm: EndEffectorKinematics
 ) -> Array:
     """Return the errors whose squares, halved, are the cost."""
     cost, model = run.cost, run.model

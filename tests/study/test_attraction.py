@@ -1,0 +1,150 @@
+"""The region of attraction: what counts as converged, what is drawn, and no start runs away."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl.cli.app import app
+from rpctl.control.error import tracking_error
+from rpctl.control.registry import KINEMATIC_LAWS
+from rpctl.reference.named import reference_by_name
+from rpctl.study.attraction import (
+    REACH_M,
+    Attraction,
+    Ending,
+    Fraction,
+    Placement,
+    Start,
+    drawn_errors,
+    fractions,
+    placement,
+    start_errors,
+)
+from rpctl.view.plots import attraction as picture
+from tests.grids import cells
+
+START = Start("unified", "line", (0.5, -1.0, 3.11))
+HOME = Ending(START, "tracked", 1e-4, 12.0, (), "")
+DRIVES = ("paper", "skid_steer", "mecanum", "omni", "car", "bicycle", "tricycle", "swerve",
+          "twin_casters", "casters", "caster_drive")  # fmt: skip
+REFERENCES = ("line", "reverse", "spin", "circle", "eight")
+GRID = [(d, k, r) for d in DRIVES for k in KINEMATIC_LAWS for r in REFERENCES]
+SLOW = [
+    ("paper", "unified", "reverse"),
+    ("swerve", "unified", "line"),
+    ("car", "unified", "circle"),
+]
+
+
+def test_an_error_is_the_placement_seen_from_the_robot() -> None:
+    """A robot 1 m behind and .5 m to the left of its reference, heading to the left."""
+    robot = rpctl.load("paper")
+    state = reference_by_name(robot, "line")(0.0)
+    e = Placement(-1.0, 0.5, 0.5 * math.pi).error()
+    assert e == pytest.approx((-0.5, -1.0, -0.5 * math.pi))
+    q = robot.configuration(-1.0, 0.5, 0.5 * math.pi)
+    np.testing.assert_allclose(tracking_error(robot, state, q)[:3], e, atol=1e-12)
+    for error in drawn_errors(9, 3):
+        assert placement(error).error() == pytest.approx(error)
+
+
+def test_the_grid_fills_the_square_and_the_circle() -> None:
+    found = np.array([placement(error) for error in start_errors(200)])
+    assert len(found) == 200
+    assert np.abs(found[:, :2]).max() == pytest.approx(REACH_M)
+    assert len({tuple(row) for row in found.round(6)}) == 200
+    headings = np.unique(found[:, 2].round(6))
+    np.testing.assert_allclose(np.diff(headings), 0.25 * math.pi, atol=1e-5)
+    assert len(start_errors(16)) == 16
+
+
+def test_what_counts_as_converged() -> None:
+    assert HOME.converged and not HOME.failed
+    lost: list[dict[str, Any]] = [{"outcome": "diverging"}, {"violations": ("wheel effort",)},
+                                  {"settled_at": None}]  # fmt: skip
+    for change in lost:
+        assert not replace(HOME, **change).converged
+    assert not replace(HOME, settled_at=None).failed  # still on its way
+    assert replace(HOME, outcome=None, settled_at=None).failed
+    endings = [HOME, replace(HOME, settled_at=20.0), replace(HOME, settled_at=None),
+               replace(HOME, outcome="stuck"), replace(HOME, outcome=None)]  # fmt: skip
+    (found,) = fractions(endings)
+    assert found == Fraction("unified", "line", 5, 2, 2, 1, 20.0)
+    assert found.undecided == 1
+
+
+def test_colours_say_what_became_of_a_start() -> None:
+    soon, late = (picture._colour(replace(HOME, settled_at=t)) for t in (4.0, 40.0))
+    assert sum(soon) < sum(late)  # lighter
+    stuck = picture._colour(replace(HOME, outcome="stuck"))
+    on_the_way = picture._colour(replace(HOME, settled_at=None))
+    refused = picture._colour(replace(HOME, outcome=None))
+    assert len({soon, late, stuck, on_the_way, refused}) == 5
+    assert stuck[:3] == picture._rgb(picture.FAILED)
+
+
+@pytest.mark.slow
+def test_the_command_writes_what_it_found(tmp_path: Path) -> None:
+    words = ["attraction", "omni", "--reference", "line", "--starts", "16", "--duration", "0.1"]
+    result = CliRunner().invoke(app, [*words, "--jobs", "1", "--out", str(tmp_path), "--json"])
+    assert result.exit_code == 0, result.output
+    shown = json.loads(result.stdout)
+    assert shown == json.loads((tmp_path / "attraction.json").read_text())
+    assert (tmp_path / "attraction.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "attraction.pdf").read_bytes().startswith(b"%PDF")
+    assert len(shown["starts"]) == 16
+    (figures,) = shown["fractions"]
+    assert figures["starts"] == 16 and figures["converged"] == 0 and figures["undecided"] == 16
+    for words, told in (
+        (["--kinematic", "unfied"], "did you mean"),
+        (["--duration", "0"], "positive"),
+    ):
+        result = CliRunner().invoke(app, ["attraction", "omni", *words, "--out", str(tmp_path)])
+        assert result.exit_code == 2
+        assert told in result.output
+
+
+def test_a_run_away_is_told() -> None:
+    """The paper's law has no leash: it ends far away, and no success is claimed."""
+    bare = Attraction(rpctl.load("paper"), "integral", 12.0, 0.02)
+    ending = bare(Start("paper", "reverse", (0.5, -1.0, 3.11)))
+    assert ending.failed and not ending.converged
+
+
+def no_run_away(ending: Ending) -> None:
+    """Every start converges within limits, is still coming nearer, or says that it failed."""
+    if ending.converged or ending.failed:
+        return
+    assert ending.error is not None and ending.error < 2.0, ending
+    assert "nearing" in ending.sentence or "on its path" in ending.sentence, ending
+
+
+@pytest.mark.parametrize("name", ["paper", "omni"])
+def test_a_far_start_comes_home(name: str) -> None:
+    """One that ran 23 m away before; the whole grid runs in ``make thorough``."""
+    ending = Attraction(rpctl.load(name), "integral", 14.0, 0.02)(
+        Start("unified", "reverse", START.error)
+    )
+    assert ending.converged, ending
+
+
+@pytest.mark.parametrize(("drive", "law", "reference"), cells(GRID, slow=SLOW))
+def test_no_start_runs_away(drive: str, law: str, reference: str) -> None:
+    robot = rpctl.load(drive)
+    study = Attraction(robot, "integral", 60.0)
+    count = 4 if (drive, law, reference) in SLOW else 200
+    endings = [study(Start(law, reference, error)) for error in drawn_errors(count, 7)]
+    for ending in endings:
+        no_run_away(ending)
+    (found,) = fractions(endings)
+    if law == "unified" and found.refused == 0:
+        assert found.converged >= 0.95 * found.starts, found
