@@ -123,16 +123,15 @@ class IntegralLaw:
         """
         if self._before is not None and self._elapsed is not None:
             started_at, nu_dot = self._before
-            gain = np.minimum(
-                self._gain, 1.0 / self._elapsed
-            )  # a longer pause teaches no more than ν̇
+            # A longer pause teaches no more than ν̇.
+            gain = np.minimum(self._gain, 1.0 / self._elapsed)
             unexpected = nu - started_at - self._elapsed * nu_dot
             self._disturbance = self._disturbance + gain * unexpected
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
         nu_dot = self._inner.desired_acceleration(nu, command)
         if efforts.limits:
             middle = self._inner.middle(dynamics, q, nu, command)
-            nu_dot = dynamics.forward(*middle, efforts.tau) + self._disturbance
+            nu_dot = dynamics.forward(middle.q, middle.nu, efforts.tau) + self._disturbance
         self._before = nu, nu_dot
         return efforts
 
