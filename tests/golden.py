@@ -89,6 +89,7 @@ EFFORTS = (  # N·m, of the slide N; the largest share of a limit is 16 of 20
     (4.0, 3.0, -0.25, 4.5, 42.0),
 )
 WORK = (0.0, 1.0, -1.0, 3.0, 2.0, 4.0)  # J: swings over 5
+LOST = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)  # J, by damping and friction
 ENERGY_GAPS = (0.0, 0.1, -0.2, 0.05, 0.0, 0.1)  # J, of the energy to the work
 TIP_MARGINS = (0.3, 0.25, 0.125, 0.15, 0.2, 0.28)  # m
 SLIP_RATIOS = (0.1, 0.2, 0.15, 0.4, 0.3, 0.05)
@@ -134,8 +135,9 @@ def golden_run(robot: Robot) -> Run:
         "ee": ee,
         "ee_ref": ee + TIP_ERRORS,
         "ee_angle": 0.01 * (6.0 - k),
-        "energy": 10.0 + np.array(WORK) + ENERGY_GAPS,
+        "energy": 10.0 + np.array(WORK) - np.array(LOST) + ENERGY_GAPS,
         "work": np.array(WORK),
+        "lost": np.array(LOST),
         "constraint_residual": 1e-9 * np.array([1.0, 2.0, 3.0, 2.5, 1.5, 0.5]),
         "wheel_force": wheel_force,
         "axle_force": np.column_stack([6.0 + k, -4.0 - 2.0 * k]),  # of both rear wheels; front
@@ -200,6 +202,8 @@ def _robot_facts(robot: Robot) -> RobotFacts:
         home={},
         free=(),
         payloads=(),
+        losses=True,
+        armature=None,
         quasi_velocities=QUASI_VELOCITIES,
         actuators=ACTUATORS,
         joint_names=("swing_joint", "slide_joint"),

@@ -18,6 +18,7 @@ from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
 from rpctl.robot.names import find_source
 
+FROM_FILE = "file"  # of --armature: what the transmissions say
 MAX_WORD = 40  # characters of a name in that of a folder: at most 160 of its 255 bytes
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 
@@ -78,6 +79,20 @@ LapsOption = Annotated[
     float | None,
     typer.Option(metavar="N", help="How many times circle, eight or spin; 1 if not given."),
 ]
+SmoothOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRES|auto",
+        help="Smooth the rows of a CSV: by at most so much, root mean square, or by as much as "
+        "their noise asks for.",
+    ),
+]
+RetimeOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--retime", help="Slow a CSV down where it asks more than the robot's limits allow."
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -134,6 +149,19 @@ class LoadOptions:
         ),
     ] = None
 
+    no_losses: Annotated[
+        bool,
+        typer.Option("--no-losses", help="Leave out the damping and friction of the joints."),
+    ] = False
+    armature: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="file|NAME=KG_M2",
+            help="Inertia of the motors' rotors seen from their joints, I n2: that of the file's "
+            "transmissions, and of joints by name or pattern (kg m2, or kg). Repeatable.",
+        ),
+    ] = None
+
     def arguments(self, source: str) -> tuple[XacroArgument, ...]:
         """Return the arguments that the xacro of a robot declares.
 
@@ -164,6 +192,8 @@ class LoadOptions:
             self.ignore_missing_packages,
             self.home,
             self.free or (),
+            not self.no_losses,
+            _armature(self.armature),
         )
 
 
@@ -183,6 +213,27 @@ def _positions(items: Iterable[str] | None) -> dict[str, float]:
                 f"--lock {item}: {position!r} is not a number; write NAME=0.1"
             ) from None
     return positions
+
+
+def _armature(items: Iterable[str] | None) -> bool | dict[str, float]:
+    """Return what ``file`` and ``NAME=KG_M2`` say of rotors, as :func:`rpctl.load` takes it.
+
+    Raises:
+        RpctlError: An inertia is no number.
+    """
+    given: dict[str, float] = {}
+    for item in items or ():
+        name, _, inertia = item.partition("=")
+        if item == FROM_FILE:
+            continue
+        try:
+            given[name] = float(inertia)
+        except ValueError:
+            raise RpctlError(
+                f"--armature {item}: write NAME=0.01, in kg m2, or {FROM_FILE} for what the file's "
+                "transmissions say"
+            ) from None
+    return given or bool(items)
 
 
 def read_triple(text: str) -> tuple[float, float, float]:

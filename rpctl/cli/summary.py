@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from rpctl.cli.terminal import console, escape, format_limit, new_table
+from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
 from rpctl.simulation.collision_facts import clearance_text
 from rpctl.simulation.outcome import LATE, TRACKED
@@ -19,6 +20,7 @@ from rpctl.simulation.summary import EffortPeak, Summary
 from rpctl.simulation.texts import lag
 
 if TYPE_CHECKING:
+    from rpctl.reference.recording import Recording
     from rpctl.view.run_folder import RunFolder
 
 
@@ -29,6 +31,28 @@ def show_sizing(out: Console, sizing: Sizing | None) -> None:
     out.print(escape(sizing.sentence))
     if sizing.assumed:
         out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
+
+
+def show_recording(out: Console, recording: Recording | None, strict: bool) -> None:
+    """Print what became of a table's rows, and what they ask beyond the robot's limits.
+
+    Args:
+        out: Where to print.
+        recording: The table's; None of another reference.
+        strict: Whether to refuse what asks too much.
+
+    Raises:
+        RpctlError: It asks too much, and that is to be refused.
+    """
+    if recording is None:
+        return
+    for change in recording.changes:
+        out.print(escape(change))
+    warnings = recording.warnings
+    if strict and warnings:
+        raise RpctlError("the reference asks too much: " + "; ".join(warnings))
+    for warning in warnings:
+        out.print(f"[bold red]beyond limits[/] {escape(warning)}")
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:

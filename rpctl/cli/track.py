@@ -12,7 +12,7 @@ import typer
 
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument, default_folder
 from rpctl.cli.streams import print_json
-from rpctl.cli.summary import show_sizing, show_summary
+from rpctl.cli.summary import show_recording, show_sizing, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
 from rpctl.cli.verify import certificate_line, certify
@@ -61,6 +61,7 @@ def track_command(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
     show_sizing(output, getattr(reference, "sizing", None))
+    show_recording(output, getattr(reference, "recording", None), options.strict)
     budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:

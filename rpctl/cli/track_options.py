@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpctl.cli.options import LapsOption, SizeOption, SpeedOption, read_triple
+from rpctl.cli.options import (
+    LapsOption,
+    RetimeOption,
+    SizeOption,
+    SmoothOption,
+    SpeedOption,
+    read_triple,
+)
 from rpctl.cli.terminal import progress_bar
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.reference.pose_goal import goal_of_words
+from rpctl.reference.smooth_wish import read_smoothing
 from rpctl.simulation.config import Config, read_config
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -58,6 +66,8 @@ class ConfigOptions:
     size: SizeOption = None
     speed: SpeedOption = None
     laps: LapsOption = None
+    smooth: SmoothOption = None
+    retime: RetimeOption = None
     initial_error: Annotated[
         str | None,
         typer.Option(
@@ -79,6 +89,24 @@ class ConfigOptions:
     dynamic: Annotated[
         str | None,
         typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
+    ] = None
+    output: Annotated[
+        str | None,
+        typer.Option(
+            metavar="effort|velocity",
+            help="What the robot takes: efforts, or speeds of base and arm, which it follows late; "
+            "efforts if not given.",
+        ),
+    ] = None
+    actuator_lag: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="Lag of first order with which it follows speeds, s; 0 if not given."
+        ),
+    ] = None
+    dead_time: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Time until it begins to follow them, s; 0 if not given."),
     ] = None
     friction: Annotated[
         float | None,
@@ -105,6 +133,7 @@ class ConfigOptions:
         """
         error = None if self.initial_error is None else read_triple(self.initial_error)
         config = Config() if self.config is None else read_config(self.config)
+        config = config.with_output(self.output, self.actuator_lag, self.dead_time)
         return config.with_laws(self.kinematic, self.dynamic).with_run(
             reference=self._reference(),
             duration=self.duration,
@@ -114,6 +143,8 @@ class ConfigOptions:
             speed=self.speed,
             laps=self.laps,
             log_every=self.log_every,
+            smooth=read_smoothing(self.smooth),
+            retime=self.retime,
         )
 
     def _reference(self) -> str | None:

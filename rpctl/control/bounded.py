@@ -190,7 +190,7 @@ class BoundedLaw:
         nu_dot = self.desired_acceleration(nu, command)
         rows, drift = self._joints.rows(dynamics, q, nu)
         middle = self.middle(dynamics, q, nu, command)
-        force = dynamics.inverse(*middle, nu_dot - disturbance)
+        force = dynamics.inverse(middle.q, middle.nu, nu_dot - disturbance, middle.nu_d)
         tau = np.asarray(dynamics.efforts(middle.q, force))
         gain = np.asarray(dynamics.efforts(middle.q, dynamics.inertia(middle.q)))
         bounds = self._joints.bounds(

@@ -9,7 +9,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.guarded import FAILURES
 from rpctl.control.measured import MeasuredSample
-from rpctl.dynamics.motion import rk4_step
+from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 
 BRAKING_TIME = 0.3  # s: time constant with which the speeds decay
@@ -53,6 +53,6 @@ class Braking:
         """Let the model move under efforts (n_act,) for a time (s)."""
         steps = math.ceil(min(elapsed, LONGEST_PREDICTION) / LONGEST_STEP)
         for _ in range(steps):
-            self._q, self._nu, _ = rk4_step(
+            self._q, self._nu, *_ = step(
                 self._dynamics, self._q, self._nu, tau, min(elapsed / steps, LONGEST_STEP)
             )

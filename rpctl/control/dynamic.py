@@ -23,9 +23,11 @@ class PaperDynamic:
     J = ½ Σ w′ᵢ (εᵢ + h1 ε̇ᵢ)² over τ (Eq. 25). Without limits the minimum is zero and the weights
     cancel:
 
-        ν̇* = ν̇_d − (ν − ν_d)/h1,    B τ = M ν̇* + h
+        ν̇* = ν̇_d − (ν − ν_d)/h1,    B τ = M ν̇* + h − ℓ(ν_d)
 
-    so that ε̇ = −ε/h1.
+    so that ε̇ = −ε/h1. The paper's robot loses nothing, ℓ = 0. Where a joint does, it is compensated
+    at the speed it is wanted to have: what is left, ℓ(ν) − ℓ(ν_d), brakes the error, and friction
+    does not follow the sign of a measurement that is noise.
 
     Attributes:
         horizon_dyn: Prediction time h1, s.
@@ -94,7 +96,8 @@ class PaperDynamicController:
         """
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self._times
         middle = midpoint(dynamics, q, nu, command, self._period)
-        return np.asarray(dynamics.efforts(middle.q, dynamics.inverse(*middle, nu_dot)))
+        force = dynamics.inverse(middle.q, middle.nu, nu_dot, middle.nu_d)
+        return np.asarray(dynamics.efforts(middle.q, force))
 
     def report(self) -> dict[str, float]:
         """Return an empty report."""
@@ -106,6 +109,7 @@ class Midpoint(NamedTuple):
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
+    nu_d: Array  # (dof,) wanted then: losses are compensated at these speeds
 
 
 def midpoint(
@@ -129,10 +133,11 @@ def midpoint(
         period: T, s; 0 returns the state of the sample.
     """
     if period == 0.0:
-        return Midpoint(q, nu)
+        return Midpoint(q, nu, command.nu_d)
     step = 0.5 * period
     ahead = pin.integrate(dynamics.robot.model, q, step * (dynamics.basis(q) @ nu))
-    return Midpoint(ahead, nu + step * command.nu_d_dot)
+    ahead_by = step * command.nu_d_dot
+    return Midpoint(ahead, nu + ahead_by, command.nu_d + ahead_by)
 
 
 def by_velocity(dynamics: ReducedDynamics, base: float, joints: Array) -> Array:

@@ -171,7 +171,8 @@ def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
         return named_from_table(value, REGISTRIES[hint], where, faults)
     if origin in (Union, UnionType):
         off = value is False and _may_be_off(hint)
-        return None if off else _read(value, _without_none(hint), where, faults)
+        known = type(value) if type(value) in arguments else _without_none(hint)
+        return None if off else _read(value, known, where, faults)
     table = isinstance(origin, type) and issubclass(origin, Mapping)
     if dataclasses.is_dataclass(hint) or table:
         if not isinstance(value, Mapping):

@@ -23,6 +23,7 @@ TAG = re.compile(  # what is never closed is taken to the end, once: else time i
 )
 MAX_PREFIXES = 20  # undeclared ones that are mended
 MAX_LINE = 65535  # libxml2 counts no further
+ROTOR_TAGS = ("rotor_inertia", "gear_ratio")  # of an <actuator>, in a namespace: see transmissions
 UNDECLARED = etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE
 TOO_DEEP = "Excessive depth"
 TRUNCATED = "the file is truncated"
@@ -232,7 +233,8 @@ def _drop_namespaces(root: Any, findings: Findings) -> None:
                       "remove the xmlns")  # fmt: skip
     for element in root.xpath("//*[namespace-uri() != '']"):
         name = etree.QName(element)
-        if name.namespace == own:
+        rotor = name.localname in ROTOR_TAGS and element.getparent().tag == "actuator"
+        if name.namespace == own or rotor:
             element.tag = name.localname
         elif element.getparent() is not None:
             element.getparent().remove(element)

@@ -28,7 +28,7 @@ def read_joint(findings: Findings, element: Any) -> Joint:
     name, kind = element.get("name", ""), element.get("type", "")
     _require_kind(findings, element, name, kind)
     lower, upper, effort, velocity = _read_limits(findings, element, name, kind)
-    dynamics = findings.only(element, "dynamics")
+    damping, friction = _read_losses(findings, element, name, kind, effort, velocity)
     return Joint(
         name=name,
         line=element.sourceline,
@@ -42,9 +42,45 @@ def read_joint(findings: Findings, element: Any) -> Joint:
         effort=effort,
         velocity=velocity,
         mimic=_read_mimic(findings, element, name),
-        damping=0.0 if dynamics is None else findings.number(dynamics, "damping", "0"),
-        friction=0.0 if dynamics is None else findings.number(dynamics, "friction", "0"),
+        damping=damping,
+        friction=friction,
     )
+
+
+def _read_losses(
+    findings: Findings, element: Any, name: str, kind: str, effort: float, velocity: float
+) -> tuple[float, float]:
+    """Return damping and friction; 0 where the file gives none, or one below 0.
+
+    Args:
+        findings: Gets what is wrong with them.
+        element: The <joint>.
+        name: Its name.
+        kind: Its type.
+        effort: Its limit, N·m or N.
+        velocity: Likewise, rad/s or m/s.
+    """
+    dynamics = findings.only(element, "dynamics")
+    if dynamics is None:
+        return 0.0, 0.0
+    found = {key: findings.number(dynamics, key, "0") for key in ("damping", "friction")}
+    for key, value in found.items():
+        if value < 0.0:
+            text = f'{key} {value:g} of joint "{name}" is negative, which would drive it'
+            findings.warn(dynamics, f"{text}; 0 is used, correct the sign")
+            found[key] = 0.0
+    slides = kind == "prismatic"
+    if found["friction"] > effort:
+        text = f'friction {found["friction"]:g} of joint "{name}" exceeds its effort limit'
+        unit = "N" if slides else "N m"
+        findings.warn(dynamics, f"{text} {effort:g}: it cannot start; give both in {unit}")
+    elif found["damping"] * velocity + found["friction"] > effort:
+        text = f'damping {found["damping"]:g} of joint "{name}" takes more than its effort limit'
+        unit = "N s/m" if slides else "N m s/rad"
+        findings.warn(
+            dynamics, f"{text} {effort:g} at its velocity limit {velocity:g}; give it in {unit}"
+        )
+    return found["damping"], found["friction"]
 
 
 def _require_kind(findings: Findings, element: Any, name: str, kind: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -140,6 +141,8 @@ class Description:
             reads these, not ``xml``.
         urdf: The URDF of which ``sha256`` is the digest: ``raw`` before a payload was put on it.
         file_sha256: Digest of the file's bytes; None where no file was read.
+        rotors: Inertia of the rotors that transmissions tell of, seen from their joints: I n² by
+            the joint's name, kg·m² or kg.
     """
 
     path: Path
@@ -155,6 +158,7 @@ class Description:
     raw: bytes = field(default=b"", repr=False)
     urdf: bytes = field(default=b"", repr=False)
     file_sha256: str | None = None
+    rotors: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     @cached_property
     def link(self) -> dict[str, Link]:

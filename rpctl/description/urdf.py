@@ -19,6 +19,7 @@ from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
 from rpctl.description.records import Description, Joint, Link
 from rpctl.description.shapes import read_colour
 from rpctl.description.structure import check_names, check_spelling, check_tree, resolve_mimics
+from rpctl.description.transmissions import read_rotors
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
@@ -74,6 +75,7 @@ def parse(path: Path, data: bytes) -> Description:
     colours = {e.get("name"): read_colour(findings, e) for e in root.findall("material")}
     links = tuple(read_link(findings, element, colours) for element in root.findall("link"))
     joints = tuple(read_joint(findings, element) for element in root.findall("joint"))
+    rotors = read_rotors(findings, root)
     check_spelling(findings, root)
     check_names(findings, root)
     if not findings.errors:
@@ -85,7 +87,8 @@ def parse(path: Path, data: bytes) -> Description:
     if findings.errors:
         raise DescriptionError(path, findings.sorted())
     name = name or path.stem
-    return _description(path, name, data, root, links, joints, findings)
+    described = _description(path, name, data, root, links, joints, findings)
+    return replace(described, rotors=rotors)
 
 
 def _document(data: bytes, findings: Findings) -> Any:

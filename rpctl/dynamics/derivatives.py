@@ -2,7 +2,8 @@
 
 The equations are F(q, ν, ν̇) = Sᵀ rnea(q, Sν, Sν̇ + Ṡν) = B τ. Pinocchio differentiates rnea
 (Carpentier and Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018); S
-and Ṡν depend on q through the swivels' positions p alone, and Ṡν on ν:
+and Ṡν depend on q through the swivels' positions p alone, and Ṡν on ν. Where there are losses, rnea
+is less their force, a function of v = Sν alone, whose derivative is diagonal:
 
     ∂F/∂q = Sᵀ (∂rnea/∂q + ∂rnea/∂v ∂(Sν)/∂q + M ∂(Sν̇ + Ṡν)/∂q) + (∂S/∂q)ᵀ rnea
     ∂F/∂ν = Sᵀ (∂rnea/∂v S + M ∂(Ṡν)/∂ν),    ∂F/∂ν̇ = SᵀMS
@@ -26,7 +27,7 @@ from rpctl.robot.model import Robot
 
 
 class InverseDerivatives(NamedTuple):
-    """Derivatives of the quasi-force M ν̇ + h, and, for given efforts, of B τ."""
+    """Derivatives of the quasi-force M ν̇ + h − ℓ, and, for given efforts, of B τ."""
 
     q: Array  # (dof, nv)
     nu: Array  # (dof, dof)
@@ -69,18 +70,21 @@ def inverse_derivatives(
     """
     robot, at = dynamics.robot, dynamics.at(q)
     model, S = robot.model, at.S
-    data = dynamics.data
-    pin.computeRNEADerivatives(model, data, q, S @ nu, S @ nu_dot + at.drift(nu))
+    data, v = dynamics.data, S @ nu
+    pin.computeRNEADerivatives(model, data, q, v, S @ nu_dot + at.drift(nu))
+    by_v, force = data.dtau_dv, data.tau
+    if robot.losses is not None:
+        by_v, force = by_v + np.diag(robot.losses.slope(v)), force - robot.losses.force(v)
     mass = np.triu(data.M)
     mass = mass + np.triu(mass, 1).T
-    by_q, by_nu = S.T @ data.dtau_dq, data.dtau_dv @ S
+    by_q, by_nu = S.T @ data.dtau_dq, by_v @ S
     by_efforts = np.zeros((robot.dof, robot.nv))
     basis = at.derivatives(nu)
     if basis is not None:
         p = basis.entries
         moved = (basis.S @ nu_dot).T + basis.drift  # ∂(Sν̇ + Ṡν)/∂p (nv, n_swivels)
-        by_q[:, p] += S.T @ (data.dtau_dv @ basis.v + mass @ moved)
-        by_q[:, p] += (data.tau @ basis.S).T
+        by_q[:, p] += S.T @ (by_v @ basis.v + mass @ moved)
+        by_q[:, p] += (force @ basis.S).T
         by_nu = by_nu + mass @ basis.drift_nu
         if tau is not None:
             by_efforts[:, p] = (at.projector.columns @ tau @ basis.S).T
@@ -90,7 +94,7 @@ def inverse_derivatives(
 def forward_derivatives(
     dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array
 ) -> ForwardDerivatives:
-    """Return the derivatives of ν̇ = M⁻¹(B τ − h) at a state under efforts.
+    """Return the derivatives of ν̇ = M⁻¹(B τ − h + ℓ) at a state under efforts.
 
     Args:
         dynamics: The robot's dynamics.

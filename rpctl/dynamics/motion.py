@@ -1,45 +1,54 @@
-"""One step of the motion on the configuration manifold, SE(2) × joints."""
+"""One step of the motion on the configuration manifold, SE(2) × joints.
+
+[ARS97] U. M. Ascher, S. J. Ruuth, R. J. Spiteri, "Implicit-explicit Runge-Kutta methods for
+time-dependent partial differential equations", Applied Numerical Mathematics 25, 1997.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.dynamics.losses import braked, solve_positive
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError
 
-FRICTION_RATE = 0.05  # rad/s or m/s: a joint that is slower has less than its dry friction
+GAMMA = 1.0 - math.sqrt(0.5)  # of ARS(2,2,2)
+DELTA = 1.0 - 0.5 / GAMMA
 
 
 class Step(NamedTuple):
-    """State after a step, and the work that the efforts did in it."""
+    """State after a step, the work that the efforts did in it, and what losses took of it."""
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
     work: float  # J
+    lost: float = 0.0  # J
 
 
-def friction_efforts(friction: Array, rates: Array) -> Array:
-    """Return the efforts (n_act,) of dry friction: −f q̇/√(q̇² + ε²), smooth where q̇ changes sign.
+def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ.
+
+    Losses may be stiff: friction stops a light joint within far less than a step. A robot that has
+    any is advanced by :func:`imex_step`, another by :func:`rk4_step`.
 
     Args:
-        friction: Its size f of each actuator's joint (n_act,), N·m or N.
-        rates: Rates q̇ of these joints (n_act,), rad/s or m/s.
+        dynamics: The reduced dynamics.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        tau: Actuator efforts (n_act,), N·m or N.
+        dt: Step, s.
     """
-    return np.asarray(-friction * rates / np.sqrt(rates**2 + FRICTION_RATE**2))
+    advance = rk4_step if dynamics.robot.losses is None else imex_step
+    return advance(dynamics, q, nu, tau, dt)
 
 
-def rk4_step(
-    dynamics: ReducedDynamics,
-    q: Array,
-    nu: Array,
-    tau: Array,
-    dt: float,
-    friction: Array | None = None,
-) -> Step:
-    """Advance M ν̇ + h = B τ by ``dt`` (s) under a constant τ, and dry friction if any.
+def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, explicitly.
 
     A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
     root, so q stays on the manifold and the order is that of the classical method.
@@ -50,29 +59,76 @@ def rk4_step(
         nu: Quasi-velocities (dof,).
         tau: Actuator efforts (n_act,), N·m or N.
         dt: Step, s.
-        friction: Dry friction of each actuator's joint (n_act,), N·m or N; None: none.
 
     Returns:
-        The state after ``dt`` and the work done by τ and friction.
+        The state after ``dt``, the work done by τ and what losses took of it.
     """
-    model = dynamics.robot.model
+    model, losses = dynamics.robot.model, dynamics.robot.losses
 
-    def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
+    def stage(slide: Array, speed: Array) -> tuple[Array, Array, float, float]:
         place = pin.integrate(model, q, slide)
         at = dynamics.at(place)
-        push = tau if friction is None else tau + friction_efforts(friction, at.B.T @ speed)
-        power = float((at.B @ push) @ speed)
-        return dexpinv(slide, at.S @ speed), dynamics.forward(place, speed, push), power
+        v = at.S @ speed
+        power = float((at.B @ tau) @ speed)
+        loss = 0.0 if losses is None else -float(losses.force(v) @ v)
+        return dexpinv(slide, v), dynamics.forward(place, speed, tau), power, loss
 
-    v1, a1, p1 = stage(np.zeros(model.nv), nu)
-    v2, a2, p2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)
-    v3, a3, p3 = stage(0.5 * dt * v2, nu + 0.5 * dt * a2)
-    v4, a4, p4 = stage(dt * v3, nu + dt * a3)
+    v1, a1, p1, l1 = stage(np.zeros(model.nv), nu)
+    v2, a2, p2, l2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)
+    v3, a3, p3, l3 = stage(0.5 * dt * v2, nu + 0.5 * dt * a2)
+    v4, a4, p4, l4 = stage(dt * v3, nu + dt * a3)
     sixth = dt / 6.0
     return Step(
         q=np.asarray(pin.integrate(model, q, sixth * (v1 + 2.0 * (v2 + v3) + v4))),
         nu=nu + sixth * (a1 + 2.0 * (a2 + a3) + a4),
         work=sixth * (p1 + 2.0 * (p2 + p3) + p4),
+        lost=sixth * (l1 + 2.0 * (l2 + l3) + l4),
+    )
+
+
+def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, implicit in the losses.
+
+    The additive Runge-Kutta method ARS(2,2,2) of [ARS97]: of order 2, explicit in all but ℓ, for
+    which it is L-stable, so a joint that friction holds stands still (but for its creep) whatever
+    the step. What does not change, as a speed at which ℓ balances the rest, it keeps exactly.
+
+    Work and loss are impulses times the mean of the speeds before and after: where M and S are
+    constant, the energy's balance closes to rounding.
+
+    Args:
+        dynamics: The reduced dynamics of a robot that has losses.
+        q: Configuration (nq,).
+        nu: Quasi-velocities (dof,).
+        tau: Actuator efforts (n_act,), N·m or N.
+        dt: Step, s.
+
+    Returns:
+        The state after ``dt``, the work done by τ and what losses took of it.
+    """
+    model, losses, own = dynamics.robot.model, dynamics.robot.losses, GAMMA * dt
+    if losses is None:
+        raise RpctlError(f"{dynamics.robot.name} loses nothing")
+    start = dynamics.at(q)
+    a1, v1 = solve_positive(*dynamics.lossless(q, nu, tau)), start.S @ nu
+    slide = own * v1
+    place = pin.integrate(model, q, slide)
+    S = dynamics.basis(place)
+    middle = braked(losses, dynamics.inertia(place), S, nu + own * a1, own, nu)
+    M, push = dynamics.lossless(place, middle, tau)
+    v2 = S @ middle
+    brake = losses.force(v2)
+    a2 = solve_positive(M, (1.0 - DELTA) * push + (1.0 - GAMMA) * (S.T @ brake))
+    end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
+    at = dynamics.at(end)
+    after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
+    v3 = at.S @ after
+    impulse = dt * ((1.0 - GAMMA) * brake + GAMMA * losses.force(v3))
+    return Step(
+        q=np.asarray(end),
+        nu=after,
+        work=0.5 * dt * float(tau @ (start.B.T @ nu + at.B.T @ after)),
+        lost=-0.5 * float(impulse @ (v1 + v3)),
     )
 
 

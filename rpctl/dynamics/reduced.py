@@ -1,4 +1,4 @@
-"""The reduced dynamics M(q) ν̇ + h(q, ν) = B(q) τ of a robot whose wheels do not slip."""
+"""The reduced dynamics M(q) ν̇ + h(q, ν) = B(q) τ + ℓ(q, ν) of a robot whose wheels do not slip."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class ReducedDynamics:
     """Pinocchio's dynamics projected onto the quasi-velocities.
 
     With v = S ν: M = SᵀM(q)S, h = Sᵀ rnea(q, Sν, Ṡν), B = Sᵀ times the actuators' columns. This
-    is [MS21, Eq. 5] (its Re is −h) for any drive. Threads may share the object.
+    is [MS21, Eq. 5] (its Re is −h) for any drive. ℓ = Sᵀ times the forces of ``robot.losses``; the
+    paper's robot has none. Threads may share the object.
 
     Args:
         robot: The robot.
@@ -37,6 +38,7 @@ class ReducedDynamics:
         self.rolling = find_rolling(robot, gliding)
         self._projector = Projector(robot, self.rolling)
         self._columns = self._projector.columns
+        self._losses = robot.losses
 
     @property
     def constant(self) -> bool:
@@ -84,21 +86,38 @@ class ReducedDynamics:
 
     def bias(self, q: Array, nu: Array) -> Array:
         """Return h(q, ν) (dof,): Coriolis, centrifugal and gravity terms."""
-        return self.inverse(q, nu, np.zeros(self.robot.dof))
+        return self._inertial(q, nu, np.zeros(self.robot.dof))
 
-    def inverse(self, q: Array, nu: Array, nu_dot: Array) -> Array:
-        """Return the quasi-force M ν̇ + h (dof,) that a motion takes.
+    def losses(self, q: Array, nu: Array) -> Array:
+        """Return ℓ(q, ν) (dof,), the quasi-force of damping and friction; it opposes the motion."""
+        if self._losses is None:
+            return np.zeros(self.robot.dof)
+        S = self.at(q).S
+        return np.asarray(S.T.dot(self._losses.force(S.dot(nu))))
 
-        This is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
+    def inverse(self, q: Array, nu: Array, nu_dot: Array, lossy_nu: Array | None = None) -> Array:
+        """Return the quasi-force M ν̇ + h − ℓ (dof,) that a motion takes of the actuators.
+
+        M ν̇ + h is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
 
         Args:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             nu_dot: Their derivatives (dof,).
+            lossy_nu: Quasi-velocities (dof,) at which the losses are taken; None: at ν. A
+                controller gives those that it wants: where its robot has others, the difference
+                brakes it towards them, as ℓ falls with ν.
 
         Raises:
             RpctlError: The state is not finite.
         """
+        force = self._inertial(q, nu, nu_dot)
+        if self._losses is not None:
+            force -= self.losses(q, nu if lossy_nu is None else lossy_nu)
+        return force
+
+    def _inertial(self, q: Array, nu: Array, nu_dot: Array) -> Array:
+        """Return M ν̇ + h (dof,); :meth:`inverse` has the arguments."""
         at = self.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
         force: Array = at.S.T @ pin.rnea(
@@ -109,7 +128,7 @@ class ReducedDynamics:
         return force
 
     def forward(self, q: Array, nu: Array, tau: Array) -> Array:
-        """Return ν̇ (dof,) under actuator efforts τ (n_act,).
+        """Return ν̇ (dof,) under actuator efforts τ (n_act,), losses included.
 
         Args:
             q: Configuration (nq,).
@@ -119,16 +138,29 @@ class ReducedDynamics:
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
         """
-        at, data = self.at(q), self._workspace.data
-        S = at.S
-        force = pin.rnea(self._model, data, q, S.dot(nu), at.drift(nu))
-        M = S.T.dot(pin.crba(self._model, data, q).dot(S))
-        _, nu_dot, info = dposv(M, S.T.dot(self._columns.dot(tau) - force))
+        M, push = self.lossless(q, nu, tau)
+        if self._losses is not None:
+            push += self.losses(q, nu)
+        _, nu_dot, info = dposv(M, push)
         if not math.isfinite(nu_dot.dot(nu_dot)):
             raise self._not_finite(q, nu)
         if info:
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
+
+    def lossless(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
+        """Return M (dof, dof) and B τ − h (dof,): M ν̇ = B τ − h + ℓ.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
+        """
+        at, data = self.at(q), self._workspace.data
+        S = at.S
+        force = pin.rnea(self._model, data, q, S.dot(nu), at.drift(nu))
+        M = S.T.dot(pin.crba(self._model, data, q).dot(S))
+        return M, S.T.dot(self._columns.dot(tau) - force)
 
     def _not_finite(self, q: Array, nu: Array) -> RpctlError:
         what = "q" if not np.isfinite(q).all() else "ν" if not np.isfinite(nu).all() else "τ or ν̇"
@@ -168,7 +200,7 @@ class ReducedDynamics:
             tau: Actuator efforts (n_act,), N·m or N.
 
         Returns:
-            The constraints' generalized force Aᵀλ = M v̇ + h − B τ of the whole tree (nv,), and
+            The constraints' generalized force Aᵀλ = M v̇ + h − B τ − ℓ of the whole tree (nv,), and
             the wrench through the planar root (6,): force (N), then moment (N·m) about the root
             link's origin, in the root link's axes. The wrench is the rate of the robot's momentum
             less gravity's share ([F08, Ch. 5]), so it has what the planar joint hides: the
@@ -178,7 +210,11 @@ class ReducedDynamics:
         acceleration = at.S @ self.forward(q, nu, tau) + at.drift(nu)
         data = self._workspace.data
         force = pin.rnea(self._model, data, q, at.S @ nu, acceleration)
-        return force - self._columns @ tau, data.f[ROOT_JOINT].vector.copy()
+        wrench = data.f[ROOT_JOINT].vector.copy()
+        residual = force - self._columns @ tau
+        if self._losses is not None:
+            residual -= self._losses.force(at.S @ nu)
+        return residual, wrench
 
     def energy(self, q: Array, nu: Array) -> float:
         """Return kinetic plus potential energy, J; the latter is 0 at the root link's height."""

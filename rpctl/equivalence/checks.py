@@ -97,14 +97,19 @@ def reduced(
     for name, row in terms.rates.items():
         rates[robot.velocity_index(name)] = row @ nu
     yield relative("rolling wheels S ν", GIBBS, v, rates, velocity_names(robot))
-    force, gradient = dynamics.inverse(q, nu, nu_dot), terms.M @ nu_dot + terms.h
+    lost = oracle.losses(terms.rates, nu)
+    taken = float(np.abs(lost).max(initial=0.0))
+    if dynamics.robot.losses is not None or taken:
+        yield relative("losses ℓ", GIBBS, dynamics.losses(q, nu), lost, names)
+    force, gradient = dynamics.inverse(q, nu, nu_dot), terms.M @ nu_dot + terms.h - lost
+    largest += taken
     largest += np.abs(terms.M @ nu_dot).max()
     products = float((scales.bias + scales.inertia @ np.abs(nu_dot)).max())
     limit = allowed(EXACT_TOLERANCE, products, largest)
     yield worst("inverse dynamics", "∂G/∂ν̇", (force - gradient) / largest, limit, names)
     # G is quadratic in ν̇, so this difference over a whole step is its derivative, not near it.
     rise = oracle.gibbs(q, nu, nu_dot + nu) - oracle.gibbs(q, nu, nu_dot - nu)
-    gap = (0.5 * rise - force @ nu) / (largest * np.abs(nu).sum())
+    gap = (0.5 * rise - lost @ nu - force @ nu) / (largest * np.abs(nu).sum())
     yield worst("inverse dynamics along ν", "G itself", np.array([gap]), limit, ["ν"])
 
 
@@ -153,14 +158,22 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
     yield worst("M positive definite", "least eigenvalue", np.array([lost]), EXACT_TOLERANCE, ["M"])
 
 
-def multipliers(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check]:
-    """Compare accelerations and constraint forces with the Lagrange-multiplier path."""
+def multipliers(
+    dynamics: ReducedDynamics, oracle: GibbsAppell, forced: ForcedState
+) -> Iterator[Check]:
+    """Compare accelerations and constraint forces with the Lagrange-multiplier path.
+
+    Args:
+        dynamics: The reduced dynamics under proof.
+        oracle: The Gibbs-Appell derivation; it has the file's losses on each joint's own rate.
+        forced: Where to compare.
+    """
     robot, q, nu, tau = dynamics.robot, forced.state.q, forced.state.nu, forced.tau
     names, v, against = velocity_names(robot), dynamics.basis(q) @ nu, "Lagrange multipliers"
     v_dot = dynamics.basis(q) @ forced.nu_dot + dynamics.basis_drift(q, nu)
-    lagrange = constrained_motion(robot, q, v, tau)
-    own = pinocchio_motion(robot, q, v, tau)
-    data, push = robot.model.createData(), effort_columns(robot) @ tau
+    push = effort_columns(robot) @ tau + oracle.losses(oracle.free_rates(), v)
+    lagrange, own = constrained_motion(robot, q, v, push), pinocchio_motion(robot, q, v, push)
+    data = robot.model.createData()
     torques = pin.rnea(robot.model, data, q, v, v_dot).copy()
     M = pin.crba(robot.model, data, q)
     # The tree's light parts, as wheels, get theirs as what little the forces on them leave.
@@ -229,6 +242,13 @@ def engine(
     gap = (dynamics.bias(q, nu) - theirs.h) / scales.force
     yield worst("reduced bias h", MUJOCO, gap, limit, names)
     yield relative("actuation B", MUJOCO, dynamics.actuation(q), theirs.B, names)
+    losses = dynamics.robot.losses
+    if losses is not None:
+        S = dynamics.basis(q)
+        damping = -S.T @ (losses.damping * (S @ nu))
+        dry = "friction is left out, a constraint there" if losses.friction.any() else ""
+        row = relative("damping of ℓ", MUJOCO, damping, theirs.damping, names)
+        yield replace(row, note=dry)
 
 
 def _swing(spread: Array, nu: Array) -> float:

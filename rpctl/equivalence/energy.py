@@ -1,4 +1,4 @@
-"""The energy of the reduced dynamics: it changes by what the actuators do, and by nothing else."""
+"""The energy of the reduced dynamics: it changes by what actuators do and joints lose, no more."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SPEED_SCALE = 0.1  # of the random speeds and accelerations: a motion that few s
 
 
 def energy_rate(dynamics: ReducedDynamics, forced: ForcedState) -> Check:
-    """Check that the energy changes at the rate at which the actuators work."""
+    """Check that the energy changes at the rate at which actuators work and joints lose."""
     robot, q, nu, nu_dot = dynamics.robot, forced.state.q, forced.state.nu, forced.nu_dot
     v = dynamics.basis(q) @ nu
 
@@ -45,7 +45,7 @@ def energy_rate(dynamics: ReducedDynamics, forced: ForcedState) -> Check:
         at = pin.integrate(robot.model, q, time * v)
         return np.array([dynamics.energy(at, nu + time * nu_dot)])
 
-    terms = nu * (dynamics.actuation(q) @ forced.tau)
+    terms = np.concatenate([nu * (dynamics.actuation(q) @ forced.tau), _lost(dynamics, v)])
     step = difference_step(v)
     gap = rate(energy, step) - terms.sum()
     size, kinetic = float(np.abs(terms).sum()), 0.5 * float(nu @ dynamics.inertia(q) @ nu)
@@ -56,7 +56,7 @@ def energy_rate(dynamics: ReducedDynamics, forced: ForcedState) -> Check:
 
 
 def power_balance(dynamics: ReducedDynamics, state: State) -> Check:
-    """Follow a motion under constant efforts; its energy must change by the actuators' work.
+    """Follow a motion under constant efforts; its energy must change by their work less losses.
 
     Every step is made twice, whole and in halves. Where their speeds part, the motion is too fast
     for the step, and it is tried again, shorter: a fault of the energy does not show there. From
@@ -88,6 +88,12 @@ def power_balance(dynamics: ReducedDynamics, state: State) -> Check:
     scale = max(moved, min(1.0, start + moved))
     limit = allowed(POWER_TOLERANCE, steps * _products(dynamics, q, nu), scale)
     return worst("power balance", "work of τ", np.array([gap / scale]), limit, ["energy"])
+
+
+def _lost(dynamics: ReducedDynamics, v: Array) -> Array:
+    """Return the power (nv,) of damping and friction at v (nv,), W; none is positive."""
+    losses = dynamics.robot.losses
+    return np.zeros_like(v) if losses is None else losses.force(v) * v
 
 
 def _first_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array) -> float:
@@ -124,8 +130,9 @@ def _pair(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, step: floa
             end = rk4_step(dynamics, half.q, half.nu, tau, 0.5 * step)
         except RpctlError:
             return _StepPair(q, nu, 0.0, 0.0, np.inf)
-    start, work = dynamics.energy(q, nu), half.work + end.work
-    coarse = dynamics.energy(whole.q, whole.nu) - start - whole.work
+    start = dynamics.energy(q, nu)
+    work = half.work - half.lost + end.work - end.lost
+    coarse = dynamics.energy(whole.q, whole.nu) - start - whole.work + whole.lost
     fine = dynamics.energy(end.q, end.nu) - start - work
     size = np.abs(end.nu).max() + np.abs(end.nu - nu).max()
     error = float(np.abs(end.nu - whole.nu).max() / size)

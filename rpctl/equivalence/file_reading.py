@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import logging
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Any
 
 from rpctl.drive.drive import Drive
@@ -74,6 +75,10 @@ def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
         given = robot.description.read_with.xacro_args
         words = "".join(f" {name}:={value}" for name, value in given.items())
         phrases.append("the expansion of the xacro" + (f" with{words}" if words else ""))
+    if robot.losses is not None and robot.losses.friction.any():
+        phrases.append("the rates below which friction is smooth")
+    if robot.loaded_with.armature:
+        phrases.append(f"declared armature of {', '.join(robot.loaded_with.armature)}")
     estimated = robot.description.estimated_links
     if estimated:
         phrases.append(f"estimated inertias of {', '.join(estimated)}")
@@ -87,6 +92,24 @@ def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
     if reading.shapeless:
         phrases.append(f"radius of {', '.join(reading.shapeless)}, which have no shape")
     return tuple(phrases)
+
+
+def rotor_inertias(robot: Robot, raw: RawFile) -> dict[str, float]:
+    """Return the inertia of each rotor that counts, seen from its joint, by name; kg·m² or kg.
+
+    Args:
+        robot: The robot; its locked joints and what the user said of rotors are used.
+        raw: Its file.
+    """
+    given = robot.loaded_with.armature
+    if given is None:
+        return {}
+    found = dict(raw.rotors)
+    moving = [each.name for each in raw.joints if each.type != "fixed"]
+    for pattern, inertia in given.items():
+        found |= {name: inertia for name in moving if fnmatchcase(name, pattern)}
+    free = set(moving) - robot.locked.keys()
+    return {name: inertia for name, inertia in found.items() if inertia and name in free}
 
 
 def _by_yourdfpy(data: bytes, raw: RawFile) -> Any:

@@ -113,10 +113,15 @@ class GibbsAppell:
         J_w[2, 2] = 1.0
         J_v[:, :2] = R[:, :2]
         a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
-        rows = {x: np.eye(n)[self.robot.velocity_index(x)] for x in self.robot.moving_joint_names}
+        rows = self.free_rates()
         root = LinkKinematics(R, J_w @ v, J_w, J_v, np.zeros(3), a)
         rates = JointRates(rows, dict.fromkeys(rows, 0.0), R)
         return self.terms(self._positions(q), v, root, rates)
+
+    def free_rates(self) -> dict[str, Array]:
+        """Return the rate of every moving joint of the free tree, by name, as a row of v (nv,)."""
+        identity = np.eye(self.robot.nv)
+        return {x: identity[self.robot.velocity_index(x)] for x in self.robot.moving_joint_names}
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
         """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1].
@@ -176,6 +181,12 @@ class GibbsAppell:
             if self.scalars is FLOATS:
                 h_size += np.linalg.norm(J_v, axis=0) * np.linalg.norm(force)
                 h_size += np.linalg.norm(motion.J_w, axis=0) * np.linalg.norm(moment)
+        for name, inertia in self.tree.armature.items():  # a rotor that turns with its joint
+            row, drift = rates.rows[name], rates.drifts[name]
+            M = M + inertia * np.outer(row, row)
+            h = h + inertia * drift * row
+            if self.scalars is FLOATS:
+                h_size += np.abs(inertia * drift * row)
         B = np.array([rates.rows[name] for name in self.robot.actuators]).T.reshape(n, -1)
         base = np.vstack([root.R[:, :2].T @ root.J_v, root.J_w[2]])
         return Terms(M, h, h_size, B, base, rates.rows)
@@ -207,7 +218,26 @@ class GibbsAppell:
                 G = G + half * body.mass * (a @ a)
             G = G + half * (alpha @ inertia @ alpha)
             G = G + alpha @ cross(motion.omega, inertia @ motion.omega)
+        for name, inertia in self.tree.armature.items():
+            G = G + half * inertia * (rates.rows[name] @ rate + rates.drifts[name]) ** 2
         return G
+
+    def losses(self, rows: Mapping[str, Array], u: Vector) -> Array:
+        """Return ℓ (n,), the generalised force of damping and friction in the joints.
+
+        Args:
+            rows: Rate of every joint that moves, by name, as a row of u (n,).
+            u: Speeds (n,), of a scalar that has square roots.
+        """
+        speeds, sqrt = np.asarray(u), self.scalars.sqrt
+        force = self.scalars.zeros(len(speeds))
+        for name, loss in self.tree.losses.items():
+            rate = rows[name] @ speeds
+            opposing = loss.damping * rate
+            if loss.friction and sqrt is not None:
+                opposing = opposing + loss.friction * rate / sqrt(rate * rate + loss.rate**2)
+            force = force - opposing * rows[name]
+        return force
 
     def _at_centre(self, body: Body, motion: LinkKinematics) -> tuple[Array, Array, Array]:
         """Return a link's inertia (3, 3), J_v (3, n) and m (a₀ + g) (3,) at its centre of mass."""

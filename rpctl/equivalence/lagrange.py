@@ -1,7 +1,8 @@
 """The Lagrange-multiplier path: the full tree under A(q) v = 0, all coordinates kept.
 
-M v̇ + b = B_q τ + Aᵀ λ together with A v̇ = −Ȧ v. Redundant rows of A (two wheels on one axle) leave
-the accelerations as they are and make single multipliers indeterminate; the shortest λ is returned.
+M v̇ + b = f + Aᵀ λ, with f of actuators and losses, together with A v̇ = −Ȧ v. Redundant rows of A
+(two wheels on one axle) leave the accelerations as they are and make single multipliers
+indeterminate; the shortest λ is returned.
 """
 
 from __future__ import annotations
@@ -35,18 +36,18 @@ class ConstrainedMotion:
     force: Array
 
 
-def constrained_motion(robot: Robot, q: Array, v: Array, tau: Array) -> ConstrainedMotion:
+def constrained_motion(robot: Robot, q: Array, v: Array, push: Array) -> ConstrainedMotion:
     """Solve the tree's equations with multipliers, whatever the rank of A.
 
     Args:
         robot: The robot.
         q: Configuration (nq,).
         v: Velocity (nv,) with A v = 0.
-        tau: Actuator efforts (n_act,).
+        push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
     A, drift = _rows(robot, q, v)
-    force = effort_columns(robot) @ tau - pin.nonLinearEffects(robot.model, data, q, v)
+    force = push - pin.nonLinearEffects(robot.model, data, q, v)
     M = pin.crba(robot.model, data, q)
     factor = cho_factor(M)
     response = cho_solve(factor, A.T)  # acceleration by each multiplier (nv, rows)
@@ -63,7 +64,7 @@ def constrained_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Constrai
     return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
 
 
-def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
+def pinocchio_motion(robot: Robot, q: Array, v: Array, push: Array) -> Array:
     """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
 
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
@@ -72,18 +73,17 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, tau: Array) -> Array:
         robot: The robot.
         q: Configuration (nq,).
         v: Velocity (nv,), A v = 0.
-        tau: Actuator efforts (n_act,), N·m or N.
+        push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
     A, drift = _rows(robot, q, v)
     if not len(A):
-        return np.asarray(pin.aba(robot.model, data, q, v, effort_columns(robot) @ tau))
+        return np.asarray(pin.aba(robot.model, data, q, v, push))
     _, triangle, order = qr(A.T, mode="economic", pivoting=True)
     sizes = np.abs(np.diag(triangle))
     rows = order[: np.count_nonzero(sizes > RANK_MARGIN * sizes[0])]
-    generalised = effort_columns(robot) @ tau
     acceleration = pin.forwardDynamics(
-        robot.model, data, q, v, generalised, np.ascontiguousarray(A[rows]), drift[rows]
+        robot.model, data, q, v, push, np.ascontiguousarray(A[rows]), drift[rows]
     )
     return np.asarray(acceleration).copy()
 

@@ -38,17 +38,19 @@ CONTRADICTION_TOLERANCE = 1e-9  # of the solution: rows that no motion meets; ro
 
 @dataclass(frozen=True)
 class EngineTerms:
-    """M ν̇ + h = B τ at one state.
+    """M ν̇ + h = B τ + ℓ at one state.
 
     Attributes:
         M: Reduced inertia (dof, dof).
         h: Reduced bias (dof,).
         B: Actuation map (dof, n_act).
+        damping: The viscous part of ℓ (dof,); friction is no force in MuJoCo but a constraint.
     """
 
     M: Array
     h: Array
     B: Array
+    damping: Array
 
 
 def installed() -> bool:
@@ -131,7 +133,7 @@ class MujocoEngine:
         Sdot_nu = _solve(rows, -drift)
         M = self._inertia()
         h = S.T @ (self._data.qfrc_bias + M @ Sdot_nu)
-        return EngineTerms(S.T @ M @ S, h, S.T @ self._columns)
+        return EngineTerms(S.T @ M @ S, h, S.T @ self._columns, S.T @ self._data.qfrc_passive)
 
     def _move(self, q: Array, speed: Array) -> None:
         """Set MuJoCo's state: q (nq,) as Pinocchio's, the speed (nv,) as MuJoCo's."""

@@ -2,7 +2,7 @@
 
 MuJoCo reads the numbers of the user's file, as they are written there. What is added: two slides
 and a hinge for the root link, locked joints made fixed, and the principal axes of inertia.
-Contacts, losses and limits are left out.
+Contacts and limits are left out; so is friction, which MuJoCo makes a constraint and not a force.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.density import inertial_element
-from rpctl.equivalence.file_reading import FileReading, read
+from rpctl.equivalence.file_reading import FileReading, read, rotor_inertias
 from rpctl.equivalence.raw_file import RawFile, document
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
@@ -109,6 +109,8 @@ class MujocoModel:
             for joint in self._raw.joints
             if joint.type != "fixed" and joint.name not in robot.locked
         }
+        for name, inertia in rotor_inertias(robot, self._raw).items():
+            self.mjm.dof_armature[self.joints[name]] = inertia
 
     def _add_planar_base(self, spec: Any, root: Any) -> None:
         """Let the root link slide along x and y and turn about z."""
@@ -218,6 +220,10 @@ def _bare_urdf(robot: Robot) -> str:
         copy = etree.SubElement(bare, "joint", name=name, type=kind)
         for end in ("parent", "child"):
             etree.SubElement(copy, end, link=NAME_PREFIX + joint.find(end).get("link"))
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and robot.loaded_with.losses:
+            damping = str(max(0.0, float(dynamics.get("damping") or 0.0)))
+            etree.SubElement(copy, "dynamics", damping=damping)
         for tag in ("origin", "axis"):
             copy.extend(deepcopy(joint.findall(tag)[:1]))
         if joint.find("axis") is None:

@@ -11,7 +11,7 @@ import codecs
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +80,8 @@ class RawJoint:
     origin: Array
     axis: Array
     mimic: RawMimic | None
+    damping: float = 0.0  # N·m·s/rad or N·s/m
+    friction: float = 0.0  # N·m or N
 
     def motion(self, position: float) -> Array:
         """Return the pose (4, 4) of the child in the parent at a position (rad or m)."""
@@ -101,6 +103,7 @@ class RawFile:
 
     links: tuple[RawLink, ...]
     joints: tuple[RawJoint, ...]
+    rotors: Mapping[str, float] = field(default_factory=dict)  # I n² by joint, kg·m² or kg
 
     @cached_property
     def link(self) -> dict[str, RawLink]:
@@ -174,7 +177,8 @@ def read_file(data: bytes) -> RawFile:
     """Return the links and joints in a file's bytes."""
     root = document(data)
     links = tuple(_link(element) for element in root.findall("link"))
-    return RawFile(links, tuple(_joint(element) for element in root.findall("joint")))
+    joints = tuple(_joint(element) for element in root.findall("joint"))
+    return RawFile(links, joints, _rotors(root))
 
 
 def _text(data: bytes) -> str:
@@ -237,6 +241,11 @@ def _joint(element: Any) -> RawJoint:
     followed = None
     if mimic is not None:
         followed = RawMimic(mimic.get("joint"), float(mimic.get("multiplier", "1")))
+    dynamics = element.find("dynamics")
+    damping, friction = (
+        0.0 if dynamics is None else max(0.0, float(dynamics.get(key) or 0.0))
+        for key in ("damping", "friction")
+    )
     return RawJoint(
         name=element.get("name"),
         type=element.get("type"),
@@ -245,7 +254,26 @@ def _joint(element: Any) -> RawJoint:
         origin=_origin(element),
         axis=direction / (length or 1.0),
         mimic=followed,
+        damping=damping,
+        friction=friction,
     )
+
+
+def _rotors(root: Any) -> dict[str, float]:
+    """Return what the transmissions of one joint say of its rotors: Σ I n²."""
+    found: dict[str, float] = {}
+    for transmission in root.findall("transmission"):
+        joints = [joint.get("name") for joint in transmission.findall("joint")]
+        for actuator in transmission.findall("actuator"):
+            said: dict[str, str] = {}
+            for each in actuator:
+                word = str(each.tag).replace("}", ":").split(":")[-1]
+                said.setdefault(word, each.get("value") or each.text or "")
+            if "rotor_inertia" in said and len(joints) == 1:
+                ratio = float(said.get("gear_ratio", said.get("mechanicalReduction", "1")))
+                inertia = max(0.0, float(said["rotor_inertia"])) * ratio**2
+                found[joints[0]] = found.get(joints[0], 0.0) + inertia
+    return found
 
 
 def _origin(element: Any) -> Array:

@@ -11,8 +11,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.file_reading import FileReading, read
+from rpctl.equivalence.file_reading import FileReading, read, rotor_inertias
 from rpctl.equivalence.raw_file import RawInertial
+from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot
 
 
@@ -22,10 +23,11 @@ class Scalars:
 
     Attributes:
         number: Turns a number of the URDF into a scalar, given its kind (``"mass"``,
-            ``"length"``, ``"inertia"``, ``"direction"``, ``"gravity"`` or ``"number"``) and what
-            it is of.
+            ``"length"``, ``"inertia"``, ``"direction"``, ``"gravity"``, ``"damping"``,
+            ``"friction"``, ``"rate"`` or ``"number"``) and what it is of.
         cos: Cosine of a scalar.
         sin: Sine of a scalar.
+        sqrt: Square root of a scalar; None of those that have none.
         dtype: NumPy type of arrays of it.
     """
 
@@ -33,6 +35,7 @@ class Scalars:
     cos: Callable[[Any], Any]
     sin: Callable[[Any], Any]
     dtype: type = object
+    sqrt: Callable[[Any], Any] | None = None
 
     def numbers(self, values: Any, kind: str, label: str) -> Array:
         """Return an array of numbers as scalars.
@@ -65,7 +68,16 @@ class Scalars:
         return cos * self.identity(3) + sin * skew + (1 - cos) * np.outer(axis, axis)
 
 
-FLOATS = Scalars(lambda value, kind, label: value, math.cos, math.sin, float)
+FLOATS = Scalars(lambda value, kind, label: value, math.cos, math.sin, float, math.sqrt)
+
+
+@dataclass(frozen=True)
+class JointLoss:
+    """What opposes a joint's rate q̇: −damping q̇ − friction q̇/√(q̇² + rate²)."""
+
+    damping: Any
+    friction: Any
+    rate: Any
 
 
 @dataclass(frozen=True)
@@ -157,6 +169,11 @@ class Tree:
         }
         self.wheels = {w.joint: self._wheel(drive, w, axles[w.joint]) for w in drive.wheels}
         self.swivels = {swivel.joint: self._swivel(drive, swivel) for swivel in drive.swivels}
+        self.armature = {
+            name: scalars.number(inertia, "inertia", f"armature of {name}")
+            for name, inertia in rotor_inertias(robot, reading.raw).items()
+        }
+        self.losses = self._losses(robot)
         ahead = (math.cos(drive.heading), math.sin(drive.heading), 0.0)
         self.forward = scalars.numbers(ahead, "direction", "")
         self.point = scalars.numbers((*drive.point, 0.0), "length", "axle midpoint P")
@@ -172,6 +189,24 @@ class Tree:
         """Return the joint that a mimic follows in the end, and how many times its rate."""
         leader, factor = self._leader(joint)
         return leader, self.scalars.number(factor, "number", "")
+
+    def _losses(self, robot: Robot) -> dict[str, JointLoss]:
+        """Return what the file says of each joint's losses, where they count."""
+        found = {}
+        for name in self.moving:
+            joint = self.reading.raw.joint[name]
+            lossless = name in robot.locked or not (joint.damping or joint.friction)
+            if lossless or not robot.loaded_with.losses:
+                continue
+            rate = SLIDING_RATE if joint.type == "prismatic" else TURNING_RATE
+            values = {"damping": joint.damping, "friction": joint.friction, "rate": rate}
+            found[name] = JointLoss(
+                **{
+                    what: self.scalars.number(value, what, f"{what} of {name}")
+                    for what, value in values.items()
+                }
+            )
+        return found
 
     def _wheel(self, drive: Drive, wheel: Wheel, axle: Array) -> WheelPart:
         """Return a wheel's rolling; ``axle`` (3,) is in the root link's frame."""

@@ -141,7 +141,7 @@ def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
         yield from _computed("Coriolis terms", checks.coriolis, dynamics, scales, state)
     yield from _computed("M", checks.definite, dynamics, state)
     if trial is not None:
-        yield from _computed("multipliers", checks.multipliers, dynamics, trial)
+        yield from _computed("multipliers", checks.multipliers, dynamics, oracle, trial)
         yield from _computed("consistency", checks.consistent, dynamics, trial)
         yield from _computed("motion", checks.motion, dynamics, state)
     yield from _computed(SHAPES, derivations.geometry.at, state)

@@ -15,6 +15,7 @@ from rpctl.reference.planned import along_goal, along_waypoints, ee_square, slal
 from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded import reference_from_table
 from rpctl.reference.sizing import WISHES, SizingRequest
+from rpctl.reference.smooth_wish import require_smoothing
 from rpctl.reference.timed_path import TimedPath
 from rpctl.reference.toml_file import read_path_file
 from rpctl.robot.model import Robot
@@ -28,6 +29,8 @@ def load_reference(
     size: float | None = None,
     speed: float | None = None,
     laps: float | None = None,
+    smooth: float | str | None = None,
+    retime: bool = False,
 ) -> Reference:
     """Return a reference by its name, or from a file in CSV or TOML.
 
@@ -43,18 +46,25 @@ def load_reference(
         speed: Of a named one, instead: the largest along the path, m/s; of a spin the turning
             rate, rad/s.
         laps: How many times circle, eight and spin are gone through, once if not given.
+        smooth: Of a CSV: the root mean square, in m, by which the reference may miss its rows, to
+            be smooth; ``auto`` takes their noise. None passes every row.
+        retime: Whether to slow a CSV down where it asks more than the robot's limits; it keeps its
+            path. Its ``recording`` says what was changed, and what it asks beyond the limits.
 
     Raises:
         UnknownNameError: There is no such reference, and the name is no file's.
         RpctlError: The file has faults, or the robot cannot follow.
     """
     wish, suffix = SizingRequest(size, speed, laps), FilePath(source).suffix.lower()
+    require_smoothing(smooth)
+    if suffix != ".csv":
+        _refuse_of_others(source, smooth, retime)
     if is_goal(source):
         wish.refuse("a goal says where to go; leave them out", *WISHES)
         return to_goal(robot, read_goal(source))
     if suffix in (".csv", ".toml"):
         wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)
-        return _from_file(robot, source, suffix)
+        return _from_file(robot, source, suffix, smooth, retime)
     if source in PLANNED_REFERENCES:
         return PLANNED_REFERENCES[source](robot, wish)
     if source not in BASE_PATHS:
@@ -66,16 +76,32 @@ def load_reference(
     return reference_by_name(robot, source, size, speed, laps)
 
 
-def _from_file(robot: Robot, source: str, suffix: str) -> TimedPath:
+def _from_file(
+    robot: Robot, source: str, suffix: str, smooth: float | str | None, retime: bool
+) -> TimedPath:
     if suffix == ".csv":
         table = read_table(source, robot.joint_names)
-        return _in_file(source, lambda: reference_from_table(robot, table, Limits()))
+        return _in_file(
+            source, lambda: reference_from_table(robot, table, Limits(), smooth, retime)
+        )
     asked = read_path_file(source)
     if asked.waypoints:
         return _in_file(source, lambda: along_waypoints(robot, asked.waypoints, asked.limits))
     return _in_file(
         source, lambda: along_goal(robot, polyline(asked.points, asked.corner), asked.limits)
     )
+
+
+def _refuse_of_others(source: str, smooth: float | str | None, retime: bool) -> None:
+    """Refuse to smooth or to retime what is no table.
+
+    Raises:
+        RpctlError: It is asked for.
+    """
+    if smooth is not None:
+        raise RpctlError(f"smooth = {smooth}: {source} has no rows with noise; leave it out")
+    if retime:
+        raise RpctlError(f"retime: {source} has no times of its own to change; leave it out")
 
 
 def _in_file(path: str, make: Callable[[], TimedPath]) -> TimedPath:

@@ -18,7 +18,7 @@ IMPOSSIBLE_RATIO = 10.0  # times the robot's limit; what it misses by less may b
 MAX_SPEED = 100.0  # m/s or rad/s of anything, whatever limit it has
 
 
-class _Motion(NamedTuple):
+class Motion(NamedTuple):
     """What moves, how fast between rows (K - 1,), its limit (inf: none), and the unit of both."""
 
     label: str
@@ -30,7 +30,7 @@ class _Motion(NamedTuple):
 def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
     """Return the lines before which a table moves impossibly fast, each with what to do."""
     faults = []
-    for label, speeds, limit, unit in _motions(robot, table):
+    for label, speeds, limit, unit in motions(robot, table):
         for row in np.flatnonzero(speeds > min(IMPOSSIBLE_RATIO * limit, MAX_SPEED)):
             limited = f", where {robot.name}'s limit is {limit:.3g}" if limit < math.inf else ""
             fault = f"{label} at {speeds[row]:.3g} {unit} from the row before{limited}"
@@ -38,22 +38,23 @@ def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
     return sorted(faults)
 
 
-def _motions(robot: Robot, table: Table) -> Iterator[_Motion]:
+def motions(robot: Robot, table: Table) -> Iterator[Motion]:
+    """Yield the speeds between a table's rows of all that moves in it."""
     step = np.diff(table.t)
     drive, turn = base_limits(robot)
     for names, limit in ((BASE_COLUMNS, drive), (EE_COLUMNS, math.inf)):
         if names[0] in table.columns:
             way = np.linalg.norm(np.diff(table.stack(names), axis=0), axis=1)
-            yield _Motion(f"{', '.join(names)} move", way / step, limit, "m/s")
+            yield Motion(f"{', '.join(names)} move", way / step, limit, "m/s")
     if HEADING in table.columns:
-        yield _Motion(f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s")
+        yield Motion(f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s")
     for joint in robot.joints:
         if joint.name in table.columns:
             values = table.columns[joint.name]
             endless = joint.kind == "continuous"
             way = _turns(values) if endless else np.abs(np.diff(values))
             unit = "m/s" if joint.kind == "prismatic" else "rad/s"
-            yield _Motion(f"{joint.name} moves", way / step, joint.velocity, unit)
+            yield Motion(f"{joint.name} moves", way / step, joint.velocity, unit)
 
 
 def _turns(angles: Array) -> Array:

@@ -24,12 +24,15 @@ UNLIMITED_RATE = 100.0  # 1/s: rate where nothing limits it, relative to the pat
 
 
 class Bound(NamedTuple):
-    """Limits of one coordinate c(s): |c' ṡ| ≤ speed and |c'' ṡ² + c' s̈| ≤ acceleration."""
+    """Limits of one coordinate c(s): |c' ṡ| ≤ speed and |c'' ṡ² + c' s̈| ≤ acceleration.
+
+    An effort is bounded likewise, with what it takes of ṡ² and of s̈ as ``bend`` and ``slope``.
+    """
 
     slope: Array  # (N,) c'
     bend: Array  # (N,) c''
     speed: float
-    acceleration: float = math.inf
+    acceleration: float | Array = math.inf  # or (N,)
 
 
 class SplineTimeLaw:
@@ -84,7 +87,8 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
     entries: list[tuple[Any, Any, Any]] = []  # values, rows, columns
     rights: list[Array] = []
     for bound in bounds:
-        if math.isinf(bound.acceleration):
+        most = np.broadcast_to(bound.acceleration, len(s))
+        if np.isinf(most).all():
             continue
         for sign in (1.0, -1.0):
             for end in (0, 1):
@@ -93,7 +97,7 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
                 row = here + len(rights) * count
                 entries.append((-slope + bend * (1 - end), row, here))
                 entries.append((slope + bend * end, row, here + 1))
-                rights.append(np.full(count, bound.acceleration))
+                rights.append(most[here + end])
     if not rights:
         return None, None
     values, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
@@ -152,6 +156,7 @@ def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float
     for bound in bounds:
         slope, bend = np.interp(at, s, bound.slope), np.interp(at, s, bound.bend)
         speed = np.abs(slope * rate).max() / bound.speed
-        change = np.abs(bend * rate**2 + slope * acceleration).max() / bound.acceleration
+        most = np.interp(at, s, np.broadcast_to(bound.acceleration, len(s)))
+        change = (np.abs(bend * rate**2 + slope * acceleration) / most).max()
         worst = max(worst, float(speed), math.sqrt(float(change)))
     return worst

@@ -53,7 +53,11 @@ class TimedPath:
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the reference at time ``t`` (s)."""
-        s, ds, dds = self.time_law(t)
+        return self.at(self.time_law(t))
+
+    def at(self, path_time: PathTime) -> ReferenceState:
+        """Return the reference where the path parameter is s, with these derivatives by time."""
+        s, ds, dds = path_time
         point = self.path(s)
         along, bend, _ = point.direction
         joints, slope, curve = self.arm(s)

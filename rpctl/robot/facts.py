@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -32,6 +33,7 @@ def facts(robot: Robot) -> dict[str, Any]:
             {**_joint(joint), "home": home}
             for joint, home in zip(robot.joints, robot.home.tolist(), strict=True)
         ],
+        "losses": losses(robot),
         "mimics": [joint.name for joint in robot.mimics],
         "locked": dict(robot.locked),
         "quasi_velocities": robot.quasi_velocities,
@@ -61,7 +63,32 @@ def load_arguments(robot: Robot) -> dict[str, Any]:
         "ignore_missing_packages": reading.ignore_missing_packages,
         "home": dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
         "free": list(robot.loaded_with.free),
+        "losses": robot.loaded_with.losses,
+        "armature": _plain(robot.loaded_with.armature),
     }
+
+
+def _plain(armature: Mapping[str, float] | None) -> bool | dict[str, float]:
+    """Return what :func:`rpctl.load` takes as ``armature``."""
+    return False if armature is None else dict(armature) or True
+
+
+def losses(robot: Robot) -> list[dict[str, Any]]:
+    """Return what each joint loses, and its rotor's inertia: joints that have neither are left out.
+
+    ``damping`` is in N·m·s/rad or N·s/m, ``friction`` in N·m or N, ``rate`` in rad/s or m/s: a
+    slower joint has less than its friction. ``armature`` is in kg·m² or kg.
+    """
+    found = []
+    for name in robot.moving_joint_names:
+        index, joint = robot.velocity_index(name), robot.description.joint[name]
+        of = {"damping": 0.0, "friction": 0.0, "rate": 0.0}
+        if robot.losses is not None:
+            of = {key: float(getattr(robot.losses, key)[index]) for key in of}
+        of["armature"] = float(robot.armature[index])
+        if of["damping"] or of["friction"] or of["armature"]:
+            found.append({"joint": name, "line": joint.line, "type": joint.kind, **of})
+    return found
 
 
 def _drive(robot: Robot) -> dict[str, Any]:

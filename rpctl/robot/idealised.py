@@ -99,14 +99,27 @@ def _singular_ranges(robot: Robot, name: str, low: float, high: float) -> list[t
 
 
 def _losses(robot: Robot) -> Iterator[Idealisation]:
-    """Yield the damping and friction of ``<dynamics>``, for turning joints and for sliding ones."""
+    """Yield where friction is smooth, or what is left out, for turning joints and sliding ones."""
     joints = [robot.description.joint[name] for name in robot.moving_joint_names]
     for slides in (False, True):
         group = [joint for joint in joints if (joint.kind == "prismatic") is slides]
+        if robot.losses is not None:
+            yield from _creep(robot, [joint for joint in group if joint.friction])
+            continue
         damping = "N·s/m" if slides else "N·m·s/rad"
         friction = "N" if slides else "N·m"
         yield from _loss("damping", [(joint.damping, joint) for joint in group], damping)
         yield from _loss("friction", [(joint.friction, joint) for joint in group], friction)
+
+
+def _creep(robot: Robot, joints: list[Joint]) -> Iterator[Idealisation]:
+    """Yield the rate below which friction is less than the file's, of joints that have any."""
+    if robot.losses is not None and joints:
+        rate = float(robot.losses.rate[robot.velocity_index(joints[0].name)])
+        unit = "m/s" if joints[0].kind == "prismatic" else "rad/s"
+        which = listed(*joints) if len(joints) == 1 else f"{len(joints)} joints"
+        text = f"friction of {which} is smooth below {rate:g} {unit}: under a load of 70 % of it"
+        yield Idealisation("creep", rate, unit, f"{text}, a joint creeps at this rate")
 
 
 def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[Idealisation]:

@@ -21,11 +21,13 @@ from rpctl.drive.plugins import SimulatorTags
 from rpctl.drive.suspensions import hold_passive
 from rpctl.drive.vendor import vendor_findings
 from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
+from rpctl.robot.armature import set_armature
 from rpctl.robot.build import build, check
 from rpctl.robot.end_effector import find_end_effector
 from rpctl.robot.grippers import find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
 from rpctl.robot.load_settings import LoadSettings
+from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
 from rpctl.robot.names import find_source
 from rpctl.robot.source import Source
@@ -45,6 +47,8 @@ def load(
     ignore_missing_packages: bool = False,
     home: str | Mapping[str, float] | Iterable[str] | None = None,
     free: Iterable[str] = (),
+    losses: bool = True,
+    armature: bool | Mapping[str, float] = False,
 ) -> Robot:
     """Load a robot.
 
@@ -77,6 +81,11 @@ def load(
         free: Name patterns of joints that are frozen by default and that are to move: those of
             grippers and of passive suspensions, and those that the catalogue freezes; and joints
             that look like wheels and are an arm's.
+        losses: Whether the damping and friction of ``<dynamics>`` are part of the model; False is
+            the ideal robot of [MS21].
+        armature: Whether the rotors that the file's transmissions tell of turn with their joints
+            (I n² on the diagonal of M), or ``{pattern: I n²}`` (kg·m², or kg where the joint
+            slides) for the others.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
@@ -88,7 +97,10 @@ def load(
     settings = found.read_settings(package_dirs, xacro_args, ignore_missing_packages)
     with lines_explained(found.path):
         description = read(found.path, settings)
-        return assemble(found, description, drive, lock, density, end_effector, strict, home, free)
+        return assemble(
+            found, description, drive, lock, density, end_effector, strict, home, free, losses,
+            armature,
+        )  # fmt: skip
 
 
 def assemble(
@@ -101,6 +113,8 @@ def assemble(
     strict: bool = False,
     home: str | Mapping[str, float] | Iterable[str] | None = None,
     free: Iterable[str] = (),
+    losses: bool = True,
+    armature: bool | Mapping[str, float] = False,
 ) -> Robot:
     """Return the robot of a description that was read already; :func:`load` has the arguments.
 
@@ -114,6 +128,8 @@ def assemble(
         strict: Whether warnings are errors.
         home: The posture of the arm that references start from.
         free: Patterns of joints that are not frozen by default.
+        losses: Whether damping and friction are part of the model.
+        armature: Of the rotors.
 
     Raises:
         RpctlError: As of :func:`load`.
@@ -138,6 +154,8 @@ def assemble(
     if strict:
         _refuse_doubts(path, differences)
     model, joints = build(tree), _arm_joints(tree, drive)
+    rotors = None if armature is False else {} if armature is True else dict(armature)
+    set_armature(description, model, rotors)
     choice: tuple[Finding, ...] = ()
     if end_effector is None:
         end_effector, choice = find_end_effector(tree, drive, joints, grippers)
@@ -153,7 +171,8 @@ def assemble(
         joints=joints,
         end_effector=end_effector,
         findings=(*findings, *held, *frozen, *differences, *choice),
-        loaded_with=LoadSettings(density, free=free, drive=asked),
+        loaded_with=LoadSettings(density, free=free, drive=asked, losses=losses, armature=rotors),
+        losses=find_losses(description, model) if losses else None,
     )
     at_home = with_home(robot, home)
     if strict:

@@ -32,6 +32,9 @@ class LoadSettings:
         free: Patterns of joints that are not frozen by default.
         drive: What was said of the drive: the drive, its type or a file; None: nothing.
         payloads: Loads that it carries besides, in the order in which they were put on.
+        losses: Whether the damping and friction of the file count.
+        armature: Inertias of rotors by pattern of joint names, which add to those that the file
+            tells; None leaves out all of them.
     """
 
     density: float | None = None
@@ -39,3 +42,5 @@ class LoadSettings:
     free: tuple[str, ...] = ()
     drive: Drive | str | None = None
     payloads: tuple[Payload, ...] = ()
+    losses: bool = True
+    armature: Mapping[str, float] | None = None

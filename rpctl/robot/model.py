@@ -18,6 +18,7 @@ from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular,
 from rpctl.errors import Finding, RpctlError, UnknownNameError
 from rpctl.robot.coordinates import JointEntry, joint_entries, read_root, write_root
 from rpctl.robot.load_settings import LoadSettings
+from rpctl.robot.losses import Losses
 from rpctl.robot.state import NamedState
 
 BASE_NV = 3  # entries of v that are the planar root's
@@ -39,6 +40,7 @@ class Robot:
         end_effector: Link whose pose is tracked, or None for a robot without an arm.
         findings: What was noticed in the description and the model.
         loaded_with: What else it was loaded with.
+        losses: Damping and friction in its joints; None: it loses nothing.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Robot:
     end_effector: str | None
     findings: tuple[Finding, ...] = field(repr=False)
     loaded_with: LoadSettings = field(default_factory=LoadSettings, repr=False)
+    losses: Losses | None = field(default=None, repr=False)
 
     @cached_property
     def tree(self) -> FrozenTree:
@@ -103,6 +106,11 @@ class Robot:
     def mass(self) -> float:
         """Total mass, kg."""
         return float(pin.computeTotalMass(self.model))
+
+    @property
+    def armature(self) -> Array:
+        """Inertia of the rotors (nv,), seen from their joints: I n², kg·m² or kg; M has it, too."""
+        return np.array(self.model.armature)
 
     @cached_property
     def mimics(self) -> tuple[Joint, ...]:

@@ -1,4 +1,4 @@
-"""Robots like another one: tighter limits, other masses."""
+"""Robots like another one: tighter limits, other masses, more friction or none."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from rpctl.description.records import Joint
 from rpctl.errors import UnknownNameError, require_positive
+from rpctl.robot.losses import make_losses
 from rpctl.robot.model import Robot
 
 
@@ -87,6 +88,35 @@ def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
             scale * inertia.mass, inertia.lever, scale * inertia.inertia
         )
     return replace(robot, model=model)
+
+
+def add_friction(robot: Robot, friction: Mapping[str, float]) -> Robot:
+    """Return a robot with more dry friction in some of its joints.
+
+    Args:
+        robot: The robot to start from.
+        friction: What is added, N·m or N, by the names of joints.
+
+    Raises:
+        UnknownNameError: No joint has such a name.
+    """
+    for name in friction:
+        if name not in robot.entries:
+            raise UnknownNameError("joint", name, robot.entries)
+    damping = dict.fromkeys(robot.entries, 0.0)
+    known = dict(damping)
+    if robot.losses is not None:
+        for name in robot.entries:
+            index = robot.velocity_index(name)
+            damping[name] = float(robot.losses.damping[index])
+            known[name] = float(robot.losses.friction[index])
+    total = {name: value + friction.get(name, 0.0) for name, value in known.items()}
+    return replace(robot, losses=make_losses(robot.description, robot.model, damping, total))
+
+
+def without_losses(robot: Robot) -> Robot:
+    """Return a robot whose joints lose nothing, like [MS21]'s."""
+    return replace(robot, losses=None, loaded_with=replace(robot.loaded_with, losses=False))
 
 
 def _with_joints(robot: Robot, change: Callable[[Joint], Joint]) -> Robot:

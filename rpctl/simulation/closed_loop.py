@@ -21,7 +21,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
-from rpctl.simulation.plant import advance
+from rpctl.simulation.interface import start_interface
 from rpctl.simulation.recorder import Recorder
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
@@ -80,7 +80,7 @@ def close_loop(
     """Close the loop for a number of control periods.
 
     Args:
-        dynamics: Of the simulated robot.
+        dynamics: Of the simulated robot, without what the plant adds.
         config: Laws, circumstances and plant; its limits are the robot's already.
         reference: What is tracked.
         steps: Number of control periods.
@@ -93,19 +93,22 @@ def close_loop(
         DivergedError: The motion left the finite numbers.
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
-    bias, friction = plant.bias(robot), plant.friction(robot)
+    simulated = plant.simulated_dynamics(dynamics)
     first = require_state(robot, reference(0.0), 0.0)
-    q, nu, work = (
-        start_configuration(robot, first, config.run.initial_error),
-        np.zeros(robot.dof),
-        0.0,
-    )
-    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - bias))
+    q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
+    work = lost = 0.0
+    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - plant.bias(robot)))
     controller = Controller(
-        plant.known_robot(robot), reference, config.kinematic, config.dynamic, period, rest
+        plant.known_robot(robot),
+        reference,
+        config.kinematic,
+        config.dynamic,
+        period,
+        rest,
+        output=config.output or "effort",
     )
     loop.controller, started_at = controller, time.perf_counter()
-    sent, arrives = plant.pipeline(rest.tau, period), plant.arrives(steps + 1)
+    interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
             t = k * period
@@ -113,11 +116,10 @@ def close_loop(
             e = tracking_error(robot, state, q)
             if arrives[k]:
                 output = controller.step(t, q, nu)
-            sent.append(output.efforts)
-            tau = sent.popleft()
+            tau = interface.take(output, q, nu)
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits)
+                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
@@ -128,10 +130,8 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done = advance(
-                    dynamics, q, nu, tau + bias, period, config.run.plant_step, friction
-                )
-                work += done
+                q, nu, done, gone = interface.advance(q, nu)
+                work, lost = work + done, lost + gone
             if progress is not None:
                 progress(k, steps)
     finally:

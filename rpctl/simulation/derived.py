@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, GroundReactions, ground_reactions
 from rpctl.dynamics.load_ranges import find_ranges
-from rpctl.dynamics.motion import friction_efforts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.quasi_velocities import reference_rates, steering
 from rpctl.robot.coordinates import write_root
@@ -49,7 +48,6 @@ class Derivation:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
         bias: Efforts (n_act,) that push besides the controller's, N·m or N.
-        friction: Dry friction of the actuators' joints (n_act,), N·m or N; None: none.
     """
 
     def __init__(
@@ -57,10 +55,8 @@ class Derivation:
         dynamics: ReducedDynamics,
         contacts: Contacts | None,
         bias: Array,
-        friction: Array | None = None,
     ) -> None:
-        self._dynamics, self._contacts = dynamics, contacts
-        self._bias, self._friction = bias, friction
+        self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
         self.robot = robot = dynamics.robot
         self._data = robot.model.createData()
         self._steered, self._others = steered_joints(robot), other_joints(robot)
@@ -94,7 +90,7 @@ class Derivation:
         kept, ahead = samples.rows(logged), TURN * turns[logged]
         columns = {
             name: np.array(getattr(kept, name))
-            for name in ("t", "q", "nu", "tau", "nu_d", "e", "work")
+            for name in ("t", "q", "nu", "tau", "nu_d", "e", "work", "lost")
         }
         columns |= {
             "nu_ref": nu_ref[logged],
@@ -108,7 +104,7 @@ class Derivation:
             **self._motion(kept),
             **_end_effector(robot, self._data, kept.q, arms[logged]),
         }
-        return columns | self._ground(kept, columns["rates"]), following
+        return columns | self._ground(kept), following
 
     def _start(self, samples: Samples) -> Carry:
         """Return what is before the first sample: wheels at 0, casters where the robot's are."""
@@ -177,14 +173,12 @@ class Derivation:
             "constraint_residual": np.abs(slip).max(axis=1, initial=0.0),
         }
 
-    def _ground(self, samples: Samples, rates: Array) -> dict[str, Array]:
+    def _ground(self, samples: Samples) -> dict[str, Array]:
         """Return what the ground does; (K, 0) where it is not defined."""
         contacts, nothing = self._contacts, np.empty((len(samples.t), 0))
         if contacts is None:
             return dict.fromkeys(GROUND_COLUMNS, nothing)
         push = samples.tau + self._bias
-        if self._friction is not None:
-            push = push + friction_efforts(self._friction, rates)
         reactions = ground_reactions(self._dynamics, contacts, samples.q, samples.nu, push)
         found = _ground_columns(reactions)
         if not contacts.determinate:

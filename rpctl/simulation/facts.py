@@ -30,6 +30,9 @@ class RobotFacts:
         home: Positions of its arm's joints at home, rad or m.
         free: Patterns of joints that were not frozen by default.
         payloads: Loads that it carried besides its file's: link, mass, centre of mass, inertia.
+        losses: Whether the damping and friction of its file counted.
+        armature: Inertias of rotors by pattern of joint names, besides those of its file, kg·m² or
+            kg; None: no rotors counted.
         quasi_velocities: Names of ν.
         actuators: Names of τ.
         joint_names: Names of the arm's joints.
@@ -62,6 +65,8 @@ class RobotFacts:
     home: Mapping[str, float]
     free: tuple[str, ...]
     payloads: tuple[tuple[Any, ...], ...]
+    losses: bool
+    armature: Mapping[str, float] | None
     quasi_velocities: tuple[str, ...]
     actuators: tuple[str, ...]
     joint_names: tuple[str, ...]
@@ -116,6 +121,8 @@ def robot_facts(robot: Robot) -> RobotFacts:
         home=dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
         free=robot.loaded_with.free,
         payloads=tuple(map(tuple, robot.loaded_with.payloads)),
+        losses=robot.loaded_with.losses,
+        armature=robot.loaded_with.armature,
         quasi_velocities=robot.quasi_velocities,
         actuators=robot.actuators,
         joint_names=robot.joint_names,

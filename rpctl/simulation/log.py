@@ -39,6 +39,8 @@ class Log:
         ee_angle: Angle between the end effector's and its reference's orientation (K,), rad.
         energy: Kinetic plus potential energy (K,), J.
         work: Work done by the actuators since the start (K,), J.
+        lost: What damping and friction in the joints have taken since the start (K,), J; in files
+            of schema 5 and older, friction counts as negative work.
         constraint_residual: Largest entry of |A v| (K,); m/s, rad/s.
         wheel_force: Force of the ground on each wheel, forward (K, n_wheels), N.
         axle_force: Force of the ground on each axle, to the left (K, n_axles), N.
@@ -80,6 +82,7 @@ class Log:
     ee_angle: Array
     energy: Array
     work: Array
+    lost: Array
     constraint_residual: Array
     wheel_force: Array
     axle_force: Array

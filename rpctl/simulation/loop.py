@@ -11,12 +11,14 @@ from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.returned import require_callable
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.path_reference import DEFAULT_DURATION
+from rpctl.reference.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
@@ -58,7 +60,10 @@ def track(
     speed: float | None = None,
     laps: float | None = None,
     log_every: int = RunSettings.log_every,
+    smooth: float | str | None = RunSettings.smooth,
+    retime: bool = RunSettings.retime,
     collisions: bool = True,
+    output: str | VelocityOutput = "effort",
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -91,8 +96,14 @@ def track(
         laps: How many times it is gone through.
         log_every: Each so-many-th sample is logged, and the last; 1 logs all. What a long run
             takes of memory and disk falls with it.
+        smooth: Of a CSV: metres (root mean square) by which the reference may miss its rows to be
+            smooth, or ``auto``, as their noise asks for; None passes every row.
+        retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
         collisions: Whether to look afterwards for what the links ran into, and how near they came
             to obstacles, the ground and each other.
+        output: ``"effort"``; ``"velocity"`` for a robot that takes speeds, or a
+            :class:`~rpctl.control.velocity_output.VelocityOutput` that says how it follows them.
+            Then no dynamic law counts, and the efforts logged are those that the motion takes.
 
     Returns:
         What was logged.
@@ -119,8 +130,11 @@ def track(
             speed,
             laps,
             log_every,
+            smooth,
+            retime,
         ),
         plant=plant or Plant(),
+        output=as_output(output),
     )
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     if isinstance(reference, str):
@@ -170,7 +184,8 @@ def simulate(
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, settings.friction)
-    derivation = Derivation(dynamics, contacts, plant.bias(robot), plant.friction(robot))
+    derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
+    recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
     watching = Watching("what watched the simulation", watch)
@@ -198,6 +213,7 @@ def simulate(
             notes=(
                 *notes,
                 *delay_note(plant.delay, period),
+                *velocity_note(config),
                 *log_note(settings.log_every, period),
                 *loop.notes,
                 *watching.notes,
@@ -208,6 +224,7 @@ def simulate(
             certificate=None if certificate is None else certificate.to_dict(),
             wall_time=loop.wall_time,
             sizing=getattr(reference, "sizing", None),
+            recording=None if recording is None else recording.to_dict(),
             collisions=bodies,
             simulated=robot,
         )
@@ -252,6 +269,27 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
             f"delay is {config.plant.delay:g} s, longer than the run of {duration:g} s"
         )
     return budget
+
+
+def velocity_note(config: Config) -> tuple[str, ...]:
+    """Return the note that the robot of a run takes speeds, and how it follows them, or none."""
+    output = config.output
+    if output is None:
+        return ()
+    truth = config.plant.velocity_interface(output)
+    note = (
+        f"the controller sends speeds, which the robot follows {_lateness(truth)}; the efforts are "
+        "those that this motion takes"
+    )
+    if (truth.lag, truth.lags, truth.dead_time) == (output.lag, output.lags, output.dead_time):
+        return (note,)
+    return (f"{note}; the controller takes them to be followed {_lateness(output)}",)
+
+
+def _lateness(output: VelocityOutput) -> str:
+    """Return how late speeds are followed, in words."""
+    lags = "".join(f" ({lag:g} s of {name})" for name, lag in output.lags.items())
+    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s"
 
 
 def _end_note(error: BaseException, t: float, duration: float) -> str:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
-from rpctl.dynamics.motion import Step, rk4_step
+from rpctl.control.velocity_output import VelocityOutput
+from rpctl.dynamics.motion import Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError, require_within
 from rpctl.robot.model import Robot
+from rpctl.robot.vary import add_friction
 from rpctl.simulation.periods import delay_periods
 
 
@@ -28,9 +30,14 @@ class Plant:
         delay: Time from a measurement to the efforts it leads to, s; the nearest whole number of
             control periods is simulated, halves up, and logged.
         controller_model: The robot that the controller computes with; None: the simulated one.
-        joint_friction: Dry friction (N·m or N) by actuator, which opposes its joint's motion.
+        joint_friction: Dry friction (N·m or N) by actuator, which the simulated robot has besides
+            what the controller knows.
         dropped: Share of the samples that never reach the controller, 0 or more and below 1. Which
             ones is drawn, and the same in every run; the first one arrives.
+        lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
+            controller knows it.
+        lags: Lag by name of the quasi-velocity, where it differs, s.
+        dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
@@ -38,6 +45,9 @@ class Plant:
     controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
     joint_friction: Mapping[str, float] = field(default_factory=dict)
     dropped: float = 0.0
+    lag: float | None = None
+    lags: Mapping[str, float] = field(default_factory=dict)
+    dead_time: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -54,6 +64,21 @@ class Plant:
                     f"joint_friction of {name} is {friction:g}; give an effort of 0 or more"
                 )
             require_within(f"joint_friction of {name}", [friction])
+        VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
+
+    def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
+        """Return how the simulated robot follows speeds.
+
+        Args:
+            output: How the controller knows it.
+        """
+        lags = self.lags if self.lag is not None or self.lags else output.lags
+        return replace(
+            output,
+            lag=output.lag if self.lag is None else self.lag,
+            lags=lags,
+            dead_time=output.dead_time if self.dead_time is None else self.dead_time,
+        )
 
     def bias(self, robot: Robot) -> Array:
         """Return the efforts (n_act,) that push besides the controller's.
@@ -61,15 +86,20 @@ class Plant:
         Raises:
             UnknownNameError: One is of no actuator.
         """
-        return _by_actuator(robot, self.tau_bias)
+        _require_actuators(robot, self.tau_bias)
+        return np.array([self.tau_bias.get(name, 0.0) for name in robot.actuators])
 
-    def friction(self, robot: Robot) -> Array | None:
-        """Return the dry friction (n_act,) of the actuators' joints, or None where there is none.
+    def simulated_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
+        """Return the dynamics with the friction that the controller does not know.
 
         Raises:
-            UnknownNameError: One is of no actuator.
+            UnknownNameError: It is of no actuator.
         """
-        return _by_actuator(robot, self.joint_friction) if self.joint_friction else None
+        robot = dynamics.robot
+        _require_actuators(robot, self.joint_friction)
+        if not any(self.joint_friction.values()):
+            return dynamics
+        return ReducedDynamics(add_friction(robot, self.joint_friction))
 
     def known_robot(self, robot: Robot) -> Robot:
         """Return the robot that the controller computes with.
@@ -102,12 +132,10 @@ class Plant:
         return deque([hold] * delay_periods(self.delay, control_period))
 
 
-def _by_actuator(robot: Robot, efforts: Mapping[str, float]) -> Array:
-    """Return efforts (n_act,) given by the names of actuators; 0 of the others."""
-    for name in efforts:
+def _require_actuators(robot: Robot, names: Iterable[str]) -> None:
+    for name in names:
         if name not in robot.actuators:
             raise UnknownNameError("actuator", name, robot.actuators)
-    return np.array([efforts.get(name, 0.0) for name in robot.actuators])
 
 
 def substeps(duration: float, longest: float) -> int:
@@ -122,7 +150,6 @@ def advance(
     tau: Array,
     duration: float,
     longest: float,
-    friction: Array | None = None,
 ) -> Step:
     """Advance the robot by ``duration`` (s) under a constant τ, in equal steps.
 
@@ -133,19 +160,18 @@ def advance(
         tau: Actuator efforts (n_act,).
         duration: How far, s.
         longest: Longest step, s.
-        friction: Dry friction of the actuators' joints (n_act,), N·m or N; None: none.
 
     Raises:
         DivergedError: The state left the finite numbers.
     """
     steps = substeps(duration, longest)
-    work = 0.0
+    work = lost = 0.0
     try:
         for _ in range(steps):
-            q, nu, done = rk4_step(dynamics, q, nu, tau, duration / steps, friction)
-            work += done
+            q, nu, done, gone = step(dynamics, q, nu, tau, duration / steps)
+            work, lost = work + done, lost + gone
     except RpctlError as error:
         raise DivergedError(f"the motion diverged: {error}") from error
     if not (np.isfinite(q).all() and np.isfinite(nu).all()):
         raise DivergedError("the motion diverged; shorten the control period or lengthen horizons")
-    return Step(q, nu, work)
+    return Step(q, nu, work, lost)

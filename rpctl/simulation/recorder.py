@@ -79,6 +79,7 @@ class Recorder:
         command: Command,
         work: float,
         limits: tuple[Limit, ...],
+        lost: float = 0.0,
     ) -> None:
         """Add a sample.
 
@@ -92,13 +93,14 @@ class Recorder:
             command: What the kinematic law asks for.
             work: Work of the actuators so far, J.
             limits: The limits that bind the efforts.
+            lost: What damping and friction have taken so far, J.
 
         Raises:
             RpctlError: A sample of the last batch is nothing that a log can hold.
         """
         number = self._sets.setdefault(limits, len(self._sets))
         place = self._count - self._done.samples
-        self._buffer.put(place, (t, work, number), (q, nu, tau, command.nu_d, e), state)
+        self._buffer.put(place, (t, work, lost, number), (q, nu, tau, command.nu_d, e), state)
         self._count += 1
         late = self._spool is not None and self._spool.is_late()
         if late or place + 1 == len(self._buffer):

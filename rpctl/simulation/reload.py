@@ -64,6 +64,8 @@ def load_robot(
         known.end_effector,
         home=dict(known.home) or "zero",  # as it was before runs kept it
         free="*",  # nothing but what was locked
+        losses=known.losses,
+        armature=False if known.armature is None else known.armature,
     )
     for payload in known.payloads:
         robot = with_payload(robot, *payload)

@@ -41,6 +41,8 @@ class Run:
         certificate: The certificate of the robot's dynamics, as a dict, or None.
         wall_time: What the simulation took, s.
         sizing: How large and fast its named reference is, and why; None of others.
+        recording: What became of the rows of its reference's table and what they ask beyond the
+            limits, as a dict; None of another reference.
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
         collisions: How near its links came to things, and what they ran into; None where that was
             not looked for, and in older files.
@@ -60,6 +62,7 @@ class Run:
     certificate: Mapping[str, Any] | None
     wall_time: float
     sizing: Sizing | None = None
+    recording: Mapping[str, Any] | None = None
     perturbed: Mapping[str, Any] | None = None
     collisions: CollisionFacts | None = None
     simulated: Robot | None = None

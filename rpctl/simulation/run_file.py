@@ -34,7 +34,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,12 @@ META_ENTRY = "meta"  # the one entry of the file that is text: JSON
 PRECISIONS = ("double", "single")
 MAX_META = 10 * 2**20  # characters: a URDF of 4 MB, its quotes escaped, and 2 MB besides
 FIX = "it is damaged or was made up; track the robot again"
-SINCE_6: dict[str, Any] = {"collisions": None}  # missing in older files, and what stands for it
+SINCE_6: dict[str, Any] = {  # missing in older files, and what stands for it
+    "recording": None,
+    "collisions": None,
+    "losses": False,
+    "armature": None,
+}
 LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
     **SINCE_6,
     "xacro_args": {},
@@ -87,6 +92,7 @@ LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
 ARRAY_ENTRIES = frozenset(ARRAYS)
 OLDER_SETTINGS = table({}, {"plant": mapping(free)}, free)
 LATER_ARRAYS = ("load_range", "slip_range")  # likewise
+ZERO_ARRAYS = ("lost",)  # likewise, a number a sample
 
 
 def write_run_file(
@@ -143,7 +149,7 @@ def read_run_file(path: str | Path) -> dict[str, Any]:
         meta = _meta_of(npz)
         schema = meta.pop("schema", None)
         if isinstance(schema, int) and schema in PACKED_SCHEMAS:
-            return _read_packed(npz, meta if schema == SCHEMA else {**SINCE_6, **meta})
+            return _read_packed(npz, meta, older=schema < SCHEMA)
         if isinstance(schema, int) and schema in OLDER_SCHEMAS:
             return _read_older(npz, meta, schema)
     known = ", ".join(map(str, (*OLDER_SCHEMAS, *PACKED_SCHEMAS[:-1])))
@@ -179,18 +185,28 @@ def _meta_of(npz: Npz) -> dict[str, Any]:
     return meta
 
 
-def _read_packed(npz: Npz, meta: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a packed file; all is checked before any sample is read."""
+def _read_packed(npz: Npz, meta: dict[str, Any], older: bool) -> dict[str, Any]:
+    """Return the entries of a file of today, or of schema 5; all is checked before any sample."""
     layout, precision = meta.pop(COLUMNS_ENTRY, None), meta.pop("precision", None)
     if precision not in PRECISIONS:
         raise EntryError(f'entry "precision" must be one of {", ".join(PRECISIONS)}')
     _require_names(npz.names, (META_ENTRY, COLUMNS_ENTRY))
+    meta = {**SINCE_6, **meta} if older else meta
     _require_names(meta, META)
     known = checked_meta(meta)
     shapes = shapes_of(layout, npz.entry(COLUMNS_ENTRY))
-    _require_names(shapes, ARRAYS)
-    check_shapes(shapes, known)
-    return {**known, **read_columns(npz, layout, precision == "single")}
+    zero = _zero_arrays(shapes) if older else {}
+    _require_names([*shapes, *zero], ARRAYS)
+    check_shapes(shapes | {name: array.shape for name, array in zero.items()}, known)
+    return {**known, **zero, **read_columns(npz, layout, precision == "single")}
+
+
+def _zero_arrays(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+    """Return the arrays that an older file lacks and that stand for zeros, by their names."""
+    zero = {name: np.zeros(shapes.get("t", (0,))[:1]) for name in ZERO_ARRAYS if name not in shapes}
+    for array in zero.values():
+        array.setflags(write=False)
+    return zero
 
 
 def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
@@ -198,13 +214,15 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     found = [name for name in npz.names if name != META_ENTRY]
     meta, lacking = _completed(schema, meta)
     _require_names(meta, META)
-    _require_names([*found, *(set(lacking) - set(found))], ARRAYS)
+    _require_names({*found, *lacking, *ZERO_ARRAYS}, ARRAYS)
     known, headers = checked_meta(meta), {name: npz.entry(name) for name in found}
     for name, header in headers.items():
         if header.kind != "<f8" or not header.shape:
             raise EntryError(f'entry "{name}" holds other than finite numbers')
     rows = headers["t"].shape[0] if "t" in headers else 0
-    shapes = dict.fromkeys(lacking, (rows, 0)) | {k: h.shape for k, h in headers.items()}
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(ZERO_ARRAYS, (rows,))
+    shapes |= dict.fromkeys(lacking, (rows, 0))
+    shapes |= {name: header.shape for name, header in headers.items()}
     check_shapes(shapes, known)
     require_room(rows, sum(header.nbytes for header in headers.values()) // (8 * rows))
     arrays = {name: scratch(shape) for name, shape in shapes.items()}
@@ -216,9 +234,7 @@ def _read_older(npz: Npz, meta: dict[str, Any], schema: int) -> dict[str, Any]:
     return {**known, **arrays}
 
 
-def _require_names(
-    found: Sequence[str] | Mapping[str, Any], known: Sequence[str] | Mapping[str, Any]
-) -> None:
+def _require_names(found: Collection[str], known: Collection[str]) -> None:
     """Refuse entries that are missing or not known."""
     if wrong := set(found) ^ set(known):
         listed = ", ".join(one_line(name) for name in sorted(wrong)[:10])

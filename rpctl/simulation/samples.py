@@ -23,6 +23,7 @@ class Samples(NamedTuple):
 
     t: Array  # (K,)
     work: Array  # (K,)
+    lost: Array  # (K,)
     limits: Array  # (K,) number of the set of limits that bind
     q: Array
     nu: Array
@@ -72,7 +73,7 @@ class SampleBuffer:
 
     def __init__(self, robot: Robot, rows: int) -> None:
         n = len(robot.joints)
-        widths = [1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof, 3 + n]
+        widths = [1, 1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof, 3 + n]
         widths += [3, 3, 3, n, n, len(NO_DIRECTION)]
         self._ends = np.cumsum(widths)[:-1]
         self._rows = np.empty((rows, sum(widths)))
@@ -84,7 +85,7 @@ class SampleBuffer:
     def put(
         self,
         k: int,
-        numbers: tuple[float, float, float],
+        numbers: tuple[float, float, float, float],
         arrays: tuple[Array, ...],
         state: ReferenceState,
     ) -> None:
@@ -92,7 +93,7 @@ class SampleBuffer:
 
         Args:
             k: Its place, 0 to one less than the room.
-            numbers: ``t``, ``work`` and ``limits``.
+            numbers: ``t``, ``work``, ``lost`` and ``limits``.
             arrays: ``q``, ``nu``, ``tau``, ``nu_d`` and ``e``.
             state: The reference's.
         """
@@ -114,4 +115,4 @@ class SampleBuffer:
     def first(self, count: int) -> Samples:
         """Return the first samples."""
         columns = np.split(self._rows[:count], self._ends, axis=1)
-        return Samples(*(column[:, 0] for column in columns[:3]), *columns[3:])
+        return Samples(*(column[:, 0] for column in columns[:4]), *columns[4:])

@@ -126,6 +126,7 @@ class Summary:
         wall_time: What the simulation took, s.
         realtime_factor: Time simulated per time taken.
         sizing: How large and fast the named reference is, and why; None of others.
+        recording: What became of the rows of its table, and what they ask beyond the limits.
         log_every: One sample of so many was logged, and so seen by these figures.
         clearances: How near its links came to the ground, to each obstacle, and to each other.
         collisions: What its links ran into, the deepest first.
@@ -157,6 +158,7 @@ class Summary:
     wall_time: float
     realtime_factor: float
     sizing: Sizing | None = None
+    recording: Mapping[str, Any] | None = None
     log_every: int = 1
     clearances: tuple[LinkClearance, ...] = ()
     collisions: tuple[Collision, ...] = ()
@@ -228,6 +230,7 @@ def summarize(run: Run) -> Summary:
         wall_time=run.wall_time,
         realtime_factor=duration / run.wall_time,
         sizing=run.sizing,
+        recording=run.recording,
         log_every=run.config.run.log_every,
         clearances=() if bodies is None else bodies.clearances,
         collisions=collisions,
@@ -311,8 +314,8 @@ def _joint_errors(run: Run, half: int) -> tuple[JointError, ...]:
 
 
 def _energy_residual(run: Run) -> float:
-    """Return the largest gap between energy and work, relative to the work's swing."""
-    gap = run.log.energy - run.log.energy[0] - run.log.work
+    """Return the largest gap between energy, work and loss, relative to the work's swing."""
+    gap = run.log.energy - run.log.energy[0] - run.log.work + run.log.lost
     return float(np.abs(gap).max() / max(float(np.ptp(run.log.work)), 1e-12))
 
 

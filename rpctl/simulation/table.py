@@ -60,7 +60,7 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
                 label = f"{prefix}{name}{suffix}"
                 taken = label in table or label.startswith(FORMULA)
                 table[f"joint_{label}" if taken else label] = column
-    for name in ("ee_angle", "tip_margin", "slip_ratio", "energy", "work"):
+    for name in ("ee_angle", "tip_margin", "slip_ratio", "energy", "work", "lost"):
         values = getattr(log, name)
         if values.ndim == 1:
             table[name] = values

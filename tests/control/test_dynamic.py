@@ -13,6 +13,7 @@ from rpctl.control.law import Command
 from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState
+from rpctl.robot.vary import without_losses
 from rpctl.simulation.plant import advance
 
 LAW = PaperDynamic(horizon_dyn=0.1)
@@ -50,12 +51,31 @@ def test_the_closed_form_minimises_the_cost(paper: Robot, rng: np.random.Generat
 
 
 def test_the_error_decays_at_its_horizon(robot: Robot, rng: np.random.Generator) -> None:
-    """[MS21, Eq. 26]: ε̇ = −ε/h1 on the full nonlinear dynamics."""
+    """[MS21, Eq. 26]: ε̇ = −ε/h1 on the full nonlinear dynamics of the ideal robot."""
+    robot = without_losses(robot)
     for _ in range(10):
         dynamics, q, nu, command = random_case(robot, rng)
         rate = dynamics.forward(q, nu, LAW(dynamics, q, nu, command)) - command.nu_d_dot
         expected = -(nu - command.nu_d) / LAW.horizon_dyn
         np.testing.assert_allclose(rate, expected, atol=1e-9 * np.abs(expected).max() * 100)
+
+
+def test_losses_are_compensated_at_the_speeds_wanted(
+    tiago: Robot, rng: np.random.Generator
+) -> None:
+    """ε̇ = −ε/h1 where the robot has them; elsewhere M⁻¹(ℓ(ν) − ℓ(ν_d)) besides, which brakes ε."""
+    dynamics, q, _, command = random_case(tiago, rng)
+    nu = command.nu_d.copy()
+    rate = dynamics.forward(q, nu, LAW(dynamics, q, nu, command))
+    np.testing.assert_allclose(rate, command.nu_d_dot, atol=1e-9 * np.abs(rate).max())
+    for _ in range(5):
+        nu = command.nu_d + rng.normal(size=tiago.dof)
+        ideal = command.nu_d_dot - (nu - command.nu_d) / LAW.horizon_dyn
+        rate = dynamics.forward(q, nu, LAW(dynamics, q, nu, command))
+        excess = dynamics.inertia(q) @ (rate - ideal)
+        expected = dynamics.losses(q, nu) - dynamics.losses(q, command.nu_d)
+        np.testing.assert_allclose(excess, expected, atol=1e-9 * np.abs(expected).max())
+        assert excess @ (nu - command.nu_d) < 0.0
 
 
 def joint_loop(robot: Robot, horizon: float, horizon_dyn: float, period: float) -> float:

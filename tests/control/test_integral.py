@@ -38,7 +38,7 @@ def follow(
     log = [nu]
     for _ in range(round(seconds / period)):
         tau = as_efforts(controller(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
-        q, nu, _ = advance(dynamics, q, nu, tau + bias, period, period)
+        q, nu, *_ = advance(dynamics, q, nu, tau + bias, period, period)
         log.append(nu)
     return np.array(log)
 
@@ -105,7 +105,7 @@ def test_at_rest_it_knows_what_its_model_does_not(tiago: Robot) -> None:
         rates = []
         for _ in range(100):
             tau = law(controller_model, q, nu, Command(still, still)).tau
-            q, nu, _ = advance(dynamics, q, nu, tau, 0.002, 0.002)
+            q, nu, *_ = advance(dynamics, q, nu, tau, 0.002, 0.002)
             rates.append(np.abs(nu).max())
         return float(max(rates))
 

@@ -71,7 +71,7 @@ def close(
         speeds = controller(dynamics, *ahead[1:], command)
         controller.sent(t, speeds.nu)
         plant.send(speeds.nu)
-        q, nu, _ = plant.advance(q, nu)
+        q, nu, *_ = plant.advance(q, nu)
         if sent is not None:
             sent.append(speeds.nu)
     return np.array(errors)
@@ -260,7 +260,7 @@ def stepped(
         measured = (spoil or {}).get(k, nu)
         answers.append(controller.step(k * period, q, measured))
         plant.send(answers[-1].speeds)
-        q, nu, _ = plant.advance(q, nu)
+        q, nu, *_ = plant.advance(q, nu)
     return answers
 
 

@@ -14,6 +14,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.errors import SingularBasisError
+from tests.joint_losses import joint_losses
 from tests.robots import SET_A, free_caster, platform, write
 
 
@@ -78,9 +79,9 @@ def multiplier_acceleration(robot: Robot, q: Array, nu: Array, tau: Array) -> Ar
     )
     drift = (ahead - behind) / (2 * step)
     M = pin.crba(robot.model, data, q)
-    force = np.zeros(robot.nv)
+    force = joint_losses(robot, v)
     for name, effort in zip(robot.actuators, tau, strict=True):
-        force[robot.velocity_index(name)] = effort
+        force[robot.velocity_index(name)] += effort
     force -= pin.nonLinearEffects(robot.model, data, q, v)
     left = np.block([[M, A.T], [A, np.zeros((len(A), len(A)))]])
     solution = np.linalg.lstsq(left, np.concatenate([force, -drift]), rcond=1e-12)[0]

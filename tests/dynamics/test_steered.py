@@ -199,7 +199,7 @@ def test_casters_flip_when_they_are_pushed(tmp_path: Path) -> None:
     casters = ("caster_0", "caster_1", "caster_2")
     turned = np.zeros(3)
     for _ in range(1000):
-        q, nu, _ = rk4_step(dynamics, q, nu, tau, 1e-3)
+        q, nu, *_ = rk4_step(dynamics, q, nu, tau, 1e-3)
         angles = [abs(robot.joint_position(q, name)) for name in casters]
         turned = np.maximum(turned, angles)
     assert (turned > 3.0).all()

@@ -50,7 +50,7 @@ def test_a_hundredth_more_energy_over_a_motion(paper: Robot) -> None:
         found = power_balance(dynamics, state)
     works = []
     for _ in range(100):
-        q, nu, work = rk4_step(dynamics, q, nu, tau, 1e-3)
+        q, nu, work, _ = rk4_step(dynamics, q, nu, tau, 1e-3)
         works.append(work)
     moved = float(np.abs(np.reshape(works, (25, 4)).sum(axis=1)).sum())
     scale = max(moved, min(1.0, start + moved))

@@ -82,7 +82,7 @@ def first_wheel(robot: Robot) -> Robot:
 
 ENERGY = in_method("energy", a_percent)
 ACCELERATION = in_method("forward", larger)
-FORCE = in_method("inverse", larger)
+FORCE = in_method("_inertial", larger)  # h and inverse dynamics
 ACTUATION = in_method("at", last_sign)
 RADIUS = rolling_of(first_wheel)
 ENERGIES = {"power balance", "energy rate"}

@@ -15,10 +15,10 @@ from rpctl.arrays import Array
 from rpctl.errors import DescriptionError
 from rpctl.reference.arm import Arm
 from rpctl.reference.csv_file import read_table
+from rpctl.reference.edge_time_law import EdgeTimeLaw
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.recorded import EdgeTimeLaw
 from rpctl.reference.timed_path import TimedPath
 from tests.reference.differences import check_derivatives, check_rest
 from tests.robots import SET_A, platform, write

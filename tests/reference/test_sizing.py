@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -318,7 +319,7 @@ def test_a_robot_without_limits_is_told_what_was_assumed(tmp_path: Path, paper: 
     ],
 )
 def test_wishes_without_sense_are_refused(
-    paper: Robot, name: str, wish: dict[str, float], why: str
+    paper: Robot, name: str, wish: dict[str, Any], why: str
 ) -> None:
     with pytest.raises(RpctlError, match=why):
         load_reference(paper, name, **wish)
@@ -327,8 +328,9 @@ def test_wishes_without_sense_are_refused(
 def test_a_fixed_base_has_no_path_to_size() -> None:
     panda = rpctl.load("panda")
     for wish in ("size", "speed", "laps"):
+        asked: dict[str, Any] = {wish: 2.0}
         with pytest.raises(RpctlError, match=f"{wish} = 2: panda has a fixed base"):
-            load_reference(panda, "circle", **{wish: 2.0})
+            load_reference(panda, "circle", **asked)
     told = sizing(load_reference(panda, "circle"))
     assert (told.size, told.speed) == (None, None)
     assert told.sentence == "the arm's motion alone: its base is fixed"

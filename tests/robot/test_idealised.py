@@ -14,6 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.robot.facts import idealisations
 from rpctl.robot.idealised import Idealisation
+from rpctl.robot.vary import without_losses
 from tests.drive.drive_cases import Files, body, xml
 from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import Parts, caster, rear_axle, vehicle
@@ -302,7 +303,7 @@ def test_steering_of_two_leaders(tmp_path: Path) -> None:
     assert "the others at 0: 5 % of its range" in found.sentence
 
 
-def test_losses_that_are_left_out(files: Files) -> None:
+def test_friction_that_is_smooth_and_losses_that_are_left_out(files: Files) -> None:
     parts = body()
     rear_axle(parts)
     parts.xml = [
@@ -318,7 +319,14 @@ def test_losses_that_are_left_out(files: Files) -> None:
         text = Parts([])
         text.joint(name, kind, ("base", f"{name}_link"), "0 0 0.5", "0 0 1", more)
         parts.xml += [part.replace(LIMIT, "") for part in text.xml]
-    found = [each for each in idealisations(files.load(parts, lock=["head"])) if each.what != THIN]
+    robot = files.load(parts, lock=["head"])
+    (creep,) = [each for each in idealisations(robot) if each.what != THIN]
+    assert (creep.what, creep.value, creep.unit) == ("creep", 0.01, "rad/s")
+    assert creep.sentence == (
+        'friction of "shoulder" (line 1) is smooth below 0.01 rad/s: under a load of 70 % of it, '
+        "a joint creeps at this rate"
+    )
+    found = [each for each in idealisations(without_losses(robot)) if each.what != THIN]
     assert [(each.what, each.value, each.unit) for each in found] == [
         ("damping", 0.5, "N·m·s/rad"),
         ("friction", 0.3, "N·m"),

@@ -271,5 +271,5 @@ def test_without_an_arm_or_work_to_speak_of(golden: Run) -> None:
     summary = summarize(vary(golden, end_effector=None, ee=nothing, ee_ref=nothing))
     keys = [f"{when}_end_effector_error" for when in ("rms", "final", "settled")]
     assert [summary.to_dict()[key] for key in keys] == [None] * 3
-    rest = vary(golden, work=np.zeros(COUNT), energy=np.full(COUNT, 7.0))
+    rest = vary(golden, work=np.zeros(COUNT), lost=np.zeros(COUNT), energy=np.full(COUNT, 7.0))
     assert summarize(rest).energy_residual == 0.0

@@ -11,8 +11,8 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError, scale_masses, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.dynamics.motion import FRICTION_RATE, friction_efforts
 from rpctl.errors import UnknownNameError
+from rpctl.robot.losses import TURNING_RATE
 from rpctl.simulation.plant import advance
 from tests.robots import SET_A, ball, platform, write
 
@@ -89,23 +89,19 @@ def test_what_does_not_fit_is_told(paper: Robot, tiago: Robot) -> None:
             Plant(joint_friction={"a": size})
 
 
-def test_dry_friction_opposes_motion_up_to_its_size() -> None:
-    """f/√2 where the rate is the width of the smooth part; none at rest."""
-    rates = np.array([0.0, FRICTION_RATE, -FRICTION_RATE, 1e6, -1e6])
-    expected = -3.0 * np.array([0.0, 0.5**0.5, -(0.5**0.5), 1.0, -1.0])
-    np.testing.assert_allclose(friction_efforts(np.full(5, 3.0), rates), expected)
-
-
 def test_dry_friction_stops_a_rolling_robot(tmp_path: Path) -> None:
-    """Two wheels of .15 m with 3 N·m each: −40 N on M_v, which the work tells as well."""
-    robot = rpctl.load(write(tmp_path, platform(SET_A)))
-    dynamics, friction = ReducedDynamics(robot), np.array([3.0, 3.0])
-    q, nu = robot.configuration(), np.array([2.0, 0.0])
-    end = advance(dynamics, q, nu, np.zeros(2), 0.1, 0.01, friction)
+    """Two wheels of .15 m with 3 N·m each: −40 N on M_v; the controller's model knows nothing."""
+    dynamics = ReducedDynamics(rpctl.load(write(tmp_path, platform(SET_A))))
+    plant = Plant(joint_friction={"left_joint": 3.0, "right_joint": 3.0})
+    simulated = plant.simulated_dynamics(dynamics)
+    q, nu = dynamics.robot.configuration(), np.array([2.0, 0.0])
+    end = advance(simulated, q, nu, np.zeros(2), 0.1, 0.01)
     inertia = dynamics.inertia(q)[0, 0]
     assert end.nu[0] == pytest.approx(2.0 - 2 * 3.0 / 0.15 / inertia * 0.1, rel=1e-4)
-    lost = dynamics.energy(end.q, end.nu) - dynamics.energy(q, nu)
-    assert end.work == pytest.approx(lost, rel=1e-8)
+    lost = dynamics.energy(q, nu) - dynamics.energy(end.q, end.nu)
+    assert end.work == 0.0 and end.lost == pytest.approx(lost, rel=1e-12)
+    assert plant.known_robot(dynamics.robot).losses is None
+    assert Plant().simulated_dynamics(dynamics) is dynamics
 
 
 def test_the_log_knows_of_dry_friction(tmp_path: Path) -> None:
@@ -113,10 +109,12 @@ def test_the_log_knows_of_dry_friction(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6))))
     plant = Plant(joint_friction={"left_joint": 0.5, "right_joint": 0.5})
     run = track(robot, "line", 0.3, (0.3, 0.0, 0.0), plant=plant)
-    assert run.log.rates[100, 0] > 20.0 * FRICTION_RATE
+    assert run.log.rates[100, 0] > 20.0 * TURNING_RATE
     spin = (run.log.rates[101, 0] - run.log.rates[100, 0]) / 0.002
     force = (run.tau[100, 0] - 0.5 - SET_A["I_s"] * spin) / SET_A["r"]
     assert run.log.wheel_force[100, 0] == pytest.approx(force, rel=2e-3)
+    way = 0.002 * np.abs(run.log.rates).sum()
+    assert run.log.lost[-1] == pytest.approx(0.5 * way, rel=0.01)
     assert summarize(run).energy_residual < 1e-6
     assert run.config.plant.joint_friction == plant.joint_friction
 

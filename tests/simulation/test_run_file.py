@@ -14,7 +14,7 @@ import pytest
 import rpctl
 from rpctl import Robot, RpctlError, Run, track, verify
 from rpctl.arrays import Array
-from rpctl.errors import UnknownNameError
+from rpctl.errors import RunFileError, UnknownNameError
 from rpctl.simulation import packed, run_file
 from rpctl.simulation.log import Log
 from rpctl.simulation.run import ENTRIES, entries_of
@@ -134,11 +134,20 @@ def test_a_run_of_schema_4_comes_back() -> None:
 
 
 def test_a_run_of_schema_5_comes_back(tmp_path: Path) -> None:
-    """The file was written by the version before, and knows of no collisions."""
-    back = Run.load(Path(__file__).with_name("run_schema_5.npz"))
+    """Written by the version before: no collisions, an ideal robot. One of today says all that."""
+    path = Path(__file__).with_name("run_schema_5.npz")
+    back = Run.load(path)
     assert back.config.run.duration == pytest.approx(0.02)
     assert back.config.run.initial_error == (0.1, 0.3, 0.3)
     assert back.collisions is None
     summary = rpctl.summarize(back)
     assert (summary.collisions, summary.clearances) == ((), ())
     assert_equal(Run.load(back.save(tmp_path / "run.npz")), back)
+    assert (back.robot.losses, back.robot.armature) == (False, None)
+    np.testing.assert_array_equal(back.log.lost, np.zeros(len(back.t)))
+    with np.load(path) as file:
+        text, columns = str(file["meta"]), file["columns"]
+    damaged = tmp_path / "damaged.npz"
+    np.savez(damaged, meta=np.array(text.replace('"schema": 5', '"schema": 6')), columns=columns)
+    with pytest.raises(RunFileError, match="not known: armature, collisions, losses, rec"):
+        Run.load(damaged)

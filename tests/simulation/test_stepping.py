@@ -31,19 +31,15 @@ def test_steps_are_equal_and_no_longer_than_the_longest(
     """0.3 is a hair more than three times 0.1: that hair takes no step of its own."""
     taken: list[float] = []
 
-    def step(
-        dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float, friction: Array
-    ) -> Step:
+    def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
         taken.append(dt)
-        np.testing.assert_array_equal(friction, resisting)
-        return Step(q + 1.0, nu + 2.0, 0.5)
+        return Step(q + 1.0, nu + 2.0, 0.5, 0.25)
 
-    monkeypatch.setattr(plant, "rk4_step", step)
+    monkeypatch.setattr(plant, "step", step)
     q, nu, tau = np.zeros((3, 4))
-    resisting = np.arange(4.0)
-    done = advance(ReducedDynamics(paper), q, nu, tau, duration, longest, resisting)
+    done = advance(ReducedDynamics(paper), q, nu, tau, duration, longest)
     assert taken == [duration / steps] * steps
-    assert done.work == 0.5 * steps
+    assert (done.work, done.lost) == (0.5 * steps, 0.25 * steps)
     np.testing.assert_array_equal([done.q, done.nu], [[steps] * 4, [2 * steps] * 4])
 
 
@@ -52,7 +48,7 @@ def test_a_state_that_is_not_finite_has_diverged(
     monkeypatch: pytest.MonkeyPatch, paper: Robot, bad: str
 ) -> None:
     found = {"q": np.zeros(4), "nu": np.zeros(4)} | {bad: np.array([0.0, np.inf, 0.0, 0.0])}
-    monkeypatch.setattr(plant, "rk4_step", lambda *_: Step(found["q"], found["nu"], 0.0))
+    monkeypatch.setattr(plant, "step", lambda *_: Step(found["q"], found["nu"], 0.0, 0.0))
     q, nu, tau = np.zeros((3, 4))
     with pytest.raises(DivergedError, match="the motion diverged; shorten the control period"):
         advance(ReducedDynamics(paper), q, nu, tau, 0.1, 0.1)

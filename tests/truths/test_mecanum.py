@@ -176,7 +176,7 @@ def drive(robot: Robot, textbook: Textbook, substeps: int) -> tuple[float, Array
     for _ in range(PERIODS):
         tau = law(textbook, places(robot, q), nu)
         for _ in range(substeps):
-            q, nu, _ = rk4_step(dynamics, q, nu, tau, PERIOD / substeps)
+            q, nu, *_ = rk4_step(dynamics, q, nu, tau, PERIOD / substeps)
         x, speed = textbook.motion(x, speed, law(textbook, x, speed), PERIOD)
         gap = np.append(places(robot, q)[:5] - x[:5], nu - speed)
         farthest = max(farthest, float(np.abs(gap).max()))

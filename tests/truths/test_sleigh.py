@@ -121,7 +121,7 @@ def test_it_moves_as_the_closed_form(tmp_path: Path, v: float, omega: float) -> 
     states = [(*nu, 0.0, *first[:2])]
     turned, before = 0.0, first[2]
     for _ in t[1:]:
-        q, nu, work = rk4_step(dynamics, q, nu, np.zeros(2), STEP)
+        q, nu, work, _ = rk4_step(dynamics, q, nu, np.zeros(2), STEP)
         x, y, theta = robot.base_pose(q)
         turned += math.remainder(theta - before, 2.0 * math.pi)
         before = theta
@@ -138,7 +138,7 @@ def test_it_runs_straight_in_the_end(tmp_path: Path) -> None:
     dynamics, (v, omega) = ReducedDynamics(robot), (-0.9, 1.1)
     q, nu = robot.configuration(), np.array([v, omega])
     for _ in range(3200):
-        q, nu, _ = rk4_step(dynamics, q, nu, np.zeros(2), STEP)
+        q, nu, *_ = rk4_step(dynamics, q, nu, np.zeros(2), STEP)
     M_v, J, _ = inertias()
     V = math.sqrt(v**2 + J * omega**2 / M_v)
     np.testing.assert_allclose(nu, [V, 0.0], atol=1e-8)

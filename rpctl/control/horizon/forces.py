@@ -116,9 +116,12 @@ class ForceModel:
         """
         at = self._foreseen.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
-        force = pin.rnea(self._model.robot.model, self._data, q, at.S @ nu, acceleration)
+        v, losses = at.S @ nu, self._model.robot.losses
+        force = pin.rnea(self._model.robot.model, self._data, q, v, acceleration).copy()
         wrench = self._data.f[ROOT_JOINT].vector
-        return Forces(self._maps(at), force[:, None].copy(), wrench[:, None].copy())
+        if losses is not None:
+            force -= losses.force(v)
+        return Forces(self._maps(at), force[:, None], wrench[:, None].copy())
 
     def with_derivatives(
         self,
@@ -132,7 +135,8 @@ class ForceModel:
 
         Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as derivatives,
         and quadratic in ν, so that central differences of any step are exact where S is constant;
-        where wheels are steered, the derivatives by ν are those at the motion's Ṡν.
+        where wheels are steered, the derivatives by ν are those at the motion's Ṡν. Of the losses
+        damping has derivatives; those of friction at its bend say nothing of rates beyond it.
 
         Args:
             q: Configuration (nq,).
@@ -157,6 +161,10 @@ class ForceModel:
             wrench[:, 1 + count + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
         force[:, 0] = pin.rnea(model, data, q, v, S @ nu_dot + drift)
         wrench[:, 0] = data.f[ROOT_JOINT].vector
+        losses = self._model.robot.losses
+        if losses is not None:
+            force[:, 0] -= losses.force(v)
+            force[:, 1 + count :] += losses.damping[:, None] * S[:, :base]
         force[:, 1 : 1 + count] = pin.crba(model, data, q) @ by_nu_dot
         momentum = pin.computeCentroidalMap(model, data, q) @ by_nu_dot
         wrench[:, 1 : 1 + count] = momentum

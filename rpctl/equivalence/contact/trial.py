@@ -26,6 +26,7 @@ from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot
+from rpctl.robot.vary import without_losses
 
 CHECK_NAME = "motion on the ground"
 SETTLING_S = 0.3  # s in which the robot sinks into its contacts: 150 of their time constants
@@ -40,13 +41,15 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
 
     Wheels get their efforts open loop, the same numbers on both sides; steered and arm joints
     have one servo law, each side on its own measured state, for under efforts alone an arm falls.
-    MuJoCo starts settled in its contacts, the reduced model where MuJoCo then stands.
+    MuJoCo starts settled in its contacts, the reduced model where MuJoCo then stands. Joints lose
+    nothing on either side: it is the ground that is compared.
 
     Returns:
         The trial, or the row that says why there is none.
     """
     if not robot.drive.wheels:
         return Skipped(CHECK_NAME, CONTACT_ORACLE, "a fixed base has nothing to roll")
+    robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
     if contacts is None or not contacts.balanced:
@@ -135,7 +138,7 @@ def _stepped_rows(
         tau = plan.efforts(tick, at, (dynamics.basis(q) @ nu)[index])
         if tick % TICKS_PER_SAMPLE == 0:
             yield _reduced_row(dynamics, contacts, plan, (q, nu, tau))
-        q, nu, _ = rk4_step(dynamics, q, nu, tau, TICK_S)
+        q, nu, *_ = rk4_step(dynamics, q, nu, tau, TICK_S)
 
 
 def _reduced_row(

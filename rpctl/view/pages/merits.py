@@ -64,6 +64,8 @@ def merits_section(run: Run, summary: Summary) -> str:
     marks = outcome_badge(summary) + limits_badge(summary.limits_violated)
     sentences = [f"{summary.outcome.capitalize()}: {summary.outcome_sentence}."]
     sentences += [NOMINAL] if summary.nominal else []
+    if run.recording is not None and run.recording["sentence"]:
+        sentences.append(f"The reference: {run.recording['sentence']}.")
     if run.perturbed is not None:
         sentences.append(f"Expect, {run.perturbed['sentence']}.")
     sentences += [_violation(each) for each in summary.limits_violated]

@@ -21,6 +21,7 @@ from rpctl.view.pages.chart_data import chart_data
 from rpctl.view.pages.compare import compare_legend, compare_panel, merge
 from rpctl.view.pages.forces import overlay
 from rpctl.view.pages.page import asset, embed, escape, policy
+from rpctl.view.pages.poles import poles_section
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.scene.scene import Scene, build_scene
@@ -161,7 +162,7 @@ def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) 
         scene_label=f"{run.robot.name} following its reference, in three dimensions",
         figures=headline(run, summary),
         legend=legend(run, scene.stand_ins),
-        panel=panel(run, summary, scene.notes),
+        panel=panel(run, summary, scene.notes, poles_section(run, robot)),
         duration=scene.duration,
         data={
             **_scene_data([scene], scene),
@@ -209,7 +210,9 @@ def _names(runs: Sequence[Run]) -> list[str]:
             run.robot.name,
             setting_text(run.config.run.reference),
             setting_text(name_of(run.config.kinematic)),
-            setting_text(name_of(run.config.dynamic)),
+            setting_text(
+                name_of(run.config.dynamic) if run.config.output is None else "velocity output"
+            ),
         )
         for run in runs
     ]
