@@ -1,4 +1,4 @@
-"""The quasi-force M ν̇ + h and the efforts that give it, as CasADi functions.
+"""The quasi-force M ν̇ + h − ℓ and the efforts that give it, as CasADi functions.
 
 ∂G/∂ν̇ of the Gibbs function *is* M ν̇ + h ([MS21, Eq. 1-5]). The gradient is taken backwards, so it
 costs a few times what G does, and M is never formed.
@@ -42,6 +42,7 @@ class LawDynamics:
         q: Their positions.
         nu: Quasi-velocities.
         nu_dot: Their derivatives.
+        nu_d: Quasi-velocities wanted, at which losses are compensated.
     """
 
     robot: Robot
@@ -50,10 +51,11 @@ class LawDynamics:
     q: Any
     nu: Any
     nu_dot: Any
+    nu_d: Any
 
     @cached_property
     def quasi_force(self) -> list[Any]:
-        """M ν̇ + h (dof,)."""
+        """M ν̇ + h − ℓ(ν_d) (dof,)."""
         root, rates = self._start()
         oracle = self.oracle
         speeds = _elements(self.nu)
@@ -73,8 +75,11 @@ class LawDynamics:
             alpha, omega = motion.alpha, motion.omega
             G = G + 0.5 * body.mass * (a @ a) + body.mass * GRAVITY * (a @ UP)
             G = G + 0.5 * (alpha @ inertia @ alpha) + alpha @ cross(omega, inertia @ omega)
+        for name, inertia in oracle.tree.armature.items():
+            G = G + 0.5 * inertia * rates.drifts[name] * rates.drifts[name]
         gradient = casadi.gradient(G.sx, self.nu_dot)
-        return [gradient[i] for i in range(self.robot.dof)]
+        losses = oracle.losses(rates.rows, _elements(self.nu_d))
+        return [gradient[i] - CasadiScalar(losses[i]).sx for i in range(self.robot.dof)]
 
     @cached_property
     def actuation(self) -> Array:
@@ -124,8 +129,9 @@ def law_dynamics(robot: Robot) -> LawDynamics:
     oracle = GibbsAppell(robot, CASADI)
     oracle.tree = fold(robot, CASADI)
     names = tuple(name for name in oracle.tree.moving if name not in mimics)
-    symbols = casadi.SX.sym("q", len(names)), casadi.SX.sym("nu", robot.dof)
-    return LawDynamics(robot, oracle, names, *symbols, casadi.SX.sym("nu_dot", robot.dof))
+    q = casadi.SX.sym("q", len(names))
+    speeds = (casadi.SX.sym(name, robot.dof) for name in ("nu", "nu_dot", "nu_d"))
+    return LawDynamics(robot, oracle, names, q, *speeds)
 
 
 def clean(matrix: Array) -> Array:

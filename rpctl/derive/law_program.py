@@ -128,8 +128,10 @@ def law_program(law: LawSheet) -> LawProgram:
         lambda i: steps.add("q", place[i]),
         lambda i: steps.add("nu", i),
         lambda i: outputs[2][i],
+        lambda i: outputs[0][i],
     ]
-    function = casadi.Function("efforts", [dynamics.q, dynamics.nu, dynamics.nu_dot], [efforts])
+    given = [dynamics.q, dynamics.nu, dynamics.nu_dot, dynamics.nu_d]
+    function = casadi.Function("efforts", given, [efforts])
     tau = steps.evaluate(function, inputs)
     nodes, moved = without_idle(steps.nodes, [*tau, *outputs[0], *outputs[1]])
     return LawProgram(

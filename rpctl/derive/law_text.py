@@ -36,7 +36,11 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
     lines += [f"  {symbol} = {plain(value)}" for symbol, value in sheet.definitions]
     for name, values in (("nu_d", law.nu_d), ("nu_d_dot", law.nu_d_dot), ("nu_dot", law.nu_dot)):
         lines.append(f"  {name} = ({', '.join(map(plain, values))})")
-    lines += ["", "tau of least effort, relative to the limits, with B tau = M nu_dot + h", ""]
+    lines += [
+        "",
+        "tau of least effort, relative to the limits, with B tau = M nu_dot + h - l(nu_d)",
+        "",
+    ]
     return "\n".join(lines) + (f"\n{to_text(form)}" if form else f"{TOO_LONG}\n")
 
 

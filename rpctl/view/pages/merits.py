@@ -70,6 +70,8 @@ def merits_section(run: Run, summary: Summary) -> str:
         sentences.append(f"Expect, {run.perturbed['sentence']}.")
     sentences += [_violation(each) for each in summary.limits_violated]
     sentences += [f"{each.sentence}." for each in summary.limits_bound]
+    if summary.energy_sentence:
+        sentences.append(f"{summary.energy_sentence[0].upper()}{summary.energy_sentence[1:]}.")
     if summary.ground.sentence:
         sentences.append(f"On the ground: {summary.ground.sentence}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
