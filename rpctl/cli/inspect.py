@@ -194,12 +194,12 @@ def _losses(joints: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         slides = joint["type"] == "prismatic"
         units = ("N·s/m", "N", "kg") if slides else ("N·m·s/rad", "N·m", "kg·m²")
         words = (("damping", "damping"), ("friction", "friction"), ("armature", "rotor"))
-        said = [
+        words_said = [
             f"{word} {joint[key]:.4g} {unit}"
             for (key, word), unit in zip(words, units, strict=True)
             if joint[key]
         ]
-        alike.setdefault(", ".join(said), []).append(joint["joint"])
+        alike.setdefault(", ".join(words_said), []).append(joint["joint"])
     for said, names in alike.items():
         shown = ", ".join(names[:MAX_LISTED_NAMES])
         more = f" and {len(names) - MAX_LISTED_NAMES} more" * (len(names) > MAX_LISTED_NAMES)

@@ -13,7 +13,7 @@ from rich.table import Table
 from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.collision_facts import clearance_text
+from rpctl.simulation.collision_facts import clearance_text, collision_texts
 from rpctl.simulation.outcome import LATE, TRACKED
 from rpctl.simulation.path_error import PathFigures
 from rpctl.simulation.summary import EffortPeak, Summary
@@ -72,10 +72,12 @@ def show_summary(written: RunFolder, folder: Path) -> None:
                   f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
     for bound in summary.limits_bound:
         out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
-    for collision in summary.collisions:
-        out.print(f"[bold red]collision[/] {escape(collision.sentence)}")
+    for collision in collision_texts(summary.collisions):
+        out.print(f"[bold red]collision[/] {escape(collision)}")
     if summary.clearances:
         out.print(escape(f"nearest to {', '.join(map(clearance_text, summary.clearances))}"))
+    for remark in summary.collision_notes:
+        out.print(f"[yellow]note[/] {escape(remark)}")
     ground = summary.ground
     if ground.sentence is not None:
         mark = "[yellow]ground[/]" if ground.could_slip else "ground"

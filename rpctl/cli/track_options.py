@@ -90,6 +90,24 @@ class ConfigOptions:
         str | None,
         typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
     ] = None
+    output: Annotated[
+        str | None,
+        typer.Option(
+            metavar="effort|velocity",
+            help="What the robot takes: efforts, or speeds of base and arm, which it follows late; "
+            "efforts if not given.",
+        ),
+    ] = None
+    actuator_lag: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="Lag of first order with which it follows speeds, s; 0 if not given."
+        ),
+    ] = None
+    dead_time: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Time until it begins to follow them, s; 0 if not given."),
+    ] = None
     friction: Annotated[
         float | None,
         typer.Option(
@@ -115,6 +133,7 @@ class ConfigOptions:
         """
         error = None if self.initial_error is None else read_triple(self.initial_error)
         config = Config() if self.config is None else read_config(self.config)
+        config = config.with_output(self.output, self.actuator_lag, self.dead_time)
         return config.with_laws(self.kinematic, self.dynamic).with_run(
             reference=self._reference(),
             duration=self.duration,

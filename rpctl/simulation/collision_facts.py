@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from rpctl.simulation.kinds import fault, many, number, optional, positive, record, row, text
 from rpctl.simulation.texts import length
 
+TOLD_COLLISIONS = 5  # in sentences; more are counted
+NAMED_PAIRS = 6  # in a sentence; more are counted
 SELF, GROUND = "itself", "the ground"  # beside obstacles, which are called by their shape
 
 
@@ -87,13 +90,25 @@ class CollisionFacts:
         return asdict(self)
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        """What ran into what, then what may touch and what stands in for what."""
-        found = [each.sentence for each in self.collisions]
-        if self.allowed:
-            pairs = "; ".join(f"{first} and {second} {why}" for first, second, why in self.allowed)
-            found.append(f"may touch, for they do: {pairs}")
-        return (*found, *self.notes)
+    def remarks(self) -> tuple[str, ...]:
+        """What may touch and what stands in for what, in sentences."""
+        if not self.allowed:
+            return self.notes
+        pairs = [f"{first} and {second} ({why})" for first, second, why in self.allowed]
+        more = f" and {len(pairs) - NAMED_PAIRS} more" if len(pairs) > NAMED_PAIRS else ""
+        listed = ", ".join(pairs[:NAMED_PAIRS])
+        return (f"links that touch by build may touch: {listed}{more}", *self.notes)
+
+
+def collision_texts(collisions: Sequence[Collision]) -> list[str]:
+    """Return the deepest collisions in sentences, and how many more there were.
+
+    Args:
+        collisions: The deepest first.
+    """
+    found = [each.sentence for each in collisions[:TOLD_COLLISIONS]]
+    rest = len(collisions) - len(found)
+    return [*found, f"{rest} more ran into something, less deep"] if rest > 0 else found
 
 
 def clearance_text(clearance: LinkClearance) -> str:

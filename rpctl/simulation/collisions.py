@@ -9,7 +9,7 @@ sample of the log.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +104,20 @@ def find_collisions(around: Surroundings, t: Array, q: Array) -> CollisionFacts:
     scan = _Scan(around, t, q)
     scan.run()
     return scan.facts()
+
+
+def _of_links(collisions: Sequence[Collision]) -> list[Collision]:
+    """Return one collision of each two links: a link may have several shapes."""
+    found: dict[tuple[str, str, str], Collision] = {}
+    for each in collisions:
+        known = found.setdefault((each.to, each.link, each.other), each)
+        found[each.to, each.link, each.other] = replace(
+            each,
+            depth=max(known.depth, each.depth),
+            first_time=min(known.first_time, each.first_time),
+            duration=max(known.duration, each.duration),
+        )
+    return list(found.values())
 
 
 class _Scan:
@@ -228,6 +242,7 @@ class _Scan:
         for pair, (depth, first, since, lasted) in self._touching.items():
             lasted += 0.0 if np.isnan(since) else end - since
             collisions.append(Collision(*self._names(pair), depth, first, lasted))
+        collisions = _of_links(collisions)
         return CollisionFacts(
             tuple(clearances),
             tuple(sorted(collisions, key=lambda each: -each.depth)),

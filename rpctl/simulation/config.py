@@ -27,6 +27,7 @@ from rpctl.control.settings import (
     to_table,
 )
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError, require_positive, require_within
 from rpctl.files import toml
@@ -133,6 +134,8 @@ class Config:
         run: The circumstances.
         limits: Limits that replace the URDF's.
         plant: Differences between the simulated robot and the controller's model.
+        output: Of a robot that takes speeds: how it follows them, as the controller knows it, and
+            no dynamic law counts; None: its output are efforts.
     """
 
     kinematic: KinematicLaw | KinematicFunction = field(default_factory=UnifiedKinematic)
@@ -140,6 +143,7 @@ class Config:
     run: RunSettings = field(default_factory=RunSettings)
     limits: LimitOverrides = field(default_factory=LimitOverrides)
     plant: Plant = field(default_factory=Plant)
+    output: VelocityOutput | None = None
 
     def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
         """Return a configuration with these laws, by name; those that it has keep their settings.
@@ -154,6 +158,30 @@ class Config:
             laws["dynamic"] = dynamic_by_name(dynamic)
         return dataclasses.replace(self, **laws)
 
+    def with_output(
+        self, output: str | None, lag: float | None = None, dead_time: float | None = None
+    ) -> Config:
+        """Return a configuration with this output.
+
+        Args:
+            output: ``"effort"`` or ``"velocity"``, whose settings stay if it is that already; None
+                leaves it as it is.
+            lag: Of its speeds, s; None leaves it as it is.
+            dead_time: Of its speeds, s; None leaves it as it is.
+
+        Raises:
+            RpctlError: There is no such output, or efforts have no lag and dead time.
+        """
+        known = self.output if output is None else as_output(output)
+        if known is not None and self.output is not None:
+            known = self.output
+        given = {"lag": lag, "dead_time": dead_time}
+        changes: dict[str, Any] = {key: x for key, x in given.items() if x is not None}
+        if changes and known is None:
+            raise RpctlError("a lag and a dead time are those of speeds; add --output velocity")
+        output_now = None if known is None else dataclasses.replace(known, **changes)
+        return dataclasses.replace(self, output=output_now)
+
     def with_run(self, **settings: Any) -> Config:
         """Return a configuration with these settings of ``run``; those that are None stay."""
         given = {key: value for key, value in settings.items() if value is not None}
@@ -161,10 +189,11 @@ class Config:
 
 
 LAW_REGISTRIES = {"kinematic": KINEMATIC_REGISTRY, "dynamic": DYNAMIC_REGISTRY}
-TABLES: dict[str, type[RunSettings | LimitOverrides | Plant]] = {
+TABLES: dict[str, type[RunSettings | LimitOverrides | Plant | VelocityOutput]] = {
     "run": RunSettings,
     "limits": LimitOverrides,
     "plant": Plant,
+    "output": VelocityOutput,
 }
 
 
@@ -185,7 +214,7 @@ def config_from_tables(data: Table, faults: list[str]) -> Config:
             given[key] = named_from_table(table, LAW_REGISTRIES[key], key, faults)
         elif key not in TABLES:
             faults.append(f"{key}: is no table of a configuration; it has kinematic, dynamic, run, "
-                          "limits and plant")  # fmt: skip
+                          "limits, plant and output")  # fmt: skip
         elif not isinstance(table, dict):
             faults.append(f"{key}: is {table!r}; write [{key}]")
         else:
@@ -200,7 +229,8 @@ def config_tables(config: Config) -> Table:
         RpctlError: It has a setting that no file can say.
     """
     laws = {key: named_to_table(getattr(config, key), kind) for key, kind in LAW_REGISTRIES.items()}
-    return {**laws, **{key: to_table(getattr(config, key)) for key in TABLES}}
+    rest = {key: getattr(config, key) for key in TABLES}
+    return {**laws, **{key: to_table(each) for key, each in rest.items() if each is not None}}
 
 
 def write_config(config: Config, path: str | Path) -> Path:

@@ -11,6 +11,7 @@ from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.returned import require_callable
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
@@ -62,6 +63,7 @@ def track(
     smooth: float | str | None = RunSettings.smooth,
     retime: bool = RunSettings.retime,
     collisions: bool = True,
+    output: str | VelocityOutput = "effort",
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -99,6 +101,9 @@ def track(
         retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
         collisions: Whether to look afterwards for what the links ran into, and how near they came
             to obstacles, the ground and each other.
+        output: ``"effort"``; ``"velocity"`` for a robot that takes speeds, or a
+            :class:`~rpctl.control.velocity_output.VelocityOutput` that says how it follows them.
+            Then no dynamic law counts, and the efforts logged are those that the motion takes.
 
     Returns:
         What was logged.
@@ -129,6 +134,7 @@ def track(
             retime,
         ),
         plant=plant or Plant(),
+        output=as_output(output),
     )
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     if isinstance(reference, str):
@@ -181,7 +187,8 @@ def simulate(
     derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
     recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
-    recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
+    speeds = config.output is not None
+    recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known, speeds)
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
     obstacles = find_obstacles(config)
@@ -207,6 +214,7 @@ def simulate(
             notes=(
                 *notes,
                 *delay_note(plant.delay, period),
+                *velocity_note(config),
                 *log_note(settings.log_every, period),
                 *loop.notes,
                 *watching.notes,
@@ -262,6 +270,27 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
             f"delay is {config.plant.delay:g} s, longer than the run of {duration:g} s"
         )
     return budget
+
+
+def velocity_note(config: Config) -> tuple[str, ...]:
+    """Return the note that the robot of a run takes speeds, and how it follows them, or none."""
+    output = config.output
+    if output is None:
+        return ()
+    truth = config.plant.velocity_interface(output)
+    note = (
+        f"the controller sends speeds, which the robot follows {_lateness(truth)}; the efforts are "
+        "those that this motion takes"
+    )
+    if (truth.lag, truth.lags, truth.dead_time) == (output.lag, output.lags, output.dead_time):
+        return (note,)
+    return (f"{note}; the controller takes them to be followed {_lateness(output)}",)
+
+
+def _lateness(output: VelocityOutput) -> str:
+    """Return how late speeds are followed, in words."""
+    lags = "".join(f" ({lag:g} s of {name})" for name, lag in output.lags.items())
+    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s"
 
 
 def _end_note(error: BaseException, t: float, duration: float) -> str:

@@ -114,7 +114,7 @@ def outcome(
         collisions: What its links ran into, the deepest first.
     """
     if collisions:
-        more = f"; {len(collisions) - 1} more collided" if len(collisions) > 1 else ""
+        more = f"; {len(collisions) - 1} more did" if len(collisions) > 1 else ""
         return Outcome(COLLIDED, collisions[0].sentence + more)
     collision = _collision(t, points, obstacles)
     if collision is not None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, UnknownNameError, require_within
@@ -33,6 +34,13 @@ class Plant:
             what the controller knows.
         dropped: Share of the samples that never reach the controller, 0 or more and below 1. Which
             ones is drawn, and the same in every run; the first one arrives.
+        computing_time: Time that computing takes, s, or "measured": the processor's time. The
+            efforts of a sample come as much later, and what would be sampled meanwhile is missed. A
+            stated time is that of a plan, for a law that plans now and then, or else of a sample.
+        lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
+            controller knows it.
+        lags: Lag by name of the quasi-velocity, where it differs, s.
+        dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
@@ -40,6 +48,10 @@ class Plant:
     controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
     joint_friction: Mapping[str, float] = field(default_factory=dict)
     dropped: float = 0.0
+    computing_time: float | str = 0.0
+    lag: float | None = None
+    lags: Mapping[str, float] = field(default_factory=dict)
+    dead_time: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -48,6 +60,17 @@ class Plant:
         require_within("delay", [self.delay])
         if not 0.0 <= self.dropped < 1.0:
             raise RpctlError(f"dropped is {self.dropped:g}; give a share from 0 to less than 1")
+        if isinstance(self.computing_time, str):
+            if self.computing_time != "measured":
+                raise RpctlError(
+                    f'computing_time is {self.computing_time!r}; give seconds, or "measured"'
+                )
+        elif not (math.isfinite(self.computing_time) and self.computing_time >= 0.0):
+            raise RpctlError(
+                f"computing_time is {self.computing_time:g}; give a time in s, 0 or more"
+            )
+        else:
+            require_within("computing_time", [self.computing_time])
         for name, bias in self.tau_bias.items():
             require_within(f"tau_bias of {name}", [bias])
         for name, friction in self.joint_friction.items():
@@ -56,6 +79,21 @@ class Plant:
                     f"joint_friction of {name} is {friction:g}; give an effort of 0 or more"
                 )
             require_within(f"joint_friction of {name}", [friction])
+        VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
+
+    def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
+        """Return how the simulated robot follows speeds.
+
+        Args:
+            output: How the controller knows it.
+        """
+        lags = self.lags if self.lag is not None or self.lags else output.lags
+        return replace(
+            output,
+            lag=output.lag if self.lag is None else self.lag,
+            lags=lags,
+            dead_time=output.dead_time if self.dead_time is None else self.dead_time,
+        )
 
     def bias(self, robot: Robot) -> Array:
         """Return the efforts (n_act,) that push besides the controller's.

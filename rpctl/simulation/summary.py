@@ -133,6 +133,7 @@ class Summary:
         log_every: One sample of so many was logged, and so seen by these figures.
         clearances: How near its links came to the ground, to each obstacle, and to each other.
         collisions: What its links ran into, the deepest first.
+        collision_notes: Which links may touch, and what stands in for what, in sentences.
     """
 
     outcome: str
@@ -167,6 +168,7 @@ class Summary:
     log_every: int = 1
     clearances: tuple[LinkClearance, ...] = ()
     collisions: tuple[Collision, ...] = ()
+    collision_notes: tuple[str, ...] = ()
 
     @property
     def succeeded(self) -> bool:
@@ -251,6 +253,7 @@ def summarize(run: Run) -> Summary:
         log_every=run.config.run.log_every,
         clearances=() if bodies is None else bodies.clearances,
         collisions=collisions,
+        collision_notes=() if bodies is None else bodies.remarks,
     )
 
 

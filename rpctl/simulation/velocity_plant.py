@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.lag import follow, travel
+from rpctl.dynamics.lag import Stretch, follow, travel
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
@@ -57,7 +57,8 @@ class VelocityPlant:
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period.
 
-        The work is that of actuators which let it move so, the change of its energy.
+        The work is that of actuators which let it move so: the change of its energy, and what
+        losses take.
 
         Args:
             q: Configuration (nq,).
@@ -66,16 +67,40 @@ class VelocityPlant:
         Raises:
             DivergedError: The state left the finite numbers.
         """
-        before = self._dynamics.energy(q, nu)
+        before, lost = self._dynamics.energy(q, nu), 0.0
         after, stretches = follow(nu, self._commands(), self._durations, self._lag)
         try:
             for stretch in stretches:
-                q = travel(self._dynamics, q, stretch)
+                start, q = q, travel(self._dynamics, q, stretch)
+                lost += self._loss(start, q, stretch)
         except RpctlError as error:
             raise DivergedError(f"the motion diverged: {error}") from error
         if not (np.isfinite(q).all() and np.isfinite(after).all()):
             raise DivergedError("the motion diverged; give longer horizons, or the true lag")
-        return Step(q, after, self._dynamics.energy(q, after) - before)
+        return Step(q, after, self._dynamics.energy(q, after) - before + lost, lost)
+
+    def _loss(self, start: Array, end: Array, stretch: Stretch) -> float:
+        """Return what losses take in a stretch (J), by Simpson's rule.
+
+        Args:
+            start: Configuration at its beginning (nq,).
+            end: Configuration at its end (nq,).
+            stretch: ν on the way.
+        """
+        losses, dynamics = self._dynamics.robot.losses, self._dynamics
+        if losses is None:
+            return 0.0
+        S = dynamics.basis(start), dynamics.basis(end)
+        half = 0.5 * stretch.change
+        first, middle, last = (
+            losses.force(v) @ v
+            for v in (
+                S[0] @ (stretch.mean - half),
+                0.5 * (S[0] + S[1]) @ stretch.mean,
+                S[1] @ (stretch.mean + half),
+            )
+        )
+        return float(-stretch.duration / 6.0 * (first + 4.0 * middle + last))
 
     def _commands(self) -> Array:
         """Return the commands (n, dof) that act in the stretches of the coming period."""

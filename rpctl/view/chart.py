@@ -11,7 +11,18 @@ import numpy as np
 from rpctl.arrays import Array
 
 # Panels of the paper figure, in its order
-PANELS = ("paths", "base", "joints", "tip", "speeds", "joint-speeds", "efforts", "tip-over", "grip")
+PANELS = (
+    "paths",
+    "base",
+    "joints",
+    "tip",
+    "speeds",
+    "joint-speeds",
+    "efforts",
+    "tip-over",
+    "grip",
+    "clearance",
+)
 ERROR_FLOOR = 1e-12  # an error below it is rounding, which a logarithm would only magnify
 MAX_DECADES = 6.0  # of an error's axis
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.collision_facts import GROUND, SELF
 from rpctl.simulation.run import Run
 from rpctl.view.chart import Chart, Line, Panel
 from rpctl.view.labels import literal, shorten
@@ -23,6 +24,10 @@ ALL_SPLITS = "all splits of the load"  # what a band shows
 EQUAL_SPRINGS = "equally stiff contacts"  # what the line in a band shows
 GRIP_SHOWN_MAX = 3.0  # largest slip ratio drawn; beyond it the curve is clipped
 MAX_JOINTS_WITH_REFERENCE = 3  # a panel with more joints has no room for their references
+CLEARANCE_SHOWN_MAX = 1.0  # m: links that are farther from a thing are far
+NEAR_M = 0.1  # m: from where on it is shown how near links are to the ground or to each other,
+NEAR_RATIO = 0.5  # if at the start they were farther than this allows
+OWN_THINGS = {SELF: "each other", GROUND: "ground"}  # in legends
 AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
 AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
@@ -34,7 +39,8 @@ def charts(run: Run) -> tuple[Chart, ...]:
 
 def each_chart(run: Run) -> Iterator[Chart]:
     """Yield these charts one by one: the lines of all at once are most of a long run's memory."""
-    for make in (_base_error, _tip_error, _joint_errors, _speeds, _efforts, _margins, _loads):
+    for make in (_base_error, _tip_error, _joint_errors, _speeds, _efforts, _margins, _loads,
+                 _clearances):  # fmt: skip
         made = make(run)
         for chart in [made] if isinstance(made, Chart) else made:
             if chart.lines:
@@ -239,6 +245,41 @@ def _loads(run: Run) -> Chart:
     )
     note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
     return Chart("Ground loads", "N", lines, note=note, named=True)
+
+
+def _clearances(run: Run) -> list[Chart]:
+    """Return the distances of the links to obstacles, and to what else they came near."""
+    facts = run.collisions
+    if facts is None:
+        return []
+    lines: list[Line] = []
+    for clearance, series in zip(facts.clearances, facts.series, strict=True):
+        if clearance.to in OWN_THINGS and not _came_near(clearance.distance, series[0]):
+            continue
+        known = np.array([*zip(facts.times, series, strict=True),
+                          (clearance.time, clearance.distance)])  # fmt: skip
+        known = known[np.argsort(known[:, 0], kind="stable")]
+        label = OWN_THINGS.get(clearance.to, clearance.to.removeprefix("the "))
+        values = np.interp(run.t, *known.T)
+        lines.append(Line(label, "m", values, len(lines), printed=label, dash=len(lines)))
+    low = min([0.0, *(float(line.values.min()) for line in lines)])
+    high = min(max([0.0, *(float(line.values.max()) for line in lines)]), CLEARANCE_SHOWN_MAX)
+    span = low - AXIS_MARGIN * (high - low), high + AXIS_MARGIN * (high - low)
+    panel = Panel(
+        "clearance",
+        "Clearance of the links, contact dashed",
+        "distance, m",
+        legend="own",
+        span=span,
+    )
+    note = "collides below the dashed line"
+    chart = Chart("Clearance", "m", tuple(lines), (0.0,), note=note, panel=panel)
+    return [replace(chart, top=CLEARANCE_SHOWN_MAX)]
+
+
+def _came_near(least: float, start: float) -> bool:
+    """Return whether links came near to the ground or to each other, m: and not by build."""
+    return least < 0.0 or (least < NEAR_M and least < NEAR_RATIO * start)
 
 
 def _of_base(run: Run, name: str) -> bool:

@@ -22,6 +22,7 @@ from rpctl import (
     Plant,
     RpctlError,
     Run,
+    VelocityOutput,
 )
 from rpctl.cli.app import app
 from rpctl.control.law import KinematicLaw
@@ -35,7 +36,15 @@ FULL = Config(
     IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
     RunSettings("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
     LimitOverrides(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
-    Plant({"wheel_left_joint": 0.5}, delay=0.008, joint_friction={"wheel_right_joint": 0.25}),
+    Plant(
+        {"wheel_left_joint": 0.5},
+        delay=0.008,
+        joint_friction={"wheel_right_joint": 0.25},
+        lag=0.2,
+        lags={"v": 0.3},
+        dead_time=0.1,
+    ),
+    VelocityOutput(0.1, 0.05, {"omega": 0.2}, {"v": 1.5}, 0.9),
 )
 
 
@@ -88,8 +97,8 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
     assert str(caught.value).splitlines() == [
         f"{path}: error: {told}"
         for told in (
-            "other: is no table of a configuration; it has kinematic, dynamic, run, limits and "
-            "plant",
+            "other: is no table of a configuration; it has kinematic, dynamic, run, limits, "
+            "plant and output",
             "limits: is 3; write [limits]",
             "kinematic.horizn: setting 'horizn' is not known; "
             "did you mean horizon or joint_horizon?",

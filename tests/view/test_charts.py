@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
+from rpctl.simulation.collision_facts import (
+    GROUND,
+    SELF,
+    Collision,
+    CollisionFacts,
+    LinkClearance,
+)
 from rpctl.view.chart import Chart
 from rpctl.view.charts import charts, grip_top
 from rpctl.view.pages.chart_data import MAX_POINTS, chart_data
 from rpctl.view.pages.forces import contact_forces, effort_ratios, overlay
+from rpctl.view.pages.timeline import timeline_marks
 from tests.runs import vary
 from tests.view.samples import short_run
 
@@ -27,6 +35,37 @@ def titles(run: Run) -> list[str]:
 
 def chart(run: Run, title: str) -> Chart:
     return next(chart for chart in charts(run) if chart.title == title)
+
+
+def test_clearance_shows_obstacles_and_what_was_come_near_to(paper_run: Run) -> None:
+    """The ground at half of a metre is left out, and so are links that are near by build."""
+    times = (0.0, 0.5 * float(paper_run.t[-1]), float(paper_run.t[-1]))
+    disc = "the disc at (1, 2) m, radius 0.1 m"
+    near = LinkClearance(disc, -0.02, 0.25 * times[2], "arm")
+    built, far = LinkClearance(SELF, 0.005, 0.0, "a", "b"), LinkClearance(GROUND, 0.5, 0.0, "arm")
+    series = ((0.005, 0.006, 0.005), (0.5, 0.5, 0.5), (2.0, 0.4, 0.6))
+    facts = CollisionFacts((built, far, near), (), (), (), 1e-3, times, series)
+    found = chart(replace(paper_run, collisions=facts), "Clearance")
+    (line,) = found.lines
+    assert line.label == disc.removeprefix("the ")
+    assert line.values[[0, -1]] == pytest.approx([2.0, 0.6])
+    assert line.values.min() == pytest.approx(-0.02, abs=0.02)  # the least is between instants
+    assert found.limits == (0.0,)
+    low = LinkClearance(GROUND, 0.03, 0.0, "arm")
+    series = (series[0], (0.5, 0.03, 0.5), series[2])
+    both = CollisionFacts((built, low, near), (), (), (), 1e-3, times, series)
+    lines = chart(replace(paper_run, collisions=both), "Clearance").lines
+    assert [each.label for each in lines] == ["ground", disc.removeprefix("the ")]
+    assert "Clearance" not in titles(replace(paper_run, collisions=None))
+
+
+def test_the_timeline_is_marked_where_links_collide() -> None:
+    into = Collision("the ground", "arm <1>", "", 0.02, 2.0, 1.0)
+    marks = timeline_marks([into], 0.0, 4.0)
+    assert "left:calc(8px + 0.5000*(100% - 16px))" in marks
+    assert "width:max(3px, 0.2500*(100% - 16px))" in marks
+    assert 'title="arm &lt;1&gt; ran into the ground at 2 s, 20 mm deep' in marks
+    assert timeline_marks([into], 0.0, 0.0) == timeline_marks([], 0.0, 4.0) == ""
 
 
 def stretched(run: Run, count: int) -> Run:

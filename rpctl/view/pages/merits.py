@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
+from rpctl.simulation.collision_facts import clearance_text, collision_texts
 from rpctl.simulation.outcome import SUCCESSES
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import Summary, Violation
@@ -70,6 +71,10 @@ def merits_section(run: Run, summary: Summary) -> str:
         sentences.append(f"Expect, {run.perturbed['sentence']}.")
     sentences += [_violation(each) for each in summary.limits_violated]
     sentences += [f"{each.sentence}." for each in summary.limits_bound]
+    sentences += [f"{each}." for each in collision_texts(summary.collisions)]
+    if summary.clearances:
+        sentences.append(f"Nearest to {', '.join(map(clearance_text, summary.clearances))}.")
+    sentences += [f"{each[:1].upper()}{each[1:]}." for each in summary.collision_notes]
     if summary.energy_sentence:
         sentences.append(f"{summary.energy_sentence[0].upper()}{summary.energy_sentence[1:]}.")
     if summary.ground.sentence:

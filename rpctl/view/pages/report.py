@@ -24,6 +24,7 @@ from rpctl.view.pages.page import asset, embed, escape, policy
 from rpctl.view.pages.poles import poles_section
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
+from rpctl.view.pages.timeline import timeline_marks
 from rpctl.view.scene.scene import Scene, build_scene
 
 STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
@@ -47,6 +48,7 @@ class Page:
     duration: float
     data: Mapping[str, Any]
     run: str = ""
+    marks: str = ""
 
 
 def write_report(
@@ -170,6 +172,7 @@ def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) 
             "plots": chart_data([run], [run.robot.name]),
         },
         run=run.digest or "",
+        marks=timeline_marks(summary.collisions, float(run.t[0]), scene.duration),
     )
 
 
@@ -210,7 +213,9 @@ def _names(runs: Sequence[Run]) -> list[str]:
             run.robot.name,
             setting_text(run.config.run.reference),
             setting_text(name_of(run.config.kinematic)),
-            setting_text(name_of(run.config.dynamic)),
+            setting_text(
+                name_of(run.config.dynamic) if run.config.output is None else "velocity output"
+            ),
         )
         for run in runs
     ]
@@ -237,6 +242,7 @@ def _render(page: Page) -> str:
         scene_label=escape(page.scene_label),
         figures=page.figures,
         duration=f"{page.duration:.6f}",
+        marks=page.marks,
         legend=page.legend,
         panel=page.panel,
         licences=licences_html(charts=True),

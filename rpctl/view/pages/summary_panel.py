@@ -227,18 +227,24 @@ def setting_texts(run: Run) -> dict[str, str]:
 
 def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]]]]:
     """Yield the settings of a run, name and value, in groups, in the order that is shown."""
-    settings, plant = run.config.run, run.config.plant
+    settings, plant, output = run.config.run, run.config.plant, run.config.output
     for key in ("reference", "duration", "initial_error"):
         yield key, [(key, getattr(settings, key))]
-    for key in ("kinematic", "dynamic"):
+    laws = ("kinematic",) if output is not None else ("kinematic", "dynamic")
+    for key in laws:
         law = getattr(run.config, key)
         yield key, [(key, name_of(law)), *settings_of(law).items()]
+    if output is not None:
+        own = [(f"lag of {name}", lag) for name, lag in output.lags.items()]
+        times = [("lag", output.lag), *own, ("dead_time", output.dead_time)]
+        yield "output", [("output", "velocity"), *times]
     for key in ("control_period", "plant_step"):
         yield key, [(key, getattr(settings, key))]
     biases = [(f"bias of {name}", bias) for name, bias in plant.tau_bias.items()]
     biases += [(f"friction of {name}", each) for name, each in plant.joint_friction.items()]
-    biases += [(name, getattr(plant, name)) for name in ("delay", "dropped")]
-    yield "plant", [*biases, ("believed", run.controller_model)]
+    late = [("lag", plant.lag), *((f"lag of {name}", lag) for name, lag in plant.lags.items())]
+    late += [(name, getattr(plant, name)) for name in ("dead_time", "delay", "dropped")]
+    yield "plant", [*biases, *late, ("believed", run.controller_model)]
     yield "kinematic_report", [*run.kinematic_report.items()]
 
 

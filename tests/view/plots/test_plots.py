@@ -190,7 +190,8 @@ def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) 
 
 
 def test_panels_are_chosen_by_name(tiago_run: Run, tmp_path: Path) -> None:
-    assert tuple(panel.name for panel, _ in find_panels(tiago_run)) == PANELS
+    known = tuple(name for name in PANELS if name != "clearance")  # it comes near to nothing
+    assert tuple(panel.name for panel, _ in find_panels(tiago_run)) == known
     figure = tracking_figure(tiago_run, panels=["tip", "base"])
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "(a)  End-effector error",
