@@ -124,7 +124,10 @@ def close_loop(
             tau = interface.take(output, q, nu, computing.late(t))
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
+                recorder.add(
+                    t, q, nu, tau, e, state, output.command, work, output.limits, lost,
+                    output.speeds,
+                )  # fmt: skip
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
