@@ -75,7 +75,7 @@ def _rolling(
         twist: Desired twist of the base.
     """
     robot, count = dynamics.robot, len(dynamics.robot.drive.steered)
-    weights = _weights(dynamics)
+    weights = twist_weights(dynamics)
     unit, turning, turned = np.eye(robot.dof)[0], np.zeros(robot.dof), np.zeros(robot.dof)
     turning[1 : 1 + count], turned[1 : 1 + count] = nu[1 : 1 + count], accelerations
     drift = dynamics.basis_drift(q, turning)
@@ -135,7 +135,7 @@ def steering_targets(dynamics: ReducedDynamics, state: ReferenceState, twist: Tw
 
 def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
     """Return m, ṁ and zeros (3, 3): the direction in which the wheels steer the base."""
-    weights = _weights(dynamics)
+    weights = twist_weights(dynamics)
     g, g_dot, _ = direction(state)
     size = math.sqrt(g @ (weights * g))
     g_hat = g / size
@@ -151,14 +151,14 @@ def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -
         direction_gain * across,
         direction_gain_dot * across + direction_gain * across_dot,
     )
-    most = _max_deviation(dynamics)
+    most = max_deviation(dynamics)
     scale = 1.0 / math.sqrt(1.0 + deviation @ (weights * deviation) / most**2)
     scale_dot = -(scale**3) * (deviation @ (weights * deviation_dot)) / most**2
     rate = g_hat_dot + scale * deviation_dot + scale_dot * deviation
     return np.array([g_hat + scale * deviation, rate, np.zeros(3)])
 
 
-def _max_deviation(dynamics: ReducedDynamics) -> float:
+def max_deviation(dynamics: ReducedDynamics) -> float:
     """Return the largest deviation of m from ĝ that leaves the steering well defined.
 
     Where only steered wheels carry the base, its centre of rotation must not lie on the line
@@ -170,11 +170,11 @@ def _max_deviation(dynamics: ReducedDynamics) -> float:
     first, second = (np.array(swivel.pivot) for swivel in drive.steered[:2])
     along, off = second - first, np.array(drive.point) - first
     apart = abs(along[0] * off[1] - along[1] * off[0]) / float(np.linalg.norm(along))
-    reach = math.sqrt(_weights(dynamics)[2])
+    reach = math.sqrt(twist_weights(dynamics)[2])
     return max(STEERED_MAX_DEVIATION * apart / reach, MIN_DEVIATION)
 
 
-def _weights(dynamics: ReducedDynamics) -> Array:
+def twist_weights(dynamics: ReducedDynamics) -> Array:
     """Return the weights (3,) of a twist's entries: turning counts by the steered wheels' reach."""
     drive = dynamics.robot.drive
     reach = max(math.dist(drive.point, swivel.pivot) for swivel in drive.steered)

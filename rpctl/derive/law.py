@@ -82,8 +82,6 @@ def _closed(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic
     """Return the laws, which have a closed form on this robot."""
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
-    if robot.drive.steered:
-        raise RpctlError(f"{robot.name}: wheels that steer are not written yet")
     if type(law) not in (PaperKinematic, UnifiedKinematic):
         raise RpctlError(f"{_refusal(law)}; take --law unified or paper")
     if type(efforts) is not PaperDynamic:

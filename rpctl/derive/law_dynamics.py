@@ -1,4 +1,4 @@
-"""The quasi-force M ν̇ + h and the efforts that give it, as CasADi functions.
+"""The quasi-force M ν̇ + h − ℓ and the efforts that give it, as CasADi functions.
 
 ∂G/∂ν̇ of the Gibbs function *is* M ν̇ + h ([MS21, Eq. 1-5]). The gradient is taken backwards, so it
 costs a few times what G does, and M is never formed.
@@ -6,7 +6,7 @@ costs a few times what G does, and M is never formed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -26,6 +26,7 @@ from rpctl.equivalence.gibbs_appell import (
     LinkKinematics,
     cross,
 )
+from rpctl.equivalence.planar import base_motion
 from rpctl.robot.model import Robot
 
 ROUNDING = 1e-14  # of the largest entry of a constant matrix: below it an entry is 0
@@ -42,6 +43,7 @@ class LawDynamics:
         q: Their positions.
         nu: Quasi-velocities.
         nu_dot: Their derivatives.
+        nu_d: Those wanted, at which losses are compensated.
     """
 
     robot: Robot
@@ -50,10 +52,16 @@ class LawDynamics:
     q: Any
     nu: Any
     nu_dot: Any
+    nu_d: Any
+
+    @property
+    def symbols(self) -> list[Any]:
+        """q, ν, ν̇ and ν_d."""
+        return [self.q, self.nu, self.nu_dot, self.nu_d]
 
     @cached_property
     def quasi_force(self) -> list[Any]:
-        """M ν̇ + h (dof,)."""
+        """M ν̇ + h − ℓ (dof,), the losses ℓ at ν_d."""
         root, rates = self._start()
         oracle = self.oracle
         speeds = _elements(self.nu)
@@ -73,8 +81,34 @@ class LawDynamics:
             alpha, omega = motion.alpha, motion.omega
             G = G + 0.5 * body.mass * (a @ a) + body.mass * GRAVITY * (a @ UP)
             G = G + 0.5 * (alpha @ inertia @ alpha) + alpha @ cross(omega, inertia @ omega)
+        for name, drift in rates.drifts.items():  # a rotor that turns with its joint
+            armature = float(self.robot.model.armature[self.robot.velocity_index(name)])
+            if armature:
+                G = G + 0.5 * armature * drift**2
         gradient = casadi.gradient(G.sx, self.nu_dot)
-        return [gradient[i] for i in range(self.robot.dof)]
+        losses = self._losses(rates.rows)
+        return [gradient[i] + losses[i].sx for i in range(self.robot.dof)]
+
+    def _losses(self, rows: Mapping[str, Array]) -> Array:
+        """Return −ℓ (dof,): what damping and friction take of the motion that is wanted."""
+        robot, speeds = self.robot, _elements(self.nu_d)
+        total = np.array([CasadiScalar(0.0)] * robot.dof, dtype=object)
+        if robot.losses is None:
+            return total
+        for name, row in rows.items():
+            i = robot.velocity_index(name)
+            rate: Any = row @ speeds
+            damping, friction, slow = (
+                float(part[i])
+                for part in (robot.losses.damping, robot.losses.friction, robot.losses.rate)
+            )
+            force = damping * rate
+            if friction:
+                length = CasadiScalar.of(casadi.sqrt((rate * rate + slow**2).sx))
+                force = force + friction * rate / length
+            if damping or friction:
+                total = total + force * row
+        return total
 
     @cached_property
     def actuation(self) -> Array:
@@ -84,6 +118,20 @@ class LawDynamics:
             pass  # the rates of rolling wheels join on the way
         rows = [rates.rows[name] for name in self.robot.actuators]
         return np.array(rows).T.reshape(self.robot.dof, -1)
+
+    @cached_property
+    def rolling(self) -> Any:
+        """What rolling makes of a steered base's ν, in the order of ``RollingInputs.symbols``."""
+        robot, tree = self.robot, self.oracle.tree
+        drive, count = tree.reading.drive, len(robot.drive.base_speeds)
+        zero = CasadiScalar(0.0)
+        speeds = _elements(self.nu)
+        turning = np.array([zero, *speeds[1:count], *[zero] * (robot.dof - count)], dtype=object)
+        unit = np.array([CasadiScalar(1.0), *turning[1:]], dtype=object)
+        at, beside = (base_motion(tree, drive, self._positions, each) for each in (turning, unit))
+        P = clean(robot.point_velocity)
+        entries = [*(P @ at.J[:, :count]).ravel(), *(P @ at.drift), *(P @ beside.drift)]
+        return casadi.cse(casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries)))
 
     def efforts(self, force: Sequence[Any]) -> list[Any]:
         """Return τ (n_act,) of least effort relative to the limits with B τ = ``force``."""
@@ -125,7 +173,8 @@ def law_dynamics(robot: Robot) -> LawDynamics:
     oracle.tree = fold(robot, CASADI)
     names = tuple(name for name in oracle.tree.moving if name not in mimics)
     symbols = casadi.SX.sym("q", len(names)), casadi.SX.sym("nu", robot.dof)
-    return LawDynamics(robot, oracle, names, *symbols, casadi.SX.sym("nu_dot", robot.dof))
+    rest = (casadi.SX.sym(name, robot.dof) for name in ("nu_dot", "nu_d"))
+    return LawDynamics(robot, oracle, names, *symbols, *rest)
 
 
 def clean(matrix: Array) -> Array:

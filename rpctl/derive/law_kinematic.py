@@ -11,7 +11,7 @@ from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.leash import SERIES_RADIUS, Leash
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.derive.law_sheet import Sheet
+from rpctl.derive.law_sheet import Sheet, choice
 from rpctl.derive.parameters import rational
 from rpctl.robot.model import Robot
 
@@ -27,19 +27,8 @@ class Measured(NamedTuple):
 
     twist_r: Sequence[sp.Expr]  # (3,) forward, left, turning
     direction: Sequence[sp.Expr]  # (3,) along the twist, or along the path at standstill
+    given: Sequence[Sequence[sp.Expr]]  # (3, 3) that direction and two derivatives, as they come
     error: Sequence[sp.Expr]  # x1, x2, x3
-
-
-def choice(left: sp.Expr, right: sp.Expr, yes: sp.Expr, no: sp.Expr) -> sp.Expr:
-    """Return ``yes`` where left < right, else ``no``.
-
-    Args:
-        left: What is compared,
-        right: and with what.
-        yes: The first value.
-        no: The second value.
-    """
-    return sp.Piecewise((yes, sp.StrictLessThan(left, right)), (no, True))
 
 
 def measure(sheet: Sheet, robot: Robot, twist: Sequence[sp.Expr], law: BaseLaw) -> Measured:
@@ -61,8 +50,10 @@ def measure(sheet: Sheet, robot: Robot, twist: Sequence[sp.Expr], law: BaseLaw) 
     )
     twist_r = _twist_inputs(sheet)
     direction: Sequence[sp.Expr] = twist_r
-    if isinstance(law, UnifiedKinematic) and not robot.drive.omnidirectional:
-        direction = _direction(sheet, twist_r)
+    by_direction = isinstance(law, UnifiedKinematic) and not robot.drive.omnidirectional
+    given = _directions(sheet) if by_direction or robot.drive.steered else []
+    if by_direction:
+        direction = _direction(sheet, given, twist_r)
     px, py = map(rational, robot.drive.point)
     cos, sin = sp.cos(theta), sp.sin(theta)
     x_P = sheet.define("x_P", x + cos * px - sin * py)
@@ -80,7 +71,7 @@ def measure(sheet: Sheet, robot: Robot, twist: Sequence[sp.Expr], law: BaseLaw) 
         x2: sheet.define("x2_dot", v_r * sin + vl_r * cos - vl - x1 * omega),
         x3: sheet.define("x3_dot", omega_r - omega),
     }
-    return Measured(twist_r, direction, (x1, x2, x3))
+    return Measured(twist_r, direction, given, (x1, x2, x3))
 
 
 def wrapped(angle: sp.Expr) -> sp.Expr:
@@ -99,18 +90,23 @@ def _twist_inputs(sheet: Sheet) -> tuple[sp.Symbol, ...]:
     return tuple(symbols)
 
 
-def _direction(sheet: Sheet, twist_r: Sequence[sp.Symbol]) -> list[sp.Expr]:
-    """Return the reference's direction of travel; all zeros stand for none, then the twist is."""
-    given = [
+def _directions(sheet: Sheet) -> list[list[sp.Symbol]]:
+    """Name the reference's direction of travel and two derivatives (3, 3)."""
+    words = ("direction of travel; all 0: none", "its derivative", "its second derivative")
+    return [
         [
             sheet.given(f"{letter}_{name}", f"r->direction[{row}][{i}]", "", of)
             for i, name in enumerate(("v", "l", "omega"))
         ]
-        for row, (letter, of) in enumerate(
-            (("g", "direction of travel; all 0: none"), ("gdot", "its derivative"))
-        )
+        for row, (letter, of) in enumerate(zip(("g", "gdot", "gddot"), words, strict=True))
     ]
-    size = sheet.define("g_size", sp.Add(*(g**2 for g in given[0])))
+
+
+def _direction(
+    sheet: Sheet, given: Sequence[Sequence[sp.Expr]], twist_r: Sequence[sp.Symbol]
+) -> list[sp.Expr]:
+    """Return the reference's direction of travel; where none is given, its twist."""
+    size = sheet.define("g_square", sp.Add(*(g**2 for g in given[0])))
     found = []
     for i, name in ((0, "v"), (2, "omega")):
         symbol = sheet.moving(

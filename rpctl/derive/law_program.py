@@ -18,14 +18,23 @@ from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.casadi_scalar import CasadiScalar
 from rpctl.derive.equations import position_symbols
 from rpctl.derive.law_dynamics import LawDynamics, clean, law_dynamics
-from rpctl.derive.law_kinematic import base_twist, measure, wrapped
+from rpctl.derive.law_kinematic import Measured, base_twist, measure, wrapped
 from rpctl.derive.law_sheet import Sheet
+from rpctl.derive.law_steering import (
+    RollingInputs,
+    Steered,
+    reference_direction,
+    rolling_inputs,
+    steered_command,
+)
 from rpctl.derive.law_steps import Operations, Translator, count_operations, without_idle
 from rpctl.derive.parameters import rational
 from rpctl.derive.steps import Node, Steps
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import printable
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
+
+BASE_UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 
 
 @dataclass(frozen=True)
@@ -35,11 +44,12 @@ class LawSheet:
     Attributes:
         robot: The robot.
         sheet: Settings, inputs and definitions.
-        positions: Joints whose positions are inputs of the sheet: the arm's.
+        positions: Joints whose positions are inputs of the sheet: the arm's, then the steered.
         nu: Quasi-velocities (dof,), measured.
         nu_d: Desired quasi-velocities (dof,).
         nu_d_dot: Their derivatives along the motion (dof,).
         nu_dot: Desired accelerations ν̇* (dof,), of which the efforts follow.
+        rolling: Of a steered base, what rolling makes of ν.
     """
 
     robot: Robot
@@ -49,6 +59,7 @@ class LawSheet:
     nu_d: tuple[sp.Expr, ...]
     nu_d_dot: tuple[sp.Expr, ...]
     nu_dot: tuple[sp.Expr, ...]
+    rolling: RollingInputs | None = None
 
 
 @dataclass(frozen=True)
@@ -92,21 +103,29 @@ def law_sheet(
     """
     sheet = Sheet()
     nu = _rates(sheet, robot)
-    twist = _twist(robot, nu)
+    rolling = rolling_inputs(sheet, robot) if robot.drive.steered else None
+    twist = _twist(robot, nu, rolling)
     wanted: list[sp.Expr] = []
+    rates: list[sp.Expr] = []
     if robot.drive.base_speeds:
-        asked = base_twist(sheet, robot, kinematic, measure(sheet, robot, twist, kinematic))
-        keep = [0, 2] if robot.drive.has_axle else range(len(robot.drive.base_speeds))
-        wanted = [asked[k] for k in keep]
-    wanted += _arm(sheet, robot, nu, kinematic.joint_horizons(ReducedDynamics(robot), period))
-    rates = [sheet.rate(each) for each in wanted]
+        at = measure(sheet, robot, twist, kinematic)
+        asked = base_twist(sheet, robot, kinematic, at)
+        if rolling is None:
+            keep = [0, 2] if robot.drive.has_axle else range(len(robot.drive.base_speeds))
+            wanted = [asked[k] for k in keep]
+            rates = [sheet.rate(each) for each in wanted]
+        else:
+            wanted, rates = _steered(sheet, robot, nu, asked, at, rolling)
+    arm = _arm(sheet, robot, nu, kinematic.joint_horizons(ReducedDynamics(robot), period))
+    wanted, rates = wanted + arm, rates + [sheet.rate(each) for each in arm]
     h1 = _dynamic_horizons(sheet, robot, dynamic)
     star = [
         sheet.define(f"a{i}", rate - (speed - each) / h1[i - 1])
         for i, (speed, each, rate) in enumerate(zip(nu, wanted, rates, strict=True), start=1)
     ]
+    positions = (*robot.joint_names, *(swivel.joint for swivel in robot.drive.steered))
     return LawSheet(
-        robot, sheet, robot.joint_names, tuple(nu), tuple(wanted), tuple(rates), tuple(star)
+        robot, sheet, positions, tuple(nu), tuple(wanted), tuple(rates), tuple(star), rolling
     )
 
 
@@ -118,24 +137,29 @@ def law_program(law: LawSheet) -> LawProgram:
     positions = _positions(law, dynamics, efforts)
     steps = Steps()
     translate = _translator(law, steps, positions)
-    named = {}
-    for symbol, value in law.sheet.definitions:
-        named[translate.node(value)] = str(symbol)
-        translate.known[symbol] = translate.node(value)
-    outputs = [[translate.node(x) for x in part] for part in (law.nu_d, law.nu_d_dot, law.nu_dot)]
     place = {dynamics.joints.index(name): k for k, name in enumerate(positions)}
     inputs: list[Callable[[int], int]] = [
         lambda i: steps.add("q", place[i]),
         lambda i: steps.add("nu", i),
         lambda i: outputs[2][i],
+        lambda i: outputs[0][i],
     ]
-    function = casadi.Function("efforts", [dynamics.q, dynamics.nu, dynamics.nu_dot], [efforts])
+    if law.rolling is not None:
+        function = casadi.Function("rolling", [dynamics.q, dynamics.nu], [dynamics.rolling])
+        nodes = steps.evaluate(function, inputs)
+        translate.known.update(zip(law.rolling.symbols, nodes, strict=True))
+    named = {}
+    for symbol, value in law.sheet.definitions:
+        named[translate.node(value)] = str(symbol)
+        translate.known[symbol] = translate.node(value)
+    outputs = [[translate.node(x) for x in part] for part in (law.nu_d, law.nu_d_dot, law.nu_dot)]
+    function = casadi.Function("efforts", dynamics.symbols, [efforts])
     tau = steps.evaluate(function, inputs)
-    nodes, moved = without_idle(steps.nodes, [*tau, *outputs[0], *outputs[1]])
+    kept, moved = without_idle(steps.nodes, [*tau, *outputs[0], *outputs[1]])
     return LawProgram(
         law,
         positions,
-        tuple(nodes),
+        tuple(kept),
         {moved[node]: name for node, name in named.items() if node in moved},
         tuple(moved[node] for node in tau),
         tuple(moved[node] for node in outputs[0]),
@@ -145,7 +169,8 @@ def law_program(law: LawSheet) -> LawProgram:
 
 def _positions(law: LawSheet, dynamics: LawDynamics, efforts: Any) -> tuple[str, ...]:
     """Return the joints whose positions are read, and all of the arm, in the file's order."""
-    read = {str(symbol) for symbol in casadi.symvar(efforts)}
+    needs = [efforts] if law.rolling is None else [efforts, dynamics.rolling]
+    read = {str(symbol) for symbol in casadi.symvar(casadi.vertcat(*needs))}
     needed = {name for i, name in enumerate(dynamics.joints) if str(dynamics.q[i]) in read}
     needed |= set(law.positions)
     return tuple(name for name in law.robot.moving_joint_names if name in needed)
@@ -159,6 +184,8 @@ def _translator(law: LawSheet, steps: Steps, positions: Sequence[str]) -> Transl
             node = steps.add("q", positions.index(law.positions[int(index)]))
         elif kind == "nu":
             node = steps.add("nu", int(index))
+        elif not given.path:
+            continue  # the dynamics' steps compute it
         else:
             node = steps.add("input", given.path)
         translate.known[given.symbol] = node
@@ -172,19 +199,50 @@ def _rates(sheet: Sheet, robot: Robot) -> list[sp.Symbol]:
     symbols, found = position_symbols(robot), []
     for i, name in enumerate(robot.quasi_velocities):
         base = i < len(robot.drive.base_speeds)
-        label = name if base else f"{symbols[name]}_dot"
-        unit = "m/s" if name in ("v", "vx", "vy") or label.startswith("eta") else "rad/s"
-        found.append(sheet.given(label, f"nu[{i}]", unit, "quasi-velocity" if base else name))
+        label = name if name in BASE_UNITS and base else f"{symbols[name]}_dot"
+        unit = BASE_UNITS.get(label, "m/s" if label.startswith("eta") else "rad/s")
+        found.append(sheet.given(label, f"nu[{i}]", unit, f"quasi-velocity {name}"))
     return found
 
 
-def _twist(robot: Robot, nu: Sequence[sp.Symbol]) -> list[sp.Expr]:
+def _twist(robot: Robot, nu: Sequence[sp.Symbol], rolling: RollingInputs | None) -> list[sp.Expr]:
     """Return P's speed forward and to the left, and the turning rate."""
-    S = ReducedDynamics(robot).basis(robot.configuration())
-    return [
-        sp.Add(*(rational(x) * speed for x, speed in zip(row, nu, strict=True) if x))
-        for row in clean(robot.point_velocity @ S[:3])
-    ]
+    rows: Sequence[Sequence[sp.Expr]]
+    if rolling is None:
+        S = ReducedDynamics(robot).basis(robot.configuration())
+        rows = [[rational(x) for x in row] for row in clean(robot.point_velocity @ S[:BASE_NV])]
+    else:
+        rows = rolling.map
+    return [sp.Add(*(x * speed for x, speed in zip(row, nu, strict=False))) for row in rows]
+
+
+def _steered(
+    sheet: Sheet,
+    robot: Robot,
+    nu: Sequence[sp.Symbol],
+    asked: Sequence[sp.Expr],
+    at: Measured,
+    rolling: RollingInputs,
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Write the command of a steered base, and its rate.
+
+    Args:
+        sheet: Where to write.
+        robot: The robot.
+        nu: Its quasi-velocities (dof,).
+        asked: The twist that the law asks for (3,).
+        at: Reference and error.
+        rolling: What rolling makes of ν.
+    """
+    symbols, measured = position_symbols(robot), []
+    for i, swivel in enumerate(robot.drive.steered):
+        path = f"q[{len(robot.joints) + i}]"
+        position = sheet.given(str(symbols[swivel.joint]), path, "rad", swivel.joint)
+        measured.append(Steered(position, nu[1 + i]))
+    twist_dot = [sheet.rates[each] for each in at.twist_r]
+    g = reference_direction(sheet, at.given, at.twist_r, twist_dot)
+    h = next(s.symbol for s in sheet.settings if str(s.symbol) == "h")
+    return steered_command(sheet, robot, asked, g, measured, rolling, h)
 
 
 def _arm(sheet: Sheet, robot: Robot, nu: Sequence[sp.Symbol], horizons: Array) -> list[sp.Expr]:

@@ -105,3 +105,38 @@ class Sheet:
         value = sp.sympify(value)
         moving = sorted((s for s in value.free_symbols if s in self.rates), key=str)
         return sp.Add(*(value.diff(symbol) * self.rates[symbol] for symbol in moving))
+
+
+class Choice(sp.Function):  # type: ignore[misc]
+    """``yes`` where left < right, else ``no``; SymPy's ``Piecewise`` rewrites its conditions."""
+
+    nargs = 4
+
+    def _eval_derivative(self, symbol: sp.Symbol) -> sp.Expr:
+        left, right, yes, no = self.args
+        slopes = yes.diff(symbol), no.diff(symbol)
+        return Choice(left, right, *slopes) if any(slopes) else sp.Integer(0)
+
+    def _eval_is_extended_real(self) -> bool:
+        return True
+
+
+def choice(left: sp.Expr, right: sp.Expr, yes: sp.Expr, no: sp.Expr) -> sp.Expr:
+    """Return ``yes`` where left < right, else ``no``.
+
+    Args:
+        left: What is compared,
+        right: and with what.
+        yes: The first value.
+        no: The second value.
+    """
+    return Choice(*map(sp.sympify, (left, right, yes, no)))
+
+
+def as_piecewise(value: sp.Expr) -> sp.Expr:
+    """Return an expression with choices as SymPy writes them."""
+
+    def written(left: sp.Expr, right: sp.Expr, yes: sp.Expr, no: sp.Expr) -> sp.Expr:
+        return sp.Piecewise((yes, sp.StrictLessThan(left, right)), (no, True))
+
+    return sp.sympify(value).replace(Choice, written)

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 
 import sympy as sp
 
+from rpctl.derive.law_sheet import Choice
 from rpctl.derive.steps import FUNCTIONS, LEAVES, Node, Steps, operands
 
 CALLS = {sp.sin: "sin", sp.cos: "cos", sp.tanh: "tanh", sp.ceiling: "ceil", sp.asin: "asin",
@@ -79,8 +80,8 @@ class Translator:
             return self._product(x)
         if x.is_Pow:
             return self._power(x.base, x.exp)
-        if isinstance(x, sp.Piecewise):
-            return self._choice(x.args)
+        if isinstance(x, Choice):
+            return self.steps.add("<", *map(self.node, x.args))
         return self.steps.add(CALLS[x.func], *map(self.node, x.args))
 
     def _sum(self, x: sp.Expr) -> int:
@@ -126,14 +127,6 @@ class Translator:
         if half:
             factors.append(self.steps.add("sqrt", self.node(base)))
         return self._multiplied(factors)
-
-    def _choice(self, pairs: Sequence[tuple[sp.Expr, sp.Expr]]) -> int:
-        (value, test), *rest = pairs
-        if not rest or test == sp.true:
-            return self.node(value)
-        return self.steps.add(
-            "<", self.node(test.lts), self.node(test.gts), self.node(value), self._choice(rest)
-        )
 
 
 def without_idle(nodes: Sequence[Node], wanted: Sequence[int]) -> tuple[list[Node], dict[int, int]]:

@@ -10,6 +10,7 @@ import sympy as sp
 from rpctl.derive.closed_form import ClosedForm
 from rpctl.derive.latex import PREAMBLE, aligned, equations_of, escaped
 from rpctl.derive.law_program import LawSheet
+from rpctl.derive.law_sheet import as_piecewise
 from rpctl.derive.text import columns, plain, to_text
 from rpctl.errors import printable
 
@@ -33,9 +34,9 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
               if g.symbol in read]  # fmt: skip
     lines += ["inputs: pose of the root link, positions and rates, the reference (_r)"]
     lines += [*columns(inputs), "", "in this order"]
-    lines += [f"  {symbol} = {plain(value)}" for symbol, value in sheet.definitions]
+    lines += [f"  {symbol} = {_plain(value)}" for symbol, value in sheet.definitions]
     for name, values in (("nu_d", law.nu_d), ("nu_d_dot", law.nu_d_dot), ("nu_dot", law.nu_dot)):
-        lines.append(f"  {name} = ({', '.join(map(plain, values))})")
+        lines.append(f"  {name} = ({', '.join(map(_plain, values))})")
     lines += ["", "tau of least effort, relative to the limits, with B tau = M nu_dot + h", ""]
     return "\n".join(lines) + (f"\n{to_text(form)}" if form else f"{TOO_LONG}\n")
 
@@ -60,7 +61,7 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
         if g.symbol in read
     ]  # fmt: skip
     legend = "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
-    definitions = [(names[symbol], value) for symbol, value in sheet.definitions]
+    definitions = [(names[symbol], as_piecewise(value)) for symbol, value in sheet.definitions]
     body = [f"\\section*{{{escaped(law.robot.name)}: the law}}", legend]
     body.append(aligned(definitions, names))
     for name, values in (
@@ -96,7 +97,9 @@ def _word(word: str) -> str:
 
 
 def _listed(values: tuple[sp.Expr, ...], names: Mapping[sp.Symbol, str]) -> str:
-    return ",\\ ".join(str(sp.latex(value, symbol_names=dict(names))) for value in values)
+    return ",\\ ".join(
+        str(sp.latex(as_piecewise(value), symbol_names=dict(names))) for value in values
+    )
 
 
 def _read(law: LawSheet) -> set[sp.Symbol]:
@@ -104,6 +107,10 @@ def _read(law: LawSheet) -> set[sp.Symbol]:
     parts = [value for _, value in law.sheet.definitions]
     parts += [*law.nu_d, *law.nu_d_dot, *law.nu_dot]
     return set().union(*(part.free_symbols for part in parts))
+
+
+def _plain(value: sp.Expr) -> str:
+    return plain(as_piecewise(value))
 
 
 def _unit(unit: str) -> str:

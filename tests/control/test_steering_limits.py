@@ -16,8 +16,8 @@ from rpctl.control.steering import (
     BRAKE_TIME,
     RATE_FRACTION,
     STEERING_HORIZON_RATIO,
-    _max_deviation,
     base_command,
+    max_deviation,
 )
 from rpctl.control.twist import Twist
 from rpctl.drive.steering import steering_limits, turning_radius
@@ -125,6 +125,6 @@ def test_the_tightest_bend_is_that_of_the_side_that_steers_less(tmp_path: Path) 
 def test_how_far_off_the_reference_wheels_may_point(tmp_path: Path) -> None:
     """With an axle up to 45°; without one a share of how far P is from the line of the two that
     lead, 0.3 m here, in lengths of how far the furthest of them is, 0.5 m."""
-    assert _max_deviation(ReducedDynamics(bicycle(tmp_path, -0.4, 0.7))) == 1.0
+    assert max_deviation(ReducedDynamics(bicycle(tmp_path, -0.4, 0.7))) == 1.0
     corners = rpctl.load(write(tmp_path, vehicle("steered")))
-    assert _max_deviation(ReducedDynamics(corners)) == pytest.approx(0.8 * 0.3 / 0.5)
+    assert max_deviation(ReducedDynamics(corners)) == pytest.approx(0.8 * 0.3 / 0.5)

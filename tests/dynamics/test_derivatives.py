@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from rpctl.dynamics.derivatives import (
     linearize,
 )
 from rpctl.dynamics.motion import rk4_step
+from rpctl.robot.losses import Losses
 from tests import random_vehicles
 from tests.grids import cells, every
 from tests.random_robots import random_robot
@@ -38,6 +40,15 @@ def made(kind: str, folder: Path) -> Robot:
     if kind in ("skid-steer", "mecanum"):
         return four_wheels(folder, kind)
     return rpctl.load(write(folder, vehicle(kind)))
+
+
+def lossy(robot: Robot, rng: np.random.Generator) -> Robot:
+    """The robot with damping and smooth friction in every joint, and rotors behind gears."""
+    model = robot.model.copy()
+    size = np.append(np.zeros(3), rng.uniform(0.5, 1.5, robot.nv - 3))
+    model.armature = 0.1 * size
+    losses = Losses(0.3 * size, 0.7 * size, 0.5 * np.ones(robot.nv))
+    return replace(robot, model=model, losses=losses)
 
 
 def slopes(function: Callable[[Array], Array], size: int) -> Array:
@@ -85,6 +96,11 @@ def check(robot: Robot, rng: np.random.Generator, states: int = 2) -> None:
 @pytest.mark.parametrize("kind", DRIVES)
 def test_central_differences_agree(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     check(made(kind, tmp_path), rng)
+
+
+@pytest.mark.parametrize("kind", ["car-like", "mecanum", "powered"])
+def test_losses_and_rotors_count(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
+    check(lossy(made(kind, tmp_path), rng), rng)
 
 
 @pytest.mark.parametrize("seed", every(8, range(8)))
