@@ -18,8 +18,10 @@ from rpctl.cli.options import (
     JsonOption,
     LapsOption,
     LoadOptions,
+    RetimeOption,
     RobotArgument,
     SizeOption,
+    SmoothOption,
     SpeedOption,
     default_folder,
     read_triple,
@@ -32,6 +34,7 @@ from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.together import write_together
 from rpctl.files.writing import require_writable, to_json
 from rpctl.reference.sizing import SizingRequest
+from rpctl.reference.smooth_wish import read_smoothing
 from rpctl.simulation.outcome import TRACKED
 from rpctl.simulation.table import FORMULA
 from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
@@ -106,6 +109,8 @@ def compare_command(
     size: SizeOption = None,
     speed: SpeedOption = None,
     laps: LapsOption = None,
+    smooth: SmoothOption = None,
+    retime: RetimeOption = None,
     initial_error: Annotated[
         str, typer.Option(metavar="X,Y,THETA", help="Tracking error at the start, m, m, rad.")
     ] = ",".join(map(str, INITIAL_ERROR)),
@@ -128,7 +133,14 @@ def compare_command(
     folder = out or default_folder(loaded.name, "compare")
     for suffix in SUFFIXES:
         require_writable(folder / f"compare{suffix}", makes_folder=True)
-    bench = Benchmark(loaded, duration, error, SizingRequest(size, speed, laps))
+    bench = Benchmark(
+        loaded,
+        duration,
+        error,
+        SizingRequest(size, speed, laps),
+        read_smoothing(smooth),
+        bool(retime),
+    )
     with progress_bar("compare") as advance:
         rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
     if all(row.figures is None for row in rows):

@@ -55,7 +55,7 @@ class Retimed:
         return {**asdict(self), "sentence": self.sentence}
 
 
-class _Limit(NamedTuple):
+class NamedBound(NamedTuple):
     """A bound of the time law, and what it is for."""
 
     bound: Bound
@@ -77,7 +77,7 @@ def retimed(
     """
     end = float(table.t[-1])
     s = np.linspace(0.0, end, int(np.clip(end / SPACING, MIN_POINTS, MAX_POINTS)) + 1)
-    limits = list(_limits(dynamics, reference, s))
+    limits = list(limits_along(dynamics, reference, s))
     pace = Bound(np.ones(len(s)), np.zeros(len(s)), 1.0, PACE_RISE)
     law = time_law(s, [pace, *(limit.bound for limit in limits)])
     times = np.linspace(0.0, law.duration, len(s))
@@ -92,8 +92,8 @@ def retimed(
     return replace(reference, time_law=law), told
 
 
-def _limits(dynamics: ReducedDynamics, reference: TimedPath, s: Array) -> Iterator[_Limit]:
-    """Yield what the robot's limits of velocity and effort ask of the pace.
+def limits_along(dynamics: ReducedDynamics, reference: TimedPath, s: Array) -> Iterator[NamedBound]:
+    """Yield what a robot's limits of velocity and effort ask of the pace.
 
     Args:
         dynamics: The robot's dynamics.
@@ -108,12 +108,12 @@ def _limits(dynamics: ReducedDynamics, reference: TimedPath, s: Array) -> Iterat
         limit = VELOCITY_LIMIT_FRACTION * robot.description.joint[name].velocity
         if np.isfinite(limit) and name not in idle:
             rate = rates[:, robot.velocity_index(name)]
-            yield _Limit(Bound(rate, none, limit), f"the velocity of {name}")
+            yield NamedBound(Bound(rate, none, limit), f"the velocity of {name}")
     for k, (name, limit) in enumerate(zip(robot.actuators, robot.effort_limits, strict=True)):
         left = limit - np.abs(held[:, k])
         most = np.where(left > 0.0, EFFORT_SHARE * left, np.inf)
         bound = Bound(by_acceleration[:, k], by_square[:, k], np.inf, most)
-        yield _Limit(bound, f"the effort of {name}")
+        yield NamedBound(bound, f"the effort of {name}")
 
 
 def _point(dynamics: ReducedDynamics, reference: TimedPath, s: float) -> tuple[Array, ...]:
@@ -131,7 +131,7 @@ def _point(dynamics: ReducedDynamics, reference: TimedPath, s: float) -> tuple[A
     return dynamics.basis(q) @ nu, held, moving - held, pushed - held
 
 
-def _reason(limits: Sequence[_Limit], s: Array, at: PathTime) -> str:
+def _reason(limits: Sequence[NamedBound], s: Array, at: PathTime) -> str:
     """Return which limit is the nearest at an instant.
 
     Args:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from multiprocessing import resource_tracker
 from typing import Any, Generic, NamedTuple, TypeVar, cast
@@ -156,6 +156,8 @@ class Benchmark:
             control period.
         initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
         wish: Size, speed and laps of its named references; None: as fits the robot.
+        smooth: Tolerance of smoothing its tables (CSV), m, or ``auto``; None passes every row.
+        retime: Whether its tables are slowed down where limits bind.
 
     Raises:
         RpctlError: The duration is not positive.
@@ -167,12 +169,15 @@ class Benchmark:
         duration: float | None = None,
         initial_error: Sequence[float] = INITIAL_ERROR,
         wish: SizingRequest | None = None,
+        smooth: float | str | None = None,
+        retime: bool = False,
     ) -> None:
         if duration is not None:
             duration = whole_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
         self.robot, self.duration = robot, duration
         self.initial_error = cast("tuple[float, float, float]", tuple(initial_error))
         self.wish = wish or SizingRequest()
+        self._of_tables: dict[str, Any] = {"smooth": smooth, "retime": retime}
         self._references: dict[str, Reference] = {}
 
     def __call__(self, cell: Cell) -> Row:
@@ -208,7 +213,8 @@ class Benchmark:
     def _settings(
         self, reference: str, error: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> RunSettings:
-        return RunSettings(reference, self.duration, error, **asdict(self.wish))
+        found = RunSettings(reference, self.duration, error, **asdict(self.wish))
+        return replace(found, **self._of_tables) if reference.endswith(".csv") else found
 
 
 def figures(run: Run, call_seconds: Sequence[float]) -> Figures:

@@ -1,0 +1,150 @@
+"""What a table asks beyond its robot's limits, and where: planted, and found there alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, set_limits
+from rpctl.arrays import Array
+from rpctl.reference.load import load_reference
+from rpctl.reference.recording import RecordedPath, Recording
+from tests.reference.test_noisy_tables import arc, soft
+
+FIRST = 4  # line of the first row: comments and the header stand above
+
+
+def recording_of(robot: Robot, path: Path, columns: str, *values: Array) -> Recording:
+    """Return what is told of a table, whose times are the first values."""
+    head = f"# recorded\n\n{columns}"
+    rows = np.column_stack(values)
+    np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.12g")
+    found = load_reference(robot, str(path))
+    assert isinstance(found, RecordedPath)
+    assert found.recording is not None
+    return found.recording
+
+
+def line(t: Array, share: float, distance: float) -> Array:
+    """Return x (K,) of a base that goes a distance in the given share of the time, its middle."""
+    return distance * soft((t / t[-1] - 0.5) / share + 0.5)
+
+
+TIMES = np.linspace(0.0, 10.0, 201)
+
+
+def test_a_speed_beyond_the_wheels_is_told_by_row(paper: Robot, tmp_path: Path) -> None:
+    """The largest slope of the polynomial is 35/16 of the mean: 3 m in 2.5 s are 2.625 m/s."""
+    robot = set_limits(paper, {"*": 1e9})
+    x = line(TIMES, 0.25, 3.0)
+    found = recording_of(robot, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
+    assert [each.joint for each in found.demands] == ["wheel_left_joint", "wheel_right_joint"]
+    for each in found.demands:
+        assert (each.quantity, each.unit, each.limit) == ("velocity", "rad/s", 12.0)
+        assert each.value == pytest.approx(35.0 / 16.0 * 3.0 / 2.5 / 0.15, rel=1e-4)
+        assert each.ratio == pytest.approx(each.value / 12.0)
+        assert each.time == pytest.approx(5.0, abs=0.02)
+        assert each.line in (FIRST + 99, FIRST + 100)
+        (beyond,) = each.stretches
+        speed = np.gradient(x, TIMES)
+        rows = np.flatnonzero(speed > 1.8)
+        assert beyond.start == pytest.approx(TIMES[rows[0]], abs=0.06)
+        assert beyond.end == pytest.approx(TIMES[rows[-1]], abs=0.06)
+        assert abs(beyond.first_line - FIRST - rows[0]) <= 1
+        assert abs(beyond.last_line - FIRST - rows[-1]) <= 1
+
+
+def test_an_effort_is_that_of_the_inverse_dynamics(paper: Robot, tmp_path: Path) -> None:
+    """On a line two wheels share M ẍ: τ = M r ẍ/2."""
+    weak = set_limits(paper, {"wheel_right_joint": 0.5})
+    x = line(TIMES, 1.0, 4.0)
+    found = recording_of(weak, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
+    home = weak.configuration(joints=dict(zip(weak.joint_names, weak.home, strict=True)))
+    mass = ReducedDynamics(weak).inertia(home)[0, 0]
+    (demand,) = [each for each in found.demands if each.quantity == "effort"]
+    bend = np.abs(np.diff(soft(np.linspace(0.0, 1.0, 100001)), 2)).max() * 1e10
+    assert demand.joint == "wheel_right_joint"
+    assert abs(demand.value) == pytest.approx(0.5 * mass * 0.15 * 4.0 * bend / 100.0, rel=1e-2)
+    assert len(demand.stretches) == 2  # it speeds up, and it brakes
+    assert "in 2 stretches" in demand.sentence
+    assert f"(line {demand.line})" in demand.sentence
+
+
+def test_within_the_limits_nothing_is_told(paper: Robot, tmp_path: Path) -> None:
+    x = line(TIMES, 1.0, 2.0)
+    found = recording_of(paper, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
+    assert (found.demands, found.jumps, found.changes, found.warnings) == ((), (), (), ())
+
+
+def test_a_bend_beyond_the_steering_is_told(tmp_path: Path) -> None:
+    robot = rpctl.load("car")
+    assert robot.drive.steered
+    angle = 2.0 * soft(TIMES / 10.0)
+    x, y, theta = (part / 5.0 for part in arc(angle))  # a radius of 0.3 m
+    found = recording_of(robot, tmp_path / "a.csv", "t,x,y,theta", TIMES, x, y, 5.0 * theta)
+    (demand,) = [each for each in found.demands if each.quantity == "position"]
+    assert demand.joint == robot.drive.steered[0].joint
+    assert demand.value > demand.limit > 0.0
+    assert demand.limit == pytest.approx(float(robot.steering_limits.upper[0]))
+    assert not any("times" in each.sentence for each in (demand,))
+
+
+def test_a_spline_that_swings_over_a_joint_s_limit_is_told(paper: Robot, tmp_path: Path) -> None:
+    """The rows reach a limit and stay; a spline through them swings beyond, between two rows."""
+    joint = paper.joints[1]
+    t = np.linspace(0.0, 10.0, 21)
+    rows = np.where(t < 5.0, joint.upper - 0.2, joint.upper)
+    found = recording_of(paper, tmp_path / "a.csv", f"t,{joint.name}", t, rows)
+    (demand,) = [each for each in found.demands if each.quantity == "position"]
+    assert (demand.joint, demand.limit, demand.unit) == (joint.name, joint.upper, "m")
+    assert joint.upper < demand.value < joint.upper + 0.1
+    assert FIRST + 9 <= demand.line <= FIRST + 12
+
+
+def test_a_jump_is_told_by_its_row(paper: Robot, tmp_path: Path) -> None:
+    x = line(TIMES, 1.0, 2.0)
+    x[120:] += 0.4
+    found = recording_of(paper, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
+    (jump,) = found.jumps
+    assert (jump.columns, jump.line, jump.unit) == ("x, y move", FIRST + 120, "m/s")
+    assert jump.time == pytest.approx(6.0)
+    assert jump.speed == pytest.approx((x[120] - x[119]) / 0.05)
+    assert jump.pace == pytest.approx(np.diff(x)[130] / 0.05, rel=0.3)
+    assert found.warnings[0] == jump.sentence
+    assert f"line {FIRST + 120}: x, y move at" in jump.sentence
+
+
+def test_noise_is_no_jump(paper: Robot, tmp_path: Path) -> None:
+    noise = 0.01 * np.random.default_rng(0).normal(size=(2, len(TIMES)))
+    x = line(TIMES, 1.0, 2.0) + noise[0]
+    found = recording_of(paper, tmp_path / "a.csv", "t,x,y", TIMES, x, noise[1])
+    assert not found.jumps
+    assert found.demands[0].ratio > 10.0
+    ratios = [each.ratio for each in found.demands]
+    assert ratios == sorted(ratios, reverse=True)
+    assert "--smooth auto" in found.warnings[-1]
+    assert "--retime" in found.warnings[-1]
+    if len(ratios) > 3:
+        assert f"{len(ratios) - 3} more limits are exceeded" in found.warnings
+
+
+def test_json_says_all_of_it(paper: Robot, tmp_path: Path) -> None:
+    x = line(TIMES, 0.25, 3.0)
+    x[20:] += 0.4
+    found = recording_of(paper, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
+    told = json.loads(json.dumps(found.to_dict()))
+    assert told["smooth"] is None
+    assert told["retimed"] is None
+    assert told["smoothed"] == []
+    assert [each["joint"] for each in told["demands"]] == [each.joint for each in found.demands]
+    first = told["demands"][0]
+    assert first["ratio"] == pytest.approx(found.demands[0].ratio)
+    assert first["stretches"][0]["first_line"] == found.demands[0].stretches[0].first_line
+    assert told["jumps"][0]["line"] == FIRST + 20
+    assert math.isfinite(told["jumps"][0]["speed"])
+    assert told["sentence"] == "; ".join(found.warnings)
