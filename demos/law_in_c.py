@@ -10,6 +10,8 @@ import numpy as np
 
 import rpctl
 
+START = (0.1, 0.2, 0.3)  # tracking error: m, m, rad
+
 
 def compiled(source: str, folder: str):
     Path(folder, "law.c").write_text(source)
@@ -32,9 +34,8 @@ def main() -> None:
             law(*(ctypes.c_void_p(each.ctypes.data) for each in (*seen, state, *results)))
             return rpctl.Command(nu_d.copy(), nu_d_dot.copy())
 
-        start = {"reference": "eight", "duration": 10.0, "initial_error": (0.1, 0.2, 0.3)}
-        ours = rpctl.track(robot, kinematic=kinematic, dynamic=lambda *_: tau.copy(), **start)
-    theirs = rpctl.track(robot, **start, dynamic=rpctl.PaperDynamic())
+        ours = rpctl.track(robot, "eight", 10.0, START, kinematic, lambda *_: tau.copy())
+    theirs = rpctl.track(robot, "eight", 10.0, START, dynamic=rpctl.PaperDynamic())
     print(f"at most {written.operations}")
     print("largest difference of q to Python's law:", np.abs(ours.q - theirs.q).max())
 
