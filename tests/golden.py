@@ -138,6 +138,7 @@ def golden_run(robot: Robot) -> Run:
         "energy": 10.0 + np.array(WORK) - np.array(LOST) + ENERGY_GAPS,
         "work": np.array(WORK),
         "lost": np.array(LOST),
+        "nu_cmd": np.empty((COUNT, 0)),  # efforts are sent
         "constraint_residual": 1e-9 * np.array([1.0, 2.0, 3.0, 2.5, 1.5, 0.5]),
         "wheel_force": wheel_force,
         "axle_force": np.column_stack([6.0 + k, -4.0 - 2.0 * k]),  # of both rear wheels; front

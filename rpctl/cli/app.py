@@ -77,6 +77,11 @@ COMMANDS = {
         "Draw from which starts a law brings a robot to its reference, and how soon.",
         "rpctl attraction car --reference line,circle --starts 100",
     ),
+    "lag": LazyCommand(
+        "rpctl.cli.lag:lag_command",
+        "Identify lag and dead time of a robot that takes speeds, from a step in a log.",
+        "rpctl lag step.csv",
+    ),
     "expand": LazyCommand(
         "rpctl.cli.sources:expand_command",
         "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rpctl.arrays import Array
-from rpctl.errors import DivergedError
+from rpctl.errors import SolverError
 
 MIN_KAPPA = 1e-6  # of κ: small enough for rows to be met, large enough for 1/κ to keep its digits
 LOG_KAPPA_TOLERANCE = 1e-12  # of log κ
@@ -67,7 +67,7 @@ def nearest(G: WithRate, y: WithRate, posture: WithRate, box: Box, strongest: fl
         strongest: Longest pull.
 
     Raises:
-        DivergedError: The quadratic program was not solved.
+        SolverError: The quadratic program was not solved.
     """
     problem = _Problem(G, y, posture, box)
     kappa = MIN_KAPPA
@@ -112,7 +112,7 @@ def _solve(problem: _Problem, kappa: float) -> _Solution:
         np.zeros(len(z), dtype=np.intc),
     )
     if flag != DAQP_OPTIMAL:
-        raise DivergedError(
+        raise SolverError(
             f"no rates of the arm were found (DAQP ended with flag {flag}); shorten the control "
             "period or lengthen the horizons"
         )

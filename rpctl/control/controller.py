@@ -174,6 +174,16 @@ class Controller:
         self._time, self._sent = now, output
         return output
 
+    def prepare(self) -> None:
+        """Compute ahead what can be before the next sample; call it once what to send is sent.
+
+        It is never needed, and of use to laws that prepare (``Horizon(prepare=True)``): the next
+        step is then quicker. It raises nothing.
+        """
+        if self._measured is not None and self._measured.t == self._time:
+            t, q, nu = self._measured
+            self._kinematic.prepare(t, q, nu, self.period)
+
     def report(self) -> dict[str, float]:
         """Return what happened so far, by name.
 

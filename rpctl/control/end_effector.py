@@ -15,7 +15,14 @@ from rpctl.control.frame_kinematics import (
     tracking_velocity,
 )
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
+from rpctl.control.law import (
+    Command,
+    KinematicController,
+    KinematicLaw,
+    Preparing,
+    Rest,
+    as_law,
+)
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference, ReferenceState
@@ -136,6 +143,18 @@ class EndEffectorLaw:
             np.concatenate([base.nu_d[:first], full * z.value]),
             np.concatenate([base.nu_d_dot[:first], full * z.rate]),
         )
+
+    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
+        """Let the base's controller compute ahead; see :class:`rpctl.control.law.Preparing`.
+
+        Args:
+            t: Time of the last sample, s.
+            q: Configuration (nq,) then.
+            nu: Quasi-velocities (dof,) then.
+            after: Time until the next sample, s.
+        """
+        if isinstance(self._base, Preparing):
+            self._base.prepare(t, q, nu, after)
 
     def report(self) -> dict[str, float]:
         """Return the report of the base's controller."""

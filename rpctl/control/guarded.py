@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from rpctl.control.law import Timed, as_controller
+from rpctl.arrays import Array
+from rpctl.control.law import Preparing, Timed, as_controller
 from rpctl.control.returned import NotFiniteError, WrongAnswerError
 from rpctl.errors import RpctlError, UnfitLawError
 
@@ -79,6 +81,21 @@ class GuardedLaw(Generic[Answer]):
         """
         if isinstance(self._controller, Timed):
             self._controller.sampled_after(None if self.reason else elapsed)
+
+    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
+        """Let the law compute ahead, if it can; see :class:`rpctl.control.law.Preparing`.
+
+        What fails here shows at the next sample.
+
+        Args:
+            t: Time of the last sample, s.
+            q: Configuration (nq,) then.
+            nu: Quasi-velocities (dof,) then.
+            after: Time until the next sample, s.
+        """
+        if isinstance(self._controller, Preparing):
+            with suppress(*FAILURES):
+                self._controller.prepare(t, q, nu, after)
 
     def report(self) -> dict[str, float]:
         """Return the report of the law."""

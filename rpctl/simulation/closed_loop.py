@@ -13,6 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller
 from rpctl.control.error import tracking_error
+from rpctl.control.horizon.beside import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
 from rpctl.control.returned import require_state
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -20,6 +21,7 @@ from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.model import Robot
+from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
 from rpctl.simulation.interface import start_interface
 from rpctl.simulation.recorder import Recorder
@@ -98,15 +100,18 @@ def close_loop(
     q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
     work = lost = 0.0
     rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - plant.bias(robot)))
-    controller = Controller(
-        plant.known_robot(robot),
-        reference,
-        config.kinematic,
-        config.dynamic,
-        period,
-        rest,
-        output=config.output or "effort",
-    )
+    simulated_time = SimulatedTime(plant.computing_time)
+    with in_simulated_time(simulated_time):
+        controller = Controller(
+            plant.known_robot(robot),
+            reference,
+            config.kinematic,
+            config.dynamic,
+            period,
+            rest,
+            output=config.output or "effort",
+        )
+    computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
     interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     try:
@@ -115,11 +120,14 @@ def close_loop(
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
             if arrives[k]:
-                output = controller.step(t, q, nu)
-            tau = interface.take(output, q, nu)
+                output = computing.step(t, q, nu)
+            tau = interface.take(output, q, nu, computing.late(t))
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
-                recorder.add(t, q, nu, tau, e, state, output.command, work, output.limits, lost)
+                recorder.add(
+                    t, q, nu, tau, e, state, output.command, work, output.limits, lost,
+                    output.speeds,
+                )  # fmt: skip
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(
                     f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
@@ -132,6 +140,7 @@ def close_loop(
             if k < steps:
                 q, nu, done, gone = interface.advance(q, nu)
                 work, lost = work + done, lost + gone
+                controller.prepare()
             if progress is not None:
                 progress(k, steps)
     finally:

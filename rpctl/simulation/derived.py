@@ -90,7 +90,7 @@ class Derivation:
         kept, ahead = samples.rows(logged), TURN * turns[logged]
         columns = {
             name: np.array(getattr(kept, name))
-            for name in ("t", "q", "nu", "tau", "nu_d", "e", "work", "lost")
+            for name in ("t", "q", "nu", "tau", "nu_d", "nu_cmd", "e", "work", "lost")
         }
         columns |= {
             "nu_ref": nu_ref[logged],

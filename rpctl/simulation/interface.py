@@ -13,6 +13,7 @@ from rpctl.dynamics.motion import Step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
+from rpctl.simulation.held import HeldCommands
 from rpctl.simulation.periods import delay_periods
 from rpctl.simulation.plant import advance
 from rpctl.simulation.velocity_plant import VelocityPlant
@@ -21,13 +22,14 @@ from rpctl.simulation.velocity_plant import VelocityPlant
 class Interface(Protocol):
     """The simulated robot between two samples of its controller."""
 
-    def take(self, output: ControllerOutput, q: Array, nu: Array) -> Array:
+    def take(self, output: ControllerOutput, q: Array, nu: Array, late: float = 0.0) -> Array:
         """Take what is sent at a sample; return the efforts (n_act,) of the coming period.
 
         Args:
             output: What the controller sends.
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
+            late: How much after the sample it is sent, s.
         """
 
     def advance(self, q: Array, nu: Array) -> Step:
@@ -78,24 +80,30 @@ class EffortInterface:
         self._dynamics, self._run = dynamics, config.run
         self._bias = plant.bias(robot)
         self._sent = plant.pipeline(rest.tau, config.run.control_period)
-        self._tau = rest.tau
+        self._held, self._t = HeldCommands(rest.tau), 0.0
 
-    def take(self, output: ControllerOutput, q: Array, nu: Array) -> Array:
+    def take(self, output: ControllerOutput, q: Array, nu: Array, late: float = 0.0) -> Array:
         """Take efforts; see :class:`Interface`.
 
         Args:
             output: What the controller sends.
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
+            late: How much after the sample it is sent, s.
         """
         self._sent.append(output.efforts)
-        self._tau = self._sent.popleft()
-        return self._tau
+        self._held.send(self._t + late, self._sent.popleft())
+        return self._held.at(self._t)
 
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period; see :class:`Interface`."""
-        run, push = self._run, self._tau + self._bias
-        return advance(self._dynamics, q, nu, push, run.control_period, run.plant_step)
+        run, work, lost = self._run, 0.0, 0.0
+        for duration, tau in self._held.during(self._t, run.control_period):
+            push = tau + self._bias
+            q, nu, done, gone = advance(self._dynamics, q, nu, push, duration, run.plant_step)
+            work, lost = work + done, lost + gone
+        self._t += run.control_period
+        return Step(q, nu, work, lost)
 
 
 class SpeedInterface:
@@ -114,6 +122,8 @@ class SpeedInterface:
         late = delay_periods(plant.delay, run.control_period) * run.control_period
         self._dynamics = dynamics
         self._bias = plant.bias(robot)
+        self._held, self._t = HeldCommands(np.zeros(robot.dof)), 0.0
+        self._period = run.control_period
         self._plant = VelocityPlant(
             dynamics,
             truth.lag_of(robot.quasi_velocities),
@@ -122,15 +132,18 @@ class SpeedInterface:
             run.plant_step,
         )
 
-    def take(self, output: ControllerOutput, q: Array, nu: Array) -> Array:
+    def take(self, output: ControllerOutput, q: Array, nu: Array, late: float = 0.0) -> Array:
         """Take speeds; return the efforts that the mean acceleration of the period takes.
 
         Args:
             output: What the controller sends.
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
+            late: How much after the sample they are sent, s; they count from the next sample on.
         """
-        self._plant.send(output.speeds)
+        self._held.send(self._t + late, output.speeds)
+        self._plant.send(self._held.at(self._t))
+        self._t += self._period
         dynamics = self._dynamics
         force = dynamics.inverse(q, nu, self._plant.acceleration(nu))
         return np.asarray(dynamics.efforts(q, force) - self._bias)

@@ -23,6 +23,8 @@ class Log:
         tau: Actuator efforts from each sample on (K, n_act); N·m or N.
         rates: Rate of each actuator's joint (K, n_act), wheels included; rad/s or m/s.
         nu_d: Quasi-velocities that the kinematic law asks for (K, dof).
+        nu_cmd: Quasi-velocities that were sent from each sample on (K, dof); (K, 0) where the
+            controller sent efforts.
         nu_ref: Quasi-velocities of the reference (K, dof).
         base: Pose of P (K, 3): x, y in m, heading in rad.
         base_ref: Reference pose of P (K, 3).
@@ -67,6 +69,7 @@ class Log:
     tau: Array
     rates: Array
     nu_d: Array
+    nu_cmd: Array
     nu_ref: Array
     base: Array
     base_ref: Array

@@ -187,7 +187,8 @@ def simulate(
     derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
     recording: Recording | None = getattr(reference, "recording", None)
     loop = LoopRecord()
-    recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known)
+    speeds = config.output is not None
+    recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known, speeds)
     watching = Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
     obstacles = find_obstacles(config)

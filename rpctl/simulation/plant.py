@@ -34,6 +34,9 @@ class Plant:
             what the controller knows.
         dropped: Share of the samples that never reach the controller, 0 or more and below 1. Which
             ones is drawn, and the same in every run; the first one arrives.
+        computing_time: Time that computing takes, s, or "measured": the processor's time. The
+            efforts of a sample come as much later, and what would be sampled meanwhile is missed. A
+            stated time is that of a plan, for a law that plans now and then, or else of a sample.
         lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
             controller knows it.
         lags: Lag by name of the quasi-velocity, where it differs, s.
@@ -45,6 +48,7 @@ class Plant:
     controller_model: Robot | None = field(default=None, metadata=NO_FILE_CAN_SAY)
     joint_friction: Mapping[str, float] = field(default_factory=dict)
     dropped: float = 0.0
+    computing_time: float | str = 0.0
     lag: float | None = None
     lags: Mapping[str, float] = field(default_factory=dict)
     dead_time: float | None = None
@@ -56,6 +60,17 @@ class Plant:
         require_within("delay", [self.delay])
         if not 0.0 <= self.dropped < 1.0:
             raise RpctlError(f"dropped is {self.dropped:g}; give a share from 0 to less than 1")
+        if isinstance(self.computing_time, str):
+            if self.computing_time != "measured":
+                raise RpctlError(
+                    f'computing_time is {self.computing_time!r}; give seconds, or "measured"'
+                )
+        elif not (math.isfinite(self.computing_time) and self.computing_time >= 0.0):
+            raise RpctlError(
+                f"computing_time is {self.computing_time:g}; give a time in s, 0 or more"
+            )
+        else:
+            require_within("computing_time", [self.computing_time])
         for name, bias in self.tau_bias.items():
             require_within(f"tau_bias of {name}", [bias])
         for name, friction in self.joint_friction.items():

@@ -20,6 +20,7 @@ from rpctl.simulation.spool import Spool
 
 BATCH = 256  # samples that are derived at once: a tenth of a second's work at most
 RELEASED_ROWS = 4096  # of a column in a file, that stay in memory until they are let go
+NO_SPEEDS = np.empty(0)
 NOT_FINITE = ("load_range", "slip_range")  # columns in which NaN and inf have a meaning
 
 
@@ -41,6 +42,7 @@ class Recorder:
         every: Each ``every``-th sample is logged, and the last.
         spool: Gets what is logged, on disk; None: nothing does.
         known: Returns what is known of the run besides its samples, for the spool.
+        speeds: Whether the controller sends speeds, not efforts.
     """
 
     def __init__(
@@ -50,10 +52,11 @@ class Recorder:
         every: int = 1,
         spool: Spool | None = None,
         known: Callable[[], Mapping[str, Any]] = dict,
+        speeds: bool = False,
     ) -> None:
         self._derivation, self._every = derivation, every
         self._steps, self._spool, self._known = steps, spool, known
-        self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1))
+        self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1), speeds)
         self._count, self._done = 0, _Done()
         self._columns: dict[str, Array] = {}
         self._sets: dict[tuple[Limit, ...], int] = {}  # of limits that bound, numbered
@@ -80,6 +83,7 @@ class Recorder:
         work: float,
         limits: tuple[Limit, ...],
         lost: float = 0.0,
+        speeds: Array = NO_SPEEDS,
     ) -> None:
         """Add a sample.
 
@@ -94,13 +98,15 @@ class Recorder:
             work: Work of the actuators so far, J.
             limits: The limits that bind the efforts.
             lost: What damping and friction have taken so far, J.
+            speeds: Quasi-velocities (dof,) that are sent; (0,) where efforts are.
 
         Raises:
             RpctlError: A sample of the last batch is nothing that a log can hold.
         """
         number = self._sets.setdefault(limits, len(self._sets))
         place = self._count - self._done.samples
-        self._buffer.put(place, (t, work, lost, number), (q, nu, tau, command.nu_d, e), state)
+        arrays = (q, nu, tau, command.nu_d, speeds, e)
+        self._buffer.put(place, (t, work, lost, number), arrays, state)
         self._count += 1
         late = self._spool is not None and self._spool.is_late()
         if late or place + 1 == len(self._buffer):

@@ -91,7 +91,8 @@ LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
 }
 ARRAY_ENTRIES = frozenset(ARRAYS)
 OLDER_SETTINGS = table({}, {"plant": mapping(free)}, free)
-LATER_ARRAYS = ("load_range", "slip_range")  # likewise
+EMPTY_ARRAYS = ("nu_cmd",)  # likewise, nothing
+LATER_ARRAYS = (*EMPTY_ARRAYS, "load_range", "slip_range")  # likewise, before 5
 ZERO_ARRAYS = ("lost",)  # likewise, a number a sample
 
 
@@ -202,8 +203,10 @@ def _read_packed(npz: Npz, meta: dict[str, Any], older: bool) -> dict[str, Any]:
 
 
 def _zero_arrays(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """Return the arrays that an older file lacks and that stand for zeros, by their names."""
-    zero = {name: np.zeros(shapes.get("t", (0,))[:1]) for name in ZERO_ARRAYS if name not in shapes}
+    """Return the arrays that an older file lacks and that stand for zeros or nothing, by name."""
+    rows = shapes.get("t", (0,))[:1]
+    zero = {name: np.zeros(rows) for name in ZERO_ARRAYS if name not in shapes}
+    zero |= {name: np.zeros((*rows, 0)) for name in EMPTY_ARRAYS if name not in shapes}
     for array in zero.values():
         array.setflags(write=False)
     return zero

@@ -212,6 +212,7 @@ ARRAYS: dict[str, tuple[Size, ...]] = {
     "tau": ("actuators",),
     "rates": ("actuators",),
     "nu_d": ("quasi_velocities",),
+    "nu_cmd": ("quasi_velocities",),
     "nu_ref": ("quasi_velocities",),
     "base": (3,),
     "base_ref": (3,),
@@ -240,7 +241,8 @@ ARRAYS: dict[str, tuple[Size, ...]] = {
     "active_limits": ("bound_limits",),
 }
 MAY_BE_MISSING = (  # from the samples of a robot that has no such thing; (0,) then
-    "ee", "ee_ref", "contact_load", "zmp", "tip_margin", "slip_ratio", "load_range", "slip_range",
+    "nu_cmd", "ee", "ee_ref", "contact_load", "zmp", "tip_margin", "slip_ratio", "load_range",
+    "slip_range",
 )  # fmt: skip
 TOGETHER = (  # an entry, and one that is not missing where it is not
     ("ee", "ee_ref"),

@@ -29,6 +29,7 @@ class Samples(NamedTuple):
     nu: Array
     tau: Array
     nu_d: Array
+    nu_cmd: Array  # (K, 0) where efforts are sent
     e: Array
     pose: Array
     twist: Array
@@ -69,12 +70,13 @@ class SampleBuffer:
     Args:
         robot: The robot.
         rows: How many samples there is room for.
+        speeds: Whether speeds are sent.
     """
 
-    def __init__(self, robot: Robot, rows: int) -> None:
+    def __init__(self, robot: Robot, rows: int, speeds: bool = False) -> None:
         n = len(robot.joints)
-        widths = [1, 1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof, 3 + n]
-        widths += [3, 3, 3, n, n, len(NO_DIRECTION)]
+        widths = [1, 1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof]
+        widths += [robot.dof if speeds else 0, 3 + n, 3, 3, 3, n, n, len(NO_DIRECTION)]
         self._ends = np.cumsum(widths)[:-1]
         self._rows = np.empty((rows, sum(widths)))
 
@@ -94,7 +96,7 @@ class SampleBuffer:
         Args:
             k: Its place, 0 to one less than the room.
             numbers: ``t``, ``work``, ``lost`` and ``limits``.
-            arrays: ``q``, ``nu``, ``tau``, ``nu_d`` and ``e``.
+            arrays: ``q``, ``nu``, ``tau``, ``nu_d``, ``nu_cmd`` and ``e``.
             state: The reference's.
         """
         direction = NO_DIRECTION if state.direction is None else np.ravel(state.direction)

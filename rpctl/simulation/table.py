@@ -25,9 +25,9 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
 
     ``t``; of P ``x``, ``y``, ``theta``; each joint's position by the joint's name (behind
     ``joint_`` where that name is taken, as "x" is, or would begin a formula); both again with
-    ``_ref``. Then, by prefix,
-    ``e_`` tracking errors, ``nu_``, ``nu_d_``, ``nu_ref_`` quasi-velocities, ``tau_`` efforts,
-    ``rate_`` rates of the actuators' joints, ``ee_`` the end effector, ``load_`` vertical forces of
+    ``_ref``. Then, by prefix, ``e_`` tracking errors, ``nu_``, ``nu_d_``, ``nu_cmd_``, ``nu_ref_``
+    quasi-velocities, ``tau_`` efforts, ``rate_`` rates of the actuators' joints, ``ee_`` the end
+    effector, ``load_`` vertical forces of
     the ground, and single figures by their name in the log.
 
     Args:
@@ -45,6 +45,7 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
         ("e_", (*ERRORS, *joints), log.e, ""),
         ("nu_", robot.quasi_velocities, log.nu, ""),
         ("nu_d_", robot.quasi_velocities, log.nu_d, ""),
+        ("nu_cmd_", robot.quasi_velocities, log.nu_cmd, ""),
         ("nu_ref_", robot.quasi_velocities, log.nu_ref, ""),
         ("tau_", robot.actuators, log.tau, ""),
         ("rate_", robot.actuators, log.rates, ""),

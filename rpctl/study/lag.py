@@ -228,15 +228,16 @@ def response(t: Array, command: Array, start: Array, lag: float, dead_time: floa
 
     Args:
         t: Times (K,), s.
-        command: c (K, n), each held until the next; the first held before, too.
-        start: ν at the first time (n,).
+        command: c (K, n), each held until the next.
+        start: ν at the first time (n,), and c before it.
         lag: T, s; 0 for none.
         dead_time: T_d, s.
     """
     changes = t + dead_time
     times = np.union1d(t, changes[(changes > t[0]) & (changes < t[-1])])
     middles = 0.5 * (times[1:] + times[:-1]) - dead_time
-    held = command[np.maximum(np.searchsorted(t, middles, side="right") - 1, 0)]
+    acting = np.searchsorted(t, middles, side="right")[:, None]
+    held = np.where(acting, command[np.maximum(acting[:, 0] - 1, 0)], start)
     left = np.exp(-np.diff(times) / max(lag, 1e-9))[:, None]
     values = _scan(left, (1.0 - left) * held, start)
     return values[np.searchsorted(times, t)]

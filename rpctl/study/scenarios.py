@@ -102,6 +102,10 @@ SCENARIOS = {
         "20 ms from a measurement to the efforts it leads to",
         lambda robot, _: Case(robot, Plant(delay=DELAY_S)),
     ),
+    "computing": Scenario(
+        "computing takes the time that it takes here: efforts come later, samples are missed",
+        lambda robot, _: Case(robot, Plant(computing_time="measured")),
+    ),
     "half-limits": Scenario(
         "half of each effort limit, beyond what holding still takes; references stay",
         _half_limits,

@@ -75,12 +75,11 @@ def log_of_run(run: Run) -> SpeedLog:
     Raises:
         RpctlError: Its output were efforts.
     """
-    commanded = getattr(run.log, "nu_cmd", np.empty((0, 0)))
-    if not commanded.shape[1]:
+    if not run.log.nu_cmd.shape[1]:
         raise RpctlError(
             "the run has no commanded speeds, its output were efforts; track with output velocity"
         )
-    return SpeedLog(run.t, commanded, run.nu, run.robot.quasi_velocities)
+    return SpeedLog(run.t, run.log.nu_cmd, run.nu, run.robot.quasi_velocities)
 
 
 def read_speed_log(path: str | Path) -> SpeedLog:

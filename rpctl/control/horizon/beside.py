@@ -4,16 +4,45 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Generic, Literal, Protocol, TypeVar
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
 
-ComputingTime = float | Literal["measured"]  # s
+ComputingTime = float | str  # s, or "measured"
 REMEMBERED_DELAYS = 20  # results: the longest of them is expected next
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 
 Result = TypeVar("Result")
 Result_co = TypeVar("Result_co", covariant=True)
+
+
+@dataclass
+class SimulatedTime:
+    """What computing takes in a simulation, in the place of what it takes on this machine.
+
+    Attributes:
+        computing_time: Of a computation, s, or "measured": its processor time.
+        spent_beside: Processor time of what was computed beside the samples, s.
+    """
+
+    computing_time: ComputingTime = 0.0
+    spent_beside: float = 0.0
+
+
+_simulated: ContextVar[SimulatedTime | None] = ContextVar("simulated", default=None)
+
+
+@contextmanager
+def in_simulated_time(simulated: SimulatedTime) -> Iterator[None]:
+    """Let the laws that are started meanwhile compute in simulated time."""
+    token = _simulated.set(simulated)
+    try:
+        yield
+    finally:
+        _simulated.reset(token)
 
 
 class Beside(Protocol[Result]):
@@ -85,22 +114,22 @@ class ThreadBeside(Delays, Generic[Result]):
         return running.result()
 
     def close(self) -> None:
-        """End the thread once it has computed."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        """End the thread; waits for what it computes."""
+        self._threads.shutdown(wait=True, cancel_futures=True)
 
 
 class ChargedBeside(Delays, Generic[Result]):
     """Computes at once, and holds the result back for the time it takes.
 
     Args:
-        computing_time: Of each computation, s, or "measured": its processor time.
+        simulated: What computing takes.
     """
 
-    def __init__(self, computing_time: ComputingTime) -> None:
+    def __init__(self, simulated: SimulatedTime) -> None:
         super().__init__()
-        self._charge = computing_time
+        self._simulated = simulated
         self._result: Result | None = None
-        self._began = self._delay = self.seconds = 0.0
+        self._began = self._delay = 0.0
 
     @property
     def busy(self) -> bool:
@@ -112,8 +141,9 @@ class ChargedBeside(Delays, Generic[Result]):
         began = time.thread_time()
         self._result = compute()
         spent = time.thread_time() - began
-        self._began, self._delay = t, spent if self._charge == "measured" else float(self._charge)
-        self.seconds += spent
+        stated = self._simulated.computing_time
+        self._began, self._delay = t, spent if isinstance(stated, str) else stated
+        self._simulated.spent_beside += spent
 
     def result(self, t: float) -> Result | None:
         """Return the result that is there at a time (s), once."""
@@ -126,3 +156,9 @@ class ChargedBeside(Delays, Generic[Result]):
     def close(self) -> None:
         """End."""
         self._result = None
+
+
+def compute_beside() -> Beside[Any]:
+    """Return a thread, or what stands for one in a simulation."""
+    simulated = _simulated.get()
+    return ThreadBeside() if simulated is None else ChargedBeside(simulated)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.beside import Beside, ChargedBeside, ComputingTime, ThreadBeside
+from rpctl.control.horizon.beside import Beside, compute_beside
 from rpctl.control.horizon.planner import HorizonPlan, Planned, Planner, Prepared
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
@@ -99,7 +99,7 @@ class HorizonLaw:
         self.solved_at = -math.inf
         self.solves = self.fallbacks = self.softened = self.prepared = 0
         self.largest_lag = 0.0
-        self._beside: Beside[Planned] | None = ThreadBeside() if law.asynchronous else None
+        self._beside: Beside[Planned] | None = compute_beside() if law.asynchronous else None
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -169,15 +169,10 @@ class HorizonLaw:
             report["largest_delay"] = self._beside.largest_delay
         return report
 
-    def charge(self, computing_time: ComputingTime) -> None:
-        """Simulate that solves which run beside take time, in the place of running them so.
-
-        Args:
-            computing_time: Of a solve, s, or "measured".
-        """
+    def close(self) -> None:
+        """End what runs beside, if anything does; plans come no more."""
         if self._beside is not None:
             self._beside.close()
-            self._beside = ChargedBeside(computing_time)
 
     def _due(self, t: float) -> bool:
         return t - self.solved_at >= self._law.period - TIME_ROUNDING

@@ -202,6 +202,41 @@ def test_a_failed_solve_falls_back_and_is_counted(
     assert len(called) == 6
 
 
+def test_a_prepared_plan_is_the_plan(paper: Robot) -> None:
+    """Where the state is as expected; elsewhere it is that of the QP linearised close by."""
+    dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
+    q, nu = paper.configuration_at(reference(2.0).pose, reference(2.0).joints), np.zeros(paper.dof)
+    laws = [Horizon(prepare=ahead).start(dynamics, 0.02) for ahead in (False, True)]
+    for law in laws:
+        command = law(dynamics, reference, 2.0, q, nu)
+        law.prepare(2.0, q, nu, 0.02)
+    expected = laws[0].planner.advanced(q, nu, command.nu_d_dot, 0.02)
+    usual, prepared = (law(dynamics, reference, 2.02, *expected).nu_d_dot for law in laws)
+    np.testing.assert_allclose(prepared, usual, atol=1e-7)
+    assert laws[1].report()["prepared"] == 1
+    for law in laws:  # half a millimetre, a milliradian, and a push beside what was expected
+        law.prepare(2.02, *expected, 0.02)
+    ahead = laws[0].planner.advanced(*expected, usual, 0.02)
+    ahead[0][:2] += 5e-4
+    pushed = ahead[0], ahead[1] + 5e-3
+    usual, prepared = (law(dynamics, reference, 2.04, *pushed).nu_d_dot for law in laws)
+    np.testing.assert_allclose(prepared, usual, atol=2e-3)
+    unmoved = laws[1].planner.plan(reference, 2.04, *ahead, None).plan
+    assert unmoved is not None
+    assert laws[1].report()["prepared"] == 2
+
+
+def test_laws_prepare_in_closed_loop(paper: Robot) -> None:
+    """Also that of the base within the end-effector law; errors stay what they are."""
+    runs = [
+        track(paper, "eight", 0.4, EndEffector(Horizon(prepare=ahead)), (0.05, 0.0, 0.0))
+        for ahead in (False, True)
+    ]
+    usual, prepared = (summarize(run) for run in runs)
+    assert prepared.kinematic_report["prepared"] == prepared.kinematic_report["solves"] - 1 > 10
+    assert prepared.rms_base_error == pytest.approx(usual.rms_base_error, rel=0.01)
+
+
 def test_contradicting_bounds_give_way(paper: Robot) -> None:
     """Two walls with less room than the base's radius between them: softened, not failed."""
     walls = (HalfPlane(0.0, 1.0, -0.9), HalfPlane(0.0, -1.0, -0.9))
@@ -270,5 +305,7 @@ def test_settings_that_predict_nothing_are_refused() -> None:
         Horizon(steps=1)
     with pytest.raises(RpctlError, match=r"period 0.2 s is longer than a step; give at most 0.1 s"):
         Horizon(period=0.2)
+    with pytest.raises(RpctlError, match="prepare and asynchronous exclude each other"):
+        Horizon(prepare=True, asynchronous=True)
     with pytest.raises(RpctlError, match="base_radius is 0; give a positive number"):
         Horizon(base_radius=0.0)
