@@ -181,6 +181,29 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "locked", _name_list(list(known["locked"]))
     if known["mimics"]:
         yield "mimic", escape(", ".join(known["mimics"]))
+    label = "losses"
+    for text in _losses(known["losses"]):
+        yield label, escape(text)
+        label = ""
+
+
+def _losses(joints: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield damping, friction and rotor of joints, those that are alike together."""
+    alike: dict[str, list[str]] = {}
+    for joint in joints:
+        slides = joint["type"] == "prismatic"
+        units = ("N·s/m", "N", "kg") if slides else ("N·m·s/rad", "N·m", "kg·m²")
+        words = (("damping", "damping"), ("friction", "friction"), ("armature", "rotor"))
+        words_said = [
+            f"{word} {joint[key]:.4g} {unit}"
+            for (key, word), unit in zip(words, units, strict=True)
+            if joint[key]
+        ]
+        alike.setdefault(", ".join(words_said), []).append(joint["joint"])
+    for said, names in alike.items():
+        shown = ", ".join(names[:MAX_LISTED_NAMES])
+        more = f" and {len(names) - MAX_LISTED_NAMES} more" * (len(names) > MAX_LISTED_NAMES)
+        yield f"{said}: {shown}{more}"
 
 
 def _name_list(names: Sequence[str]) -> str:

@@ -59,4 +59,5 @@ CASADI = Scalars(
     number=lambda value, kind, label: CasadiScalar(value),
     cos=lambda angle: CasadiScalar.of(casadi.cos(CasadiScalar(angle).sx)),
     sin=lambda angle: CasadiScalar.of(casadi.sin(CasadiScalar(angle).sx)),
+    sqrt=lambda value: CasadiScalar.of(casadi.sqrt(CasadiScalar(value).sx)),
 )

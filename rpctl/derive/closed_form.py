@@ -36,7 +36,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """M ν̇ + h = B τ in symbols.
+    """M ν̇ + h = B τ + ℓ in symbols.
 
     Attributes:
         robot: Name of the robot.
@@ -47,6 +47,7 @@ class ClosedForm:
         M: Inertia (n, n), symmetric.
         h: Bias (n, 1); the paper's Re is −h.
         B: Actuation map (n, n_act).
+        losses: ℓ (n, 1), of damping and friction; zeros where nothing is lost.
         definitions: Symbols in M and h and what they are, each in terms of those before it.
         parameters: Symbols that stand for numbers of the URDF; none unless asked for.
     """
@@ -58,6 +59,7 @@ class ClosedForm:
     M: sp.ImmutableMatrix
     h: sp.ImmutableMatrix
     B: sp.ImmutableMatrix
+    losses: sp.ImmutableMatrix
     definitions: tuple[tuple[sp.Symbol, sp.Expr], ...]
     parameters: tuple[Parameter, ...]
 
@@ -132,15 +134,27 @@ def _form(robot: Robot, equations: Equations, short: ShortForm) -> ClosedForm:
         M=sp.ImmutableMatrix(M),
         h=sp.ImmutableMatrix(n, 1, short.entries[len(upper) :]),
         B=sp.ImmutableMatrix(B),
+        losses=_losses(equations),
         definitions=short.definitions,
         parameters=equations.parameters,
     )
 
 
+def _losses(equations: Equations) -> sp.ImmutableMatrix:
+    """Return ℓ (n, 1): each joint's damping and smooth friction on its own rate, onto ν."""
+    total, shown = sp.zeros(len(equations.rates), 1), equations.space.expression
+    for row, numbers in equations.losses:
+        onto = sp.Matrix([shown(entry, {}) for entry in row])
+        damping, friction, smooth = (shown(number, {}) for number in numbers)
+        rate = sum(a * b for a, b in zip(onto, equations.rates, strict=True))
+        total -= onto * (damping * rate + friction * rate / sp.sqrt(rate**2 + smooth**2))
+    return sp.ImmutableMatrix(total)
+
+
 def _renamed(form: ClosedForm) -> ClosedForm:
     """Return the form with the parameters that occur in it, and these numbered: m1, m2, l1, …"""
     values = (value for _, value in form.definitions)
-    used = _symbols([form.M, form.h, form.B, *values])
+    used = _symbols([form.M, form.h, form.B, form.losses, *values])
     kept = [parameter for parameter in form.parameters if parameter.symbol in used]
     letters = [str(parameter.symbol).partition("_")[0] for parameter in kept]
     names = {}
@@ -153,6 +167,7 @@ def _renamed(form: ClosedForm) -> ClosedForm:
         M=form.M.xreplace(names),
         h=form.h.xreplace(names),
         B=form.B.xreplace(names),
+        losses=form.losses.xreplace(names),
         definitions=tuple((symbol, value.xreplace(names)) for symbol, value in form.definitions),
         parameters=tuple(replace(p, symbol=names[p.symbol]) for p in kept),
     )

@@ -14,15 +14,15 @@ LINEAR_SPEEDS = ("v", "vx", "vy")  # speeds of the base in m/s
 NAME_LENGTH = 40  # of the identifiers made from a robot's name
 
 C_FORWARD = """
-/* nu_dot = M^-1 (B tau - h), by Cholesky's M = L L'. Returns 0, or 1 where M is not positive
+/* nu_dot = M^-1 (B tau - h{plus}), by Cholesky's M = L L'. Returns 0, or 1 where M is not positive
    definite; nu_dot is then left as it was. */
 int {name}_forward(const double *q, const double *nu, const double *tau, double *nu_dot)
 {{
-  double M[{n} * {n}], h[{n}], B[{n} * {m}], x[{n}];
+  double M[{n} * {n}], h[{n}], B[{n} * {m}], x[{n}]{array};
   int i, j, k;
-  {name}_dynamics(q, nu, M, h, B);
+  {name}_dynamics(q, nu, M, h, B);{call}
   for (i = 0; i < {n}; i++) {{
-    x[i] = -h[i];
+    x[i] = {start};
     for (j = 0; j < {m}; j++) x[i] += B[{m} * i + j] * tau[j];
     for (j = 0; j <= i; j++) {{
       double sum = M[{n} * i + j];
@@ -45,14 +45,14 @@ int {name}_forward(const double *q, const double *nu, const double *tau, double 
 PYTHON_FORWARD = '''
 
 def {name}_forward(q, nu, tau):
-    """Return nu_dot = M^-1 (B tau - h), by Cholesky's M = L L'."""
-    M, h, B = {name}_dynamics(q, nu)
+    """Return nu_dot = M^-1 (B tau - h{plus}), by Cholesky's M = L L'."""
+    M, h, B = {name}_dynamics(q, nu){call}
     n, x = {n}, []
     for i in range(n):
         for j in range(i + 1):
             total = M[i][j] - sum(M[i][k] * M[j][k] for k in range(j))
             M[i][j] = sqrt(total) if i == j else total / M[j][j]
-        force = sum(b * effort for b, effort in zip(B[i], tau)) - h[i]
+        force = sum(b * effort for b, effort in zip(B[i], tau)) {start}
         x.append((force - sum(M[i][k] * x[k] for k in range(i))) / M[i][i])
     for i in reversed(range(n)):
         x[i] = (x[i] - sum(M[k][i] * x[k] for k in range(i + 1, n))) / M[i][i]
@@ -64,7 +64,8 @@ def c_source(robot: Robot) -> str:
     """Return C99 with no dependency but ``math.h``.
 
     It has ``NAME_dynamics(q, nu, M, h, B)``, which fills row-major M (dof, dof), h (dof,) and
-    B (dof, n_act) of M ν̇ + h = B τ, and ``NAME_forward(q, nu, tau, nu_dot)``.
+    B (dof, n_act) of M ν̇ + h = B τ, and ``NAME_forward(q, nu, tau, nu_dot)``. Where joints have
+    losses, ``NAME_losses(q, nu, l)`` fills ℓ (dof,), and ``forward`` has it on the right.
     """
     steps, name = program(robot), identifier(robot.name)
     n, m = robot.dof, len(robot.actuators)
@@ -82,14 +83,38 @@ def c_source(robot: Robot) -> str:
     lines += [f"  h[{i}] = {values(node)};" for i, node in enumerate(steps.h)]
     flat = [node for row in steps.B for node in row]
     lines += [f"  B[{k}] = {values(node)};" for k, node in enumerate(flat)]
-    return "\n".join([*lines, "}", ""]) + C_FORWARD.format(name=name, n=n, m=m)
+    lossy = bool(steps.losses)
+    forward = C_FORWARD.format(
+        name=name, n=n, m=m, plus=" + l" * lossy, array=f", l[{n}]" * lossy,
+        call=f"\n  {name}_losses(q, nu, l);" * lossy, start="l[i] - h[i]" if lossy else "-h[i]",
+    )  # fmt: skip
+    return "\n".join([*lines, "}", "", *_c_losses(name, steps)]) + forward
+
+
+def _c_losses(name: str, steps: ScalarProgram) -> list[str]:
+    """Return the lines of ``NAME_losses``; none where nothing is lost."""
+    if not steps.losses:
+        return []
+    given, values = write_steps(steps.loss_nodes, steps.losses, C)
+    kinds = {node[0] for node in steps.loss_nodes}
+    return [
+        "/* The quasi-force l of damping and friction: M nu_dot + h = B tau + l. */",
+        f"void {name}_losses(const double *q, const double *nu, double *l)",
+        "{",
+        *(f"  const double {symbol} = {text};" for symbol, text in given),
+        *(f"  (void){unused};" for unused in ("q", "nu") if unused not in kinds),
+        *(f"  l[{i}] = {values(node)};" for i, node in enumerate(steps.losses)),
+        "}",
+        "",
+    ]
 
 
 def python_source(robot: Robot) -> str:
     """Return Python that imports ``math`` alone.
 
     It has ``NAME_dynamics(q, nu)``, which returns M (dof, dof), h (dof,) and B (dof, n_act) of
-    M ν̇ + h = B τ as lists, and ``NAME_forward(q, nu, tau)``.
+    M ν̇ + h = B τ as lists, and ``NAME_forward(q, nu, tau)``. Where joints have losses,
+    ``NAME_losses(q, nu)`` returns ℓ (dof,), and ``forward`` has it on the right.
     """
     steps, name = program(robot), identifier(robot.name)
     lines = ['"""', *_header(robot, steps), '"""', "", "from math import cos, sin, sqrt", "", ""]
@@ -104,7 +129,29 @@ def python_source(robot: Robot) -> str:
     lines += ["    h = [", *(f"        {values(node)}," for node in steps.h), "    ]", "    B = ["]
     lines += [f"        [{', '.join(map(values, row))}]," for row in steps.B]
     lines += ["    ]", "    return M, h, B", ""]
-    return "\n".join(lines) + PYTHON_FORWARD.format(name=name, n=robot.dof)
+    lossy = bool(steps.losses)
+    forward = PYTHON_FORWARD.format(
+        name=name, n=robot.dof, plus=" + l" * lossy, call=f"\n    l = {name}_losses(q, nu)" * lossy,
+        start="+ l[i] - h[i]" if lossy else "- h[i]",
+    )  # fmt: skip
+    return "\n".join([*lines, *_python_losses(name, steps)]) + forward
+
+
+def _python_losses(name: str, steps: ScalarProgram) -> list[str]:
+    """Return the lines of ``NAME_losses``; none where nothing is lost."""
+    if not steps.losses:
+        return []
+    given, values = write_steps(steps.loss_nodes, steps.losses, PYTHON)
+    return [
+        "",
+        f"def {name}_losses(q, nu):",
+        '    """Return the quasi-force l of damping and friction: M nu_dot + h = B tau + l."""',
+        *(f"    {symbol} = {text}" for symbol, text in given),
+        "    return [",
+        *(f"        {values(node)}," for node in steps.losses),
+        "    ]",
+        "",
+    ]
 
 
 def identifier(name: str) -> str:
@@ -128,7 +175,9 @@ def _header(robot: Robot, steps: ScalarProgram) -> Iterator[str]:
             linear = name in LINEAR_SPEEDS if symbol == "nu" and k < base else name in slides
             yield f"  {symbol}[{k}]  {comment(name)}  [{units[0] if linear else units[1]}]"
 
-    yield f"{comment(robot.name)}: M nu_dot + h = B tau, derived by the Gibbs-Appell equations."
+    lost = " + l" if steps.losses else ""
+    equation = f"M nu_dot + h = B tau{lost}"
+    yield f"{comment(robot.name)}: {equation}, derived by the Gibbs-Appell equations."
     yield f"M ({robot.dof} x {robot.dof}) and B ({robot.dof} x {len(robot.actuators)}) row by row."
     yield "SI units; gravity is 9.81 m/s2 along -z. v (forward) or vx, vy, and omega are speeds of"
     yield "the base in its own axes; nothing depends on its place, nor on angles not listed."

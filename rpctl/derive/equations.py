@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
@@ -47,6 +47,8 @@ class Equations:
         h: Entries (n,).
         B: Entries (n, n_act).
         angular_velocities: Angular velocities of the links, component by component, as polynomials.
+        losses: Of each joint that loses something: its rate as a row of ν (n,), and its damping,
+            friction and the rate below which that is smooth.
     """
 
     space: Space
@@ -59,6 +61,7 @@ class Equations:
     h: tuple[Poly, ...]
     B: tuple[tuple[Poly, ...], ...]
     angular_velocities: tuple[Poly, ...]
+    losses: tuple[tuple[tuple[Poly, ...], tuple[Poly, Poly, Poly]], ...] = ()
 
 
 class _Derivation:
@@ -186,7 +189,15 @@ def by_recursion(robot: Robot, named: bool = False) -> Equations:
     angular_velocities = {}
     for _, motion in derivation.oracle.links(positions, u, root, rates):
         angular_velocities.update(dict.fromkeys(x.poly for x in motion.omega))
-    return derivation.result(terms.M, terms.h, terms.B, angular_velocities)
+    losses = tuple(
+        (
+            tuple(rate.poly for rate in terms.rates[name]),
+            (loss.damping.poly, loss.friction.poly, loss.rate.poly),
+        )
+        for name, loss in derivation.oracle.tree.losses.items()
+    )
+    found = derivation.result(terms.M, terms.h, terms.B, angular_velocities)
+    return replace(found, losses=losses)
 
 
 def by_differentiation(robot: Robot, named: bool = False) -> Equations:

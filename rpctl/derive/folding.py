@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.equivalence.tree import FLOATS, Body, Scalars, SwivelPart, Tree, TreeJoint, WheelPart
+from rpctl.equivalence.tree import (
+    FLOATS,
+    Body,
+    JointLoss,
+    Scalars,
+    SwivelPart,
+    Tree,
+    TreeJoint,
+    WheelPart,
+)
 from rpctl.robot.model import Robot
 
 ROTATION_ROUNDING = 4e-16  # of a rotation's entries; one so near to 0 or ±1 is that
@@ -46,6 +55,13 @@ def fold(robot: Robot, scalars: Scalars) -> Tree:
     folded.swivels = {name: _scalar_swivel(part, scalars) for name, part in tree.swivels.items()}
     folded.forward = numbers(_snapped(tree.forward), "direction", "")
     folded.point = numbers(tree.point, "length", "")
+    folded.armature = {
+        name: scalars.number(inertia, "inertia", "") for name, inertia in tree.armature.items()
+    }
+    folded.losses = {
+        name: JointLoss(*(scalars.number(value, "number", "") for value in astuple(loss)))
+        for name, loss in tree.losses.items()
+    }
     return folded
 
 

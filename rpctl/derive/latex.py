@@ -30,7 +30,7 @@ PREAMBLE = r"""\documentclass[a4paper,fleqn]{article}
 """
 
 BODY = r"""\section*{%(robot)s}
-The reduced equations of motion $M \dot\nu + h = B \tau$ with $\nu = (%(rates)s)$ and
+The reduced equations of motion $M \dot\nu + h = B \tau%(lost)s$ with $\nu = (%(rates)s)$ and
 $\tau$ the efforts of %(actuators)s.
 
 \medskip
@@ -59,7 +59,10 @@ def equations_of(form: ClosedForm) -> str:
     parts += ["$M$ is symmetric:", aligned(lefts, names)]
     parts.append(aligned([(f"h_{{{i + 1}}}", x) for i, x in enumerate(form.h)], names))
     parts.append(f"\\[ B = {_latex(form.B, names)} \\]")
+    if any(form.losses):
+        parts.append(aligned([(f"\\ell_{{{i + 1}}}", x) for i, x in enumerate(form.losses)], names))
     return BODY % {
+        "lost": r" + \ell" if any(form.losses) else "",
         "robot": escaped(form.robot),
         "rates": ", ".join(names[rate] for rate in form.rates),
         "actuators": ", ".join(map(escaped, form.actuators)),
@@ -125,7 +128,7 @@ def _symbol(name: str) -> str:
 
 
 def _all_symbols(form: ClosedForm) -> set[sp.Symbol]:
-    parts = [form.M, form.h, form.B, sp.Tuple(*form.rates)]
+    parts = [form.M, form.h, form.B, form.losses, sp.Tuple(*form.rates)]
     parts += [sp.Tuple(symbol, value) for symbol, value in form.definitions]
     parts += [coordinate.symbol for coordinate in form.coordinates]
     return set().union(*(part.free_symbols for part in parts))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi
@@ -26,6 +26,8 @@ class ScalarProgram:
         M: Node of each entry (dof, dof).
         h: Node of each entry (dof,).
         B: Node of each entry (dof, n_act).
+        loss_nodes: Steps of the losses ℓ alone, as ``nodes``.
+        losses: Of these, the node of each entry (dof,); none where nothing is lost.
     """
 
     positions: tuple[str, ...]
@@ -33,10 +35,12 @@ class ScalarProgram:
     M: tuple[tuple[int, ...], ...]
     h: tuple[int, ...]
     B: tuple[tuple[int, ...], ...]
+    loss_nodes: tuple[Node, ...] = ()
+    losses: tuple[int, ...] = ()
 
 
 def program(robot: Robot) -> ScalarProgram:
-    """Derive M ν̇ + h = B τ with CasADi's symbols and list its steps ([MS21, Eq. 1-5]).
+    """Derive M ν̇ + h = B τ + ℓ with CasADi's symbols and list its steps ([MS21, Eq. 1-5]).
 
     Rigid parts are folded into one body each before, and the angle of a round wheel is left out.
     """
@@ -48,16 +52,32 @@ def program(robot: Robot) -> ScalarProgram:
     n = robot.dof
     upper = [(i, j) for i in range(n) for j in range(i, n)]
     entries = [terms.M[i, j] for i, j in upper] + [*terms.h, *terms.B.ravel()]
-    outputs = casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries))
-    function = casadi.Function("terms", [q, nu], [casadi.cse(outputs)])
-    steps = Steps()
-    inputs = [lambda i: steps.add("q", i), lambda i: steps.add("nu", i)]
-    results = steps.evaluate(function, inputs)
+    steps, results = _steps(q, nu, entries)
     M = np.zeros((n, n), dtype=int)
     for (i, j), node in zip(upper, results, strict=False):
         M[i, j] = M[j, i] = node
     h, B = results[len(upper) : len(upper) + n], results[len(upper) + n :]
-    return _pruned(robot, names, steps.nodes, M.tolist(), h, np.reshape(B, terms.B.shape).tolist())
+    found = _pruned(robot, names, steps.nodes, M.tolist(), h, np.reshape(B, terms.B.shape).tolist())
+    if not oracle.tree.losses:
+        return found
+    speeds = np.array([CasadiScalar.of(nu[i]) for i in range(n)], dtype=object)
+    lost, results = _steps(q, nu, oracle.losses(terms.rates, speeds))
+    place = {names.index(name): k for k, name in enumerate(found.positions)}
+    return replace(found, loss_nodes=_moved(lost.nodes, place), losses=tuple(results))
+
+
+def _steps(q: Any, nu: Any, entries: Iterable[Any]) -> tuple[Steps, list[int]]:
+    """Return steps from positions and ν to some entries, and the nodes of these."""
+    outputs = casadi.vertcat(*(CasadiScalar(entry).sx for entry in entries))
+    function = casadi.Function("terms", [q, nu], [casadi.cse(outputs)])
+    steps = Steps()
+    inputs = [lambda i: steps.add("q", i), lambda i: steps.add("nu", i)]
+    return steps, steps.evaluate(function, inputs)
+
+
+def _moved(nodes: Sequence[Node], place: Mapping[int, int]) -> tuple[Node, ...]:
+    """Return nodes that read positions at other places."""
+    return tuple(("q", place[node[1]]) if node[0] == "q" else node for node in nodes)
 
 
 def _mimicked(robot: Robot) -> dict[str, Any]:
@@ -91,5 +111,6 @@ def _pruned(
     order = [name for name in order if name in arm or names.index(name) in read]
     order += [name for i, name in enumerate(names) if i in read and name not in order]
     place = {names.index(name): k for k, name in enumerate(order)}
-    moved = tuple(("q", place[node[1]]) if node[0] == "q" else node for node in nodes)
-    return ScalarProgram(tuple(order), moved, tuple(map(tuple, M)), tuple(h), tuple(map(tuple, B)))
+    return ScalarProgram(
+        tuple(order), _moved(nodes, place), tuple(map(tuple, M)), tuple(h), tuple(map(tuple, B))
+    )

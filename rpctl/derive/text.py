@@ -14,7 +14,8 @@ from rpctl.errors import printable
 def to_text(form: ClosedForm) -> str:
     """Return a closed form as plain text; expressions are valid SymPy and Python."""
     rates = ", ".join(map(str, form.rates))
-    lines = [f"{printable(form.robot)}: M nu_dot + h = B tau", ""]
+    lost = " + l" if any(form.losses) else ""
+    lines = [f"{printable(form.robot)}: M nu_dot + h = B tau{lost}", ""]
     lines += [f"nu  = ({rates})", f"tau = ({', '.join(map(printable, form.actuators))})"]
     rows = [(str(symbol), what) for symbol, what in legend(form)]
     lines += ["", *columns(rows)]
@@ -30,6 +31,8 @@ def to_text(form: ClosedForm) -> str:
         lines.append(f"  B = [ {row} ]" if i == 0 else f"      [ {row} ]")
         if i == 0:
             lines.insert(-1, "")
+    if lost:
+        lines += ["", *(f"  l{i + 1} = {plain(value)}" for i, value in enumerate(form.losses))]
     return "\n".join(lines) + "\n"
 
 

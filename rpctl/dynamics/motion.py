@@ -91,7 +91,8 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
 
     The additive Runge-Kutta method ARS(2,2,2) of [ARS97]: of order 2, explicit in all but ℓ, for
     which it is L-stable, so a joint that friction holds stands still (but for its creep) whatever
-    the step. What does not change, as a speed at which ℓ balances the rest, it keeps exactly.
+    the step; what it stops within a step may swing back in it, by an eighth of what it could take.
+    What does not change, as a speed at which ℓ balances the rest, it keeps exactly.
 
     Work and loss are impulses times the mean of the speeds before and after: where M and S are
     constant, the energy's balance closes to rounding.

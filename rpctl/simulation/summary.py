@@ -121,7 +121,10 @@ class Summary:
         limits_bound: Every limit that the dynamic law had to heed.
         ground: What the ground does.
         kinematic_report: What the kinematic law counts, by name; empty for one that counts nothing.
-        energy_residual: Largest gap between energy and work, relative to the work's swing.
+        work: What the actuators did in all, J.
+        lost: What damping and friction in the joints took of it, J.
+        energy_residual: Largest gap between energy and work less losses, relative to the work's
+            swing.
         constraint_residual: Largest entry of |A v|; m/s, rad/s.
         wall_time: What the simulation took, s.
         realtime_factor: Time simulated per time taken.
@@ -154,6 +157,8 @@ class Summary:
     limits_bound: tuple[BindingLimit, ...]
     ground: GroundFigures
     kinematic_report: Mapping[str, float]
+    work: float
+    lost: float
     energy_residual: float
     constraint_residual: float
     wall_time: float
@@ -169,6 +174,16 @@ class Summary:
     def succeeded(self) -> bool:
         """Whether the robot tracked its reference, late or not, within the limits."""
         return self.outcome in SUCCESSES and not self.limits_violated
+
+    @property
+    def energy_sentence(self) -> str | None:
+        """What became of the actuators' work, in words; None where nothing was lost."""
+        if not self.lost:
+            return None
+        return (
+            f"the actuators did {self.work:.3g} J of work, of which damping and friction took "
+            f"{self.lost:.3g} J"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON says them: flat, those of the ground among the others."""
@@ -227,6 +242,8 @@ def summarize(run: Run) -> Summary:
         limits_bound=binding_limits(run),
         ground=ground(run),
         kinematic_report=run.kinematic_report,
+        work=float(log.work[-1]),
+        lost=float(log.lost[-1]),
         energy_residual=_energy_residual(run),
         constraint_residual=float(log.constraint_residual.max()),
         wall_time=run.wall_time,

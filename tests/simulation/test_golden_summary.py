@@ -38,6 +38,8 @@ def test_figures_of_a_run(golden: Run) -> None:
         "final_end_effector_error": 0.03,
         "settled_end_effector_error": 0.07,
         "max_effort_ratio": 0.8,
+        "work": 4.0,
+        "lost": 3.0,
         "energy_residual": 0.2 / 5.0,
         "constraint_residual": 3e-9,
         "min_tip_over_margin": 0.125,
@@ -47,6 +49,10 @@ def test_figures_of_a_run(golden: Run) -> None:
         "realtime_factor": 2.0,
     }
     assert {name: summary.to_dict()[name] for name in figures} == pytest.approx(figures, rel=1e-12)
+    assert summary.energy_sentence == (
+        "the actuators did 4 J of work, of which damping and friction took 3 J"
+    )
+    assert summarize(vary(golden, lost=np.zeros(COUNT))).energy_sentence is None
     assert summary.max_effort_joint == "swing_joint"
     assert summary.limits_violated == ()
     assert summary.kinematic_report == {"softened": 3.0}

@@ -75,6 +75,8 @@ def merits_section(run: Run, summary: Summary) -> str:
     if summary.clearances:
         sentences.append(f"Nearest to {', '.join(map(clearance_text, summary.clearances))}.")
     sentences += [f"{each[:1].upper()}{each[1:]}." for each in summary.collision_notes]
+    if summary.energy_sentence:
+        sentences.append(f"{summary.energy_sentence[0].upper()}{summary.energy_sentence[1:]}.")
     if summary.ground.sentence:
         sentences.append(f"On the ground: {summary.ground.sentence}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
