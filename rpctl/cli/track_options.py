@@ -88,7 +88,7 @@ class ConfigOptions:
     ] = None
     dynamic: Annotated[
         str | None,
-        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; paper if not given."),
+        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; integral if not given."),
     ] = None
     output: Annotated[
         str | None,

@@ -11,7 +11,7 @@ from rpctl.arrays import Array
 from rpctl.control.approach_plan import ApproachPlan, WayLimits, plan_approach
 from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, KinematicController
-from rpctl.drive.steering import turning_radius
+from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_positive
 from rpctl.reference.motion import Reference, ReferenceState
@@ -34,7 +34,10 @@ class Approach:
     exact derivatives, so every law tracks it with small errors. Once it joins, the law is given its
     reference again.
 
-    A base that turns on the spot needs no such stage.
+    A base whose wheels all steer has the stage, too: from a spin about a far place its steering
+    leads home only slowly, because it must keep clear of singular angles. It drives there first.
+
+    A base that turns on the spot without steering needs no such stage.
 
     Attributes:
         distance: Position error from which on the base drives up to its reference, m.
@@ -58,8 +61,9 @@ class Approach:
             dynamics: The robot's dynamics, as far as the controller knows them.
             law: What tracks the references.
         """
-        robot = dynamics.robot
-        radius = turning_radius(robot.drive, robot.description.joint)
+        drive, joints = dynamics.robot.drive, dynamics.robot.description.joint
+        find = turning_radius if drive.has_axle else heading_radius
+        radius = find(drive, joints)
         if radius == 0.0 or math.isinf(radius):
             return law
         return ApproachingLaw(self, law, RADIUS_RATIO * radius)

@@ -112,6 +112,8 @@ def plan_approach(
 ) -> ApproachPlan | None:
     """Return the way to the first instant at which the base can meet its reference, or None.
 
+    It ends with the speed and the curvature of the reference; where that spins, at rest.
+
     Args:
         dynamics: The robot's dynamics.
         reference: The reference.
@@ -124,7 +126,7 @@ def plan_approach(
     steered = dynamics.twist(q, np.eye(dynamics.robot.dof)[0])[2]  # curvature, of a forward motion
     ahead = np.arange(t + STRIDE_S, t + LOOK_AHEAD_S, STRIDE_S).tolist()
     states = [reference(at) for at in ahead]
-    largest = max(abs(float(state.twist[0])) for state in states)
+    largest = max(_speed(state, limits.radius) for state in states)
     across = math.sqrt(ACROSS * limits.radius)
     fastest = min(limits.haste * largest, limits.fastest, max(across, largest))
     if fastest <= ROUNDING:
@@ -132,20 +134,28 @@ def plan_approach(
     ramp = SMOOTH_STEP_SLOPE * fastest / ACCELERATION
     for at, state in zip(ahead, states, strict=True):
         v, _, omega = direction(state)[0]
-        if abs(v) <= SPIN_RADIUS * abs(omega):
-            continue
-        sense = math.copysign(1.0, v)
+        sense, bend = (1.0, 0.0) if _spins(v, omega) else (math.copysign(1.0, v), omega / abs(v))
         start, goal = _driven(pose, sense), _driven(state.pose, sense)
         first, last = max(sense * twist[0], 0.0), abs(float(state.twist[0]))
         shortest = sum(shortest_paths(start, goal, limits.radius)[0].lengths)
         if _pace(shortest, at - t, first, last, ramp, fastest) is None:
             continue
-        ends = max(min(sense * steered, 1.0 / limits.radius), -1.0 / limits.radius), omega / abs(v)
+        ends = max(min(sense * steered, 1.0 / limits.radius), -1.0 / limits.radius), bend
         path = smooth_path(start, goal, ends, limits.radius, TRANSITION_RATIO * limits.radius)
         pace = path and _pace(path.length, at - t, first, last, ramp, fastest)
         if path and pace:
             return ApproachPlan(path, pace, sense, t)
     return None
+
+
+def _speed(state: ReferenceState, radius: float) -> float:
+    """Return the speed (m/s) of a reference; of one that spins, that of a bend of this radius."""
+    v, omega = abs(float(state.twist[0])), abs(float(state.twist[2]))
+    return radius * omega if _spins(v, omega) else v
+
+
+def _spins(v: float, omega: float) -> bool:
+    return abs(v) <= SPIN_RADIUS * abs(omega)
 
 
 def _driven(pose: Array, sense: float) -> Array:

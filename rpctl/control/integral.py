@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.bandwidth import joint_gains
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
+from rpctl.control.dynamic import by_velocity
 from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
@@ -34,16 +36,21 @@ class IntegralDynamic:
     the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
 
     Attributes:
-        gain: k, 1/s.
+        gain: k of the base, 1/s.
         inner: The law that finds the efforts.
+        joint_gain: k of the arm's joints, 1/s; None: of each what its bandwidth allows, see
+            :func:`~rpctl.control.bandwidth.joint_gains`.
     """
 
     gain: float = 10.0
     inner: BoundedDynamic = field(default_factory=BoundedDynamic)
+    joint_gain: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse a gain that integrates nothing."""
         require_positive("gain", self.gain)
+        if self.joint_gain is not None:
+            require_positive("joint_gain", self.joint_gain)
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -78,12 +85,18 @@ class IntegralLaw:
         period: float,
         rest: Rest | None,
     ) -> None:
-        if law.gain * period > 1.0:
+        fastest = max(law.gain, law.joint_gain or 0.0)
+        if fastest * period > 1.0:
             raise RpctlError(
-                f"gain {law.gain:g} 1/s is too large for a control period of {period:g} s; "
+                f"gain {fastest:g} 1/s is too large for a control period of {period:g} s; "
                 f"give at most {1.0 / period:g}"
             )
-        self._gain = law.gain
+        joints = (
+            joint_gains(dynamics, period).gain
+            if law.joint_gain is None
+            else np.full(len(dynamics.robot.joints), law.joint_gain)
+        )
+        self._gain = by_velocity(dynamics, law.gain, joints)
         self._inner = BoundedLaw(law.inner, dynamics, period)
         still = np.zeros(dynamics.robot.dof)
         self._disturbance = still if rest is None else -dynamics.forward(rest.q, still, rest.tau)
@@ -110,13 +123,15 @@ class IntegralLaw:
         """
         if self._before is not None and self._elapsed is not None:
             started_at, nu_dot = self._before
-            gain = min(self._gain, 1.0 / self._elapsed)  # a longer pause teaches no more than ν̇
+            # A longer pause teaches no more than ν̇.
+            gain = np.minimum(self._gain, 1.0 / self._elapsed)
             unexpected = nu - started_at - self._elapsed * nu_dot
             self._disturbance = self._disturbance + gain * unexpected
         efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
         nu_dot = self._inner.desired_acceleration(nu, command)
         if efforts.limits:
-            nu_dot = dynamics.forward(q, nu, efforts.tau) + self._disturbance
+            middle = self._inner.middle(dynamics, q, nu, command)
+            nu_dot = dynamics.forward(middle.q, middle.nu, efforts.tau) + self._disturbance
         self._before = nu, nu_dot
         return efforts
 

@@ -30,6 +30,7 @@ class Actuation(NamedTuple):
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
+    model_nu: Array  # (dof,): by the commands alone
     period: float  # s
     lag: Array  # (dof,), s: of the first-order lag
 
@@ -54,10 +55,12 @@ class SpeedLimits:
     - Positions. With a lag T a joint that is asked to stop comes to rest at y = x + T ẋ, and
       ẏ = c: the command c keeps y, and so x, within the position limits if it is at most
       (limit − y)/T_s.
-    - Accelerations. The command is drawn towards the speeds that the robot has, until the mean
-      acceleration over the period takes no effort beyond the limits (τ = B⁻ (M ν̇ + h)) and no
-      acceleration beyond the settings. First the base, with an arm that does not accelerate; then
-      the arm, beside this base. What already takes more without acceleration is left out.
+    - Accelerations. The command is drawn towards the speeds that it has led to so far, until the
+      mean acceleration over the period takes no effort beyond the limits (τ = B⁻ (M ν̇ + h)) and no
+      acceleration beyond the settings. These speeds are the model's: where the robot lags more
+      than it says, measured ones would keep the command from ever getting away from them. First
+      the base, with an arm that does not accelerate; then the arm, beside this base. What already
+      takes more without acceleration is left out.
 
     Speeds are limited last once more, so they hold whatever the robot does.
 
@@ -154,7 +157,7 @@ class SpeedLimits:
     def _within_accelerations(
         self, dynamics: ReducedDynamics, wanted: Array, at: Actuation, found: dict[Limit, None]
     ) -> Array:
-        """Return speeds between the robot's and those wanted, that the limits allow to reach.
+        """Return speeds between the model's and those wanted, that the limits allow to reach.
 
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
@@ -162,9 +165,9 @@ class SpeedLimits:
             at: The state from which they count, and how they are followed.
             found: Gets the limits that bind.
         """
-        gap = wanted - at.nu
+        gap = wanted - at.model_nu
         nu_dot = gap * -np.expm1(-at.period / np.maximum(at.lag, NO_LAG)) / at.period
-        still = dynamics.efforts(at.q, dynamics.bias(at.q, at.nu))
+        still = dynamics.efforts(at.q, dynamics.bias(at.q, at.model_nu))
         gain = dynamics.efforts(at.q, dynamics.inertia(at.q))  # (n_act, dof)
         fractions, base, arm = np.ones_like(gap), slice(self._base), slice(self._base, None)
         push = gain[:, base] @ nu_dot[base]

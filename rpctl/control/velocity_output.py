@@ -156,6 +156,8 @@ class VelocityController:
         self._limits = SpeedLimits(dynamics, output.accelerations, output.effort_ratio)
         # Commands, and from when on they act; the first acts already.
         self._sent = deque([(-math.inf, np.zeros(robot.dof))])
+        # What the commands so far have led to by the time the next one acts, and when it is sent.
+        self._model_nu, self._model_time = np.zeros(robot.dof), math.nan
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the next command acts, and the state then.
@@ -167,6 +169,7 @@ class VelocityController:
             q: Measured configuration (nq,).
             nu: Measured quasi-velocities (dof,).
         """
+        self._follow(t, nu)
         sent = self._sent
         while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
             sent.popleft()
@@ -192,7 +195,9 @@ class VelocityController:
             command: What the kinematic law asks for there.
         """
         wanted = command.nu_d + (self._lag + 0.5 * self._period) * command.nu_d_dot
-        return self._limits(dynamics, wanted, Actuation(q, nu, self._period, self._lag))
+        return self._limits(
+            dynamics, wanted, Actuation(q, nu, self._model_nu, self._period, self._lag)
+        )
 
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
@@ -205,10 +210,21 @@ class VelocityController:
     def brake(self, t: float) -> Array:
         """Return the speeds (dof,) to send at a time (s) in a controlled stop: they decay."""
         start, nu = self._sent[-1]
+        self._follow(t, nu)
         elapsed = min(t + self._dead_time - start, self._period)
         slower = nu * math.exp(-elapsed / STOPPING_TIME)
         self.sent(t, slower)
         return slower
+
+    def _follow(self, t: float, nu: Array) -> None:
+        """Let the model follow its last command until a time (s); it begins at ν (dof,)."""
+        if math.isnan(self._model_time):
+            self._model_nu = nu
+            self._sent = deque([(-math.inf, nu)])
+        elif t > self._model_time:
+            last, passed = self._sent[-1][1][None], np.array([t - self._model_time])
+            self._model_nu = follow(self._model_nu, last, passed, self._lag)[0]
+        self._model_time = t
 
     def report(self) -> dict[str, float]:
         """Return an empty report."""

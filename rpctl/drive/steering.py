@@ -41,8 +41,10 @@ def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
         position = swivel.ratio * positions.get(followed, 0.0) + swivel.offset
         row = lateral_row(swivel.pivot, angle_of(swivel, position))
         rows[leader] = rows[leader] + row if leader in rows else row
-    first, second = rows.values()
-    return np.cross(first, second)
+    (a, b, c), (x, y, z) = (row.tolist() for row in rows.values())
+    return np.array(
+        [b * z - c * y, c * x - a * z, a * y - b * x]
+    )  # NumPy's takes ten times as long
 
 
 def heading_along(swivel: Swivel, twist: Array) -> float:

@@ -13,8 +13,8 @@ from rpctl.reference.csv_file import Table
 from rpctl.reference.recorded_speeds import motions
 from rpctl.robot.model import Robot
 
-ABOUT = 11  # steps whose median is the pace about a row
-JUMP_RATIO = 6.0  # times the pace about it: a step of noise is seldom longer than 3
+ABOUT = 51  # steps whose median is the pace about a row
+JUMP_RATIO = 6.0  # times the pace about it: of 100 000 steps of noise the longest is 4 times it
 FREE_SPEED = 2.0  # m/s or rad/s: of what has no limit
 
 

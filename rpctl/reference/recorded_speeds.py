@@ -15,6 +15,7 @@ from rpctl.reference.limits import wheel_rates
 from rpctl.robot.model import Robot
 
 IMPOSSIBLE_RATIO = 10.0  # times the robot's limit; what it misses by less may be meant
+MOST_FAULTS = 20  # rows that are named each: more of them are noise, or wrong units
 MAX_SPEED = 100.0  # m/s or rad/s of anything, whatever limit it has
 
 
@@ -35,6 +36,10 @@ def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
             limited = f", where {robot.name}'s limit is {limit:.3g}" if limit < math.inf else ""
             fault = f"{label} at {speeds[row]:.3g} {unit} from the row before{limited}"
             faults.append((table.lines[row + 1], f"{fault}; use s, m and rad, or mend the row"))
+    if len(faults) > MOST_FAULTS:
+        line, first = min(faults)
+        fault = f"{first.partition(';')[0]}, and {len(faults) - 1} more rows are like it"
+        return [(line, f"{fault}; use s, m and rad, or take their noise out (--smooth auto)")]
     return sorted(faults)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -114,10 +115,11 @@ def _pivot_speeds(swivel: Swivel, twists: Array) -> Array:
 def effort_usage(
     dynamics: ReducedDynamics, samples: Sequence[MotionSample], holding: Array
 ) -> list[Usage]:
-    """Return how much of what holding leaves of the effort limits a motion takes.
+    """Return how much of what holding and dry friction leave of the effort limits a motion takes.
 
-    By the inverse dynamics, so gravity, inertia and Coriolis forces count. Actuators of which
-    holding leaves nothing are not looked at, nor are those without a limit.
+    By the inverse dynamics, so gravity, inertia, damping and Coriolis forces count. Dry friction
+    does not fall with the pace or the size of a motion: its largest effort comes off the limit.
+    Actuators of which nothing is left are not looked at, nor are those without a limit.
 
     Args:
         dynamics: The robot's dynamics.
@@ -130,15 +132,28 @@ def effort_usage(
     if not limited.any():
         return []
     tau = [dynamics.efforts(at.q, dynamics.inverse(at.q, at.nu, at.nu_dot)) for at in samples]
-    left = robot.effort_limits - holding
+    dry = dry_friction(dynamics, samples)
+    left = robot.effort_limits - holding - np.abs(dry).max(axis=0)
     usable = limited & (left > 0.0)
-    share = np.where(usable, (np.abs(tau) - holding) / np.where(usable, left, 1.0), 0.0)
+    share = np.where(usable, (np.abs(tau - dry) - holding) / np.where(usable, left, 1.0), 0.0)
     rows = zip(robot.actuators, robot.effort_limits, share.max(axis=0), strict=True)
     return [
         Usage(name, "effort", float(limit), float(ratio))
         for name, limit, ratio in rows
         if math.isfinite(limit)
     ]
+
+
+def dry_friction(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+    """Return the efforts (N, n_act) that dry friction alone takes at each sample."""
+    robot, losses = dynamics.robot, dynamics.robot.losses
+    if losses is None:
+        return np.zeros((len(samples), len(robot.actuators)))
+    dry, found = replace(losses, damping=np.zeros(len(losses.damping))), []
+    for at in samples:
+        S = dynamics.basis(at.q)
+        found.append(dynamics.efforts(at.q, -S.T @ dry.force(S @ at.nu)))
+    return np.array(found)
 
 
 def holding_efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:

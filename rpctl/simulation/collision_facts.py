@@ -9,6 +9,7 @@ from typing import Any
 from rpctl.simulation.kinds import fault, many, number, optional, positive, record, row, text
 from rpctl.simulation.texts import length
 
+NEAR_M = 0.1  # m: what a robot that stands is nearer to than this may be what it stands before
 TOLD_COLLISIONS = 5  # in sentences; more are counted
 NAMED_PAIRS = 6  # in a sentence; more are counted
 SELF, GROUND = "itself", "the ground"  # beside obstacles, which are called by their shape
@@ -88,6 +89,14 @@ class CollisionFacts:
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON says it."""
         return asdict(self)
+
+    @property
+    def ahead(self) -> tuple[str, ...]:
+        """The ground and the obstacles that the robot is near to in the end, in words."""
+        ends = ((clearance.to, series[-1]) for clearance, series in
+                zip(self.clearances, self.series, strict=True))  # fmt: skip
+        return tuple(f"{to} is {length(distance)} away" for to, distance in ends
+                     if to != SELF and distance < NEAR_M)  # fmt: skip
 
     @property
     def remarks(self) -> tuple[str, ...]:

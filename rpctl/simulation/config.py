@@ -10,7 +10,7 @@ from typing import Any
 
 import tomli_w
 
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.defaults import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_LAWS,
@@ -26,7 +26,6 @@ from rpctl.control.settings import (
     named_to_table,
     to_table,
 )
-from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError, require_positive, require_within
@@ -138,8 +137,8 @@ class Config:
             no dynamic law counts; None: its output are efforts.
     """
 
-    kinematic: KinematicLaw | KinematicFunction = field(default_factory=UnifiedKinematic)
-    dynamic: DynamicLaw | DynamicFunction = field(default_factory=PaperDynamic)
+    kinematic: KinematicLaw | KinematicFunction = field(default_factory=lambda: default_laws()[0])
+    dynamic: DynamicLaw | DynamicFunction = field(default_factory=lambda: default_laws()[1])
     run: RunSettings = field(default_factory=RunSettings)
     limits: LimitOverrides = field(default_factory=LimitOverrides)
     plant: Plant = field(default_factory=Plant)

@@ -7,10 +7,9 @@ from contextlib import suppress
 from typing import cast
 
 from rpctl.arrays import Array
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.defaults import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.returned import require_callable
-from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -78,8 +77,8 @@ def track(
             that ends moves, or 20 s. The run ends with the last whole control period within it.
         initial_error: Tracking error (x1, x2, x3) of the base at the start: how far the reference
             is ahead (m), to the left (m) and turned to the left (rad), seen from the robot.
-        kinematic: The kinematic law; None takes the unified one.
-        dynamic: The dynamic law; None takes the paper's.
+        kinematic: The kinematic law; None takes the default, the unified one.
+        dynamic: The dynamic law; None takes the default, within limits with integral action.
         control_period: s.
         plant_step: s.
         certificate: A certificate to keep with the run.
@@ -116,9 +115,10 @@ def track(
     for what, value in given.items():
         if value is not None and not (what == "reference" and isinstance(value, str)):
             require_callable(what, value)
+    usual = default_laws(robot)
     config = Config(
-        kinematic=kinematic or UnifiedKinematic(),
-        dynamic=dynamic or PaperDynamic(),
+        kinematic=kinematic or usual[0],
+        dynamic=dynamic or usual[1],
         run=RunSettings(
             name or (reference if isinstance(reference, str) else _called(reference)),
             duration,

@@ -6,8 +6,8 @@ last quarter of the run unless said.
 
 - **collided**: a link ran into an obstacle, the ground or another link
   (:mod:`rpctl.simulation.collisions`), or the body that a law guards into an obstacle;
-- **diverging**: the mean path error grew beyond what it was in the first half while the point
-  moves, or is not finite;
+- **diverging**: the mean path error grew beyond what it was in the first half, and the point still
+  moves in the last tenth of the run; or it is not finite;
 - **stuck**: the point stands while its reference moves on or is elsewhere, or it moves along beside
   the path and its error stays;
 - **late**: it is on its path, or comes nearer to it, and behind its reference;
@@ -155,7 +155,9 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     start = float(off[: max(count // 2, 1)].max())
     to_go = max(_reach(point.reference[last]), float(ahead[last].max()))
     stands = _reach(point.actual[last]) <= STANDING_RATIO * to_go
-    if beside > max(ON_PATH_M, GROWTH_RATIO * start) and not stands:
+    rests = _reach(point.actual[9 * count // 10 :]) <= STANDING_RATIO * to_go
+    grown = beside > max(ON_PATH_M, GROWTH_RATIO * start)
+    if grown and not rests:
         return Outcome(DIVERGING, f"{name} is {length(beside)} off its path in the end, "
                        f"and was {length(start)} at most in the first half")  # fmt: skip
     if error <= ON_PATH_M:
@@ -165,7 +167,7 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
                     "reference in the end")  # fmt: skip
     if run < EVIDENCE_S:
         return short
-    if stands:
+    if stands or grown:
         return Outcome(STUCK, f"{name} stands {length(error)} from its reference in the end")
     falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
     if beside > ON_PATH_M and not falls:

@@ -13,7 +13,7 @@ from rpctl.reference.sizing import Sizing
 from rpctl.simulation.collision_facts import Collision, LinkClearance
 from rpctl.simulation.columns import split
 from rpctl.simulation.obstacles import BASE, TIP, run_obstacles
-from rpctl.simulation.outcome import SUCCESSES, outcome, trace_points
+from rpctl.simulation.outcome import STUCK, SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -209,6 +209,8 @@ def summarize(run: Run) -> Summary:
     bodies = run.collisions
     collisions = () if bodies is None else bodies.collisions
     name, sentence = outcome(run.t, points, run_obstacles(run), collisions)
+    if name == STUCK and bodies is not None and bodies.ahead:
+        sentence += f"; {' and '.join(bodies.ahead)}"
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     half = len(run.t) // 2
     tau = np.array([np.abs(effort).max() for effort in split(run.tau)])

@@ -111,6 +111,22 @@ def test_a_pace_by_paper_and_pencil() -> None:
     assert pace(4.0) == pytest.approx((6.5, 1.0, 0.0))
 
 
+def test_a_swerve_drives_to_the_place_of_a_spin_and_stops_there() -> None:
+    """Its turning rate is the reference's again from there on; its wheels have turned by then."""
+    swerve = rpctl.load("swerve")
+    reference, dynamics = reference_by_name(swerve, "spin"), ReducedDynamics(swerve)
+    q, still = swerve.configuration(1.3, -1.2, 2.0), np.zeros(swerve.dof)
+    way = plan_approach(dynamics, reference, 4.0, q, still, WayLimits(0.6, 2.0, math.inf))
+    assert way is not None
+    there, last = reference(way.joins_at), way(way.joins_at, reference(way.joins_at))
+    off = last.pose - there.pose
+    np.testing.assert_allclose([*off[:2], math.sin(off[2])], 0.0, atol=1e-8)
+    np.testing.assert_allclose(last.twist, 0.0, atol=1e-9)
+    assert way.pace.speeds[1] <= 2.0 * 0.6 * there.twist[2] + 1e-12
+    started = UnifiedKinematic().start(dynamics, 0.01)
+    assert isinstance(started, ApproachingLaw)
+
+
 def test_a_faster_reference_is_not_met(bicycle: Robot) -> None:
     """Where the wheels allow less than its speed, there is no plan, and the law is on its own."""
     reference, dynamics = reference_by_name(bicycle, "line"), ReducedDynamics(bicycle)

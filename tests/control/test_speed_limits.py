@@ -30,7 +30,7 @@ def limited(
     dynamics = ReducedDynamics(robot)
     q = robot.configuration_at(np.zeros(3), robot.home) if q is None else q
     nu = np.zeros(robot.dof) if nu is None else nu
-    at = Actuation(q, nu, period, np.full(robot.dof, lag))
+    at = Actuation(q, nu, nu, period, np.full(robot.dof, lag))
     return SpeedLimits(dynamics, accelerations or {}, 1.0)(dynamics, wanted, at)
 
 
@@ -111,7 +111,7 @@ def test_a_joint_comes_to_its_position_limit_and_not_beyond(
     q, nu = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
     wanted, reached, kinds = np.array([0.0, 0.0, 0.0, 9.0 * sign]), list[float](), set[Limit]()
     for _ in range(200):
-        speeds = limits(dynamics, wanted, Actuation(q, nu, period, lags))
+        speeds = limits(dynamics, wanted, Actuation(q, nu, nu, period, lags))
         nu, (stretch,) = follow(nu, speeds.nu[None], np.array([period]), lags)
         q = travel(dynamics, q, stretch)
         reached.append(float(robot.joint_positions(q)[1]))

@@ -212,12 +212,34 @@ def test_a_lag_that_is_half_wrong_leaves_the_loop_stable(
     assert np.abs(errors[-50:]).max() <= np.abs(errors[:50]).max() / 10.0
 
 
+def test_limits_of_acceleration_do_not_hold_a_late_robot_back(paper: Robot) -> None:
+    """A lag that nobody knows keeps ν from the command; that is no acceleration."""
+    bounds, blind = {"v": 0.8, "omega": 1.2}, VelocityOutput(0.15)
+    reference = load_reference(paper, "eight")
+    free = close(paper, reference, VelocityOutput(), blind)
+    bounded = close(paper, reference, VelocityOutput(accelerations=bounds), blind)
+    assert rms(bounded) < 1.2 * rms(free)
+
+
+def test_a_robot_that_moves_already_is_taken_over_as_it_is(paper: Robot) -> None:
+    dynamics, nu = ReducedDynamics(paper), np.array([0.5, 0.2, 0.1, 0.0])
+    output = VelocityOutput(0.1, 0.1, accelerations={"v": 1.0})
+    controller = output.start(dynamics, 0.02)
+    q = paper.configuration_at(np.zeros(3), paper.home)
+    _, ahead, still = controller.predict(3.0, q, nu)
+    np.testing.assert_allclose(still, nu, atol=1e-15)
+    assert paper.base_pose(ahead)[2] == pytest.approx(0.02, abs=1e-12)
+    speeds = controller(dynamics, ahead, still, Command(nu, np.zeros(4)))
+    np.testing.assert_allclose(speeds.nu, nu, rtol=1e-12)
+
+
 def test_the_lead_is_along_the_motion(paper: Robot) -> None:
     """c = ν_d + (T + ½ T_s) ν̇_d, each channel by its own lag."""
     output = VelocityOutput(0.1, lags={"omega": 0.3})
     controller = output.start(ReducedDynamics(paper), 0.02)
     q, slow = paper.configuration_at(np.zeros(3), paper.home), np.full(4, 1e-3)
     command = Command(np.array([0.01, 0.02, 0.0, 0.03]), 0.1 * slow)
+    controller.predict(0.0, q, command.nu_d)
     speeds = controller(ReducedDynamics(paper), q, command.nu_d, command)
     lead = np.array([0.11, 0.31, 0.11, 0.11])
     np.testing.assert_allclose(speeds.nu, command.nu_d + lead * 1e-4, rtol=1e-13)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,13 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, set_limits
 from rpctl.arrays import Array
+from rpctl.errors import DescriptionError
+from rpctl.reference.csv_file import read_table
+from rpctl.reference.jumps import find_jumps
 from rpctl.reference.load import load_reference
 from rpctl.reference.recording import RecordedPath, Recording
+from rpctl.reference.usage import effort_usage, sample
+from rpctl.robot.losses import Losses
 from tests.reference.test_noisy_tables import arc, soft
 
 FIRST = 4  # line of the first row: comments and the header stand above
@@ -148,3 +154,36 @@ def test_json_says_all_of_it(paper: Robot, tmp_path: Path) -> None:
     assert told["jumps"][0]["line"] == FIRST + 20
     assert math.isfinite(told["jumps"][0]["speed"])
     assert told["sentence"] == "; ".join(found.warnings)
+
+
+def test_dense_noise_is_told_once(paper: Robot, tmp_path: Path) -> None:
+    """1 cm at 1 kHz: two rows in three are ten times faster than 1.8 m/s; none of them jumps."""
+    t = np.arange(0.0, 2.0, 1e-3)
+    y = 0.02 * np.random.default_rng(0).normal(size=len(t))
+    with pytest.raises(DescriptionError) as told:
+        recording_of(paper, tmp_path / "a.csv", "t,x,y", t, 0.1 * t, y)
+    (finding,) = told.value.findings
+    assert finding.line == FIRST + 1 + int(np.argmax(np.hypot(1e-4, np.diff(y)) > 0.018))
+    assert "more rows are like it; use s, m and rad, or take their noise out" in finding.message
+    assert not find_jumps(paper, read_table(tmp_path / "a.csv"))
+
+
+def test_dry_friction_takes_of_a_limit_and_not_of_a_motion(tmp_path: Path) -> None:
+    """A limit of 30 N m of which friction takes 10: what motion alone takes is of 20."""
+    robot = rpctl.load("paper")
+    first = robot.model.getJointId("wheel_left_joint")
+    entry = robot.model.joints[first].idx_v
+    assert robot.losses is None
+    bare = set_limits(robot, {"wheel_left_joint": 20.0})
+    friction = np.zeros(robot.nv)
+    friction[entry] = 10.0
+    losses = Losses(np.zeros(robot.nv), friction, np.full(robot.nv, 1e-6))
+    dry = replace(set_limits(robot, {"wheel_left_joint": 30.0}), losses=losses)
+    shares = []
+    for each in (bare, dry):
+        dynamics = ReducedDynamics(each)
+        samples = sample(each, load_reference(each, "circle"), np.linspace(1.0, 5.0, 9))
+        usages = effort_usage(dynamics, samples, np.zeros(len(each.actuators)))
+        shares.append(next(u.ratio for u in usages if u.joint == "wheel_left_joint"))
+    assert shares[0] == pytest.approx(shares[1], rel=1e-6)
+    assert shares[0] > 0.01

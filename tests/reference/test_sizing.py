@@ -110,7 +110,7 @@ def test_the_papers_robot_is_a_metre_long(paper: Robot, tiago: Robot) -> None:
     assert eight.size == 1.5
     assert eight.speed == pytest.approx(0.5, rel=0.01)  # wheels: 10.15 rad/s, 98.5 mm
     assert eight.sentence.startswith("eight of 1.5 m at 0.5 m/s, 1 lap in 28.")
-    assert eight.sentence.endswith("_joint's 10.2 rad/s allow")
+    assert "_joint's 10.2 rad/s allow; arm: 80 % of its swing for arm_5_joint" in eight.sentence
 
 
 def test_an_arm_longer_than_the_base_counts(tmp_path: Path) -> None:

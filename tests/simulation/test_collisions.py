@@ -140,6 +140,10 @@ def test_no_pair_approaches_faster_than_its_bound(robot: Robot) -> None:
         assert (change <= bound + GJK_M)[outside].all()
         worst = max(worst, float((change / np.maximum(bound, 1e-9))[outside].max()))
     assert worst > 0.5  # the bound is near where it must be
+    own = rates[around.thing == 0]
+    assert not own[:, :2].any()  # how far links are from each other the base does not change
+    assert not rates[around.thing == 1][:, :2].any()  # nor how far the ground is
+    assert (rates[around.thing == 2][:, 0] == 1.0).all()
 
 
 def test_a_start_inside_an_obstacle_is_refused(robot: Robot) -> None:

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, RpctlError, scale_masses, summarize, track
+from rpctl import (
+    PaperDynamic,
+    Plant,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    scale_masses,
+    summarize,
+    track,
+)
 from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.errors import UnknownNameError
@@ -22,7 +31,10 @@ OFF = (0.1, -0.1, 0.1)
 def test_a_bias_pushes_but_is_not_the_actuators(paper: Robot) -> None:
     """The first sample's motion is that of τ plus the bias, while the log has τ alone."""
     plant = Plant(tau_bias={"wheel_left_joint": 2.0})
-    biased, plain = (track(paper, "eight", 0.5, OFF, plant=p) for p in (plant, None))
+    paper_law = PaperDynamic()  # it does not know of the bias, as an integral does from the start
+    biased, plain = (
+        track(paper, "eight", 0.5, OFF, dynamic=paper_law, plant=p) for p in (plant, None)
+    )
     np.testing.assert_array_equal(biased.tau[0], plain.tau[0])
     dynamics = ReducedDynamics(paper)
     push = dynamics.actuation(plain.q[0]) @ np.array([2.0, 0.0, 0.0, 0.0])
@@ -67,7 +79,8 @@ def test_the_delay_logged_is_the_one_simulated(paper: Robot, delay: float, sampl
 
 def test_the_controller_computes_with_the_robot_it_believes(tiago: Robot) -> None:
     light = scale_masses(tiago, "arm_*", 0.7)
-    run = track(tiago, "eight", 0.01, plant=Plant(controller_model=light))
+    plant = Plant(controller_model=light)
+    run = track(tiago, "eight", 0.01, dynamic=PaperDynamic(), plant=plant)
     hold = ReducedDynamics(light).bias(run.q[0], run.nu[0])
     np.testing.assert_allclose(run.tau[0, 2:], hold[2:], atol=1e-9)
     assert run.controller_model == tiago.name

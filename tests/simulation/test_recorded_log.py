@@ -45,7 +45,8 @@ def test_speeds_asked_for_those_of_the_reference_and_those_there_are(tricycle: R
 def test_reference_robot_of_a_log_steers_by_the_reference(tricycle: Robot) -> None:
     """Its wheels roll along the reference too; the robot is off its path, its arm pushed aside."""
     pushed = rpctl.Plant(tau_bias={"swing_joint": 10.0, "slide_joint": 40.0})
-    run = rpctl.track(tricycle, "circle", 1.0, (0.1, -0.1, 0.1), plant=pushed)
+    law = rpctl.PaperDynamic()
+    run = rpctl.track(tricycle, "circle", 1.0, (0.1, -0.1, 0.1), dynamic=law, plant=pushed)
     held = np.array([tricycle.joint_positions(q) for q in run.q_ref])
     wanted = load_reference(tricycle, "circle")
     assert held == pytest.approx(np.array([wanted(t).joints for t in run.t]), abs=1e-9)

@@ -92,7 +92,7 @@ class _Own:
 
 def test_settings_within_settings_come_back(paper: Robot, tmp_path: Path) -> None:
     """Obstacles, and what a law of one's own may have: NumPy's numbers, a function."""
-    inner = UnifiedKinematic(leash=None)
+    inner = UnifiedKinematic(leash=None, approach=None)
     law = _Own(inner, np.array([1, 2]), np.float64(0.5), (Disc(1.0, 2.0, 0.3),), len)
     run = track(paper, "line", 0.1, kinematic=law)
     assert run.config.kinematic == Unregistered(

@@ -28,6 +28,7 @@ from tests.folding import folding
 
 STEPS, MARGIN = 6, 0.03
 PILLAR, WALL = Disc(0.75, 0.15, 0.1), HalfPlane(-1.0, 0.0, -0.9)
+PERIOD = 0.01  # s
 STEP = 1e-5  # m or rad: of central differences
 DIFFERENCE = 2e-3  # of a slope: what the iterations of coal's distances leave of it
 
@@ -143,7 +144,7 @@ def test_the_arm_stops_before_what_it_would_run_into(case: str, tmp_path: Path) 
     goal = goal_of_words(None, (f"shoulder={shoulder}", f"elbow={elbow}"))
     free, kept = (
         rpctl.track(
-            folding(tmp_path), goal, 5.0,
+            folding(tmp_path), goal, 6.0, control_period=PERIOD,
             kinematic=Horizon(body_clearance=clearance), dynamic=BoundedDynamic(),
         )
         for clearance in (None, MARGIN)
@@ -158,6 +159,25 @@ def test_the_arm_stops_before_what_it_would_run_into(case: str, tmp_path: Path) 
     (nearest,) = (each.distance for each in summary.clearances if each.to == thing)
     assert MARGIN - 0.002 < nearest < MARGIN + 0.01
     assert kept.kinematic_report["softened"] == 0
+    assert ("the ground is 3" in summary.outcome_sentence) == (thing == "the ground")
+
+
+@pytest.mark.slow
+def test_a_doorway_that_is_too_narrow_ends_as_stuck_in_words(tmp_path: Path) -> None:
+    """The robot is 0.39 m wide, the doorway 0.3 m; a wider one it drives through."""
+    found = []
+    for half, duration in ((0.3, 18.0), (0.6, 9.0)):
+        posts = Disc(2.0, half, 0.15), Disc(2.0, -half, 0.15)
+        law = Horizon(base_obstacles=posts, base_radius=0.05, body_clearance=MARGIN)
+        run = rpctl.track(
+            folding(tmp_path), "line", duration,
+            kinematic=law, dynamic=BoundedDynamic(), control_period=PERIOD,
+        )  # fmt: skip
+        found.append(rpctl.summarize(run))
+    assert [each.outcome for each in found] == ["stuck", "tracked"]
+    assert not found[0].collisions
+    assert "stands " in found[0].outcome_sentence
+    assert "the disc at (2, 0.3) m, radius 0.15 m is 3" in found[0].outcome_sentence
 
 
 @pytest.mark.slow
@@ -179,7 +199,12 @@ def test_an_arm_gives_way_to_a_pillar_that_the_base_passes(tmp_path: Path) -> No
             ),
         ]  # fmt: skip
         run = rpctl.track(
-            folding(tmp_path, *parts), "line", 9.0, kinematic=law, dynamic=BoundedDynamic()
+            folding(tmp_path, *parts),
+            "line",
+            9.0,
+            kinematic=law,
+            dynamic=BoundedDynamic(),
+            control_period=PERIOD,
         )
         summary = rpctl.summarize(run)
         outcomes.append(summary.outcome)

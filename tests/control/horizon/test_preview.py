@@ -30,7 +30,7 @@ def plans(name: str, reference: Reference, off: Array, count: int) -> list[Array
     return found
 
 
-@pytest.mark.parametrize("name", ["paper", "casters"])
+@pytest.mark.parametrize("name", ["paper", pytest.param("casters", marks=pytest.mark.slow)])
 def test_plans_are_those_of_a_law_that_remembers_nothing(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
