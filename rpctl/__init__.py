@@ -46,6 +46,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "VelocityOutput": "rpctl.control.velocity_output",
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
+    "derive_law": "rpctl.derive.law",
     "draw_state": "rpctl.equivalence.state",
     "lag_from": "rpctl.study.lag",
     "linearize": "rpctl.dynamics.derivatives",
@@ -87,6 +88,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.control.twist_law import BaseLaw as BaseLaw
     from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
     from rpctl.control.velocity_output import VelocityOutput as VelocityOutput
+    from rpctl.derive.law import derive_law as derive_law
     from rpctl.drive.drive import Drive as Drive
     from rpctl.drive.drive import Wheel as Wheel
     from rpctl.dynamics.derivatives import linearize as linearize

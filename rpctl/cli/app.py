@@ -49,8 +49,8 @@ COMMANDS = {
     ),
     "derive": LazyCommand(
         "rpctl.cli.derive:derive_command",
-        "Write the reduced equations in closed form: to read, to publish, or as code.",
-        "rpctl derive paper --format latex --out paper.tex",
+        "Write the reduced equations, or a law, in closed form: to read, to publish, or as code.",
+        "rpctl derive tiago --law unified --format c --out tiago_law.c",
     ),
     "track": LazyCommand(
         "rpctl.cli.track:track_command",

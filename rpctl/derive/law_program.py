@@ -168,12 +168,13 @@ def law_program(law: LawSheet) -> LawProgram:
 
 
 def _positions(law: LawSheet, dynamics: LawDynamics, efforts: Any) -> tuple[str, ...]:
-    """Return the joints whose positions are read, and all of the arm, in the file's order."""
+    """Return the joints whose positions are read, and all of the arm: the actuated come first."""
     needs = [efforts] if law.rolling is None else [efforts, dynamics.rolling]
     read = {str(symbol) for symbol in casadi.symvar(casadi.vertcat(*needs))}
     needed = {name for i, name in enumerate(dynamics.joints) if str(dynamics.q[i]) in read}
     needed |= set(law.positions)
-    return tuple(name for name in law.robot.moving_joint_names if name in needed)
+    order = dict.fromkeys((*law.robot.actuators, *law.robot.moving_joint_names))
+    return tuple(name for name in order if name in needed)
 
 
 def _translator(law: LawSheet, steps: Steps, positions: Sequence[str]) -> Translator:

@@ -37,7 +37,9 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
     lines += [f"  {symbol} = {_plain(value)}" for symbol, value in sheet.definitions]
     for name, values in (("nu_d", law.nu_d), ("nu_d_dot", law.nu_d_dot), ("nu_dot", law.nu_dot)):
         lines.append(f"  {name} = ({', '.join(map(_plain, values))})")
-    lines += ["", "tau of least effort, relative to the limits, with B tau = M nu_dot + h", ""]
+    lossy = " - l(nu_d), l the losses in the joints" if law.robot.losses is not None else ""
+    lines += ["", f"tau of least effort, relative to the limits, with B tau = M nu_dot + h{lossy}"]
+    lines.append("")
     return "\n".join(lines) + (f"\n{to_text(form)}" if form else f"{TOO_LONG}\n")
 
 
@@ -68,8 +70,10 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
         (r"\nu_d", law.nu_d), (r"\dot\nu_d", law.nu_d_dot), (r"\dot\nu^*", law.nu_dot)
     ):  # fmt: skip
         body.append(f"\\[ {name} = \\bigl({_listed(values, names)}\\bigr) \\]")
+    lossy = r" - \ell(\nu_d)$, $\ell$ the losses in the joints" if law.robot.losses else "$"
     body.append(
-        r"$\tau$ is the effort, least relative to the limits, with $B\tau = M\dot\nu^* + h$."
+        r"$\tau$ is the effort, least relative to the limits, with $B\tau = M\dot\nu^* + h"
+        f"{lossy}."
     )
     body.append(equations_of(form) if form else escaped(TOO_LONG))
     return PREAMBLE % {"columns": max(10, len(law.robot.actuators))} + "\n".join(

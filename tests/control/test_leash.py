@@ -26,7 +26,7 @@ from rpctl.reference.named import reference_by_name
 from rpctl.simulation.config import Config, read_config, write_config
 from tests.control.unicycle import steady
 
-LEASH = Leash(0.3, 1.0)
+LEASH = Leash(0.3, 0.7)
 STATE = steady(0.4, 0.2)
 STEP = 1e-6
 LEASHED = ("unified", "kanayama", "feedback-linearization")
@@ -40,7 +40,7 @@ def test_the_error_stays_on_the_leash(rng: np.random.Generator) -> None:
         assert math.hypot(*near[:2]) == pytest.approx(0.3 * math.tanh(math.hypot(*e[:2]) / 0.3))
         assert near[0] * e[1] == pytest.approx(near[1] * e[0])
         assert near[:2] @ e[:2] > 0.0
-        assert near[2] == pytest.approx(math.tanh(e[2]))
+        assert near[2] == pytest.approx(0.7 * math.tanh(e[2] / 0.7))
         np.testing.assert_array_equal(near[3:], e[3:])
 
 
@@ -56,7 +56,7 @@ def test_the_rate_is_exact(size: float, rng: np.random.Generator) -> None:
 
 def test_near_the_reference_it_leaves_the_error_as_it_is(rng: np.random.Generator) -> None:
     """To third order: of an error of a thousandth of the leash a millionth."""
-    e, rate = 1e-3 * rng.uniform(-1.0, 1.0, (2, 3)) * [0.3, 0.3, 1.0]
+    e, rate = 1e-3 * rng.uniform(-1.0, 1.0, (2, 3)) * [0.3, 0.3, 0.7]
     near = LEASH(Tracking(STATE, e, rate))
     np.testing.assert_allclose(near.e, e, rtol=1e-6)
     np.testing.assert_allclose(near.e_dot, rate, atol=3e-6 * np.abs(rate).max())
@@ -90,7 +90,7 @@ def test_an_omnidirectional_base_comes_nearer_from_anywhere(rng: np.random.Gener
         rate = np.array([0.4 * cos - vx + e[1] * omega, 0.4 * sin - vy - e[0] * omega])
         size = math.hypot(*e[:2])
         assert rate @ e[:2] / size == pytest.approx(-0.3 * math.tanh(size / 0.3) / 0.5)
-        assert 0.2 - omega == pytest.approx(-math.tanh(e[2]) / 0.5)
+        assert 0.2 - omega == pytest.approx(-0.7 * math.tanh(e[2] / 0.7) / 0.5)
 
 
 @pytest.mark.parametrize("leash", [None, Leash(0.2, 0.7)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import ctypes
+import json
 import math
 import os
 import re
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 import sympy as sp
+from typer.testing import CliRunner
 
 import rpctl
 from rpctl import (
@@ -29,6 +31,7 @@ from rpctl import (
     UnifiedKinematic,
 )
 from rpctl.arrays import Array
+from rpctl.cli.app import app
 from rpctl.control.law import Command
 from rpctl.control.leash import Leash
 from rpctl.derive.codegen import identifier
@@ -321,3 +324,14 @@ def test_python_and_c_stand_alone(paper: Robot) -> None:
     tree = ast.parse(python_law(program))
     found = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
     assert [getattr(node, "module", None) for node in found] == ["math"]
+
+
+def test_the_command_writes_and_tells_the_cost(tmp_path: Path) -> None:
+    out = tmp_path / "law.c"
+    asked = ["derive", "paper", "--law", "paper", "--format", "c", "--out", str(out), "--json"]
+    found = CliRunner().invoke(app, asked)
+    assert found.exit_code == 0, found.output
+    told = json.loads(found.stdout)
+    assert told["law"] == "paper" and told["dynamic"] == "paper"
+    assert out.read_text() == told["text"] and "void paper_law(" in told["text"]
+    assert set(told["operations"]) >= {"additions", "multiplications", "divisions", "functions"}

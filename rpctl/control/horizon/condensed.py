@@ -85,9 +85,9 @@ class CondensedQp:
         found = np.empty_like(right)
         if base:
             found[:base], _ = dpotrs(self._factor, right[:base], lower=1)
-        n, count = structure.model.steps, right.shape[1]
-        arm = structure.arm_inverse @ right[base:].reshape(-1, n, count)
-        found[base:] = arm.reshape(-1, count)
+        joints, n, _ = structure.arm_inverse.shape
+        arm = structure.arm_inverse @ right[base:].reshape(joints, n, right.shape[1])
+        found[base:] = arm.reshape(joints * n, right.shape[1])
         return found
 
     def _hessian_solve(self, right: Array) -> Array:

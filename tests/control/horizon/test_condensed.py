@@ -23,7 +23,7 @@ from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.reference.named import reference_by_name
 from tests.control.tight_limits import limited
 from tests.grids import cells
-from tests.robots import write
+from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
 NOW = 4.0  # s: the reference is at its full speed
@@ -59,14 +59,15 @@ def sources(tmp_path: Path) -> dict[str, Robot]:
         "car": rpctl.load(write(tmp_path, vehicle("car-like"))),
         "omni": rpctl.load("omni"),
         "fixed": rpctl.load("arm"),
+        "no arm": rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.9)))),
     }
 
 
 @pytest.mark.parametrize(
     ("kind", "off"),
     cells(
-        [(kind, off) for kind in ("tight", "car", "omni", "fixed") for off in (0.0, 1.0)],
-        {("tight", 0.0), ("tight", 1.0), ("car", 1.0)},
+        [(kind, off) for kind in ("tight", "car", "omni", "fixed", "no arm") for off in (0.0, 1.0)],
+        {("tight", 0.0), ("tight", 1.0), ("car", 1.0), ("no arm", 1.0)},
         {("fixed", 1.0), ("omni", 1.0), ("car", 0.0)},
     ),
 )
