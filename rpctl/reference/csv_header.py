@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 
@@ -15,6 +16,11 @@ OTHER_NAMES = {
     "t": ("time", "times", "timestamp", "stamp", "sec", "seconds", "zeit", "temps", "tiempo"),
     HEADING: ("yaw", "heading", "orientation", "angle", "phi", "psi", "th", "θ"),
 }
+ORIENTATION = "orientation."  # of a field of a message; by itself it means the heading
+TRAJECTORY_CELLS = 8  # time, position, quaternion
+TRAJECTORY_TO_TABLE = (
+    '(echo t,x,y,theta; awk \'!/^#/ {print $1","$2","$3","2*atan2($7,$8)}\' FILE) > NEW.csv'
+)
 MEANT = {other: name for name, others in OTHER_NAMES.items() for other in others}
 
 
@@ -25,6 +31,11 @@ def header_faults(names: list[str], joints: Sequence[str]) -> list[str]:
         names: What its first row names.
         joints: Names of the robot's joints.
     """
+    if _is_trajectory(names):
+        return [
+            "a trajectory of time, position and quaternion between blanks; make a table of it, as "
+            f"{TRAJECTORY_TO_TABLE} does"
+        ]
     if fault := separator_fault(names):
         return [fault]
     if all(map(_is_number, names)):
@@ -58,11 +69,20 @@ def _missing(names: list[str]) -> list[str]:
 
 def _hint(name: str, known: Sequence[str]) -> str:
     """Return which column is meant by a name: without its unit and case, or by another word."""
-    plain = name.partition("[")[0].partition("(")[0].strip().casefold()
+    plain = name.partition("[")[0].partition("(")[0].strip("% _").casefold()
+    if ORIENTATION in plain:
+        return "give theta = 2 atan2(z, w) of the quaternion instead, in rad"
+    plain = re.split(r"[./]", plain)[-1]  # of a field of a message: pose.pose.position.x
     folded = {each.casefold(): each for each in known}
     near = get_close_matches(plain, folded, n=1, cutoff=0.5)
     meant = folded.get(plain) or MEANT.get(plain) or (folded[near[0]] if near else None)
     return f"did you mean {meant}?" if meant else f"columns are {', '.join(known)}"
+
+
+def _is_trajectory(names: list[str]) -> bool:
+    """Return whether a row is one of ``timestamp tx ty tz qx qy qz qw``, between blanks."""
+    cells = names[0].split() if len(names) == 1 else []
+    return len(cells) == TRAJECTORY_CELLS and all(map(_is_number, cells))
 
 
 def _is_number(text: str) -> bool:

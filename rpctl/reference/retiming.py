@@ -17,8 +17,11 @@ from rpctl.reference.paths import PathTime
 from rpctl.reference.quasi_velocities import configuration_along, reference_rates
 from rpctl.reference.time_law import Bound, time_law
 from rpctl.reference.timed_path import TimedPath
+from rpctl.reference.usage import MotionSample, dry_friction
 
-EFFORT_SHARE = 0.8  # of what holding leaves of an effort limit: the rest corrects errors
+EFFORT_SHARE = (
+    0.8  # of what holding and dry friction leave of an effort limit: the rest corrects errors
+)
 SPACING = 0.05  # s of the table between the points where limits are looked at
 MIN_POINTS, MAX_POINTS = 100, 2000  # numbers of these points
 PACE_RISE = 2.0  # 1/s: the recorded pace is reached within half a second at least
@@ -110,15 +113,15 @@ def limits_along(dynamics: ReducedDynamics, reference: TimedPath, s: Array) -> I
             rate = rates[:, robot.velocity_index(name)]
             yield NamedBound(Bound(rate, none, limit), f"the velocity of {name}")
     for k, (name, limit) in enumerate(zip(robot.actuators, robot.effort_limits, strict=True)):
-        left = limit - np.abs(held[:, k])
+        left = limit - held[:, k]
         most = np.where(left > 0.0, EFFORT_SHARE * left, np.inf)
         bound = Bound(by_acceleration[:, k], by_square[:, k], np.inf, most)
         yield NamedBound(bound, f"the effort of {name}")
 
 
 def _point(dynamics: ReducedDynamics, reference: TimedPath, s: float) -> tuple[Array, ...]:
-    """Return, at a point of the path, velocities (nv,) by ṡ; efforts that hold the robot still,
-    and those by ṡ² and by s̈, (n_act,) each."""
+    """Return, at a point of the path, velocities (nv,) by ṡ; sizes of the efforts at any pace, to
+    hold the robot and against dry friction; and those by ṡ² and by s̈, (n_act,) each."""
     robot, still = dynamics.robot, np.zeros(dynamics.robot.dof)
     steady, starting = (reference.at(PathTime(s, *rates)) for rates in ((1.0, 0.0), (0.0, 1.0)))
     q = configuration_along(robot, steady)
@@ -128,7 +131,9 @@ def _point(dynamics: ReducedDynamics, reference: TimedPath, s: float) -> tuple[A
         dynamics.efforts(q, dynamics.inverse(q, *motion))
         for motion in ((still, still), (nu, nu_dot), (still, push))
     )
-    return dynamics.basis(q) @ nu, held, moving - held, pushed - held
+    (dry,) = dry_friction(dynamics, [MotionSample(q, nu, nu_dot, steady.twist)])
+    always = np.abs(held) + np.abs(dry)
+    return dynamics.basis(q) @ nu, always, moving - held - dry, pushed - held
 
 
 def _reason(limits: Sequence[NamedBound], s: Array, at: PathTime) -> str:

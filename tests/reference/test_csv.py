@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.errors import DescriptionError
 from rpctl.reference.csv_file import read_table
+from rpctl.reference.csv_header import header_faults
 from rpctl.reference.csv_rows import MAX_LINE
 from rpctl.reference.load import load_reference
 from rpctl.reference.recorded_speeds import base_limits, speed_faults
@@ -188,3 +190,40 @@ def test_the_limits_of_every_drive_are_those_of_its_wheels(
     name: str, drive: float, turn: float
 ) -> None:
     assert base_limits(rpctl.load(name)) == pytest.approx((drive, turn), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("field.pose.pose.position.x", "did you mean x?"),
+        ("/odom/pose/pose/position/y", "did you mean y?"),
+        ("%time", "did you mean t?"),
+        ("__time", "did you mean t?"),
+        ("pose.pose.orientation.z", "give theta = 2 atan2(z, w) of the quaternion instead, in rad"),
+        ("orientation", "did you mean theta?"),
+    ],
+)
+def test_fields_of_messages_are_columns_under_other_names(name: str, hint: str) -> None:
+    (first, *_) = header_faults([name, "t", "x", "y"], ())
+    assert first == f'column "{name}" is not known; {hint}'
+
+
+def test_a_trajectory_becomes_a_table(tmp_path: Path) -> None:
+    """The command that the message gives makes the table that is read."""
+    path = tmp_path / "trajectory.txt"
+    rows = [f"{1.6e9 + 0.1 * k} {0.1 * k} 0.5 0.2 0 0 {math.sin(0.1 * k)} {math.cos(0.1 * k)}"
+            for k in range(8)]  # fmt: skip
+    path.write_text("\n".join(["# timestamp tx ty tz qx qy qz qw", *rows]))
+    with pytest.raises(
+        DescriptionError, match="a trajectory of time, position and quaternion"
+    ) as e:
+        read_table(path)
+    (command,) = re.findall(r"as (\(echo .*NEW\.csv) does", str(e.value))
+    subprocess.run(
+        command.replace("FILE", path.name).replace("NEW", "new"),
+        shell=True, check=True, cwd=tmp_path,
+    )  # fmt: skip
+    table = read_table(tmp_path / "new.csv")
+    np.testing.assert_allclose(table.columns["theta"], 0.2 * np.arange(8), atol=1e-5)
+    np.testing.assert_allclose(table.columns["x"], 0.1 * np.arange(8), atol=1e-9)
+    np.testing.assert_allclose(table.columns["y"], 0.5)
