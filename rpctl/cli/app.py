@@ -72,6 +72,11 @@ COMMANDS = {
         "Compare pairs of laws over references and scenarios; write a table and a figure.",
         "rpctl compare tiago --references line,eight",
     ),
+    "tune": LazyCommand(
+        "rpctl.cli.tune:tune_command",
+        "Show what a bandwidth of the joints buys and costs.",
+        "rpctl tune tiago --bandwidth 4,8",
+    ),
     "attraction": LazyCommand(
         "rpctl.cli.attraction:attraction_command",
         "Draw from which starts a law brings a robot to its reference, and how soon.",

@@ -124,6 +124,14 @@ class ConfigOptions:
     save_config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the configuration in use.")
     ] = None
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ",
+            help="Of the arm's joints; what sampling, lateness and their efforts allow, if not "
+            "given. `rpctl tune` shows the trade.",
+        ),
+    ] = None
 
     def read(self) -> Config:
         """Return the configuration: the file's or the default one, changed by the other options.
@@ -134,7 +142,8 @@ class ConfigOptions:
         error = None if self.initial_error is None else read_triple(self.initial_error)
         config = Config() if self.config is None else read_config(self.config)
         config = config.with_output(self.output, self.actuator_lag, self.dead_time)
-        return config.with_laws(self.kinematic, self.dynamic).with_run(
+        config = config.with_laws(self.kinematic, self.dynamic).with_bandwidth(self.bandwidth)
+        return config.with_run(
             reference=self._reference(),
             duration=self.duration,
             initial_error=error,

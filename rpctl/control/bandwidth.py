@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,6 +80,30 @@ def gains_of(bandwidth: Array) -> JointGains:
         )
     a, b, k = np.multiply.outer(PROPORTIONS / PROPORTIONS.sum(), 2.0 * math.pi * bandwidth)
     return JointGains(bandwidth, 1.0 / a, 1.0 / b, k)
+
+
+def at_bandwidth(law: Any, bandwidth: float) -> Any:
+    """Return a law, and those within it, whose joints have a bandwidth (Hz) instead of their own.
+
+    Args:
+        law: A kinematic or a dynamic law; one without settings of the joints comes back as it is.
+        bandwidth: Hz.
+
+    Raises:
+        RpctlError: The bandwidth is not positive.
+    """
+    _, h, h1, k = (float(part[0]) for part in gains_of(np.array([bandwidth])))
+    settings = {"joint_horizon": h, "joint_horizon_dyn": h1, "joint_gain": k}
+    if not dataclasses.is_dataclass(law) or isinstance(law, type):
+        return law
+    changes: dict[str, Any] = {}
+    for item in dataclasses.fields(law):
+        value = getattr(law, item.name)
+        if item.name in settings:
+            changes[item.name] = settings[item.name]
+        elif item.name in ("inner", "base", "fallback"):
+            changes[item.name] = at_bandwidth(value, bandwidth)
+    return dataclasses.replace(law, **changes)
 
 
 def _accelerations(dynamics: ReducedDynamics) -> Array:

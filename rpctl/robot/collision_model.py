@@ -174,8 +174,11 @@ def _self_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[in
 
 
 def _ground_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[int, int]]:
-    """Return the pairs of the arm's shapes and the ground; wheels and base stand on it."""
-    moved = arm_joints(robot)
+    """Return the pairs of the arm's shapes and the ground; wheels and base stand on it.
+
+    A fixed base has none: its file does not say how high it is mounted.
+    """
+    moved = arm_joints(robot) if robot.drive.base_speeds else set()
     return [(k, len(shapes)) for k, shape in enumerate(shapes) if shape.joint in moved]
 
 

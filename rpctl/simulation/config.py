@@ -10,6 +10,7 @@ from typing import Any
 
 import tomli_w
 
+from rpctl.control.bandwidth import at_bandwidth
 from rpctl.control.defaults import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
@@ -180,6 +181,17 @@ class Config:
             raise RpctlError("a lag and a dead time are those of speeds; add --output velocity")
         output_now = None if known is None else dataclasses.replace(known, **changes)
         return dataclasses.replace(self, output=output_now)
+
+    def with_bandwidth(self, bandwidth: float | None) -> Config:
+        """Return a configuration whose laws give the joints a bandwidth (Hz); None: their own.
+
+        Raises:
+            RpctlError: The bandwidth is not positive.
+        """
+        if bandwidth is None:
+            return self
+        laws = {key: at_bandwidth(getattr(self, key), bandwidth) for key in LAW_REGISTRIES}
+        return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:
         """Return a configuration with these settings of ``run``; those that are None stay."""

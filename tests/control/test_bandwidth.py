@@ -10,9 +10,26 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlError, UnifiedKinematic
+from rpctl import (
+    BoundedDynamic,
+    EndEffector,
+    IntegralDynamic,
+    PaperDynamic,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    UnifiedKinematic,
+)
 from rpctl.arrays import Array
-from rpctl.control.bandwidth import LEAST_BANDWIDTH, LINEAR_ERROR, gains_of, joint_gains
+from rpctl.control.bandwidth import (
+    LEAST_BANDWIDTH,
+    LINEAR_ERROR,
+    at_bandwidth,
+    gains_of,
+    joint_gains,
+)
+from rpctl.control.law_sentences import law_sentences
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
@@ -152,3 +169,29 @@ def test_a_joint_horizon_must_predict(horizon: float) -> None:
     for law in (UnifiedKinematic, PaperKinematic):
         with pytest.raises(RpctlError, match="joint_horizon is"):
             law(joint_horizon=horizon)
+
+
+def test_a_bandwidth_reaches_the_joints_of_all_laws() -> None:
+    _, h, h1, k = (float(part[0]) for part in gains_of(np.array([5.0])))
+    law = at_bandwidth(IntegralDynamic(gain=8.0), 5.0)
+    assert law == IntegralDynamic(8.0, BoundedDynamic(joint_horizon_dyn=h1), k)
+    assert at_bandwidth(UnifiedKinematic(), 5.0) == UnifiedKinematic(joint_horizon=h)
+    within = at_bandwidth(EndEffector(base=UnifiedKinematic()), 5.0)
+    assert within == EndEffector(base=UnifiedKinematic(joint_horizon=h))
+    assert at_bandwidth(len, 5.0) is len
+
+
+def test_the_gains_are_told_and_what_a_law_ignores(tiago: Robot) -> None:
+    index = tiago.joint_names.index("arm_2_joint")
+    dynamics = ReducedDynamics(with_effort(tiago, index, 0.1))
+    (told,) = law_sentences(dynamics, IntegralDynamic(), 0.002)
+    assert told == (
+        "joints: 7.2 Hz (h 0.24 s, h1 0.06 s, k 25 1/s), as sampling and 10 ms in reserve allow; "
+        "as efforts allow: arm_2_joint 2.5 Hz"
+    )
+    by_hand = BoundedDynamic(joint_horizon_dyn=0.05)
+    assert law_sentences(dynamics, by_hand, 0.002) == ("joints: h1 0.05 s, as set",)
+    (ignored,) = law_sentences(dynamics, PaperDynamic(), 0.002)
+    assert "limits of efforts, rates and positions" in ignored
+    assert "held for a period" in ignored
+    assert "held" not in law_sentences(dynamics, PaperDynamic(midpoint=True), 0.002)[0]

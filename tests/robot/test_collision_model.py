@@ -130,6 +130,14 @@ def test_neighbours_and_the_wheels_on_the_ground_may_touch(tmp_path: Path) -> No
     assert model.notes == ()
 
 
+def test_how_high_a_fixed_base_is_mounted_is_not_known(tmp_path: Path) -> None:
+    """The pairs of the links stay, those with the ground go."""
+    rolling, text = folding(tmp_path), folding(tmp_path).description.raw.decode()
+    fixed = rpctl.load(write(tmp_path, text), drive="fixed", home=HOME)
+    on_ground = {pair for pair in names(collision_model(rolling)) if "ground" in pair}
+    assert names(collision_model(fixed)) == names(collision_model(rolling)) - on_ground
+
+
 def test_what_touches_at_home_may_touch_and_is_told(tmp_path: Path) -> None:
     """A cage about the upper arm at home, fixed to the base beside it: it is on a third joint."""
     stand = [
