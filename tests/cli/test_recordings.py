@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.description.test_shell import rpctl
 
 
+@pytest.mark.slow
 def test_what_a_table_asks_too_much_is_refused_if_that_is_wanted(tmp_path: Path) -> None:
     t = np.arange(0.0, 4.0, 0.1)
     rows = np.column_stack([t, 0.1 * t, 0.01 * np.random.default_rng(0).normal(size=len(t))])

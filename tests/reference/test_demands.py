@@ -87,6 +87,7 @@ def test_within_the_limits_nothing_is_told(paper: Robot, tmp_path: Path) -> None
     assert (found.demands, found.jumps, found.changes, found.warnings) == ((), (), (), ())
 
 
+@pytest.mark.slow
 def test_a_bend_beyond_the_steering_is_told(tmp_path: Path) -> None:
     robot = rpctl.load("car")
     assert robot.drive.steered

@@ -86,6 +86,7 @@ def test_a_random_path_is_driven_within_the_limits(paper: Robot, tmp_path: Path,
     check_derivatives(slow, np.linspace(0.5, slow.duration - 0.5, 10))
 
 
+@pytest.mark.slow
 def test_where_nothing_binds_the_recorded_pace_is_kept(paper: Robot, tmp_path: Path) -> None:
     t, poses = random_way(1)
     path = written(tmp_path / "a.csv", 4.0 * t, poses)
@@ -97,6 +98,7 @@ def test_where_nothing_binds_the_recorded_pace_is_kept(paper: Robot, tmp_path: P
     assert told.recorded < told.duration < told.recorded + 1.5
 
 
+@pytest.mark.slow
 def test_what_slows_it_is_told(paper: Robot, tmp_path: Path) -> None:
     """A line at 1 m/s, and for a while 2.7: wheels of 0.15 m at 12 rad/s allow 0.9 · 1.8 m/s."""
     t = np.arange(0.0, 20.0, 0.1)
