@@ -31,6 +31,7 @@ from rpctl.simulation.texts import lag, length
 
 MASS_RATIO = 1.1  # of what the controller takes the masses for: a battery, a tool, a payload
 ROLLING_RESISTANCE = 0.02  # of the weight: a rubber tyre on carpet; hard floors take half
+LAG_RATIO = 1.25  # of the lag that the controller takes a velocity interface to have
 DELAY_S = 0.005  # s: a fieldbus and a drive's own loop
 DURATION_RATIO = 1.0 / 3.0  # of the nominal run's: what keeps this one cheap
 MIN_DURATION_S = 4.0  # s: named references start softly, for 3 s; a shorter run tells too little
@@ -52,6 +53,8 @@ class Expectation:
         base_path: How far P was from its reference's path, and how far behind on it; None if the
             motion diverged.
         end_effector_path: Likewise; None without an end effector, too.
+        lag_ratio: The lag with which speeds are followed, relative to what the controller takes it
+            for; None where efforts are sent, or speeds that are followed at once.
     """
 
     mass_ratio: float
@@ -62,12 +65,15 @@ class Expectation:
     outcome_sentence: str
     base_path: PathFigures | None = None
     end_effector_path: PathFigures | None = None
+    lag_ratio: float | None = None
 
     @property
     def sentence(self) -> str:
         """All of it in one sentence."""
         causes = [f"{100.0 * (self.mass_ratio - 1.0):.0f} % more mass"]
         causes += ["wheel friction"] if self.wheel_friction else []
+        if self.lag_ratio is not None:
+            causes.append(f"{100.0 * (self.lag_ratio - 1.0):.0f} % more lag")
         causes += [f"{1e3 * self.delay:.3g} ms delay"] if self.delay else []
         listed = ", ".join(causes[:-1])
         head = f"with {listed} and {causes[-1]}" if listed else f"with {causes[-1]}"
@@ -144,7 +150,11 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
     steps = whole_periods(min(DURATION_RATIO * nominal, MAX_DURATION_S), period)
     if steps * period < MIN_DURATION_S:
         return None
-    plant = perturbed_plant(known)
+    plant, output = perturbed_plant(known), config.output
+    late = output is not None and bool(output.lag or output.lags)
+    if output is not None and late:
+        lags = {name: LAG_RATIO * lag for name, lag in output.lags.items()}
+        plant = replace(plant, lag=LAG_RATIO * output.lag, lags=lags)
     facts = Expectation(
         MASS_RATIO,
         plant.joint_friction,
@@ -152,6 +162,7 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
         steps * period,
         DIVERGING,
         "",
+        lag_ratio=LAG_RATIO if late else None,
     )
     changed = replace(config, plant=plant, run=replace(settings, initial_error=(0.0, 0.0, 0.0)))
     dynamics = ReducedDynamics(scale_masses(known, "*", MASS_RATIO))

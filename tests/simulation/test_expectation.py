@@ -41,6 +41,20 @@ def test_the_plant_is_what_is_told(paper: Robot) -> None:
     assert perturbed_plant(rpctl.load("panda")).joint_friction == {}
 
 
+def test_a_robot_that_takes_speeds_lags_more(paper: Robot) -> None:
+    """A quarter more lag and a delay: a hundredth of a second of the way, some millimetres."""
+    coarse = replace(COARSE, control_period=0.02, plant_step=0.02)
+    sharp, found = (
+        expect(paper, Config(run=coarse, output=rpctl.VelocityOutput(lag))) for lag in (0.0, 0.1)
+    )
+    assert sharp is not None and found is not None
+    assert (sharp.lag_ratio, found.lag_ratio) == (None, 1.25)
+    assert "friction and 25 % more lag" in found.sentence
+    assert sharp.base_path is not None and found.base_path is not None
+    assert 1e-4 < found.base_path.rms < 0.02
+    assert found.base_path.rms > 2.0 * sharp.base_path.rms
+
+
 def test_it_is_the_run_with_that_plant(paper: Robot, expected: Expectation) -> None:
     """Four of twelve seconds, from the reference's start; every second sample is kept."""
     heavy = scale_masses(paper, "*", 1.1)
