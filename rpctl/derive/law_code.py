@@ -112,6 +112,7 @@ def _header(program: LawProgram) -> Iterator[str]:
     yield "Predictive laws of Mirzaeinejad and Shafei, Amirkabir J. Mech. Eng. 53(SI 2), 2021, and"
     yield "what rpctl makes of them; nu_d_dot is the analytic derivative of nu_d along the motion."
     yield f"At most {program.operations}."
+    yield f"For a control period of {law.period:g} s."
     yield ""
     yield "  pose  of the root link: x, y [m], heading [rad]"
     for k, name in enumerate(program.positions):

@@ -49,6 +49,7 @@ class LawSheet:
         nu_d: Desired quasi-velocities (dof,).
         nu_d_dot: Their derivatives along the motion (dof,).
         nu_dot: Desired accelerations ν̇* (dof,), of which the efforts follow.
+        period: Control period that it is for, s.
         rolling: Of a steered base, what rolling makes of ν.
     """
 
@@ -59,6 +60,7 @@ class LawSheet:
     nu_d: tuple[sp.Expr, ...]
     nu_d_dot: tuple[sp.Expr, ...]
     nu_dot: tuple[sp.Expr, ...]
+    period: float
     rolling: RollingInputs | None = None
 
 
@@ -125,7 +127,15 @@ def law_sheet(
     ]
     positions = (*robot.joint_names, *(swivel.joint for swivel in robot.drive.steered))
     return LawSheet(
-        robot, sheet, positions, tuple(nu), tuple(wanted), tuple(rates), tuple(star), rolling
+        robot,
+        sheet,
+        positions,
+        tuple(nu),
+        tuple(wanted),
+        tuple(rates),
+        tuple(star),
+        period,
+        rolling,
     )
 
 

@@ -168,6 +168,8 @@ def _controllers(
     """Return controllers of the run's laws that remember nothing, and what integral action adds."""
     law, efforts = run.config.kinematic, run.config.dynamic
     period, gains = run.config.run.control_period, np.zeros(0)
+    if run.config.output is not None:
+        raise RpctlError("its output are speeds, which another's loop turns into efforts")
     if not isinstance(law, BaseLaw):
         raise RpctlError(f"the law {name_of(law)} plans or remembers, which has no linear form")
     if isinstance(efforts, IntegralDynamic):

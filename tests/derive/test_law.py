@@ -45,6 +45,7 @@ from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import KINDS, vehicle
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+PERIOD = 0.005  # s
 EXACT = 1e-12  # relative to the largest entry
 SINGLE = 2e-5  # of float, after a few thousand operations
 LEASHED = UnifiedKinematic(horizon=0.5, beta=1.1, leash=Leash(0.4, 0.9))
@@ -258,7 +259,7 @@ def test_a_loop_driven_by_the_compiled_law_is_that_of_track(
     name: str, law: str, tmp_path: Path
 ) -> None:
     robot, dynamic = made(name, tmp_path), PaperDynamic()
-    program = law_program(law_sheet(robot, LAWS[law], dynamic))
+    program = law_program(law_sheet(robot, LAWS[law], dynamic, PERIOD))
     evaluate, tau = compiled(program, tmp_path), np.zeros(0)
 
     def kinematic(_: Any, reference: Any, t: float, q: Array, nu: Array) -> Command:
@@ -266,13 +267,9 @@ def test_a_loop_driven_by_the_compiled_law_is_that_of_track(
         tau, nu_d, nu_d_dot = evaluate(q, nu, reference(t))
         return Command(nu_d, nu_d_dot)
 
-    started: dict[str, Any] = {
-        "duration": 3.0,
-        "initial_error": (0.1, 0.2, 0.3),
-        "control_period": 0.005,
-    }
-    ours = rpctl.track(robot, "eight", kinematic=kinematic, dynamic=lambda *_: tau, **started)
-    theirs = rpctl.track(robot, "eight", kinematic=LAWS[law], dynamic=dynamic, **started)
+    start: dict[str, Any] = {"initial_error": (0.1, 0.2, 0.3), "control_period": PERIOD}
+    ours = rpctl.track(robot, "eight", 3.0, kinematic=kinematic, dynamic=lambda *_: tau, **start)
+    theirs = rpctl.track(robot, "eight", 3.0, kinematic=LAWS[law], dynamic=dynamic, **start)
     np.testing.assert_allclose(ours.q, theirs.q, atol=1e-9)
     np.testing.assert_allclose(ours.tau, theirs.tau, atol=1e-7)
 

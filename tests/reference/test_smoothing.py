@@ -167,3 +167,8 @@ def test_spread_keeps_both_ends_and_the_least_distance() -> None:
     np.testing.assert_array_equal(spread(u, 0.5), [0, 2, 4, 5, 7])
     np.testing.assert_array_equal(spread(u, 0.0), np.arange(8))
     np.testing.assert_array_equal(spread(u, 10.0), [0, 7])
+
+
+def test_columns_that_never_change_have_no_noise() -> None:
+    t = np.linspace(0.0, 5.0, 51)
+    assert smooth(t, np.zeros((51, 2)), None) is None

@@ -163,9 +163,9 @@ def test_a_start_inside_an_obstacle_is_refused(robot: Robot) -> None:
     require_clear_start(surroundings(robot, ()), q)
 
 
-def reach(robot: Robot, shoulder: float, elbow: float, duration: float = 3.0) -> Run:
+def reach(robot: Robot, shoulder: float, elbow: float, duration: float = 2.0) -> Run:
     goal = goal_of_words(None, (f"shoulder={shoulder}", f"elbow={elbow}"))
-    return rpctl.track(robot, goal, duration, control_period=0.005)
+    return rpctl.track(robot, goal, duration, control_period=0.01, plant_step=0.01)
 
 
 def test_an_arm_that_reaches_into_the_ground_collides(robot: Robot, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,13 @@ def test_laws_that_plan_have_no_poles(paper: Robot) -> None:
     with pytest.raises(RpctlError, match="Horizon plans or remembers"):
         loop_poles(run, paper)
     assert "Horizon plans" in poles_section(run, paper)
+
+
+def test_speeds_as_output_have_no_poles_here(paper: Robot) -> None:
+    run = run_of(paper, "spin")
+    by_speed = replace(run, config=run.config.with_output("velocity"))
+    with pytest.raises(RpctlError, match="output are speeds"):
+        loop_poles(by_speed, paper)
 
 
 def test_the_section_tells_the_worst_and_when(paper: Robot) -> None:
