@@ -91,7 +91,7 @@ def test_a_bias_is_removed_even_from_the_limit_on(paper: Robot) -> None:
 @pytest.mark.slow
 def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
     plant = Plant(tau_bias={"wheel_left_joint": 2.0})
-    plain = summarize(track(paper, "eight", 8.0, plant=plant))
+    plain = summarize(track(paper, "eight", 8.0, dynamic=PaperDynamic(), plant=plant))
     integral = summarize(track(paper, "eight", 8.0, dynamic=IntegralDynamic(), plant=plant))
     assert plain.rms_base_error > 0.02
     assert integral.rms_base_error < 3e-5

@@ -133,7 +133,7 @@ def test_the_prediction_is_where_the_robot_comes_to(
         controller.sent(t, commands[k])
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.15])
+@pytest.mark.parametrize("lag", [pytest.param(0.0, marks=pytest.mark.slow), 0.15])
 def test_a_dead_time_only_shifts_the_answer(paper: Robot, lag: float) -> None:
     """Smith's property: what the loop without dead time does, later; to rounding."""
     dead, joints = 0.2, np.array([0.3, -0.1])
@@ -145,6 +145,7 @@ def test_a_dead_time_only_shifts_the_answer(paper: Robot, lag: float) -> None:
     assert np.abs(late[-1, arm]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_moving_reference_is_read_ahead(paper: Robot) -> None:
     """The loop is that of a robot without dead time, which starts later on the same clock."""
     reference, dead = load_reference(paper, "eight"), 0.1
@@ -184,7 +185,7 @@ def test_without_lag_the_loop_is_the_kinematic_laws_own(paper: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    "lag, dead_time", cells([(0.1, 0.0), (0.1, 0.1), (0.3, 0.05)], [(0.1, 0.1)], [(0.3, 0.05)])
+    "lag, dead_time", cells([(0.1, 0.0), (0.1, 0.1), (0.3, 0.05)], slow=[(0.1, 0.1), (0.3, 0.05)])
 )
 def test_lag_and_dead_time_cost_no_accuracy(paper: Robot, lag: float, dead_time: float) -> None:
     reference, true = load_reference(paper, "eight"), VelocityOutput(lag, dead_time)
@@ -287,20 +288,27 @@ def stepped(
 
 
 def test_a_controller_answers_with_speeds(paper: Robot) -> None:
-    answers = stepped(paper, VelocityOutput(0.1, 0.1), 200)
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 60)
     assert {answer.status for answer in answers} == {"ok"}
     assert {answer.efforts.shape for answer in answers} == {(0,)}
     command, dt = answers[-1].command, 0.11
     np.testing.assert_allclose(answers[-1].speeds, command.nu_d + dt * command.nu_d_dot)
 
 
-@pytest.mark.parametrize("bad", [np.full(4, np.nan), np.array([0.1, np.inf, 0.0, 0.0]), "left"])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        np.full(4, np.nan),
+        pytest.param(np.array([0.1, np.inf, 0.0, 0.0]), marks=pytest.mark.slow),
+        pytest.param("left", marks=pytest.mark.slow),
+    ],
+)
 def test_a_bad_sample_is_answered_with_the_last_speeds(paper: Robot, bad: Any) -> None:
     """The robot goes on with them, the prediction knows it: two samples later all is as it was."""
-    plain = stepped(paper, VelocityOutput(0.1, 0.1), 200)
-    answers = stepped(paper, VelocityOutput(0.1, 0.1), 200, {150: bad})
-    assert answers[150].status == "held"
-    np.testing.assert_array_equal(answers[150].speeds, answers[149].speeds)
+    plain = stepped(paper, VelocityOutput(0.1, 0.1), 110)
+    answers = stepped(paper, VelocityOutput(0.1, 0.1), 110, {70: bad})
+    assert answers[70].status == "held"
+    np.testing.assert_array_equal(answers[70].speeds, answers[69].speeds)
     assert all(np.isfinite(answer.speeds).all() for answer in answers)
     np.testing.assert_allclose(answers[-1].speeds, plain[-1].speeds, atol=1e-4)
 

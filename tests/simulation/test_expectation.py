@@ -41,6 +41,7 @@ def test_the_plant_is_what_is_told(paper: Robot) -> None:
     assert perturbed_plant(rpctl.load("panda")).joint_friction == {}
 
 
+@pytest.mark.slow
 def test_a_robot_that_takes_speeds_lags_more(paper: Robot) -> None:
     """A quarter more lag and a delay: a hundredth of a second of the way, some millimetres."""
     coarse = replace(COARSE, control_period=0.02, plant_step=0.02)

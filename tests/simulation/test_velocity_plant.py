@@ -124,7 +124,7 @@ def test_a_lag_costs_less_than_three_millimetres(
     """From no initial error over an eight; not told of its lag, a law is ten times worse."""
     law = LAWS[name]
     robots = (paper,) if name == "unified" else (paper, tiago)
-    duration = 5.0 if name == "unified" else 12.0
+    duration = 4.0 if name == "unified" else 12.0
     for robot in robots:
         known, true = VelocityOutput(0.1, dead_time), Plant(lag=0.1, dead_time=dead_time)
         best = track(robot, "eight", duration, kinematic=law, control_period=0.02, output=known,

@@ -143,6 +143,7 @@ def test_a_run_tells_its_plant(paper: Robot, tmp_path: Path, kind: str) -> None:
         lag_from(efforts)
 
 
+@pytest.mark.slow
 def test_the_command_line_prints_what_to_set(tmp_path: Path) -> None:
     path, rows = tmp_path / "step.csv", np.column_stack([T, STEP, answer(T, STEP, 0.1, 0.05)])
     head = "t,v_commanded,v_measured\n"
