@@ -19,6 +19,7 @@ from rpctl.cli.verify import certificate_line, certify
 from rpctl.control.law_sentences import law_sentences
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
+from rpctl.reference.fitting import too_weak
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
 from rpctl.robot.model import Robot
@@ -53,7 +54,7 @@ def track_command(
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
-    reference = config.run.load_reference(loaded)
+    reference = config.run.load_reference(loaded, results.collisions)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
     folder = results.out or default_folder(loaded.name, reference_label(config.run.reference))
@@ -64,6 +65,9 @@ def track_command(
     )
     show_sizing(output, getattr(reference, "sizing", None))
     show_recording(output, getattr(reference, "recording", None), options.strict)
+    weak = too_weak(ReducedDynamics(loaded), reference)
+    if weak and getattr(reference, "sizing", None) is None:  # a sizing says it itself
+        output.print(f"[yellow]note[/] {escape(weak)}")
     if config.output is None:
         period = config.run.control_period
         for sentence in law_sentences(ReducedDynamics(loaded), config.dynamic, period):
