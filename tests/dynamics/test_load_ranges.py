@@ -25,7 +25,6 @@ from rpctl.dynamics.ground_reaction import (
 )
 from rpctl.dynamics.load_ranges import Ranges, find_ranges
 from rpctl.dynamics.stance import loads, make_stance
-from tests.grids import every
 from tests.robots import SET_A, ball, cargo, platform, write
 
 W, MU = 400.0, 0.5  # N, friction
@@ -297,7 +296,14 @@ def test_grip_of_carts_over_sampled_splits(
         assert least * (1.0 - 1e-6) <= needed.min() <= least * 1.1  # hardly more: the bound is near
 
 
-@pytest.mark.parametrize("axles", every(3, [((0, 1),), ((0, 1), (2,)), ((0, 2), (1, 3))]))
+@pytest.mark.parametrize(
+    "axles",
+    [
+        pytest.param(((0, 1),), marks=pytest.mark.slow),
+        ((0, 1), (2,)),
+        pytest.param(((0, 2), (1, 3)), marks=pytest.mark.slow),
+    ],
+)
 def test_grip_of_wheels_that_may_bear_nothing(
     rng: np.random.Generator, axles: tuple[tuple[int, ...], ...]
 ) -> None:
