@@ -16,8 +16,6 @@ from rpctl.cli.summary import show_recording, show_sizing, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
 from rpctl.cli.verify import certificate_line, certify
-from rpctl.control.law_sentences import law_sentences
-from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
@@ -64,10 +62,6 @@ def track_command(
     )
     show_sizing(output, getattr(reference, "sizing", None))
     show_recording(output, getattr(reference, "recording", None), options.strict)
-    if config.output is None:
-        period = config.run.control_period
-        for sentence in law_sentences(ReducedDynamics(loaded), config.dynamic, period):
-            output.print(escape(sentence))
     budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:
