@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -35,8 +36,14 @@ FORWARDED = {  # methods of Robot that a lower room carries out, imported when t
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 
 
-def imports() -> Iterator[tuple[Path, str, str]]:
-    """Yield (file, room, imported module) of the whole package."""
+@cache
+def imports() -> tuple[tuple[Path, str, str], ...]:
+    """Return (file, room, imported module) of the whole package."""
+    return tuple(read_imports())
+
+
+def read_imports() -> Iterator[tuple[Path, str, str]]:
+    """Yield them, file by file."""
     for file in sorted(PACKAGE.rglob("*.py")):
         relative = file.relative_to(PACKAGE)
         room = relative.parts[0].removesuffix(".py")

@@ -52,6 +52,7 @@ from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing
 from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.kinds import EntryError, free, mapping, number, table
+from rpctl.simulation.older_laws import tables_up_to_5
 from rpctl.simulation.packed import (
     COLUMNS_ENTRY,
     EXACT,
@@ -192,7 +193,7 @@ def _read_packed(npz: Npz, meta: dict[str, Any], older: bool) -> dict[str, Any]:
     if precision not in PRECISIONS:
         raise EntryError(f'entry "precision" must be one of {", ".join(PRECISIONS)}')
     _require_names(npz.names, (META_ENTRY, COLUMNS_ENTRY))
-    meta = {**SINCE_6, **meta} if older else meta
+    meta = _with_laws_up_to_5({**SINCE_6, **meta}) if older else meta
     _require_names(meta, META)
     known = checked_meta(meta)
     shapes = shapes_of(layout, npz.entry(COLUMNS_ENTRY))
@@ -253,10 +254,17 @@ def _completed(schema: int, meta: dict[str, Any]) -> tuple[dict[str, Any], tuple
     meta = {**LATER_ENTRIES, **meta}
     if schema < 4 and "settings" in meta:
         meta |= _from_settings(meta.pop("settings"), meta.get("friction", FRICTION))
+    meta = _with_laws_up_to_5(meta)
     if schema > 2:
         return meta, LATER_ARRAYS
     nothing: dict[str, Any] = {"other_names": [], "other_limits": [], "notes": []}
     return {**nothing, **meta}, (*LATER_ARRAYS, "others", "other_rates")
+
+
+def _with_laws_up_to_5(meta: dict[str, Any]) -> dict[str, Any]:
+    """Return what a file of schema 5 or less says, its laws with all that they stood for."""
+    tables = meta.get("config")
+    return meta | {"config": tables_up_to_5(tables)} if isinstance(tables, dict) else meta
 
 
 def _from_settings(settings: Any, friction: Any) -> dict[str, Any]:

@@ -243,13 +243,14 @@ def test_a_fixed_base_is_an_arm_alone() -> None:
         np.testing.assert_allclose(error, error[0] * np.exp(-times / law.horizon), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_whole_robot_follows() -> None:
     """With the dynamics: seconds 1 to 3 beside the paper's law, joints within their limits."""
     tiago = rpctl.load("tiago", home="zero")  # the arm half stretched: it reaches over the error
     rms = {}
     fastest = [joint.velocity for joint in tiago.joints]
     for law in (PaperKinematic(), EndEffector(SLOW)):
-        run = rpctl.track(tiago, "eight", 3.0, (0.3, 0.5, 0.8), kinematic=law)
+        run = rpctl.track(tiago, "eight", 3.0, (0.3, 0.5, 0.8), law, rpctl.PaperDynamic())
         distance = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)
         assert (np.abs(run.nu[:, 2:]) <= fastest).all()
         assert (

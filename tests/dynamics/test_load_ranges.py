@@ -296,7 +296,14 @@ def test_grip_of_carts_over_sampled_splits(
         assert least * (1.0 - 1e-6) <= needed.min() <= least * 1.1  # hardly more: the bound is near
 
 
-@pytest.mark.parametrize("axles", [((0, 1),), ((0, 1), (2,)), ((0, 2), (1, 3))])
+@pytest.mark.parametrize(
+    "axles",
+    [
+        pytest.param(((0, 1),), marks=pytest.mark.slow),
+        ((0, 1), (2,)),
+        pytest.param(((0, 2), (1, 3)), marks=pytest.mark.slow),
+    ],
+)
 def test_grip_of_wheels_that_may_bear_nothing(
     rng: np.random.Generator, axles: tuple[tuple[int, ...], ...]
 ) -> None:

@@ -59,9 +59,12 @@ def test_tiago_ends_within_a_millimetre(eight: Run) -> None:
 
 
 def test_energy_and_constraints_hold(eight: Run) -> None:
+    """A step with losses is of second order, one without is of fourth."""
     figures = summarize(eight)
-    assert figures.energy_residual < 1e-8
+    assert figures.energy_residual < 1e-5
     assert figures.constraint_residual < 1e-12
+    ideal = summarize(track(rpctl.load("tiago", losses=False), "eight", 1.0, OFF))
+    assert ideal.energy_residual < 1e-8
 
 
 def test_it_starts_where_it_was_told(eight: Run) -> None:
@@ -156,13 +159,13 @@ def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     assert (figures.final_end_effector_error or np.inf) < 0.01
 
 
-@pytest.mark.parametrize("reference", cells(("line", "reverse"), {"reverse"}))
+@pytest.mark.parametrize("reference", cells(("line", "reverse"), slow={"line", "reverse"}))
 def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, reference: str) -> None:
     figures = summarize(track(paper, reference, 10.0, (0.0, 0.2, 0.0), PaperKinematic()))
     assert figures.final_lateral_error == pytest.approx(0.2, abs=1e-3)
 
 
-@pytest.mark.parametrize("reference", cells(PATHS, {"line", "eight"}, {"spin"}))
+@pytest.mark.parametrize("reference", cells(PATHS, {"line"}, {"eight", "spin"}))
 def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
     """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
     ours, theirs = (
@@ -221,7 +224,7 @@ def test_a_fixed_base_moves_its_arm_only() -> None:
 
 
 def test_a_platform_without_an_arm(tmp_path: Path) -> None:
-    run = track(rpctl.load(write(tmp_path, platform(SET_A))), "circle", 15.0, OFF)
+    run = track(rpctl.load(write(tmp_path, platform(SET_A))), "circle", 8.0, OFF)
     figures = summarize(run)
     assert figures.final_base_error < 1e-3
     assert figures.final_end_effector_error is None

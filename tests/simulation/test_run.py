@@ -152,11 +152,12 @@ def test_a_run_of_the_version_before_comes_back() -> None:
         base_obstacles=(Disc(2.0, 2.0, 0.3), HalfPlane(0.0, 1.0, -5.0)),
         end_effector_obstacles=(Disc(3.0, 3.0, 0.1),),
         base_radius=0.4,
-        fallback=UnifiedKinematic(bend=0.4),
+        fallback=UnifiedKinematic(bend=0.4, joint_horizon=0.65, leash=None, approach=None),
     )
+    bounded = BoundedDynamic(weights={"v": 2.0}, joint_horizon_dyn=0.15, midpoint=False)
     assert back.config == Config(
         horizon,
-        IntegralDynamic(gain=8.0, inner=BoundedDynamic(weights={"v": 2.0})),
+        IntegralDynamic(gain=8.0, inner=bounded, joint_gain=8.0),
         RunSettings("line", 0.02, (0.1, 0.0, 0.0), 0.005, 0.005, 0.6),
         plant=Plant({"wheel_left_joint": 0.5}, 0.01),
     )

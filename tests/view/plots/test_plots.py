@@ -19,6 +19,7 @@ from rpctl.view.plots.figures import (
 )
 from rpctl.view.plots.panels import find_panels
 from rpctl.view.plots.paths import half_plane
+from tests.grids import cells
 from tests.runs import vary
 from tests.view.samples import PILLAR, short_run, with_obstacles
 
@@ -137,7 +138,7 @@ def test_a_grip_that_is_an_interval_is_a_band(paper_run: Run) -> None:
     assert not plain.collections
 
 
-@pytest.mark.parametrize("name", ["tiago_dual", "panda"])
+@pytest.mark.parametrize("name", cells(("tiago_dual", "panda"), {"panda"}, {"tiago_dual"}))
 def test_many_joints_and_fixed_bases(name: str) -> None:
     robot = rpctl.load(name)
     run = short_run(robot, 0.2)

@@ -198,6 +198,7 @@ def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> 
     assert Run.load(tmp_path / "out/run.npz").t[-1] == pytest.approx(12.0)
 
 
+@pytest.mark.slow
 def test_simulation_is_seen_among_its_obstacles(tmp_path: Path) -> None:
     """They are known before it starts: of the law that is the base's within another one, here."""
     law = rpctl.EndEffector(base=rpctl.Horizon(base_obstacles=(rpctl.Disc(4.0, 0.5, 0.2),)))
