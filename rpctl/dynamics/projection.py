@@ -147,14 +147,28 @@ class Projection:
         S_p = -self._solved(self._core, A_p @ S)
         v_p = S_p @ nu  # (n_swivels, nv)
         A_dot_p = matrix.second_rate(u, v[index], each) + matrix.rate(u, v_p[:, index])
-        A_dot_nu = matrix.rate(u, S[index].T)
         return BasisDerivatives(
             entries=index,
             S=S_p,
             v=v_p.T,
             drift=-self._solve(self._core, (A_p @ drift + A_dot_p @ v + v_p @ A_dot.T).T),
-            drift_nu=-self._solve(self._core, (A_dot_nu @ v).T + A_dot @ S),
+            drift_nu=self.drift_by_nu(nu),
         )
+
+    def drift_by_nu(self, nu: Array, count: int | None = None) -> Array:
+        """Return the derivatives (nv, count) of Ṡν by the first ν; 0 where S is constant.
+
+        Args:
+            nu: Quasi-velocities (dof,).
+            count: Number of columns; None: dof.
+        """
+        S = self.S[:, :count]
+        if self._core is None:
+            return np.zeros(S.shape)
+        rolling, u, v = self.projector.rolling, self._u, self.S @ nu
+        A_dot = rolling.matrix.rate(u, v[rolling.index])
+        A_dot_nu = rolling.matrix.rate(u, S[rolling.index].T)
+        return -self._solve(self._core, (A_dot_nu @ v).T + A_dot @ S)
 
     def _solved(self, core: tuple[Array, Array, Array], right: Array) -> Array:
         """Return :meth:`_solve` of a stack of right sides (n, rows, columns)."""

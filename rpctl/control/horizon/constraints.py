@@ -186,22 +186,21 @@ class ForceBounds:
         return [*found, LinearisedConstraint(-margins[:, :, 0], -margins[:, :, 1:])]
 
     def _first_step(self, motion: PredictedMotion) -> list[LinearisedConstraint]:
-        dynamics = self._model.dynamics
+        nu, nu_dot = motion.nu[0], motion.nu_dot[0]  # ν is measured: no derivatives by it
         forces = self._forces.with_derivatives(
-            motion.start, motion.nu[0], motion.nu_dot[0], dynamics
+            motion.start, nu, nu_dot, self._model.dynamics, speeds=0
         )
-        dof = len(motion.nu[0])
         tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
-        value, jacobian = tau[:, 0], tau[:, 1 : 1 + dof]
+        value, jacobian = tau[:, 0], tau[:, 1:]
         efforts = LinearisedConstraint(
             np.append(value, -value)[None] - 1.0, np.concatenate([jacobian, -jacobian])[None]
         )
         if not self._forces.rows:
-            return [efforts, LinearisedConstraint(np.empty((1, 0)), np.empty((1, 0, dof)))]
+            return [efforts, LinearisedConstraint(np.empty((1, 0)), np.empty((1, 0, len(nu))))]
         self._remember(self._forces.load_split(forces))
         grips = self._forces.grip_margins(forces, np.array(self._load_splits))
         margins = np.vstack([self._forces.tip_margins(forces), *grips])
-        return [efforts, LinearisedConstraint(-margins[None, :, 0], -margins[None, :, 1 : 1 + dof])]
+        return [efforts, LinearisedConstraint(-margins[None, :, 0], -margins[None, :, 1:])]
 
     def _remember(self, load_split: Array) -> None:
         """Remember a load split; the first stands for the others as well."""

@@ -130,13 +130,13 @@ class ForceModel:
         nu_dot: Array,
         dynamics: ReducedDynamics | None = None,
         accelerations: int | None = None,
+        speeds: int | None = None,
     ) -> Forces:
         """Return the forces at a state and their derivatives, all columns.
 
-        Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as derivatives,
-        and quadratic in ν, so that central differences of any step are exact where S is constant;
-        where wheels are steered, the derivatives by ν are those at the motion's Ṡν. Of the losses
-        damping has derivatives; those of friction at its bend say nothing of rates beyond it.
+        Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as derivatives.
+        But for the losses they are quadratic in v = Sν and linear in Ṡν, which is quadratic in ν:
+        central differences with ∂(Ṡν)/∂ν for the change of Ṡν are exact at any step.
 
         Args:
             q: Configuration (nq,).
@@ -144,27 +144,31 @@ class ForceModel:
             nu_dot: Their derivatives (dof,).
             dynamics: The robot's own dynamics for a measured state; None for a predicted one.
             accelerations: Number of the first ν̇ with derivatives by them; None: all.
+            speeds: Number of the first ν with derivatives by them; None: those that move the base.
         """
         model, data = self._model.robot.model, self._data
         # At the origin the world's axes are the root link's.
         q = np.concatenate([ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]])
         here = (dynamics or self._foreseen).at(q)
         S, drift = here.S, here.drift(nu)
-        base, count = self._model.base_columns, accelerations or S.shape[1]
+        base = self._model.base_columns if speeds is None else speeds
+        count = accelerations or S.shape[1]
         force, wrench = np.empty((len(S), 1 + count + base)), np.empty((6, 1 + count + base))
         v, by_nu_dot = S @ nu, S[:, :count]
+        drift_by_nu = here.drift_by_nu(nu, base) if base else S[:, :0]
         for column in range(base):
-            step = S[:, column]
-            ahead = pin.rnea(model, data, q, v + step, drift).copy()
+            step, change = S[:, column], drift_by_nu[:, column]
+            ahead = pin.rnea(model, data, q, v + step, change).copy()
             wrench_ahead = data.f[ROOT_JOINT].vector.copy()
-            force[:, 1 + count + column] = 0.5 * (ahead - pin.rnea(model, data, q, v - step, drift))
+            behind = pin.rnea(model, data, q, v - step, -change)
+            force[:, 1 + count + column] = 0.5 * (ahead - behind)
             wrench[:, 1 + count + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
         force[:, 0] = pin.rnea(model, data, q, v, S @ nu_dot + drift)
         wrench[:, 0] = data.f[ROOT_JOINT].vector
         losses = self._model.robot.losses
         if losses is not None:
             force[:, 0] -= losses.force(v)
-            force[:, 1 + count :] += losses.damping[:, None] * S[:, :base]
+            force[:, 1 + count :] += losses.slope(v)[:, None] * S[:, :base]
         force[:, 1 : 1 + count] = pin.crba(model, data, q) @ by_nu_dot
         momentum = pin.computeCentroidalMap(model, data, q) @ by_nu_dot
         wrench[:, 1 : 1 + count] = momentum
@@ -227,12 +231,8 @@ class ForceModel:
         horizontal = forces.maps.horizontal @ forces.force
         along, lateral = horizontal[..., :wheels, :], horizontal[..., wheels:, :]
         load = load_split[..., :wheels, :] @ self._moments(forces)
-        positive_load = np.maximum(load[..., 0], contacts.floor)
-        on_axle = (positive_load @ contacts.incidence)[..., None, :]
-        share = positive_load[..., None] * contacts.incidence / on_axle
-        along, across, load = (
-            part[..., None, :, :] for part in (along, share @ lateral, usable * load)
-        )
+        across = _across(contacts, lateral, load)
+        along, across, load = (part[..., None, :, :] for part in (along, across, usable * load))
         slack = (load - self._cos * along - self._sin * across) / (usable * self._weight)
         return slack.reshape(*slack.shape[:-3], -1, slack.shape[-1])
 
@@ -257,6 +257,28 @@ def stack(forces: Sequence[Forces]) -> Forces:
     return Forces(
         maps, np.array([each.force for each in forces]), np.array([each.wrench for each in forces])
     )
+
+
+def _across(contacts: Contacts, lateral: Array, load: Array) -> Array:
+    """Return the wheels' lateral forces (..., n_wheels, columns), columns as those of ``Forces``.
+
+    Wheels share their axle's force F in proportion to their loads N: F_w = N_w F / Σ N. So with
+    f = F / Σ N the derivative is that of N_w f + N_w (F′ − f Σ N′) / Σ N, f held in the first term.
+
+    Args:
+        contacts: Contacts with the ground.
+        lateral: The axles' lateral forces (..., n_axles, columns).
+        load: The wheels' loads (..., n_wheels, columns).
+    """
+    bearing = np.maximum(load[..., 0], contacts.floor)
+    on_axle = bearing @ contacts.incidence
+    share = bearing[..., None] * contacts.incidence / on_axle[..., None, :]
+    across: Array = share @ lateral
+    change = load[..., 1:] * (load[..., :1] > contacts.floor)
+    ratio = lateral[..., 0] / on_axle
+    across[..., 1:] += (ratio @ contacts.incidence.T)[..., None] * change
+    across[..., 1:] -= share @ (ratio[..., None] * (contacts.incidence.T @ change))
+    return across
 
 
 def _load_split(stance: Stance, moments: Array) -> Array:
