@@ -16,7 +16,6 @@ from rpctl.cli.summary import show_recording, show_sizing, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
 from rpctl.cli.verify import certificate_line, certify
-from rpctl.control.law_sentences import law_sentences
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.fitting import too_weak
@@ -68,10 +67,6 @@ def track_command(
     weak = too_weak(ReducedDynamics(loaded), reference)
     if weak and getattr(reference, "sizing", None) is None:  # a sizing says it itself
         output.print(f"[yellow]note[/] {escape(weak)}")
-    if config.output is None:
-        period = config.run.control_period
-        for sentence in law_sentences(ReducedDynamics(loaded), config.dynamic, period):
-            output.print(escape(sentence))
     budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:

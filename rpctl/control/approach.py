@@ -61,28 +61,114 @@ class Approach:
             dynamics: The robot's dynamics, as far as the controller knows them.
             law: What tracks the references.
         """
+        stage = self.stage(dynamics)
+        return law if stage is None else ApproachingLaw(stage, law)
+
+    def stage(self, dynamics: ReducedDynamics) -> ApproachStage | None:
+        """Return the stage of one run; None for a base that needs none.
+
+        Args:
+            dynamics: The robot's dynamics, as far as the controller knows them.
+        """
         drive, joints = dynamics.robot.drive, dynamics.robot.description.joint
         find = turning_radius if drive.has_axle else heading_radius
         radius = find(drive, joints)
         if radius == 0.0 or math.isinf(radius):
-            return law
-        return ApproachingLaw(self, law, RADIUS_RATIO * radius)
+            return None
+        return ApproachStage(self, RADIUS_RATIO * radius)
 
 
-class ApproachingLaw:
-    """:class:`Approach` before a law on one robot, with its plan.
+@dataclass(frozen=True, eq=False)
+class WayToReference:
+    """A reference that begins with the way up to another one.
+
+    Attributes:
+        plan: The way.
+        reference: What it leads to.
+    """
+
+    plan: ApproachPlan
+    reference: Reference
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the state at a time (s)."""
+        state = self.reference(t)
+        return state if t >= self.plan.joins_at else self.plan(t, state)
+
+
+class ApproachStage:
+    """:class:`Approach` of one robot, with its plan.
 
     Args:
         settings: When, and how fast.
-        law: What tracks the plan and the reference.
         radius: Of the plan's arcs, m.
     """
 
-    def __init__(self, settings: Approach, law: KinematicController, radius: float) -> None:
-        self._settings, self._law, self._radius = settings, law, radius
-        self._plan: ApproachPlan | None = None
+    def __init__(self, settings: Approach, radius: float) -> None:
+        self._settings, self._radius = settings, radius
+        self._way: WayToReference | None = None
         self._searched_at = -math.inf
         self.approaches = 0
+
+    def __call__(
+        self,
+        dynamics: ReducedDynamics,
+        reference: Reference,
+        t: float,
+        q: Array,
+        nu: Array,
+        lag: float = 0.0,
+    ) -> Reference:
+        """Return what a law is to track: the way while it lasts, then the reference.
+
+        It is the same object until there is another way, and the reference itself before the first.
+
+        Args:
+            dynamics: The robot's dynamics.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+            lag: How much later than at its time the law reads what it tracks, s. The way begins,
+                and meets the reference, in the law's own time.
+        """
+        read = self.reading(reference)
+        if t - self._searched_at < RETRY_S or not self._far(dynamics.robot, read(t - lag), q):
+            return read
+        self._searched_at = t
+        limits = WayLimits(self._radius, self._settings.haste, _full_speed(dynamics, q))
+        plan = plan_approach(dynamics, reference, t - lag, q, nu, limits)
+        if plan is None:
+            return read
+        self._way, self.approaches = WayToReference(plan, reference), self.approaches + 1
+        return self._way
+
+    def reading(self, reference: Reference) -> Reference:
+        """Return what is tracked, wherever the robot is by now."""
+        way = self._way
+        if way is None:
+            return reference
+        if way.reference is not reference:
+            way = self._way = WayToReference(way.plan, reference)
+        return way
+
+    def _far(self, robot: Robot, state: ReferenceState, q: Array) -> bool:
+        x1, x2, x3 = tracking_error(robot, state, q)[:3]
+        return bool(
+            math.hypot(x1, x2) > self._settings.distance or abs(x3) > self._settings.heading
+        )
+
+
+class ApproachingLaw:
+    """A law on one robot with :class:`Approach` before it.
+
+    Args:
+        stage: Says what the law tracks.
+        law: What tracks it.
+    """
+
+    def __init__(self, stage: ApproachStage, law: KinematicController) -> None:
+        self._stage, self._law = stage, law
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -96,35 +182,11 @@ class ApproachingLaw:
             q: Configuration (nq,).
             nu: Quasi-velocities of the robot (dof,).
         """
-        read = self._reading(reference)
-        if self._far(dynamics.robot, read(t), q) and t - self._searched_at >= RETRY_S:
-            self._searched_at = t
-            limits = WayLimits(self._radius, self._settings.haste, _full_speed(dynamics, q))
-            plan = plan_approach(dynamics, reference, t, q, nu, limits)
-            if plan is not None:
-                self._plan, self.approaches = plan, self.approaches + 1
-                read = self._reading(reference)
-        return self._law(dynamics, read, t, q, nu)
+        return self._law(dynamics, self._stage(dynamics, reference, t, q, nu), t, q, nu)
 
     def report(self) -> dict[str, float]:
         """Return the law's report, and how many approaches were planned."""
-        return {**self._law.report(), "approaches": self.approaches}
-
-    def _reading(self, reference: Reference) -> Reference:
-        """Return what the law is to track: the plan as long as it lasts, then the reference."""
-        plan = self._plan
-
-        def read(t: float) -> ReferenceState:
-            state = reference(t)
-            return state if plan is None or t >= plan.joins_at else plan(t, state)
-
-        return read
-
-    def _far(self, robot: Robot, state: ReferenceState, q: Array) -> bool:
-        x1, x2, x3 = tracking_error(robot, state, q)[:3]
-        return bool(
-            math.hypot(x1, x2) > self._settings.distance or abs(x3) > self._settings.heading
-        )
+        return {**self._law.report(), "approaches": self._stage.approaches}
 
 
 def _full_speed(dynamics: ReducedDynamics, q: Array) -> float:

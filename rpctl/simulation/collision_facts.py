@@ -13,6 +13,7 @@ NEAR_M = 0.1  # m: what a robot that stands is nearer to than this may be what i
 TOLD_COLLISIONS = 5  # in sentences; more are counted
 NAMED_PAIRS = 6  # in a sentence; more are counted
 SELF, GROUND = "itself", "the ground"  # beside obstacles, which are called by their shape
+NOT_LOOKED_FOR = "collisions were not looked for: that is done once a run is whole"
 
 
 @dataclass(frozen=True)

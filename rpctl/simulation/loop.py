@@ -9,6 +9,7 @@ from typing import cast
 from rpctl.arrays import Array
 from rpctl.control.defaults import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
+from rpctl.control.law_sentences import law_sentences
 from rpctl.control.returned import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import find_contacts
@@ -22,7 +23,7 @@ from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
 from rpctl.simulation.budget import Budget, find_budget
 from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop, start_configuration
-from rpctl.simulation.collision_facts import CollisionFacts
+from rpctl.simulation.collision_facts import NOT_LOOKED_FOR, CollisionFacts
 from rpctl.simulation.collisions import find_collisions, require_clear_start, surroundings
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.derived import Derivation
@@ -187,7 +188,9 @@ def simulate(
     contacts = find_contacts(dynamics, settings.friction)
     derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
     recording: Recording | None = getattr(reference, "recording", None)
-    loop = LoopRecord()
+    loop, known = LoopRecord(), ReducedDynamics(plant.known_robot(robot))
+    dynamic = config.dynamic if config.output is None else None
+    sentences = law_sentences(known, config.kinematic, dynamic, period)
     speeds = config.output is not None
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known, speeds)
     watching = Watching("what watched the simulation", watch)
@@ -228,17 +231,19 @@ def simulate(
             sizing=getattr(reference, "sizing", None),
             recording=None if recording is None else recording.to_dict(),
             collisions=bodies,
+            law_sentences=sentences,
             simulated=robot,
         )
 
     bodies: CollisionFacts | None = None
+    looks = collisions and bool(around is not None or robot.joints)
     if spool is not None:
         spool.begin(entries_of(run(NO_SAMPLES, steps, notes))[0])
     try:
         close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
         recorder.derive(ends=True)
         log = recorder.log()
-        if collisions and (around is not None or robot.joints):
+        if looks:
             bodies = find_collisions(around or surroundings(robot, ()), log.t, log.q)
     except BaseException as error:
         if ended is not None:
@@ -247,7 +252,8 @@ def simulate(
             if recorder.rows >= MIN_SAMPLES:
                 log = recorder.log()
                 note = _end_note(error, float(log.t[-1]), steps * period)
-                ended(run(log, recorder.steps, (), note))
+                missed = (NOT_LOOKED_FOR,) if looks else ()
+                ended(run(log, recorder.steps, (), *missed, note))
         raise
     return run(log, recorder.steps, notes, bodies=bodies)
 

@@ -29,7 +29,7 @@ UP_TO_5: dict[object, Table] = {  # by law
     FeedbackLinearization: NO_STAGES,
     BoundedDynamic: {"midpoint": False},
     IntegralDynamic: {"inner": {}},
-    Horizon: {"fallback": {"law": "unified"}},
+    Horizon: {"fallback": {"law": "unified"}, "approach": False},
     EndEffector: {"base": {"law": "horizon"}},
 }
 JOINTS_AS_BASE = (  # the joints' own setting, and the base's that held for them too

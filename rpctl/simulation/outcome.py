@@ -10,8 +10,10 @@ last quarter of the run unless said.
   moves in the last tenth of the run; or it is not finite;
 - **stuck**: the point stands while its reference moves on or is elsewhere, or it moves along beside
   the path and its error stays;
-- **late**: it is on its path, or comes nearer to it, and behind its reference;
-- **tracked**: it is at its reference, or comes nearer to it, or the run was too short to tell.
+- **late**: it is on its path and behind its reference, or still on its way to that path after the
+  time in which the error of a start dies;
+- **tracked**: it is at its reference, or on its path and less than that behind it, or the run was
+  too short to tell.
 
 The worst of base and end effector counts.
 """
@@ -176,7 +178,8 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
             "and the error stays")  # fmt: skip
     where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
     when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
-    return Outcome(LATE if lag > LATE_S else TRACKED,
+    under_way = beside > ON_PATH_M and run >= DECAY_S
+    return Outcome(LATE if lag > LATE_S or under_way else TRACKED,
                    f"{name} is {where}, {when} its reference in the end")  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from rpctl.files.caps import cap
 from rpctl.files.npz import Npz, NpzEntry, open_npz
 from rpctl.files.opening import is_file, open_input, read_input
 from rpctl.files.strict_json import read_json
+from rpctl.simulation.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.config import Config
 from rpctl.simulation.kinds import EntryError
@@ -85,7 +86,7 @@ def _ended(known: dict[str, Any], t: float) -> dict[str, Any]:
     if planned is None or t >= planned * (1.0 - ENDED):
         return {}
     note = f"ended early at t = {t:.4g} of {planned:.4g} s; what was simulated until then is kept"
-    return {"config": config.with_run(duration=t), "notes": (*known["notes"], note)}
+    return {"config": config.with_run(duration=t), "notes": (*known["notes"], NOT_LOOKED_FOR, note)}
 
 
 def _all_chunks(folder: Path) -> list[Path]:

@@ -46,6 +46,7 @@ class Run:
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
         collisions: How near its links came to things, and what they ran into; None where that was
             not looked for, and in older files.
+        law_sentences: What its laws ignore and how fast they make the joints; none in older files.
         simulated: The robot itself, of a run that was simulated by this process; None of one that
             was read. No file has it.
         digest: SHA-256 digest of its file, which files made from it carry; None where none is
@@ -65,6 +66,7 @@ class Run:
     recording: Mapping[str, Any] | None = None
     perturbed: Mapping[str, Any] | None = None
     collisions: CollisionFacts | None = None
+    law_sentences: tuple[str, ...] = ()
     simulated: Robot | None = None
     digest: str | None = None
 

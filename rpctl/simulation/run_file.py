@@ -77,6 +77,7 @@ SINCE_6: dict[str, Any] = {  # missing in older files, and what stands for it
     "collisions": None,
     "losses": False,
     "armature": None,
+    "law_sentences": [],
 }
 LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
     **SINCE_6,

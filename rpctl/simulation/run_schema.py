@@ -191,6 +191,7 @@ META: dict[str, Kind] = {  # entries of JSON
     "recording": optional(plain(table({"sentence": text}, {}, free))),
     "perturbed": optional(plain(table({"sentence": text}, {}, free))),
     "collisions": collision_facts,
+    "law_sentences": many(text),
 }
 SAME_LENGTH = (  # lists of one item each for one another's
     ("joint_names", "units"),

@@ -163,7 +163,7 @@ def test_track_says_where_a_run_ends_that_was_asked_for_longer(tmp_path: Path) -
     words = ("track", "paper", "--duration", "0.0215", "--samples", "0", "--out", str(tmp_path))
     output = run_json(*words)
     note = "a duration of 0.0215 s is no whole number of control periods of 0.002 s: the run ends"
-    assert output["notes"][0] == f"{note} at 0.02 s"
+    assert f"{note} at 0.02 s" in output["notes"]
     assert output["duration"] == pytest.approx(0.02)
     assert f"{note} at 0.02 s" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert note in " ".join(run(*words)[1].split())

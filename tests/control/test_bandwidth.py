@@ -30,6 +30,7 @@ from rpctl.control.bandwidth import (
     joint_gains,
 )
 from rpctl.control.law_sentences import law_sentences
+from rpctl.control.leash import Leash
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
@@ -184,14 +185,37 @@ def test_a_bandwidth_reaches_the_joints_of_all_laws() -> None:
 def test_the_gains_are_told_and_what_a_law_ignores(tiago: Robot) -> None:
     index = tiago.joint_names.index("arm_2_joint")
     dynamics = ReducedDynamics(with_effort(tiago, index, 0.1))
-    (told,) = law_sentences(dynamics, IntegralDynamic(), 0.002)
+    law = UnifiedKinematic()
+    (told,) = law_sentences(dynamics, law, IntegralDynamic(), 0.002)
     assert told == (
         "joints: 7.2 Hz (h 0.24 s, h1 0.06 s, k 25 1/s), as sampling and 10 ms in reserve allow; "
         "as efforts allow: arm_2_joint 2.5 Hz"
     )
+    partly = UnifiedKinematic(joint_horizon=0.3), IntegralDynamic(joint_gain=5.0)
+    assert law_sentences(dynamics, *partly, 0.002) == (f"{told}; but h 0.3 s, k 5 1/s, as set",)
     by_hand = BoundedDynamic(joint_horizon_dyn=0.05)
-    assert law_sentences(dynamics, by_hand, 0.002) == ("joints: h1 0.05 s, as set",)
-    (ignored,) = law_sentences(dynamics, PaperDynamic(), 0.002)
+    assert law_sentences(dynamics, law, by_hand, 0.002) == ("joints: h1 0.05 s, as set",)
+    assert law_sentences(dynamics, law, None, 0.002) == ()
+    (ignored,) = law_sentences(dynamics, law, PaperDynamic(), 0.002)
     assert "limits of efforts, rates and positions" in ignored
     assert "held for a period" in ignored
-    assert "held" not in law_sentences(dynamics, PaperDynamic(midpoint=True), 0.002)[0]
+    assert "held" not in law_sentences(dynamics, law, PaperDynamic(midpoint=True), 0.002)[0]
+
+
+def test_what_the_papers_kinematic_law_leaves_is_told(tiago: Robot) -> None:
+    import rpctl
+
+    dynamics = ReducedDynamics(tiago)
+    (told,) = law_sentences(dynamics, PaperKinematic(), None, 0.002)
+    assert told == (
+        "the paper's kinematic law ignores limits of speeds, rates and positions, is on no "
+        "leash (far errors ask for high speeds) and leaves the lateral error of a straight line "
+        "as it is"
+    )
+    assert law_sentences(dynamics, EndEffector(base=PaperKinematic()), None, 0.002) == (told,)
+    assert "leash" not in law_sentences(dynamics, PaperKinematic(leash=Leash()), None, 0.002)[0]
+    free = law_sentences(ReducedDynamics(rpctl.load("omni")), PaperKinematic(), None, 0.002)
+    assert "leash" in free[0]
+    assert "lateral" not in free[0]
+    joints = law_sentences(dynamics, PaperKinematic(), BoundedDynamic(), 0.002)[1]
+    assert joints.endswith("; but h 0.8 s, as set")

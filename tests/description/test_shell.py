@@ -146,7 +146,7 @@ def test_a_run_finds_its_packages_where_the_user_says(tmp_path: Path) -> None:
     assert code == 0
     assert not [note for note in json.loads(out)["notes"] if "mesh" in note]
     run = Run.load(tmp_path / "run" / "run.npz")
-    assert build_scene(run.load_robot([far]), run).notes == ()
+    assert build_scene(run.load_robot([far]), run).notes == run.law_sentences
     moved = move(far, tmp_path / "moved")
-    assert "box.stl" in build_scene(run.load_robot(), run).notes[0]
-    assert build_scene(run.load_robot([moved]), run).notes == ()
+    assert "box.stl" in build_scene(run.load_robot(), run).notes[len(run.law_sentences)]
+    assert build_scene(run.load_robot([moved]), run).notes == run.law_sentences

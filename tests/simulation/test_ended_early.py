@@ -15,6 +15,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation import derived, recorder
 from rpctl.simulation.closed_loop import WatchedSample, Watcher
+from rpctl.simulation.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.log import MIN_SAMPLES
 from rpctl.simulation.loop import simulate
@@ -105,7 +106,7 @@ def test_sample_that_is_no_motion_ends_the_run_before_it(
         assert kept == []
     else:
         check_is_beginning(kept[0], whole, bad)
-        assert f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion left" in kept[0].notes[0]
+        assert f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion left" in kept[0].notes[-1]
 
 
 def test_the_end_is_the_last_that_is_noted(paper: Robot) -> None:
@@ -139,7 +140,7 @@ def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:
         return Efforts(np.array([1.0, 1.0, 0.0, 0.0]))
 
     run = ended_run(paper, ValueError, config=Config(run=SETTINGS.run, dynamic=later))
-    assert run.notes == (note.replace("0.01", f"{run.t[-1]:.4g}", 1),)
+    assert run.notes == (NOT_LOOKED_FOR, note.replace("0.01", f"{run.t[-1]:.4g}", 1))
 
 
 def test_motion_that_nothing_moves_with_ends_the_run_which_can_be_read(

@@ -68,8 +68,8 @@ def test_every_law_reads_back_as_it_was() -> None:
     then: dict[str, Any] = {
         "unified": UNIFIED,
         "paper": PaperKinematic(),
-        "end-effector": EndEffector(base=Horizon(fallback=UNIFIED)),
-        "horizon": Horizon(fallback=UNIFIED),
+        "end-effector": EndEffector(base=Horizon(fallback=UNIFIED, approach=None)),
+        "horizon": Horizon(fallback=UNIFIED, approach=None),
         "kanayama": Kanayama(joint_horizon=0.65, **WITHOUT),
         "feedback-linearization": FeedbackLinearization(joint_horizon=0.65, **WITHOUT),
     }
@@ -109,4 +109,4 @@ def test_what_a_file_says_stands_and_what_no_law_is_known_by_stays() -> None:
     short = {"dynamic": {"law": "integral"}, "kinematic": {"law": "end-effector"}}
     found = config_of(tables_up_to_5(short))
     assert found.dynamic == IntegralDynamic(inner=BOUNDED, joint_gain=10.0)
-    assert found.kinematic == EndEffector(base=Horizon(fallback=UNIFIED))
+    assert found.kinematic == EndEffector(base=Horizon(fallback=UNIFIED, approach=None))

@@ -172,7 +172,7 @@ def test_what_is_not_finite_diverges(golden: Run) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("ratio", "name"), [(0.89, "tracked"), (0.91, "stuck")])
+@pytest.mark.parametrize(("ratio", "name"), [(0.89, "late"), (0.91, "stuck")])
 def test_an_error_that_falls_is_not_stuck(golden: Run, ratio: float, name: str) -> None:
     """Of that in the second quarter; the first quarter does not count."""
     beside = np.full(COUNT, 1.0)
@@ -180,8 +180,18 @@ def test_an_error_that_falls_is_not_stuck(golden: Run, ratio: float, name: str) 
     beside[3 * COUNT // 4 :] = 0.2 * ratio
     found = judged(golden, line(SPEED * T, beside))
     assert found.outcome == name
-    if name == "tracked":
+    if name == "late":
         assert found.outcome_sentence.startswith("base is 178 mm off its path and nearing, 0 s")
+
+
+@pytest.mark.parametrize(("duration", "name"), [(4.99, "tracked"), (5.01, "late")])
+def test_who_is_still_under_way_is_late(golden: Run, duration: float, name: str) -> None:
+    """Nearing its path, and beside where it should be: the error of a start has its time."""
+    t = np.linspace(3.0, 3.0 + duration, COUNT)
+    reference = line(SPEED * t)
+    found = judged(golden, line(SPEED * t, 0.3 * np.exp(-0.2 * (t - 3.0))), reference, t)
+    assert (found.outcome, found.succeeded) == (name, True)
+    assert " off its path and nearing, 0 s" in found.outcome_sentence
 
 
 def test_near_the_path_and_behind_is_late(golden: Run) -> None:

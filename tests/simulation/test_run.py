@@ -153,6 +153,7 @@ def test_a_run_of_the_version_before_comes_back() -> None:
         end_effector_obstacles=(Disc(3.0, 3.0, 0.1),),
         base_radius=0.4,
         fallback=UnifiedKinematic(bend=0.4, joint_horizon=0.65, leash=None, approach=None),
+        approach=None,
     )
     bounded = BoundedDynamic(weights={"v": 2.0}, joint_horizon_dyn=0.15, midpoint=False)
     assert back.config == Config(

@@ -149,5 +149,7 @@ def test_a_run_of_schema_5_comes_back(tmp_path: Path) -> None:
         text, columns = str(file["meta"]), file["columns"]
     damaged = tmp_path / "damaged.npz"
     np.savez(damaged, meta=np.array(text.replace('"schema": 5', '"schema": 6')), columns=columns)
-    with pytest.raises(RunFileError, match="not known: armature, collisions, losses, rec"):
+    with pytest.raises(
+        RunFileError, match="not known: armature, collisions, law_sentences, losses, rec"
+    ):
         Run.load(damaged)

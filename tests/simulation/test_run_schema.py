@@ -20,6 +20,9 @@ from rpctl.arrays import Array
 from rpctl.errors import RunFileError
 from rpctl.simulation import columns as log_columns
 from rpctl.simulation import run_file
+from rpctl.simulation.config import config_tables
+from rpctl.simulation.older_laws import tables_up_to_5
+from rpctl.simulation.recorded import config_of
 from rpctl.simulation.run import entries_of
 from rpctl.simulation.run_schema import ARRAYS, MAX_NUMBER, META
 from tests.run_files import (
@@ -303,6 +306,8 @@ def test_a_file_takes_no_more_memory_than_a_run(
 
 
 def test_older_arrays_of_any_order_come_back(run: Run, tmp_path: Path) -> None:
+    said = tables_up_to_5(config_tables(run.config))  # all that its laws stand for in such a file
+    run = replace(run, config=config_of(said))
     meta, arrays = entries_of(run)
     text = json.dumps({"schema": 4, **meta}, default=lambda number: number.tolist())
     turned = {name: np.asfortranarray(array) for name, array in arrays.items()}

@@ -28,6 +28,7 @@ from rpctl.errors import RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.simulation import recorder, spool
 from rpctl.simulation.closed_loop import WatchedSample, Watcher
+from rpctl.simulation.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
 from rpctl.simulation.run_schema import ARRAYS
@@ -131,6 +132,7 @@ with spool.Spool({str(part)!r}) as part:
     run = Run.load(part)
     assert len(run.t) == 16
     assert "ended early at t = 0.03 of 0.06 s" in run.notes[-1]
+    assert run.notes[-2] == NOT_LOOKED_FOR
     with Spool(part) as after:  # its lock has ended with it
         assert "run.part-1 keeps what an earlier simulation left" in after.notes[0]
     assert len(Run.load(tmp_path / "run.part-1").t) == 16

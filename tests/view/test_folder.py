@@ -25,6 +25,7 @@ from rpctl.simulation.loop import simulate
 from rpctl.simulation.spool import Spool
 from rpctl.view import run_folder, shown_run
 from rpctl.view.marks import mark_of, marked
+from rpctl.view.pages.page import escape
 from rpctl.view.pages.report import report_head
 from rpctl.view.run_folder import (
     BYTES_PER_MB,
@@ -72,8 +73,13 @@ def test_size_that_cannot_be_kept_is_told(fine_run: Run, tmp_path: Path) -> None
 
 
 def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None:
-    run = rpctl.track(paper, "circle", 0.02)
+    run = rpctl.track(paper, "circle", 0.02, kinematic=rpctl.PaperKinematic())
     written = write_folder(run, tmp_path)
+    ignored, joints = rpctl.Run.load(tmp_path / "run.npz").law_sentences
+    assert "leaves the lateral error of a straight line as it is" in ignored
+    assert joints.startswith("joints: 7.2 Hz")
+    assert {ignored, joints} <= set(written.notes)
+    assert {ignored, joints} <= set(json.loads((tmp_path / "summary.json").read_text())["notes"])
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
     assert written.digest == digest
     assert json.loads((tmp_path / "summary.json").read_text())["run_sha256"] == digest
@@ -82,6 +88,8 @@ def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None
     report = (tmp_path / "report.html").read_bytes()
     assert read_report(tmp_path, digest) == report
     assert report.count(digest.encode()) == 1
+    assert escape(ignored) in report.decode()
+    assert escape(joints) in report.decode()
 
 
 @pytest.fixture

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass, field
 
 from rpctl.arrays import Array
+from rpctl.control.approach import Approach, ApproachStage
 from rpctl.control.horizon.beside import Beside, compute_beside
 from rpctl.control.horizon.planner import HorizonPlan, Planned, Planner, Prepared
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, SingularBasisError
 from rpctl.reference.motion import Reference
 
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
@@ -32,8 +33,9 @@ class Horizon(PlannerSettings):
     Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts,
     zero-moment point, grip and clearances are soft, at a price above that of tracking errors. Where
     the bounds do not let the robot follow, the reference's time is scaled
-    (:class:`~rpctl.control.horizon.target.TimeScaler`). A failed solve is counted and its
-    period is left to ``fallback``.
+    (:class:`~rpctl.control.horizon.target.TimeScaler`). From far off, a base that has a tightest
+    bend is led up to its reference (:class:`~rpctl.control.approach.Approach`), in scaled time. A
+    failed solve is counted and its period is left to ``fallback``.
 
     Attributes:
         steps: Number of steps N.
@@ -54,11 +56,14 @@ class Horizon(PlannerSettings):
             :meth:`HorizonLaw.prepare` between the samples; :class:`~rpctl.Controller` does.
         asynchronous: Whether solves run beside the samples. A plan then starts from the state that
             is expected when it will be there, and applies from then on; the law never waits.
+        approach: Stage for large errors of a base that cannot turn on the spot; None: none. It
+            knows of no obstacles: there is none where ``base_obstacles`` are given.
     """
 
     fallback: KinematicLaw = field(default_factory=UnifiedKinematic)
     prepare: bool = False
     asynchronous: bool = False
+    approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that predict nothing."""
@@ -96,6 +101,9 @@ class HorizonLaw:
         self._plan: HorizonPlan | None = None
         self._prepared: Prepared | None = None
         self._reference: Reference | None = None
+        self._stage: ApproachStage | None = None
+        if law.approach is not None and not law.base_obstacles:
+            self._stage = law.approach.stage(dynamics)
         self.solved_at = -math.inf
         self.solves = self.fallbacks = self.softened = self.prepared = 0
         self.largest_lag = 0.0
@@ -120,14 +128,20 @@ class HorizonLaw:
             self.solved_at = t
             self._take(self._new_plan(reference, t, q, nu))
         if self._plan is None:
-            return self._fallback(dynamics, reference, t, q, nu)
+            return self._fallback(dynamics, self._reading(reference), t, q, nu)
         return self._plan.command(t)
 
     def _new_plan(self, reference: Reference, t: float, q: Array, nu: Array) -> Planned:
         """Return a plan from a measured state on, by the QP that was prepared if there is one."""
         prepared, self._prepared = self._prepared, None
-        if prepared is None or self._plan is None or abs(prepared.t - t) > self._law.period:
-            return self.planner.plan(reference, t, q, nu, self._plan)
+        before, read = self._reading(reference), self._approach(reference, t, q, nu)
+        if (
+            prepared is None
+            or self._plan is None
+            or abs(prepared.t - t) > self._law.period
+            or read is not before  # what was prepared leads elsewhere
+        ):
+            return self.planner.plan(read, t, q, nu, self._plan)
         self.prepared += 1
         q, nu = self.planner.advanced(q, nu, self._plan.command(t).nu_d_dot, prepared.t - t)
         return self.planner.feed_back(prepared, q, nu, self._plan)
@@ -148,14 +162,16 @@ class HorizonLaw:
             nu_dot = plan.command(t).nu_d_dot
             q, nu = self.planner.advanced(q, nu, nu_dot, after)
             start = plan.start_of_next(t + after, nu)
-            self._prepared = self.planner.prepare(self._reference, t + after, q, start, plan)
+            read = self._reading(self._reference)
+            self._prepared = self.planner.prepare(read, t + after, q, start, plan)
 
     def report(self) -> dict[str, float]:
         """Return the numbers of solves, of failed ones, and of those that softened a bound.
 
         ``largest_lag`` (s) is how far the scaled reference time fell behind. With ``prepare``,
         ``prepared`` is the number of solves that were; with ``asynchronous``, ``largest_delay`` (s)
-        is the longest that a plan took.
+        is the longest that a plan took. ``approaches`` is how many ways up to the reference there
+        were, of a base that has that stage.
         """
         report: dict[str, float] = {
             "solves": self.solves,
@@ -163,6 +179,8 @@ class HorizonLaw:
             "softened": self.softened,
             "largest_lag": self.largest_lag,
         }
+        if self._stage is not None:
+            report["approaches"] = self._stage.approaches
         if self._law.prepare:
             report["prepared"] = self.prepared
         if self._beside is not None:
@@ -173,6 +191,27 @@ class HorizonLaw:
         """End what runs beside, if anything does; plans come no more."""
         if self._beside is not None:
             self._beside.close()
+
+    def _reading(self, reference: Reference) -> Reference:
+        """Return what the plans track by now: the reference, or the way up to it."""
+        return reference if self._stage is None else self._stage.reading(reference)
+
+    def _approach(self, reference: Reference, t: float, q: Array, nu: Array) -> Reference:
+        """Return what a plan is to track: from far off, a new way up to the reference.
+
+        Args:
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+        """
+        if self._stage is None:
+            return reference
+        planner = self.planner
+        try:
+            return self._stage(planner.model.dynamics, reference, t, q, nu, planner.lag(t))
+        except SingularBasisError:  # the base's curvature is not known there
+            return self._stage.reading(reference)
 
     def _due(self, t: float) -> bool:
         return t - self.solved_at >= self._law.period - TIME_ROUNDING
@@ -208,7 +247,12 @@ class HorizonLaw:
         if last is not None:
             q, nu = self.planner.advanced(q, nu, last.command(t).nu_d_dot, delay)
         self.solved_at = t
-        beside.begin(t, lambda: self.planner.plan(reference, t + delay, q, nu, last))
+
+        def plan() -> Planned:
+            read = self._approach(reference, t + delay, q, nu)
+            return self.planner.plan(read, t + delay, q, nu, last)
+
+        beside.begin(t, plan)
         found = beside.result(t)
         if found is not None:
             self._take(found)

@@ -180,6 +180,10 @@ class Planner:
         except SingularBasisError:  # the plan passes through singular steering angles
             return Planned(None)
 
+    def lag(self, t: float) -> float:
+        """Return how much later than at its time (s) the reference is read, s."""
+        return t - self._time_scaler.reference_time(t)
+
     def prepare(
         self, reference: Reference, t: float, q: Array, nu: Array, last: HorizonPlan
     ) -> Prepared | None:

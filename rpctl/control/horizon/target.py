@@ -85,11 +85,10 @@ class TimeScaler:
             t: Time, s.
             pose: Measured pose of P (3,).
         """
-        model = self._model
+        model, latest = self._model, self.reference_time(t)
         if self._last_call is None:
             self._last_call = self._reference_time = t
         elapsed, self._last_call = t - self._last_call, t
-        latest = min(self._reference_time + self._pace * elapsed, t)
         self._reference_time = max(
             self._time_within_leash(read, pose, latest), self._reference_time
         )
@@ -103,6 +102,12 @@ class TimeScaler:
             squares[j] = min(squares[j], squares[j + 1] + 2.0 * change * model.dt)
         self._pace += change * elapsed
         return self._advance(t, first, squares, change)
+
+    def reference_time(self, t: float) -> float:
+        """Return the reference time (s) that a time (s) would have at the last pace."""
+        if self._last_call is None:
+            return t
+        return min(self._reference_time + self._pace * (t - self._last_call), t)
 
     def _advance(self, t: float, first: int, squares: list[float], change: float) -> TimeScaling:
         """Return the reference times and paces of the N steps, never ahead of real time.

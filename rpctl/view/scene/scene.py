@@ -117,7 +117,7 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         start=np.stack([first.min(axis=0), first.max(axis=0)]),
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
-        notes=(*run.notes, *_frame_note(times), *_robot_notes(robot), *bodies.notes),
+        notes=_notes(run, times, robot, bodies),
         stand_ins=bodies.stand_ins,
     )
 
@@ -137,8 +137,14 @@ def redrawn(scene: Scene, robot: Robot, run: Run, triangles: int) -> Scene:
     return replace(
         scene,
         commands=(*before, _robots(bodies, joints), motion),
-        notes=(*run.notes, *_frame_note(scene.times), *_robot_notes(robot), *bodies.notes),
+        notes=_notes(run, scene.times, robot, bodies),
     )
+
+
+def _notes(run: Run, times: Array, robot: Robot | RpctlError, bodies: Bodies) -> tuple[str, ...]:
+    """Return the notes of a scene: on the laws, the run, the frames (n,), s, and what is drawn."""
+    said = (*run.law_sentences, *run.notes)
+    return (*said, *_frame_note(times), *_robot_notes(robot), *bodies.notes)
 
 
 def _frame_note(times: Array) -> tuple[str, ...]:
