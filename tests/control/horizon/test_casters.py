@@ -125,7 +125,8 @@ def test_swivels_keep_their_speed(
 ) -> None:
     """Off to the side, plain laws turn casters too fast; those with limits take their time."""
     robot, off = with_slow_swivels(4.0), (0.1, 0.4, 0.3)
-    plain = summarize(track(robot, "line", 5.0, off, control_period=0.01))
+    laws = rpctl.UnifiedKinematic(leash=None), rpctl.PaperDynamic()
+    plain = summarize(track(robot, "line", 5.0, off, *laws, control_period=0.01))
     assert {violation.limit for violation in plain.limits_violated} == {"velocity"}
     kept = summarize(track(robot, "line", 5.0, off, kinematic, dynamic, control_period=0.01))
     assert not kept.limits_violated

@@ -47,9 +47,10 @@ def track(
     duration: float,
     law: KinematicLaw | None = None,
     off: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    **others: Any,
 ) -> Run:
     return rpctl.track(
-        robot, reference, duration, off, law, control_period=PERIOD, plant_step=PERIOD
+        robot, reference, duration, off, law, control_period=PERIOD, plant_step=PERIOD, **others
     )
 
 
@@ -64,7 +65,8 @@ def test_no_limit_is_broken(name: str) -> None:
     usual = rpctl.load(name)
     robot, eight = limited(usual, effort=0.5, speed=0.5), reference_by_name(usual, "eight")
     horizon, paper = (
-        summarize(track(robot, eight, 4.0, law, OFF)) for law in (Horizon(), PaperKinematic())
+        summarize(track(robot, eight, 4.0, law, OFF, dynamic=rpctl.PaperDynamic()))
+        for law in (Horizon(), PaperKinematic())
     )
     assert paper.limits_violated
     assert not horizon.limits_violated
@@ -127,7 +129,7 @@ def test_what_was_late_is_made_up_for(tmp_path: Path) -> None:
 def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     disc = Disc(1.2, y, 0.3)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)
-    run = track(paper, "line", 10.0, law)
+    run = track(paper, "line", 10.0, law, collisions=False)  # a base smaller than the hull
     assert disc.distance(run.base_ref[:, :2]).min() < 0.3
     assert disc.distance(run.log.base[:, :2]).min() > 0.3 - CLOSE
     assert run.log.base[-1, 0] > 2.0
@@ -137,7 +139,8 @@ def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
 @pytest.mark.slow
 def test_the_base_stops_before_a_wall(paper: Robot) -> None:
     wall = HalfPlane(-1.0, 0.0, -1.0)  # x ≤ 1
-    run = track(paper, "line", 7.0, Horizon(base_obstacles=(wall,), base_radius=0.2))
+    law = Horizon(base_obstacles=(wall,), base_radius=0.2)
+    run = track(paper, "line", 7.0, law, collisions=False)  # a base smaller than the hull
     assert run.base_ref[-1, 0] > 1.5
     assert run.log.base[-1, 0] > 0.8 - 0.02
     assert run.log.base[:, 0].max() < 0.8 + CLOSE
