@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,8 +12,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_files import read_shape
-from rpctl.description.mesh_hulls import convex_hull
+from rpctl.description.mesh_files import Surface, read_shape
+from rpctl.description.mesh_hulls import Hull, convex_hull
 from rpctl.description.mesh_paths import MeshError
 from rpctl.description.mesh_service import start_hulls, start_reader
 from rpctl.description.records import Shape
@@ -21,6 +22,9 @@ from rpctl.robot.model import Robot
 
 WORLD = 0  # Pinocchio's index of what stands still
 THINNEST_M = 1e-3  # m: edge of a box that stands in for a mesh
+MOST_NEIGHBOURS = 250  # of a corner: coal takes 255
+MOST_CORNERS = 250  # of a hull with a corner of more neighbours
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))  # rad: it spreads directions evenly over a sphere
 NAMED = 4  # links in a note; more are counted
 
 
@@ -120,12 +124,36 @@ def _geometry(robot: Robot, shape: Shape) -> Any:
     """
     if shape.mesh is not None:
         mesh = read_shape(shape.mesh, shape.size, robot.description.mesh_paths)
-        return _convex(*convex_hull(mesh.surfaces, shape.size))
+        return _convex(*_hull(mesh.surfaces, shape.size))
     if shape.kind == "box":
         return coal.Box(*shape.size)
     if shape.kind == "sphere":
         return coal.Sphere(*shape.size)
     return {"cylinder": coal.Cylinder, "capsule": coal.Capsule}[shape.kind](*shape.size)
+
+
+def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
+    """Return the convex hull of the surfaces of a mesh, with as many corners as coal can take.
+
+    coal counts the neighbours of a corner in eight bits, and a disc may have one corner that all
+    triangles share. Then the corners farthest out along ``MOST_CORNERS`` directions stay: of a disc
+    of radius r, all but 0.1 % of r.
+
+    Args:
+        surfaces: Of the mesh.
+        scale: By which each axis is multiplied (3,).
+
+    Raises:
+        MeshError: It is flat, or there is no process to compute it.
+    """
+    hull = convex_hull(surfaces, scale)
+    if np.bincount(hull.faces.ravel()).max() <= MOST_NEIGHBOURS:
+        return hull
+    heights = 1.0 - (2.0 * np.arange(MOST_CORNERS) + 1.0) / MOST_CORNERS
+    turns, wide = GOLDEN_ANGLE * np.arange(MOST_CORNERS), np.sqrt(1.0 - heights**2)
+    outward = np.array([wide * np.cos(turns), wide * np.sin(turns), heights])
+    far = np.unique((hull.vertices @ outward).argmax(axis=0))
+    return convex_hull([Surface(hull.vertices[far], hull.faces[:0], None)], (1.0, 1.0, 1.0))
 
 
 def _convex(vertices: Array, faces: NDArray[np.int64]) -> Any:

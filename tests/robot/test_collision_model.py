@@ -215,6 +215,22 @@ def test_a_mesh_is_its_hull(tmp_path: Path) -> None:
     assert "it is flat: it has no convex hull" in note
 
 
+@pytest.mark.slow
+def test_a_disc_of_many_corners_is_its_hull_but_for_a_thousandth(tmp_path: Path) -> None:
+    """A disc of 600 corners, 0.02 m thick: its caps are fans about one corner."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
+    rim = np.column_stack([0.1 * np.cos(turn), 0.1 * np.sin(turn)])
+    corners = np.vstack([np.insert(rim, 2, height, axis=1) for height in (-0.005, 0.005)])
+    lines = [f"v {x} {y} {z}" for x, y, z in corners.tolist()]
+    for first in (1, 601):
+        lines += [f"f {first} {first + k} {first + k + 1}" for k in range(1, 599)]
+    (tmp_path / "disc.obj").write_text("\n".join(lines) + "\n")
+    robot = folding(tmp_path, forearm='mesh filename="disc.obj" scale="1 1 2"')
+    assert collision_model(robot).notes == ()
+    level = {"shoulder": 0.0, "elbow": 0.0}  # on its edge, 0.4 m above the ground
+    assert distance(robot, "forearm", "ground", **level) == pytest.approx(0.3, abs=5e-4)
+
+
 def test_for_a_missing_mesh_a_box_stands_in(tmp_path: Path) -> None:
     """The box of its moments is 0.49 m long, and ends where the elbow is, 0.2 m from its middle."""
     robot = folding(tmp_path, forearm=MESH)
