@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +19,7 @@ from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import Finding
+from rpctl.reference.fitting import too_weak
 from rpctl.robot.facts import facts
 from rpctl.robot.model import Robot
 
@@ -39,11 +40,19 @@ def inspect_command(
     if list_xacro_args:
         show_arguments(options.arguments(robot), as_json)
         return
-    loaded = options.load(robot)
+    loaded = _with_weakness(options.load(robot))
     if as_json:
         print_json(facts(loaded))
     else:
         show_robot(loaded)
+
+
+def _with_weakness(robot: Robot) -> Robot:
+    """Return a robot with the finding that an actuator cannot hold it at home, if so."""
+    weak = too_weak(ReducedDynamics(robot)) if robot.joints else ""
+    if not weak:
+        return robot
+    return replace(robot, findings=(*robot.findings, Finding("warning", None, weak)))
 
 
 def show_arguments(arguments: Sequence[XacroArgument], as_json: bool) -> None:

@@ -16,7 +16,9 @@ from rpctl.cli.summary import show_recording, show_sizing, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
 from rpctl.cli.verify import certificate_line, certify
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
+from rpctl.reference.fitting import too_weak
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
 from rpctl.robot.model import Robot
@@ -51,7 +53,7 @@ def track_command(
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
-    reference = config.run.load_reference(loaded)
+    reference = config.run.load_reference(loaded, results.collisions)
     if settings.save_config is not None:
         write_config(config, settings.save_config)
     folder = results.out or default_folder(loaded.name, reference_label(config.run.reference))
@@ -62,6 +64,9 @@ def track_command(
     )
     show_sizing(output, getattr(reference, "sizing", None))
     show_recording(output, getattr(reference, "recording", None), options.strict)
+    weak = too_weak(ReducedDynamics(loaded), reference)
+    if weak and getattr(reference, "sizing", None) is None:  # a sizing says it itself
+        output.print(f"[yellow]note[/] {escape(weak)}")
     budget = require_affordable(loaded, config, reference)
     certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
     if certificate is not None:

@@ -24,7 +24,7 @@ from rpctl.reference.usage import (
     rate_usage,
     sample,
 )
-from rpctl.reference.waves import Waves
+from rpctl.reference.waves import Waves, waves
 
 STEP = 0.8  # factor by which an arm's motion is reduced until its efforts fit
 MAX_STEPS = 24  # of reducing swings, to half a percent, and of slowing down
@@ -50,7 +50,7 @@ def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
         return arm, ""
     full = arm.amplitude
     times = np.linspace(0.0, ARM_PERIODS * 2.0 * math.pi / arm.rate.min(), LAP_SAMPLES)
-    note = too_weak(dynamics, PathReference(None, 0.0, arm, 0.0))
+    note = ""
     for step in range(MAX_STEPS + 1):
         factor = STEP**step if step < MAX_STEPS else 0.0
         arm = replace(arm, amplitude=factor * full)
@@ -82,10 +82,16 @@ def _holding(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Array:
     return holding
 
 
-def too_weak(dynamics: ReducedDynamics, reference: Reference) -> str:
-    """Return in words which actuators cannot hold the robot still where a reference starts."""
-    robot, samples = dynamics.robot, sample(dynamics.robot, reference, [0.0])
-    held = holding_efforts(dynamics, samples)[0]
+def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> str:
+    """Return in words which actuator gravity overcomes, and what to do; empty if none.
+
+    Args:
+        dynamics: The robot's dynamics.
+        reference: Where it starts, the robot stands; None: at home.
+    """
+    robot = dynamics.robot
+    at_home = PathReference(None, 0.0, waves(robot), 0.0)
+    held = holding_efforts(dynamics, sample(robot, reference or at_home, [0.0]))[0]
     weak = [
         Usage(name, "effort", float(limit), float(effort / limit))
         for name, limit, effort in zip(robot.actuators, robot.effort_limits, held, strict=True)
@@ -94,7 +100,13 @@ def too_weak(dynamics: ReducedDynamics, reference: Reference) -> str:
     if not weak:
         return ""
     worst = max(weak, key=lambda usage: usage.ratio)
-    return f"holding still takes {100.0 * worst.ratio:.0f} % of {worst.text(robot)}"
+    unit = "N" if robot.description.joint[worst.joint].kind == "prismatic" else "N m"
+    place = "at home" if reference is None else "where the reference starts"
+    return (
+        f"gravity {place} exceeds the effort limit of {worst.joint}: "
+        f"{worst.ratio * worst.limit:.3g} of {worst.limit:.3g} {unit}; give --home, --payload or "
+        "a larger limit"
+    )
 
 
 def slow_down(

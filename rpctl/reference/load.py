@@ -31,6 +31,7 @@ def load_reference(
     laps: float | None = None,
     smooth: float | str | None = None,
     retime: bool = False,
+    collisions: bool = True,
 ) -> Reference:
     """Return a reference by its name, or from a file in CSV or TOML.
 
@@ -50,6 +51,8 @@ def load_reference(
             be smooth; ``auto`` takes their noise. None passes every row.
         retime: Whether to slow a CSV down where it asks more than the robot's limits; it keeps its
             path. Its ``recording`` says what was changed, and what it asks beyond the limits.
+        collisions: Whether the arm of a named one swings less where links would come too near to
+            each other or to the ground.
 
     Raises:
         UnknownNameError: There is no such reference, and the name is no file's.
@@ -73,7 +76,7 @@ def load_reference(
             source,
             (*BASE_PATHS, *PLANNED_REFERENCES, "goal X,Y,THETA", "FILE.csv", "FILE.toml"),
         )
-    return reference_by_name(robot, source, size, speed, laps)
+    return reference_by_name(robot, source, size, speed, laps, collisions)
 
 
 def _from_file(

@@ -13,7 +13,8 @@ from rpctl.drive.steering import turning_radius
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
-from rpctl.reference.fitting import fit_arm, slow_down, usage_of
+from rpctl.reference.clear_waves import clear_waves
+from rpctl.reference.fitting import fit_arm, slow_down, too_weak, usage_of
 from rpctl.reference.limits import comfortable_radius
 from rpctl.reference.path_reference import PathReference
 from rpctl.reference.robot_length import robot_length
@@ -70,6 +71,7 @@ def reference_by_name(
     size: float | None = None,
     speed: float | None = None,
     laps: float | None = None,
+    collisions: bool = True,
 ) -> PathReference:
     """Return one of the named references (``line``, ``reverse``, ``spin``, ``circle``, ``eight``).
 
@@ -83,6 +85,8 @@ def reference_by_name(
         size: Radius of a circle, half the length of an eight, length of a line, m.
         speed: The largest along the path, m/s; of a spin the turning rate, rad/s.
         laps: How many times the path is run through; of a closed one.
+        collisions: Whether the arm swings less where links would come too near to each other or
+            to the ground.
 
     Raises:
         UnknownNameError: There is no such reference.
@@ -93,7 +97,9 @@ def reference_by_name(
     shape, wish = BASE_PATHS[name], SizingRequest(size, speed, laps)
     _require_sense(robot, name, wish)
     dynamics, length = ReducedDynamics(robot), robot_length(robot)
-    arm, arm_note = fit_arm(dynamics, waves(robot, length))
+    arm, reduced = fit_arm(dynamics, waves(robot, length))
+    arm, crowded = clear_waves(arm, robot) if collisions else (arm, "")
+    arm_note = "; ".join(filter(None, (reduced, crowded, too_weak(dynamics))))
     if not robot.drive.base_speeds:
         ramp, lasts = (math.sqrt(length) * time for time in (RAMP_TIME, LAP_TIME))
         sizing = Sizing(name, None, None, None, lasts, "", arm_note, assumptions(robot))

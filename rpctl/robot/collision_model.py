@@ -6,6 +6,7 @@ construction: the shapes are on neighbouring joints, touch at home, or touch in 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -24,6 +25,7 @@ TOUCH_M = 1e-3  # m: shapes nearer than this touch; deeper than this in each oth
 POSTURES = 30  # random ones; a pair that touches in all of them is built so
 SEED = 0
 GROUND = "ground"
+KEPT_MODELS = 2  # reference and run look at the same robot
 Pairs = NDArray[np.intp]
 
 
@@ -125,14 +127,26 @@ class Distances:
         )
 
 
+_LAST: deque[CollisionModel] = deque(maxlen=KEPT_MODELS)
+
+
 def collision_model(robot: Robot) -> CollisionModel:
     """Return the shapes of a robot, with the ground, and the pairs that must not touch.
 
-    Meshes are read now; whoever needs no collisions does not call this.
+    Meshes are read now; whoever needs no collisions does not call this. The last models are kept.
 
     Args:
         robot: The robot.
     """
+    for known in tuple(_LAST):
+        if known.robot is robot:
+            return known
+    made = _collision_model(robot)
+    _LAST.append(made)
+    return made
+
+
+def _collision_model(robot: Robot) -> CollisionModel:
     shapes, notes = read_collision_shapes(robot)
     floor = np.eye(4)
     floor[2, 3] = robot.drive.ground

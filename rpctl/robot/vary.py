@@ -51,6 +51,8 @@ def set_limits(
     Raises:
         RpctlError: A limit is not positive, or no joint has such a name.
     """
+    if not effort and not velocity:
+        return robot
     names = robot.moving_joint_names
     given: dict[str, dict[str, Any]] = {name: {} for name in names}
     for kind, limits in (("effort", effort or {}), ("velocity", velocity or {})):

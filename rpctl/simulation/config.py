@@ -113,14 +113,21 @@ class RunSettings:
         require_smoothing(self.smooth)
         require_within("initial_error", self.initial_error, MAX_DISTANCE)
 
-    def load_reference(self, robot: Robot) -> Reference:
-        """Return the reference.
+    def load_reference(self, robot: Robot, collisions: bool = True) -> Reference:
+        """Return the reference; ``collisions`` as of :func:`rpctl.reference.load.load_reference`.
 
         Raises:
             RpctlError: There is none such, or the robot cannot follow it.
         """
         return load_reference(
-            robot, self.reference, self.size, self.speed, self.laps, self.smooth, self.retime
+            robot,
+            self.reference,
+            self.size,
+            self.speed,
+            self.laps,
+            self.smooth,
+            self.retime,
+            collisions,
         )
 
 

@@ -100,7 +100,7 @@ def track(
             smooth, or ``auto``, as their noise asks for; None passes every row.
         retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
         collisions: Whether to look afterwards for what the links ran into, and how near they came
-            to obstacles, the ground and each other.
+            to obstacles, the ground and each other; and whether a named reference avoids that.
         output: ``"effort"``; ``"velocity"`` for a robot that takes speeds, or a
             :class:`~rpctl.control.velocity_output.VelocityOutput` that says how it follows them.
             Then no dynamic law counts, and the efforts logged are those that the motion takes.
@@ -180,7 +180,8 @@ def simulate(
     """
     settings, plant, period = config.run, config.plant, config.run.control_period
     robot = config.limits.apply(robot)
-    reference = settings.load_reference(robot) if reference is None else reference
+    if reference is None:
+        reference = settings.load_reference(robot, collisions)
     steps = require_affordable(robot, config, reference).periods
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)

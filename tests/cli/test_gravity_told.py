@@ -1,0 +1,57 @@
+"""What an actuator cannot hold at home is told: by ``inspect``, and by ``track`` before the run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from rpctl.cli.app import app
+from tests import urdf
+from tests.robots import SET_A, platform, write
+
+TOLD = "gravity at home exceeds the effort limit of arm_joint: 9.81 of 5 N m; give --home"
+
+
+def level_arm(folder: Path, effort: float) -> str:
+    """Return the URDF of a platform with an arm of 2 kg, 0.5 m ahead of its joint."""
+    limit = urdf.limit(-2.0, 2.0, effort, 2.0)
+    parts = [
+        urdf.link("arm", urdf.inertial(2.0, (0.01, 0.01, 0.01), xyz=(0.5, 0, 0))),
+        urdf.joint("arm_joint", "revolute", ("base", "arm"), "0 0 0.5", "0 1 0", limit),
+    ]
+    return str(write(folder, platform(SET_A, extra="\n".join(parts))))
+
+
+def said(*words: str) -> str:
+    found = CliRunner().invoke(app, list(words))
+    assert found.exit_code in (0, 1), found.output
+    return found.output
+
+
+def weaknesses(*words: str) -> list[str]:
+    findings = json.loads(said("inspect", *words, "--json"))["findings"]
+    return [each["message"] for each in findings if "gravity" in each["message"]]
+
+
+def test_inspect_finds_a_joint_too_weak_for_gravity(tmp_path: Path) -> None:
+    home = ("--home", "zero")
+    (message,) = weaknesses(level_arm(tmp_path, 5.0), *home)
+    assert message.startswith(TOLD)
+    assert weaknesses(level_arm(tmp_path, 10.0), *home) == []
+
+
+@pytest.mark.slow
+def test_track_tells_it_before_the_run(tmp_path: Path) -> None:
+    robot, table = level_arm(tmp_path, 5.0), tmp_path / "line.csv"
+    table.write_text("t,x,y\n" + "".join(f"{t},{0.1 * t},0\n" for t in range(8)))
+    out = ("--duration", "0.05", "--samples", "0", "--no-perturbed", "--out", str(tmp_path / "out"))
+    for reference, place in (("line", "at home"), (str(table), "where the reference starts")):
+        words = " ".join(
+            said("track", robot, "--home", "zero", "--reference", reference, *out).split()
+        )
+        told = TOLD.replace("at home", place)
+        assert words.count(told) == 1
+        assert words.index(told) < words.index("tracking error")
