@@ -8,6 +8,8 @@ from dataclasses import is_dataclass
 from pathlib import PurePath
 from typing import Any
 
+from rpctl.control.approach import Approach
+from rpctl.control.leash import Leash
 from rpctl.control.unregistered import name_of, settings_of
 from rpctl.simulation.obstacles import OBSTACLE_SETTINGS, run_obstacles
 from rpctl.simulation.run import Run
@@ -24,7 +26,9 @@ from rpctl.view.pages.merits import (
 from rpctl.view.pages.page import definitions, escape, section
 from rpctl.view.scene.stand_ins import StandIn, label, note
 
+JOINTS = "joints: "  # how the sentence on the joints' gains begins
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
+SHOWN_WITHIN = ("leash", "approach", "joint_horizon", "joint_horizon_dyn", "midpoint")
 SETTING_LABELS = {
     "reference": "Reference",
     "kinematic": "Kinematic law",
@@ -40,6 +44,20 @@ SETTING_LABELS = {
     "end_effector_radius": "End effector's radius, m",
     "base_radius": "Base's radius, m",
     "leash": "Leash, m",
+    "bound": "Leash (m, rad)",
+    "approach": "Approach from (m, rad)",
+    "joint_horizon": "Joints' horizon h, s",
+    "joint_horizon_dyn": "Joints' horizon h₁, s",
+    "joint_gain": "Joints' gain k, 1/s",
+    "midpoint": "M, h of the period's middle",
+    "body_clearance": "Links keep clear by, m",
+    "computing_time": "Computing time, s",
+    "dropped": "Samples dropped, of 1",
+    "lag": "Lag, s",
+    "dead_time": "Dead time, s",
+    "delay": "Delay, s",
+    "smooth": "Reference smoothed by, m",
+    "retime": "Reference retimed",
     "lever": "Lever, m",
     "damping": "Damping, m/s",
     "gain": "Gain k, 1/s",
@@ -216,6 +234,9 @@ def setting_texts(run: Run) -> dict[str, str]:
         for name, value in settings:
             if name in NESTED_LAWS and is_dataclass(value):
                 value = name_of(value)
+            if isinstance(value, Leash | Approach):
+                name = "bound" if isinstance(value, Leash) else name
+                value = (value.distance, value.heading)
             if value in (None, ()) or isinstance(value, Mapping) or is_dataclass(value):
                 continue
             if name not in OBSTACLE_SETTINGS:
@@ -223,6 +244,13 @@ def setting_texts(run: Run) -> dict[str, str]:
                 rows[f"{text} ({key})" if text in rows else text] = setting_text(value)
         rows |= obstacle_texts(getattr(run.config, key)) if key in ("kinematic", "dynamic") else {}
     return rows
+
+
+def _within(law: object) -> list[tuple[str, object]]:
+    """Return the settings of a law within a law that a reader looks for."""
+    inner = [getattr(law, name, None) for name in ("base", "inner")]
+    found = [pair for each in inner if is_dataclass(each) for pair in settings_of(each).items()]
+    return [(name, value) for name, value in found if name in SHOWN_WITHIN]
 
 
 def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]]]]:
@@ -233,17 +261,21 @@ def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]
     laws = ("kinematic",) if output is not None else ("kinematic", "dynamic")
     for key in laws:
         law = getattr(run.config, key)
-        yield key, [(key, name_of(law)), *settings_of(law).items()]
+        yield key, [(key, name_of(law)), *settings_of(law).items(), *_within(law)]
     if output is not None:
         own = [(f"lag of {name}", lag) for name, lag in output.lags.items()]
         times = [("lag", output.lag), *own, ("dead_time", output.dead_time)]
         yield "output", [("output", "velocity"), *times]
+    joints = [each for each in run.law_sentences if each.startswith(JOINTS)]
+    yield "joints", [("joints", each.removeprefix(JOINTS)) for each in joints]
     for key in ("control_period", "plant_step"):
         yield key, [(key, getattr(settings, key))]
+    yield "run", [("smooth", settings.smooth), ("retime", settings.retime or None)]
     biases = [(f"bias of {name}", bias) for name, bias in plant.tau_bias.items()]
     biases += [(f"friction of {name}", each) for name, each in plant.joint_friction.items()]
     late = [("lag", plant.lag), *((f"lag of {name}", lag) for name, lag in plant.lags.items())]
-    late += [(name, getattr(plant, name)) for name in ("dead_time", "delay", "dropped")]
+    late += [("dead_time", plant.dead_time), ("delay", plant.delay)]
+    late += [(name, getattr(plant, name) or None) for name in ("dropped", "computing_time")]
     yield "plant", [*biases, *late, ("believed", run.controller_model)]
     yield "kinematic_report", [*run.kinematic_report.items()]
 

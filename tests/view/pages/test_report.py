@@ -23,6 +23,7 @@ from rpctl import (
 )
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.summary import Violation, summarize
 from rpctl.simulation.texts import length
 from rpctl.view.pages.page import embed
@@ -265,6 +266,28 @@ def test_laws_within_laws_are_named(paper_run: Run) -> None:
     rows = setting_texts(replace(paper_run, config=config))
     assert (rows["Kinematic law"], rows["Law of the base"]) == ("EndEffector", "Horizon")
     assert (rows["Dynamic law"], rows["Law within"]) == ("IntegralDynamic", "BoundedDynamic")
+
+
+def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) -> None:
+    plain = setting_texts(replace(paper_run, config=Config(), law_sentences=()))
+    assert (plain["Leash (m, rad)"], plain["Approach from (m, rad)"]) == ("0.3, 1", "0.5, 0.8")
+    assert plain["M, h of the period's middle"] == "yes"
+    absent = {"Joints", "Samples dropped, of 1", "Computing time, s", "Reference retimed"}
+    assert not absent & plain.keys()
+    config = Config(
+        UnifiedKinematic(joint_horizon=0.3, leash=None),
+        IntegralDynamic(joint_gain=7.0),
+        RunSettings(smooth=0.01, retime=True),
+        plant=Plant(dropped=0.3, computing_time=0.006),
+    )
+    rows = setting_texts(replace(paper_run, config=config, law_sentences=("joints: 5 Hz", "x")))
+    assert "Leash (m, rad)" not in rows
+    told = {
+        "Joints' horizon h, s": "0.3", "Joints' gain k, 1/s": "7", "Joints": "5 Hz",
+        "Reference smoothed by, m": "0.01", "Reference retimed": "yes",
+        "Samples dropped, of 1": "0.3", "Computing time, s": "0.006",
+    }  # fmt: skip
+    assert {label: rows.get(label) for label in told} == told
 
 
 def test_obstacles_are_told_in_words(paper_run: Run) -> None:
