@@ -87,12 +87,12 @@ class Controller:
         kinematic: The kinematic law, or its name; None takes the robot's default.
         dynamic: The dynamic law, or its name; None takes the robot's default.
         period: Time between two samples as planned, s.
-        rest: State before the first sample, if it is known. Its efforts are sent as long as there
-            was no good sample; without it, zeros are.
-        stale_after: Time without a good sample after which the robot is braked, s.
         output: ``"effort"``; ``"velocity"`` for a robot that takes speeds and follows them at once,
             or a :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it
             follows them. Then there is no dynamic law.
+        rest: State before the first sample, if it is known. Its efforts are sent as long as there
+            was no good sample; without it, zeros are.
+        stale_after: Time without a good sample after which the robot is braked, s.
 
     Raises:
         RpctlError: A setting is out of range, or the reference or a law does not fit the robot.
@@ -105,9 +105,9 @@ class Controller:
         kinematic: str | KinematicLaw | KinematicFunction | None = None,
         dynamic: str | DynamicLaw | DynamicFunction | None = None,
         period: float = PERIOD,
+        output: str | VelocityOutput = "effort",
         rest: Rest | None = None,
         stale_after: float = STALE_AFTER,
-        output: str | VelocityOutput = "effort",
     ) -> None:
         require_positive("period", period)
         require_positive("stale_after", stale_after)

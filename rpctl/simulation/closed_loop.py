@@ -108,8 +108,8 @@ def close_loop(
             config.kinematic,
             config.dynamic,
             period,
+            config.output or "effort",
             rest,
-            output=config.output or "effort",
         )
     computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
