@@ -148,7 +148,6 @@ class LoadOptions:
             "are. Repeatable.",
         ),
     ] = None
-
     no_losses: Annotated[
         bool,
         typer.Option("--no-losses", help="Leave out the damping and friction of the joints."),

@@ -191,8 +191,7 @@ class ApproachingLaw:
 
 def _full_speed(dynamics: ReducedDynamics, q: Array) -> float:
     """Return the speed (m/s) straight on at which the base may drive, with room to correct."""
-    robot = dynamics.robot
-    limits = np.array([robot.description.joint[name].velocity for name in robot.actuators])
+    limits = dynamics.robot.velocity_limits
     straight = np.abs(dynamics.actuation(q)[0])
     moving = (straight > 0.0) & np.isfinite(limits)
     return SPEED_FRACTION * float((limits[moving] / straight[moving]).min(initial=math.inf))

@@ -129,7 +129,7 @@ class BoundedLaw:
         self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
         self._joints = JointLimits(dynamics, period, law.horizon_dyn)
         self._base = len(robot.drive.base_speeds)
-        fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
+        fastest = robot.velocity_limits
         self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
         default = dict.fromkeys(robot.drive.base_speeds, 1.0)
         weights = [

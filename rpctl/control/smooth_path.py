@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -52,21 +53,20 @@ class SmoothPath:
     transition: float
     length: float
 
-    def __post_init__(self) -> None:
-        """Integrate the positions of the grid."""
+    @cached_property
+    def grid(self) -> tuple[Array, Array]:
+        """Lengths (n,), m, and the positions (n, 2), m, there."""
         sharpest = np.abs(np.cumsum([self.curvature, *self.steps])).max()
         count = math.ceil(self.length * max(sharpest, 1.0) / GRID_M) + 1
         grid = np.linspace(0.0, self.length, count + 1)
         moves = self._move(grid[:-1], grid[1:])
-        points = self.start[:2] + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])
-        object.__setattr__(self, "_grid", grid)
-        object.__setattr__(self, "_points", points)
+        return grid, self.start[:2] + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])
 
     def __call__(self, s: float) -> SmoothPathPoint:
         """Return the point at a length ``s`` (m) from the start."""
-        grid: Array = self._grid  # type: ignore[attr-defined]
+        grid, points = self.grid
         at = min(max(int(s / grid[1]), 0), len(grid) - 2)
-        x, y = self._points[at] + self._move(grid[at : at + 1], np.array([s]))[0]  # type: ignore[attr-defined]
+        x, y = points[at] + self._move(grid[at : at + 1], np.array([s]))[0]
         u = (s - self.places) / self.transition
         inside = np.clip(u, 0.0, 1.0)
         value = inside**3 * (10.0 - 15.0 * inside + 6.0 * inside**2)
@@ -86,7 +86,7 @@ class SmoothPath:
     @property
     def end(self) -> Array:
         """The last pose (3,)."""
-        return np.append(self._points[-1], self.heading(np.array([self.length])))  # type: ignore[attr-defined]
+        return np.append(self.grid[1][-1], self.heading(np.array([self.length])))
 
     def _move(self, first: Array, last: Array) -> Array:
         """Return the displacements (n, 2), m, between pairs of lengths (n,)."""

@@ -139,6 +139,11 @@ class Robot:
         return np.array([self.description.joint[name].effort for name in self.actuators])
 
     @cached_property
+    def velocity_limits(self) -> Array:
+        """Limits of the rates of the actuators' joints (n_act,), rad/s or m/s; inf where none."""
+        return np.array([self.description.joint[name].velocity for name in self.actuators])
+
+    @cached_property
     def steering_limits(self) -> SteeringLimits:
         """Limits of the steered joints, with those of the wheels that follow them."""
         return steering_limits(self.drive, self.description.joint)

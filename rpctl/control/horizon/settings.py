@@ -88,8 +88,7 @@ class Bounds:
 
     def rates(self, robot: Robot) -> tuple[Indices, Array]:
         """Return the indices (k,) of the actuators with a velocity limit, and the bounds (k,)."""
-        joint = robot.description.joint
-        return self._limited(np.array([joint[name].velocity for name in robot.actuators]))
+        return self._limited(robot.velocity_limits)
 
     def _limited(self, limits: Array) -> tuple[Indices, Array]:
         found = np.flatnonzero(np.isfinite(limits))
