@@ -127,6 +127,7 @@ class _TimedLaw(Generic[Controller]):
 class _TimedController:
     def __init__(self, controller: Any, call_seconds: list[float]) -> None:
         self.report, self._controller, self._seconds = controller.report, controller, call_seconds
+        self._is_timed = isinstance(controller, Timed)
 
     def __call__(self, *arguments: Any) -> Any:
         began = time.thread_time()
@@ -137,7 +138,7 @@ class _TimedController:
 
     def sampled_after(self, elapsed: float | None) -> None:
         """Hand on the time since the last call; see :class:`rpctl.control.law.Timed`."""
-        if isinstance(self._controller, Timed):
+        if self._is_timed:
             self._controller.sampled_after(elapsed)
 
 
