@@ -63,9 +63,7 @@ class Scalars:
 
     def rotation(self, axis: Array, angle: Any) -> Array:
         """Return the rotations (..., 3, 3) about a unit axis by angles (...), rad."""
-        cos, sin = (
-            np.asarray(part)[..., None, None] for part in (self.cos(angle), self.sin(angle))
-        )
+        cos, sin = lifted(lifted(self.cos(angle))), lifted(lifted(self.sin(angle)))
         x, y, z = axis
         skew = _filled([0 * x, -z, y, z, 0 * x, -x, -y, x, 0 * x], (3, 3))
         return cos * self.identity(3) + sin * skew + (1 - cos) * np.outer(axis, axis)
