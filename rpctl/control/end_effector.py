@@ -113,6 +113,7 @@ class EndEffectorLaw:
 
     def __init__(self, law: EndEffector, base: KinematicController, frame: int) -> None:
         self._law, self._base, self._frame = law, base, frame
+        self._preparing = base if isinstance(base, Preparing) else None
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -153,8 +154,8 @@ class EndEffectorLaw:
             nu: Quasi-velocities (dof,) then.
             after: Time until the next sample, s.
         """
-        if isinstance(self._base, Preparing):
-            self._base.prepare(t, q, nu, after)
+        if self._preparing is not None:
+            self._preparing.prepare(t, q, nu, after)
 
     def report(self) -> dict[str, float]:
         """Return the report of the base's controller."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.law import Preparing, Timed, as_controller
-from rpctl.control.returned import NotFiniteError, WrongAnswerError
 from rpctl.errors import RpctlError, UnfitLawError
+from rpctl.reference.required import NotFiniteError, WrongAnswerError
 
 FAILURES = (RpctlError, np.linalg.LinAlgError, ArithmeticError)  # of a computation at one sample
 MISFITS = (RpctlError, NotFiniteError)  # which show at the first sample that a law does not fit
@@ -48,6 +48,9 @@ class GuardedLaw(Generic[Answer]):
         self, controller: object, substitute: object, check: Callable[[Any], Answer]
     ) -> None:
         self._controller: Any = as_controller(controller)
+        # A protocol takes long to look for, and a controller keeps its methods: once is enough.
+        self._is_timed = isinstance(self._controller, Timed)
+        self._prepares = isinstance(self._controller, Preparing)
         self._check = check
         self._substitute = substitute
         self.failures, self.reason, self._answered = 0, "", False
@@ -79,7 +82,7 @@ class GuardedLaw(Generic[Answer]):
         Args:
             elapsed: s; None if what was sent since then was not what the law answered.
         """
-        if isinstance(self._controller, Timed):
+        if self._is_timed:
             self._controller.sampled_after(None if self.reason else elapsed)
 
     def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
@@ -93,7 +96,7 @@ class GuardedLaw(Generic[Answer]):
             nu: Quasi-velocities (dof,) then.
             after: Time until the next sample, s.
         """
-        if isinstance(self._controller, Preparing):
+        if self._prepares:
             with suppress(*FAILURES):
                 self._controller.prepare(t, q, nu, after)
 

@@ -15,11 +15,11 @@ from rpctl.control.controller import Controller
 from rpctl.control.error import tracking_error
 from rpctl.control.horizon.beside import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
-from rpctl.control.returned import require_state
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.required import require_state
 from rpctl.robot.model import Robot
 from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
