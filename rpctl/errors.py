@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 MAX_SHOWN = 50  # findings that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
@@ -21,9 +21,20 @@ SEVERITIES = ("error", "warning", "info")  # of findings, the gravest first
 
 
 class RpctlError(Exception):
-    """Base of every error that rpctl raises on purpose."""
+    """Base of every error that rpctl raises on purpose; it comes whole from another process."""
 
     exit_code = 2
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _blank, (type(self), self.args), vars(self)
+
+
+def _blank(kind: type[RpctlError], arguments: tuple[object, ...]) -> RpctlError:
+    """Return an error that has its message, and not yet its evidence.
+
+    Subclasses are not made from their message: their constructors write it.
+    """
+    return kind.__new__(kind, *arguments)
 
 
 @dataclass(frozen=True)

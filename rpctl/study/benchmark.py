@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing as mp
-import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import product
-from multiprocessing import resource_tracker
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -31,6 +24,7 @@ from rpctl.simulation.outcome import SUCCESSES
 from rpctl.simulation.periods import CONTROL_PERIOD, whole_periods
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
+from rpctl.study.executor import ProcessExecutor, SerialExecutor
 from rpctl.study.scenarios import SCENARIOS, LawPair
 
 REFERENCES = ("line", "reverse", "spin", "circle", "eight", "waypoints", "ee-square")
@@ -274,72 +268,17 @@ def run_grid(
         progress: Called with the cells done and their total.
 
     Raises:
-        RpctlError: A process was killed.
+        LostChunksError: A cell ended each process that ran it.
     """
     notify = progress or (lambda done, total: None)
-    if jobs == 1:
-        rows = []
-        for done, cell in enumerate(cells, start=1):
-            rows.append(bench(cell))
-            notify(done, len(cells))
-        return rows
-    try:
-        with _workers(bench, jobs) as submit:
-            futures = [submit(cell) for cell in cells]
-            for done, future in enumerate(as_completed(futures), start=1):
-                future.result()
-                notify(done, len(cells))
-            return [future.result() for future in futures]
-    except BrokenProcessPool:
-        raise RpctlError(
-            "a process of the benchmark was killed; if memory ran out, take fewer --jobs"
-        ) from None
+    rows: dict[int, Result] = {}
+    with ProcessExecutor(jobs) if jobs > 1 else SerialExecutor() as executor:
+        ended = executor.map_chunks(partial(_numbered, bench), enumerate(cells))
+        for (number, _), row in ended:
+            rows[number] = row
+            notify(len(rows), len(cells))
+    return [rows[number] for number in range(len(cells))]
 
 
-@contextmanager
-def _workers(
-    bench: Callable[[Asked], Result], jobs: int
-) -> Iterator[Callable[[Asked], Future[Result]]]:
-    """Yield what sends a cell to another process; none of them outlives this.
-
-    Workers ignore SIGINT; on Ctrl-C this process, their parent, terminates them.
-    """
-    before = set(mp.active_children())
-    resource_tracker.ensure_running()  # it would unblock the signal when it starts
-    executor = ProcessPoolExecutor(jobs, mp.get_context("spawn"), _set_bench, (bench,))
-
-    def submit(cell: Asked) -> Future[Result]:
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
-        try:
-            return executor.submit(_run_cell, cell)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-    try:
-        yield submit
-    except BaseException:
-        for process in set(mp.active_children()) - before:
-            process.terminate()
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-_benches: list[Callable[[Any], Any]] = []  # of this worker process; one at most
-
-
-def _set_bench(bench: Callable[[Any], Any]) -> None:
-    _benches[:] = [bench]
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this worker when the process that started it was killed."""
-    parent = mp.parent_process()
-    if parent is not None:
-        parent.join()
-    os._exit(1)
-
-
-def _run_cell(cell: Any) -> Any:
-    return _benches[0](cell)
+def _numbered(bench: Callable[[Asked], Result], cell: tuple[int, Asked]) -> Result:
+    return bench(cell[1])

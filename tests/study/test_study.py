@@ -21,7 +21,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rpctl
-from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic
+from rpctl import ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.cli.app import app
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.errors import UnknownNameError
@@ -154,14 +154,14 @@ def test_processes_find_what_one_does(paper: Robot) -> None:
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_is_told(paper: Robot) -> None:
+def test_processes_that_are_killed_lose_nothing(paper: Robot) -> None:
     def kill(done: int, total: int) -> None:
-        for process in mp.active_children():
+        for process in mp.active_children() if done == 1 else ():
             process.kill()
 
     cells = grid(["nominal"], ["line", "eight"], [PAPER, PROPOSED, KANAYAMA])
-    with pytest.raises(RpctlError, match="killed; if memory ran out, take fewer --jobs"):
-        run_grid(Benchmark(paper, 0.5), cells, 2, kill)
+    bench = Benchmark(paper, 0.5)
+    assert errors(run_grid(bench, cells, 2, kill)) == errors(run_grid(bench, cells))
 
 
 def row(

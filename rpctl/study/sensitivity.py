@@ -1,0 +1,231 @@
+"""Which parameters matter: Sobol's indices, Morris's effects, or rank correlations; and maps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.libraries import library
+from rpctl.study.design import MORRIS_LEVELS, Design, unit_problem
+from rpctl.study.extras import salib
+from rpctl.study.statistics import CONFIDENCE, Interval
+
+RESAMPLES = 200  # of SALib's bootstrap
+MAP_BINS = 8  # along each parameter of a map
+SMALLEST_SPREAD = 1e-12  # of a merit, relative to its size: less is rounding and explains nothing
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How much each parameter matters to a merit.
+
+    Attributes:
+        merit: Its name.
+        method: ``"sobol"``, ``"morris"`` or ``"rank-correlation"``.
+        parameters: Their names.
+        measures: By name, an interval for each parameter. Of Sobol ``first`` and ``total``: shares
+            of the merit's variance that it causes alone, and with all others. Of Morris
+            ``mu_star``: mean size of the change of the merit over the parameter's range, in the
+            merit's unit, and ``sigma``: how that change varies. Else ``rank_correlation``, from −1
+            to 1.
+        replaced: Runs that have no such merit; they count as the worst that has.
+    """
+
+    merit: str
+    method: str
+    parameters: tuple[str, ...]
+    measures: Mapping[str, tuple[Interval, ...]]
+    replaced: int
+
+    @property
+    def ranking(self) -> tuple[str, ...]:
+        """The parameters, what matters most first."""
+        key = {"sobol": "total", "morris": "mu_star"}.get(self.method, "rank_correlation")
+        size = [abs(each.value) for each in self.measures[key]]
+        order = np.argsort(
+            [-value if math.isfinite(value) else 0.0 for value in size], kind="stable"
+        )
+        return tuple(self.parameters[j] for j in order)
+
+
+@dataclass(frozen=True)
+class ParameterMap:
+    """The median of a merit over two parameters.
+
+    Attributes:
+        merit: Its name.
+        x: The first parameter.
+        y: The second one.
+        x_edges: Of the bins (nx + 1,), which hold about as many runs each.
+        y_edges: Of the bins (ny + 1,).
+        median: (ny, nx); NaN where there is no run, inf where most runs have no such merit.
+        count: Runs in each bin (ny, nx).
+    """
+
+    merit: str
+    x: str
+    y: str
+    x_edges: Array
+    y_edges: Array
+    median: Array
+    count: NDArray[np.intp]
+
+
+def sensitivity(
+    merit: str,
+    parameters: Sequence[str],
+    design: Design,
+    points: Array,
+    values: Array,
+) -> Sensitivity:
+    """Return how much each parameter matters to a merit.
+
+    Args:
+        merit: Its name.
+        parameters: Names of the parameters.
+        design: The design of the runs; it decides the method.
+        points: Its points (N, parameters), in [0, 1].
+        values: The merit of each run (N,); NaN or infinite where it has none.
+    """
+    known = np.isfinite(values)
+    replaced = int((~known).sum())
+    worst = values[known].max() if known.any() else 0.0
+    finite = np.where(known, values, worst)
+    method, measure = {"sobol": ("sobol", _sobol), "morris": ("morris", _morris)}.get(
+        design.kind, ("rank-correlation", _rank)
+    )
+    spread = np.ptp(finite) > SMALLEST_SPREAD * np.abs(finite).max()
+    # a run without a merit is worse than any that has one, and ranks can say so
+    ranked = np.where(known, values, np.inf) if method == "rank-correlation" else finite
+    spread = spread or (method == "rank-correlation" and 0 < replaced < len(values))
+    measures = measure(design, points, ranked, bool(spread))
+    return Sensitivity(merit, method, tuple(parameters), measures, replaced)
+
+
+Measures = dict[str, tuple[Interval, ...]]
+
+
+def _sobol(design: Design, points: Array, values: Array, spread: bool) -> Measures:
+    if not spread:  # SALib would divide by a variance of zero
+        return _nothing(("first", "total"), points.shape[1])
+    found = salib("analyze.sobol").analyze(
+        unit_problem(points.shape[1]),
+        values,
+        calc_second_order=False,
+        num_resamples=RESAMPLES,
+        conf_level=CONFIDENCE,
+        seed=design.seed + 1,  # SALib takes 0 for no seed
+    )
+    return {
+        "first": _symmetric(found["S1"], found["S1_conf"]),
+        "total": _symmetric(found["ST"], found["ST_conf"]),
+    }
+
+
+def _morris(design: Design, points: Array, values: Array, spread: bool) -> Measures:
+    if not spread:
+        return _nothing(("mu_star", "sigma"), points.shape[1])
+    problem = unit_problem(points.shape[1])
+    problem["groups"] = problem["names"]
+    found = salib("analyze.morris").analyze(
+        problem,
+        points,
+        values,
+        num_resamples=RESAMPLES,
+        conf_level=CONFIDENCE,
+        num_levels=MORRIS_LEVELS,
+        seed=design.seed + 1,
+    )
+    sigma = np.asarray(found["sigma"], dtype=float)
+    return {
+        "mu_star": _symmetric(found["mu_star"], found["mu_star_conf"]),
+        "sigma": _symmetric(sigma, np.full(len(sigma), np.nan)),
+    }
+
+
+def _rank(_: Design, points: Array, values: Array, spread: bool) -> Measures:
+    if not spread:
+        return _nothing(("rank_correlation",), points.shape[1])
+    columns = range(points.shape[1])
+    return {"rank_correlation": tuple(rank_correlation(points[:, j], values) for j in columns)}
+
+
+def rank_correlation(x: Array, y: Array, confidence: float = CONFIDENCE) -> Interval:
+    """Return Spearman's rank correlation and its interval, by Fisher's transformation.
+
+    The transformed correlation has the standard error √((1 + ρ²/2)/(N − 3)) (Bonett and Wright,
+    Psychometrika 65, 2000).
+
+    Args:
+        x: A sample (N,).
+        y: Another one, of the same runs; infinite values are allowed.
+        confidence: Of the interval.
+    """
+    stats, count = library("scipy.stats"), len(x)
+    ranks = np.array([stats.rankdata(x), stats.rankdata(y)])
+    ranks -= ranks.mean(axis=1, keepdims=True)
+    size = math.sqrt(float(ranks[0] @ ranks[0]) * float(ranks[1] @ ranks[1]))
+    if size == 0.0:
+        return Interval(0.0, -1.0, 1.0)
+    rho = min(max(float(ranks[0] @ ranks[1]) / size, -1.0), 1.0)
+    if count <= 3 or abs(rho) == 1.0:
+        return Interval(rho, -1.0 if count <= 3 else rho, 1.0 if count <= 3 else rho)
+    error = math.sqrt((1.0 + 0.5 * rho**2) / (count - 3))
+    reach = float(stats.norm.ppf(0.5 + 0.5 * confidence)) * error
+    center = math.atanh(rho)
+    return Interval(rho, math.tanh(center - reach), math.tanh(center + reach))
+
+
+def parameter_map(
+    merit: str, names: tuple[str, str], x: Array, y: Array, values: Array, bins: int = MAP_BINS
+) -> ParameterMap:
+    """Return the median of a merit over two parameters, in bins of about as many runs.
+
+    Args:
+        merit: Its name.
+        names: Of the two parameters.
+        x: The first parameter of each run (N,).
+        y: The second one (N,).
+        values: The merit (N,); NaN or infinite where a run has none.
+        bins: The most along each parameter.
+    """
+    edges = [_edges(each, bins) for each in (x, y)]
+    at = [
+        np.clip(np.searchsorted(edge, each, side="right") - 1, 0, len(edge) - 2)
+        for edge, each in zip(edges, (x, y), strict=True)
+    ]
+    shape = len(edges[1]) - 1, len(edges[0]) - 1
+    cell = at[1] * shape[1] + at[0]
+    ranked = np.where(np.isfinite(values), values, np.inf)
+    median = np.full(shape[0] * shape[1], np.nan)
+    for each in np.unique(cell):
+        inside = np.sort(ranked[cell == each])
+        median[each] = inside[(len(inside) - 1) // 2]  # a value of a run: no mean with infinity
+    count = np.bincount(cell, minlength=median.size).reshape(shape)
+    return ParameterMap(merit, *names, edges[0], edges[1], median.reshape(shape), count)
+
+
+def _edges(values: Array, bins: int) -> Array:
+    """Return the edges of bins: as many values in each, or a bin for each value if they are few."""
+    distinct = np.unique(values)
+    if len(distinct) <= bins:
+        middles = 0.5 * (distinct[1:] + distinct[:-1])
+        first = distinct[0] - (middles[0] - distinct[0] if len(middles) else 0.5)
+        last = distinct[-1] + (distinct[-1] - middles[-1] if len(middles) else 0.5)
+        return np.array([first, *middles, last])
+    return np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
+
+
+def _symmetric(values: Array, reach: Array) -> tuple[Interval, ...]:
+    pairs = zip(np.asarray(values).tolist(), np.asarray(reach).tolist(), strict=True)
+    return tuple(Interval(v, v - r, v + r) for v, r in pairs)
+
+
+def _nothing(names: Sequence[str], parameters: int) -> Measures:
+    """Return measures of a merit that is the same in all runs: nothing matters to it."""
+    return {name: (Interval(0.0, 0.0, 0.0),) * parameters for name in names}

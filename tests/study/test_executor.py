@@ -1,0 +1,170 @@
+"""Executors: the same results, whoever runs them, dies or is interrupted."""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+import pickle
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpctl.errors import DescriptionError, Finding, RpctlError, UnknownNameError
+from rpctl.study.executor import (
+    MAX_KILLS,
+    Executor,
+    LostChunksError,
+    ProcessExecutor,
+    SerialExecutor,
+)
+from tests.study import chunk_works
+from tests.study.chunk_works import Runs, chunks_of, draw
+
+
+def results(
+    executor: Executor, work: Callable[[Runs], object], chunks: list[Runs]
+) -> dict[Runs, object]:
+    with executor:
+        return dict(executor.map_chunks(work, chunks))
+
+
+def assert_same(found: Mapping[Runs, object], chunks: list[Runs]) -> None:
+    """Assert bit for bit what one process finds, each chunk once."""
+    assert sorted(found) == chunks
+    for chunk, result in found.items():
+        np.testing.assert_array_equal(result, draw(0.0, chunk))
+
+
+@pytest.fixture(scope="module")
+def two() -> Iterator[ProcessExecutor]:
+    """Workers that several tests ask, as a study that optimises does."""
+    with ProcessExecutor(2) as executor:
+        yield executor
+
+
+def test_processes_find_what_one_does(two: ProcessExecutor) -> None:
+    chunks = chunks_of(7)
+    pairs = list(two.map_chunks(partial(draw, 0.0), iter(chunks)))
+    assert len(pairs) == len(chunks)
+    assert_same(dict(pairs), chunks)
+    assert_same(results(SerialExecutor(), partial(draw, 0.0), chunks), chunks)
+
+
+def test_work_is_loaded_once_a_process_by_processes_that_stay(two: ProcessExecutor) -> None:
+    first = dict(two.map_chunks(chunk_works.Loaded(), chunks_of(8)))
+    again = dict(two.map_chunks(chunk_works.Loaded(), chunks_of(8)))
+    assert {count for _, count in first.values()} == {1}
+    assert {count for _, count in again.values()} == {2}
+    assert {pid for pid, _ in again.values()} <= {child.pid for child in mp.active_children()}
+
+
+def test_libraries_of_a_worker_have_one_thread(
+    two: ProcessExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    with ProcessExecutor(1) as fresh:
+        ((_, (threads, pid)),) = fresh.map_chunks(chunk_works.threads, chunks_of(1))
+    assert threads == "1"
+    assert pid != os.getpid()
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+def test_a_worker_that_dies_loses_nothing(two: ProcessExecutor, tmp_path: Path) -> None:
+    chunks = chunks_of(6)
+    work = partial(chunk_works.dies_of, [0, 30], tmp_path, MAX_KILLS - 1)
+    assert_same(dict(two.map_chunks(work, chunks)), chunks)
+    tries = Counter(int(path.name.partition("-")[0]) for path in tmp_path.iterdir())
+    assert tries == {chunk.first: MAX_KILLS if chunk.first in (0, 30) else 1 for chunk in chunks}
+
+
+def test_a_chunk_that_ends_each_worker_is_named_behind_the_others(
+    two: ProcessExecutor, tmp_path: Path
+) -> None:
+    chunks, found = chunks_of(5), {}
+    work = partial(chunk_works.dies_of, [10], tmp_path, 99)
+    with pytest.raises(LostChunksError, match=r"^runs 10 to 19: .* \(killed by SIGKILL\)") as lost:
+        for chunk, result in two.map_chunks(work, chunks):
+            found[chunk] = result  # noqa: PERF403 - the last of them raises
+    assert (lost.value.chunks, lost.value.exit_code) == ((chunks[1],), 3)
+    assert_same(found, [chunks[0], *chunks[2:]])
+    assert len(list(tmp_path.glob("10-*"))) == MAX_KILLS
+
+
+def test_work_that_ends_all_workers_is_given_up(tmp_path: Path) -> None:
+    """Not after three processes for each of its chunks."""
+    work = partial(chunk_works.dies_of, range(0, 1000, 10), tmp_path, 99)
+    with pytest.raises(LostChunksError, match="runs 30 to 39 and what follows was not tried"):
+        results(ProcessExecutor(1), work, chunks_of(100))
+    assert len(list(tmp_path.iterdir())) == MAX_KILLS
+
+
+def test_an_error_of_rpctl_comes_as_it_is_raised(two: ProcessExecutor) -> None:
+    with pytest.raises(UnknownNameError, match="'papr' is not known; did you mean paper") as error:
+        list(two.map_chunks(partial(chunk_works.refuses, 0), chunks_of(1)))
+    assert error.value.choices == ("paper", "unified")
+    assert error.value.__cause__ is None
+    assert len(list(two.map_chunks(partial(chunk_works.refuses, 99), chunks_of(1)))) == 1
+
+
+def test_an_error_that_nobody_expects_tells_where(two: ProcessExecutor) -> None:
+    with pytest.raises(ZeroDivisionError) as error:
+        list(two.map_chunks(chunk_works.divides, chunks_of(1)))
+    assert "chunk.first - chunk.first" in str(error.value.__cause__)
+
+
+def test_a_result_that_cannot_be_sent_is_an_error(two: ProcessExecutor) -> None:
+    with pytest.raises((AttributeError, pickle.PicklingError), match=r"local|lambda"):
+        list(two.map_chunks(chunk_works.unsendable, chunks_of(1)))
+
+
+def test_who_leaves_the_loop_ends_what_runs(tmp_path: Path) -> None:
+    before = set(mp.active_children())
+    work = partial(chunk_works.draw_and_log, tmp_path, 0.0)
+    with ProcessExecutor(2) as executor:
+        for _ in executor.map_chunks(work, chunks_of(100)):
+            break
+        began = time.monotonic()
+        executor.__exit__(None, None, None)
+    assert time.monotonic() - began < 1.0
+    assert set(mp.active_children()) == before
+    assert len(list(tmp_path.iterdir())) <= 4  # chunks wait for workers, not workers for callers
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        UnknownNameError("law", "papr", ["paper"]),
+        DescriptionError("a.urdf", [Finding("error", 3, "no")]),
+        LostChunksError([Runs(0, 3)], "killed"),
+        RpctlError("plain"),
+    ],
+)
+def test_errors_come_whole_out_of_a_pickle(error: RpctlError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+
+
+def test_no_workers_are_refused() -> None:
+    with pytest.raises(RpctlError, match="0 workers; give 1 or more"):
+        ProcessExecutor(0)
+
+
+@pytest.mark.slow
+def test_workers_killed_at_random_lose_nothing() -> None:
+    """Whichever they are, at whatever moment: starting, idle or at work."""
+    rng, chunks, found = np.random.default_rng(16), chunks_of(60), {}
+    with ProcessExecutor(3) as executor:
+        before = set(mp.active_children())
+        for number, (chunk, result) in enumerate(executor.map_chunks(partial(draw, 0.02), chunks)):
+            assert chunk not in found
+            found[chunk] = result
+            children = sorted(set(mp.active_children()) - before, key=lambda child: child.name)
+            if number % 10 == 0 and children:
+                os.kill(children[rng.integers(len(children))].pid or 0, signal.SIGKILL)
+    assert_same(found, chunks)
