@@ -76,10 +76,16 @@ def pseudo_inertia(inertia: pin.Inertia) -> Array:
 
 
 def inertia_of(pseudo: Array) -> pin.Inertia:
-    """Return Pinocchio's inertia of a pseudo-inertia (4, 4) with a mass."""
+    """Return Pinocchio's inertia of a pseudo-inertia (4, 4) with a mass.
+
+    It need not be that of a body alone: a robot is sound if its inertia matrix is.
+    """
     m = float(pseudo[3, 3])
     c = pseudo[:3, 3] / m
-    return pin.Inertia(m, c, _second_moments_to_inertia(pseudo[:3, :3] - m * np.outer(c, c)))
+    found = pin.Inertia.Zero()
+    found.mass, found.lever = m, c
+    found.inertia = _second_moments_to_inertia(pseudo[:3, :3] - m * np.outer(c, c))
+    return found
 
 
 def _about_centre(link: Link) -> Array:
