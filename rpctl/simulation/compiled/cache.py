@@ -16,6 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from rpctl.errors import RpctlError
+from rpctl.files.opening import at_home
 from rpctl.files.writing import write_atomically
 
 FOLDER_VARIABLE = "RPCTL_CACHE_DIR"
@@ -67,8 +68,8 @@ def cache_folder(environment: dict[str, str] | os._Environ[str] = os.environ) ->
     """
     given = environment.get(FOLDER_VARIABLE)
     if given:
-        return Path(os.path.expanduser(given)).absolute()  # noqa: PTH111 - pathlib's raises
-    home = Path(os.path.expanduser("~"))  # noqa: PTH111 - pathlib's raises
+        return at_home(given).absolute()
+    home = at_home("~")
     if sys.platform == "darwin":
         return home / "Library/Caches/rpctl"
     if sys.platform == "win32":

@@ -110,14 +110,26 @@ def power(b: Lanes, x: Value, y: Value) -> Value:
 
 
 def two_sum(b: Lanes, x: Value, y: Value) -> tuple[Value, Value]:
-    """Return x + y and what it lacks [Knuth]."""
+    """Return x + y and what it lacks [Knuth].
+
+    Args:
+        b: Where lines go.
+        x: One number.
+        y: The other.
+    """
     whole = b.add(x, y)
     back = b.sub(whole, x)
     return whole, b.add(b.sub(x, b.sub(whole, back)), b.sub(y, back))
 
 
 def two_product(b: Lanes, x: Value, y: Value) -> tuple[Value, Value]:
-    """Return x y and what it lacks [Dekker]; NaN where a factor exceeds 2⁹⁹⁶."""
+    """Return x y and what it lacks [Dekker], which is NaN where a factor exceeds 2⁹⁹⁶.
+
+    Args:
+        b: Where lines go.
+        x: One factor.
+        y: The other.
+    """
     whole = b.mul(x, y)
     x_high, x_low = _halves(b, x)
     y_high, y_low = _halves(b, y)

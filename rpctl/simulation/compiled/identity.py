@@ -61,7 +61,7 @@ def code_key(program: Program, lanes: int, processor: Processor) -> bytes:
             serialized = statement.function.serialize().encode()
             contents.append(hashlib.sha256(serialized).digest())
     parts = (
-        (_makers(), casadi.__version__, compiler_version()),
+        (_makers(), casadi.CasadiMeta.version(), compiler_version()),
         (processor.name, processor.features, lanes),
         [x.size for x in buffers],
         [(x.width, x.laned) for x in streams],

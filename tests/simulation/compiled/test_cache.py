@@ -102,7 +102,14 @@ def _make_a_pipe(file: Path) -> None:
     os.mkfifo(file)
 
 
-FAULTS = [_truncate, _empty, _take_anothers, _link, _let_others_write, _make_a_pipe]
+FAULTS: list[Callable[[Path], None]] = [
+    _truncate,
+    _empty,
+    _take_anothers,
+    _link,
+    _let_others_write,
+    _make_a_pipe,
+]
 FAULTS += [_flip(at) for at in (0, len(cache.MARK) + 3, len(cache.MARK) + 40, -1)]
 
 
