@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 _MODULES = {  # public name -> the module that has it, imported when the name is first used
+    "AnyOf": "rpctl.study.distributions",
     "Approach": "rpctl.control.approach",
     "BaseLaw": "rpctl.control.twist_law",
     "BoundedDynamic": "rpctl.control.bounded",
@@ -23,12 +24,15 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Efforts": "rpctl.control.law",
     "EndEffector": "rpctl.control.end_effector",
     "FeedbackLinearization": "rpctl.control.feedback_linearization",
+    "Fixed": "rpctl.study.distributions",
     "HalfPlane": "rpctl.control.obstacles",
     "Horizon": "rpctl.control.horizon.law",
     "IntegralDynamic": "rpctl.control.integral",
     "Kanayama": "rpctl.control.kanayama",
     "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
+    "LogUniform": "rpctl.study.distributions",
+    "Normal": "rpctl.study.distributions",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
     "Plant": "rpctl.simulation.plant",
@@ -36,6 +40,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "ReferenceState": "rpctl.reference.motion",
     "Rest": "rpctl.control.law",
     "Robot": "rpctl.robot.model",
+    "Rollouts": "rpctl.study.rollout",
     "RpctlError": "rpctl.errors",
     "Run": "rpctl.simulation.run",
     "SpeedLog": "rpctl.study.speed_log",
@@ -43,6 +48,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Tracking": "rpctl.control.error",
     "Twist": "rpctl.control.twist",
     "UnifiedKinematic": "rpctl.control.unified",
+    "Uniform": "rpctl.study.distributions",
     "VelocityOutput": "rpctl.control.velocity_output",
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
@@ -52,6 +58,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
     "load_reference": "rpctl.reference.load",
+    "rollout": "rpctl.study.rollout",
     "scale_limits": "rpctl.robot.vary",
     "scale_masses": "rpctl.robot.vary",
     "set_limits": "rpctl.robot.vary",
@@ -110,7 +117,14 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.simulation.plant import Plant as Plant
     from rpctl.simulation.run import Run as Run
     from rpctl.simulation.summary import summarize as summarize
+    from rpctl.study.distributions import AnyOf as AnyOf
+    from rpctl.study.distributions import Fixed as Fixed
+    from rpctl.study.distributions import LogUniform as LogUniform
+    from rpctl.study.distributions import Normal as Normal
+    from rpctl.study.distributions import Uniform as Uniform
     from rpctl.study.lag import lag_from as lag_from
+    from rpctl.study.rollout import Rollouts as Rollouts
+    from rpctl.study.rollout import rollout as rollout
     from rpctl.study.speed_log import SpeedLog as SpeedLog
     from rpctl.view.pages.report import write_report as write_report
 else:

@@ -24,9 +24,9 @@ from rpctl.equivalence.gibbs_appell import (
     GibbsAppell,
     JointRates,
     LinkKinematics,
-    cross,
 )
 from rpctl.equivalence.planar import base_motion
+from rpctl.equivalence.vectors import cross
 from rpctl.robot.model import Robot
 
 ROUNDING = 1e-14  # of the largest entry of a constant matrix: below it an entry is 0

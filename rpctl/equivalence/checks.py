@@ -12,6 +12,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import RollingConstraints
 from rpctl.equivalence.energy import energy_rate, power_balance
 from rpctl.equivalence.forced_state import (
     ForcedState,
@@ -21,6 +22,7 @@ from rpctl.equivalence.forced_state import (
     unit_diagonal,
 )
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
+from rpctl.equivalence.gibbs_states import RollingTerms
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
 from rpctl.equivalence.residuals import (
     DIFFERENCE_TOLERANCE,
@@ -44,16 +46,15 @@ GIBBS = "Gibbs-Appell"
 MUJOCO = "MuJoCo"
 
 
-def full_tree(robot: Robot, oracle: GibbsAppell, state: State) -> Iterator[Check]:
+def full_tree(robot: Robot, terms: Terms, state: State) -> Iterator[Check]:
     """Compare the free tree: Pinocchio against the Gibbs function.
 
     Args:
         robot: The robot.
-        oracle: The Gibbs-Appell derivation.
+        terms: Its equations by the Gibbs function at the state.
         state: Where to compare: q (nq,) and v (nv,).
     """
-    data = robot.model.createData()
-    terms, names = oracle.full(state.q, state.v), velocity_names(robot)
+    data, names = robot.model.createData(), velocity_names(robot)
     inertia = pin.crba(robot.model, data, state.q)
     bias = pin.nonLinearEffects(robot.model, data, state.q, state.v)
     yield relative("full inertia", GIBBS, inertia, terms.M, names)
@@ -65,20 +66,20 @@ def full_tree(robot: Robot, oracle: GibbsAppell, state: State) -> Iterator[Check
 def reduced(
     dynamics: ReducedDynamics,
     oracle: GibbsAppell,
-    terms: Terms,
+    found: RollingTerms,
     scales: RoundingScales,
     state: State,
 ) -> Iterator[Check]:
-    """Compare the reduced equations: projection against the oracle's ``terms`` in ν, and G.
+    """Compare the reduced equations: projection against the oracle's in ν, and G.
 
     Args:
         dynamics: The reduced dynamics under proof.
         oracle: The Gibbs-Appell derivation.
-        terms: Its equations in ν at the state.
+        found: Its equations in ν at the state, and G.
         scales: Sizes of the products that rounding is relative to.
         state: Where to compare: q (nq,), ν and ν̇ (dof,).
     """
-    robot, names = dynamics.robot, dynamics.robot.quasi_velocities
+    robot, names, terms = dynamics.robot, dynamics.robot.quasi_velocities, found.terms
     q, nu, nu_dot = state.q, state.nu, state.nu_dot
     M = dynamics.inertia(q)
     yield relative(
@@ -107,9 +108,7 @@ def reduced(
     products = float((scales.bias + scales.inertia @ np.abs(nu_dot)).max())
     limit = allowed(EXACT_TOLERANCE, products, largest)
     yield worst("inverse dynamics", "∂G/∂ν̇", (force - gradient) / largest, limit, names)
-    # G is quadratic in ν̇, so this difference over a whole step is its derivative, not near it.
-    rise = oracle.gibbs(q, nu, nu_dot + nu) - oracle.gibbs(q, nu, nu_dot - nu)
-    gap = (0.5 * rise - lost @ nu - force @ nu) / (largest * np.abs(nu).sum())
+    gap = (0.5 * found.rise - lost @ nu - force @ nu) / (largest * np.abs(nu).sum())
     yield worst("inverse dynamics along ν", "G itself", np.array([gap]), limit, ["ν"])
 
 
@@ -159,12 +158,13 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 
 
 def multipliers(
-    dynamics: ReducedDynamics, oracle: GibbsAppell, forced: ForcedState
+    dynamics: ReducedDynamics, rolling: RollingConstraints, oracle: GibbsAppell, forced: ForcedState
 ) -> Iterator[Check]:
     """Compare accelerations and constraint forces with the Lagrange-multiplier path.
 
     Args:
         dynamics: The reduced dynamics under proof.
+        rolling: The robot's rows, found for this path alone.
         oracle: The Gibbs-Appell derivation; it has the file's losses on each joint's own rate.
         forced: Where to compare.
     """
@@ -172,7 +172,8 @@ def multipliers(
     names, v, against = velocity_names(robot), dynamics.basis(q) @ nu, "Lagrange multipliers"
     v_dot = dynamics.basis(q) @ forced.nu_dot + dynamics.basis_drift(q, nu)
     push = effort_columns(robot) @ tau + oracle.losses(oracle.free_rates(), v)
-    lagrange, own = constrained_motion(robot, q, v, push), pinocchio_motion(robot, q, v, push)
+    lagrange = constrained_motion(robot, rolling, q, v, push)
+    own = pinocchio_motion(robot, rolling, q, v, push)
     data = robot.model.createData()
     torques = pin.rnea(robot.model, data, q, v, v_dot).copy()
     M = pin.crba(robot.model, data, q)

@@ -10,12 +10,11 @@ file and is walked here with vectors in world axes; neither Pinocchio nor ``rpct
 asked. Gravity enters as an upward acceleration of the ground.
 
 The walk is written once for any scalar: floats (the oracle), SymPy symbols (the closed form of a
-small robot), CasADi symbols (generated code).
+small robot), CasADi symbols (generated code); and for one state or many, whose axes come first.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +25,7 @@ from rpctl.arrays import Array
 from rpctl.equivalence.file_reading import FileReading
 from rpctl.equivalence.planar import base_motion
 from rpctl.equivalence.tree import FLOATS, Body, Scalars, Tree, TreeJoint
+from rpctl.equivalence.vectors import cross, cross_columns, dot, in_rows, lifted, outer
 from rpctl.robot.model import Robot
 
 Vector = Array | Sequence[Any]
@@ -35,7 +35,9 @@ GRAVITY = 9.81  # m/s², as Pinocchio's default
 
 @dataclass(frozen=True)
 class Terms:
-    """M u̇ + h = B τ, and the map from u to the joints' rates.
+    """M u̇ + h = B τ, and the map from u to the joints' rates, at one state or many.
+
+    The axes of the states come first, and are left out where nothing depends on the state.
 
     Attributes:
         M: Hessian of G (n, n).
@@ -54,6 +56,17 @@ class Terms:
     root: Array
     rates: Mapping[str, Array]
 
+    def of(self, state: int) -> Terms:
+        """Return the terms of one of many states."""
+
+        def own(stacked: Array, axes: int) -> Array:
+            return stacked[state] if stacked.ndim > axes else stacked
+
+        return Terms(
+            own(self.M, 2), own(self.h, 1), own(self.h_size, 1), own(self.B, 2), own(self.root, 2),
+            {name: own(row, 1) for name, row in self.rates.items()},
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class LinkKinematics:
@@ -69,7 +82,8 @@ class LinkKinematics:
     def at(self, offset: Array) -> tuple[Array, Array]:
         """Return J_v (3, n) and a₀ (3,) of a point fixed in the frame, ``offset`` (world) away."""
         centripetal = cross(self.omega, cross(self.omega, offset))
-        return self.J_v + cross(self.J_w, offset), self.a + cross(self.alpha, offset) + centripetal
+        J_v = self.J_v + cross_columns(self.J_w, offset)
+        return J_v, self.a + cross(self.alpha, offset) + centripetal
 
 
 @dataclass(frozen=True)
@@ -101,20 +115,31 @@ class GibbsAppell:
         self.tree = Tree(robot, scalars, reading)
 
     def reduced(self, q: Array, nu: Array) -> Terms:
-        """Return the equations in the quasi-velocities, u = ν (dof,), wheels rolling."""
+        """Return the equations in the quasi-velocities, u = ν, wheels rolling.
+
+        Args:
+            q: Configurations (..., nq).
+            nu: Quasi-velocities (..., dof).
+        """
         positions = self._positions(q)
         root, rates = self.rolling_root(self._heading(q), positions, nu)
         return self.terms(positions, nu, root, rates)
 
     def full(self, q: Array, v: Array) -> Terms:
-        """Return the equations of the free tree, u = v (nv,) as Pinocchio orders it."""
-        n, R = len(v), self._heading(q)
-        J_w, J_v = np.zeros((3, n)), np.zeros((3, n))
+        """Return the equations of the free tree, u = v as Pinocchio orders it.
+
+        Args:
+            q: Configurations (..., nq).
+            v: Velocities (..., nv).
+        """
+        R = self._heading(q)
+        J_w, J_v = np.zeros((3, self.robot.nv)), np.zeros((*R.shape[:-1], self.robot.nv))
         J_w[2, 2] = 1.0
-        J_v[:, :2] = R[:, :2]
-        a = cross(v[2] * UP, R[:, 0] * v[0] + R[:, 1] * v[1])
+        J_v[..., :2] = R[..., :2]
+        omega = np.matvec(J_w, v)
+        a = cross(omega, np.matvec(J_v, v))
         rows = self.free_rates()
-        root = LinkKinematics(R, J_w @ v, J_w, J_v, np.zeros(3), a)
+        root = LinkKinematics(R, omega, J_w, J_v, np.zeros(3), a)
         rates = JointRates(rows, dict.fromkeys(rows, 0.0), R)
         return self.terms(self._positions(q), v, root, rates)
 
@@ -123,17 +148,17 @@ class GibbsAppell:
         identity = np.eye(self.robot.nv)
         return {x: identity[self.robot.velocity_index(x)] for x in self.robot.moving_joint_names}
 
-    def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> float:
-        """Return the Gibbs function G of a motion, gravity included; [MS21, Eq. 1].
+    def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> Array:
+        """Return the Gibbs function G (...) of motions, gravity included; [MS21, Eq. 1].
 
         Args:
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            nu_dot: Their derivatives (dof,).
+            q: Configurations (..., nq).
+            nu: Quasi-velocities (..., dof).
+            nu_dot: Their derivatives (..., dof), with any more axes before.
         """
         positions = self._positions(q)
         root, rates = self.rolling_root(self._heading(q), positions, nu)
-        return float(self.function(positions, nu, nu_dot, root, rates))
+        return np.asarray(self.function(positions, nu, nu_dot, root, rates))
 
     def rolling_root(
         self, R: Array, positions: Mapping[str, Any], nu: Vector
@@ -146,16 +171,16 @@ class GibbsAppell:
             nu: Quasi-velocities (dof,), of any scalar.
         """
         n, drive, scalars = self.robot.dof, self.tree.reading.drive, self.scalars
-        speeds = np.asarray(nu)
+        speeds, across = np.asarray(nu), R[..., :2]
         base = base_motion(self.tree, drive, positions, speeds)
-        J_w, J_v = scalars.zeros((3, n)), R[:, :2] @ base.J[:2]
-        J_w[2] = base.J[2]
-        omega, alpha = J_w @ speeds, scalars.zeros(3)
-        alpha[2] = base.drift[2]
-        a = R[:, :2] @ base.drift[:2] + cross(omega, J_v @ speeds)
+        J_w, J_v = scalars.zeros(base.J.shape), across @ base.J[..., :2, :]
+        J_w[..., 2, :] = base.J[..., 2, :]
+        omega, alpha = np.matvec(J_w, speeds), scalars.zeros(base.drift.shape)
+        alpha[..., 2] = base.drift[..., 2]
+        a = np.matvec(across, base.drift[..., :2]) + cross(omega, np.matvec(J_v, speeds))
         identity = scalars.identity(n)[len(drive.base_speeds) :]
         rows = dict(zip(self.robot.joint_names, identity, strict=True))
-        drifts = dict.fromkeys(rows, 0 * nu[0])
+        drifts = dict.fromkeys(rows, 0 * speeds[..., 0])
         rows |= {name: rate.row for name, rate in base.rates.items()}
         drifts |= {name: rate.drift for name, rate in base.rates.items()}
         return LinkKinematics(R, omega, J_w, J_v, alpha, a), JointRates(rows, drifts, R)
@@ -171,24 +196,26 @@ class GibbsAppell:
             root: The root link's motion in u.
             rates: Rates of the joints in u; gains those that are not part of u.
         """
-        n = len(u)
+        n = np.asarray(u).shape[-1]
         M, h, h_size = self.scalars.zeros((n, n)), self.scalars.zeros(n), np.zeros(n)
         for body, motion in self.links(positions, u, root, rates):
             inertia, J_v, force = self._at_centre(body, motion)
-            moment = inertia @ motion.alpha + cross(motion.omega, inertia @ motion.omega)
-            M = M + body.mass * (J_v.T @ J_v) + motion.J_w.T @ inertia @ motion.J_w
-            h = h + J_v.T @ force + motion.J_w.T @ moment
+            J_w, omega = motion.J_w, motion.omega
+            moment = np.matvec(inertia, motion.alpha) + cross(omega, np.matvec(inertia, omega))
+            M = M + body.mass * (J_v.mT @ J_v) + J_w.mT @ inertia @ J_w
+            h = h + np.matvec(J_v.mT, force) + np.matvec(J_w.mT, moment)
             if self.scalars is FLOATS:
-                h_size += np.linalg.norm(J_v, axis=0) * np.linalg.norm(force)
-                h_size += np.linalg.norm(motion.J_w, axis=0) * np.linalg.norm(moment)
+                h_size = h_size + _sizes(J_v, force) + _sizes(J_w, moment)
         for name, inertia in self.tree.armature.items():  # a rotor that turns with its joint
             row, drift = rates.rows[name], rates.drifts[name]
-            M = M + inertia * np.outer(row, row)
-            h = h + inertia * drift * row
+            M = M + inertia * outer(row, row)
+            h = h + lifted(inertia * drift) * row
             if self.scalars is FLOATS:
-                h_size += np.abs(inertia * drift * row)
-        B = np.array([rates.rows[name] for name in self.robot.actuators]).T.reshape(n, -1)
-        base = np.vstack([root.R[:, :2].T @ root.J_v, root.J_w[2]])
+                h_size = h_size + np.abs(lifted(inertia * drift) * row)
+        columns = [rates.rows[name] for name in self.robot.actuators]
+        B = in_rows(columns).mT if columns else self.scalars.zeros((n, 0))
+        turn = np.matvec(root.J_w.mT, UP)
+        base = in_rows([*np.moveaxis(root.R[..., :2].mT @ root.J_v, -2, 0), turn])
         return Terms(M, h, h_size, B, base, rates.rows)
 
     def function(
@@ -204,47 +231,47 @@ class GibbsAppell:
         Args:
             positions: Positions of the joints by name, rad or m.
             u: Speeds (n,), of any scalar.
-            u_dot: Their derivatives (n,).
+            u_dot: Their derivatives (n,), with any more axes before.
             root: The root link's motion in u.
             rates: Rates of the joints in u; gains those that are not part of u.
         """
         rate, half = np.asarray(u_dot), self.scalars.number(0.5, "number", "")
-        G = 0 * rate[0]
+        G = 0 * rate[..., 0]
         for body, motion in self.links(positions, u, root, rates):
             inertia, J_v, force = self._at_centre(body, motion)
-            alpha = motion.J_w @ rate + motion.alpha
+            alpha = np.matvec(motion.J_w, rate) + motion.alpha
             if body.mass != 0:
-                a = J_v @ rate + force / body.mass
-                G = G + half * body.mass * (a @ a)
-            G = G + half * (alpha @ inertia @ alpha)
-            G = G + alpha @ cross(motion.omega, inertia @ motion.omega)
+                a = np.matvec(J_v, rate) + force / body.mass
+                G = G + half * body.mass * dot(a, a)
+            G = G + half * dot(np.matvec(inertia, alpha), alpha)
+            G = G + dot(alpha, cross(motion.omega, np.matvec(inertia, motion.omega)))
         for name, inertia in self.tree.armature.items():
-            G = G + half * inertia * (rates.rows[name] @ rate + rates.drifts[name]) ** 2
+            G = G + half * inertia * (dot(rates.rows[name], rate) + rates.drifts[name]) ** 2
         return G
 
     def losses(self, rows: Mapping[str, Array], u: Vector) -> Array:
-        """Return ℓ (n,), the generalised force of damping and friction in the joints.
+        """Return ℓ (..., n), the generalised force of damping and friction in the joints.
 
         Args:
             rows: Rate of every joint that moves, by name, as a row of u (n,).
             u: Speeds (n,), of a scalar that has square roots.
         """
         speeds, sqrt = np.asarray(u), self.scalars.sqrt
-        force = self.scalars.zeros(len(speeds))
+        force = self.scalars.zeros(speeds.shape[-1])
         for name, loss in self.tree.losses.items():
-            rate = rows[name] @ speeds
+            rate = dot(rows[name], speeds)
             opposing = loss.damping * rate
             if loss.friction and sqrt is not None:
                 opposing = opposing + loss.friction * rate / sqrt(rate * rate + loss.rate**2)
-            force = force - opposing * rows[name]
+            force = force - lifted(opposing) * rows[name]
         return force
 
     def _at_centre(self, body: Body, motion: LinkKinematics) -> tuple[Array, Array, Array]:
         """Return a link's inertia (3, 3), J_v (3, n) and m (a₀ + g) (3,) at its centre of mass."""
         turn = motion.R @ body.R
-        J_v, a = motion.at(motion.R @ body.com)
+        J_v, a = motion.at(np.matvec(motion.R, body.com))
         gravity = self.scalars.number(GRAVITY, "gravity", "gravity") * UP
-        return turn @ body.inertia @ turn.T, J_v, body.mass * (a + gravity)
+        return turn @ body.inertia @ turn.mT, J_v, body.mass * (a + gravity)
 
     def links(
         self, positions: Mapping[str, Any], u: Vector, root: LinkKinematics, rates: JointRates
@@ -267,8 +294,7 @@ class GibbsAppell:
             if body is not None:
                 yield body, motion
             for joint_part in self.tree.below[name]:
-                offset = motion.R @ joint_part.p
-                J_v, a = motion.at(offset)
+                J_v, a = motion.at(np.matvec(motion.R, joint_part.p))
                 R = motion.R @ joint_part.R
                 carrier = LinkKinematics(R, motion.omega, motion.J_w, J_v, motion.alpha, a)
                 stack.append(
@@ -286,28 +312,28 @@ class GibbsAppell:
         """Return the motion of a joint's child frame."""
         if joint_part.kind == "fixed":
             return carrier
-        axis, position = carrier.R @ joint_part.axis, positions[joint_part.name]
+        axis, position = np.matvec(carrier.R, joint_part.axis), positions[joint_part.name]
         if joint_part.name not in rates.rows and joint_part.name not in self.robot.locked:
             rates.rows[joint_part.name], rates.drifts[joint_part.name] = self._follow(
                 joint_part, carrier, axis, u, rates
             )
         row = rates.rows.get(joint_part.name)
         if row is None:
-            row, drift = self.scalars.zeros(len(u)), 0 * u[0]
+            row, drift = self.scalars.zeros(u.shape[-1]), 0 * u[..., 0]
         else:
             drift = rates.drifts[joint_part.name]
-        rate = row @ u
+        spin, change = lifted(dot(row, u)) * axis, lifted(drift) * axis
         if joint_part.kind == "prismatic":
-            J_v, a = carrier.at(position * axis)
-            a = a + drift * axis + 2 * cross(carrier.omega, rate * axis)
-            J_v = J_v + np.outer(axis, row)
+            J_v, a = carrier.at(lifted(position) * axis)
+            a = a + change + 2 * cross(carrier.omega, spin)
+            J_v = J_v + outer(axis, row)
             return LinkKinematics(carrier.R, carrier.omega, carrier.J_w, J_v, carrier.alpha, a)
         return LinkKinematics(
             R=carrier.R @ self.scalars.rotation(joint_part.axis, position),
-            omega=carrier.omega + rate * axis,
-            J_w=carrier.J_w + np.outer(axis, row),
+            omega=carrier.omega + spin,
+            J_w=carrier.J_w + outer(axis, row),
             J_v=carrier.J_v,
-            alpha=carrier.alpha + drift * axis + cross(carrier.omega, rate * axis),
+            alpha=carrier.alpha + change + cross(carrier.omega, spin),
             a=carrier.a,
         )
 
@@ -323,8 +349,8 @@ class GibbsAppell:
         if joint_part.name in self.tree.wheels:
             return self._rolling(joint_part, carrier, axis, u, rates.R)
         followed, factor = joint_part.follows, joint_part.factor
-        row = rates.rows.get(followed, self.scalars.zeros(len(u)))
-        return factor * row, factor * rates.drifts.get(followed, 0 * u[0])
+        row = rates.rows.get(followed, self.scalars.zeros(u.shape[-1]))
+        return factor * row, factor * rates.drifts.get(followed, 0 * u[..., 0])
 
     def _rolling(
         self, joint_part: TreeJoint, carrier: LinkKinematics, axle: Array, u: Array, R: Array
@@ -334,25 +360,27 @@ class GibbsAppell:
         d · (v_c + (ω + φ̇ axle) × (−r ẑ)) = 0 and its time derivative, solved for φ̇ and φ̈.
         """
         wheel = self.tree.wheels[joint_part.name]
-        d, down = R @ wheel.direction, -wheel.radius * UP
-        lever = d @ cross(axle, down)
-        J_c, a_c = carrier.at(wheel.offset * axle + R @ wheel.shift)
-        J_contact = J_c + cross(carrier.J_w, down)
-        row = -(d @ J_contact) / lever
-        spin = (row @ u) * axle
+        d, down = np.matvec(R, wheel.direction), -wheel.radius * UP
+        lever = dot(d, cross(axle, down))
+        J_c, a_c = carrier.at(wheel.offset * axle + np.matvec(R, wheel.shift))
+        J_contact = J_c + cross_columns(carrier.J_w, down)
+        row = -np.matvec(J_contact.mT, d) / lifted(lever)
+        spin = lifted(dot(row, u)) * axle
         change = a_c + cross(carrier.alpha + cross(carrier.omega, spin), down)
-        turning = cross(carrier.omega, d) @ (J_contact @ u + cross(spin, down))
-        return row, -(d @ change + turning) / lever
+        slip = np.matvec(J_contact, u) + cross(spin, down)
+        return row, -(dot(d, change) + dot(cross(carrier.omega, d), slip)) / lever
 
     def _heading(self, q: Array) -> Array:
-        return FLOATS.rotation(UP, math.atan2(q[3], q[2]))
+        return FLOATS.rotation(UP, np.arctan2(q[..., 3], q[..., 2]))
 
-    def _positions(self, q: Array) -> dict[str, float]:
-        return {name: self.robot.joint_position(q, name) for name in self.tree.moving}
+    def _positions(self, q: Array) -> dict[str, Any]:
+        """Return the positions of the joints by name, for each configuration (..., nq)."""
+        if q.ndim == 1:
+            return {name: self.robot.joint_position(q, name) for name in self.tree.moving}
+        each = [self._positions(row) for row in q]
+        return {name: np.array([x[name] for x in each]) for name in self.tree.moving}
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return a × b for vectors (3,), or of the columns of a (3, n) with b (3,)."""
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+def _sizes(J: Array, force: Array) -> Array:
+    """Return |column of J| |force| (..., n)."""
+    return np.sqrt((J * J).sum(axis=-2)) * np.sqrt((force * force).sum(axis=-1, keepdims=True))

@@ -4,7 +4,7 @@ A twist T = (x, y, turn) is the root link's velocity in its own axes. A wheel at
 d has the rows k = (d, d·(ẑ × p)) and l = (n, n·(ẑ × p)) with n = ẑ × d, the speeds of its place
 along and across its heading; as it turns, k̇ = φ̇ l and l̇ = −φ̇ k. Three rows fix T; the rates of
 all other swivels, and of the wheels on swivels, follow one by one, each with its drift: the part
-of its derivative that ν̇ does not make.
+of its derivative that ν̇ does not make. Axes of states, if any, come first in all arrays.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel
 from rpctl.equivalence.tree import SwivelPart, Tree
+from rpctl.equivalence.vectors import components, cross, dot, in_rows, lifted, vector
 
 
 class JointRate(NamedTuple):
@@ -43,17 +44,17 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
         positions: Positions of the swivels, by joint.
         nu: Quasi-velocities (dof,); the base's own speeds, then the steered joints' rates, first.
     """
-    scalars, n = tree.scalars, len(nu)
+    scalars, n = tree.scalars, nu.shape[-1]
     identity = scalars.identity(n)
     own = len(drive.base_speeds) - len(drive.steered)
     rates = {
-        swivel.joint: JointRate(identity[own + i], 0 * nu[0])
+        swivel.joint: JointRate(identity[own + i], 0 * nu[..., 0])
         for i, swivel in enumerate(drive.steered)
     }
     for swivel in drive.swivels:
         if swivel.role == "mimic":
             leader, factor = tree.leader(swivel.joint)
-            rates[swivel.joint] = JointRate(factor * rates[leader].row, 0 * nu[0])
+            rates[swivel.joint] = JointRate(factor * rates[leader].row, 0 * nu[..., 0])
     J, drift = scalars.zeros((3, n)), scalars.zeros(3)
     if drive.steered:
         J, drift = _steered_twist(tree, drive, positions, nu, rates)
@@ -85,7 +86,7 @@ def _steered_twist(
     K holds two lateral rows and that of the base's speed; the rates of swivels whose contact is
     off their axis are on the right.
     """
-    n = len(nu)
+    n = nu.shape[-1]
     K, U, K_dot = [], [], []
     if drive.has_axle:
         K.append(lateral(tree.forward, tree.point))
@@ -98,7 +99,7 @@ def _steered_twist(
         d = tree.heading(part, positions)
         row = lateral(d, part.pivot) + part.trail * _turn(tree)
         angle_row = part.sign * rates[swivel.joint].row
-        row_rate = -(angle_row @ nu) * rolling(d, part.pivot)
+        row_rate = -lifted(dot(angle_row, nu)) * rolling(d, part.pivot)
         if swivel.shares is None:
             K.append(row)
             U.append(-part.trail * angle_row)
@@ -117,11 +118,11 @@ def _steered_twist(
         angle_row = first.sign * rates[drive.steered[0].joint].row
         K.append(rolling(d, first.pivot) - first.left * _turn(tree))
         U.append(speed + first.left * angle_row)
-        K_dot.append((angle_row @ nu) * lateral(d, first.pivot))
+        K_dot.append(lifted(dot(angle_row, nu)) * lateral(d, first.pivot))
     inverse = _inverse(K)
-    J = inverse @ np.array(U)
-    T = J @ nu
-    return J, inverse @ np.array([-(row_rate @ T) for row_rate in K_dot])
+    J = inverse @ in_rows(U)
+    T = np.matvec(J, nu)
+    return J, np.matvec(inverse, vector([-dot(row_rate, T) for row_rate in K_dot]))
 
 
 def _caster_rate(
@@ -131,9 +132,10 @@ def _caster_rate(
     part = tree.swivels[joint]
     d = tree.heading(part, positions)
     row, trail = lateral(d, part.pivot), part.sign * part.trail
-    turned = -(row @ J + part.trail * J[2]) / trail
-    row_rate = -part.sign * (turned @ nu) * rolling(d, part.pivot)
-    return JointRate(turned, -(row @ drift + part.trail * drift[2] + row_rate @ (J @ nu)) / trail)
+    turned = -(np.matvec(J.mT, row) + part.trail * J[..., 2, :]) / trail
+    row_rate = -part.sign * lifted(dot(turned, nu)) * rolling(d, part.pivot)
+    change = dot(row, drift) + part.trail * drift[..., 2] + dot(row_rate, np.matvec(J, nu))
+    return JointRate(turned, -change / trail)
 
 
 def _wheel_rate(
@@ -151,9 +153,10 @@ def _wheel_rate(
     part, turned = tree.swivels[swivel], rates[swivel]
     d = tree.heading(part, positions)
     row, angle_row = rolling(d, part.pivot), part.sign * turned.row
-    row_rate = (angle_row @ nu) * lateral(d, part.pivot)
-    spin = row @ J - wheel.left * (J[2] + angle_row)
-    change = row @ drift + row_rate @ (J @ nu) - wheel.left * (drift[2] + part.sign * turned.drift)
+    row_rate = lifted(dot(angle_row, nu)) * lateral(d, part.pivot)
+    spin = np.matvec(J.mT, row) - wheel.left * (J[..., 2, :] + angle_row)
+    change = dot(row, drift) + dot(row_rate, np.matvec(J, nu))
+    change = change - wheel.left * (drift[..., 2] + part.sign * turned.drift)
     return JointRate(spin / wheel.lever, change / wheel.lever)
 
 
@@ -180,34 +183,36 @@ def follower_rate(
     rows, derivatives = [], []  # l, and k with the row of φ̇
     if drive.has_axle:
         rows.append(lateral(tree.forward, tree.point))
-        derivatives.append((rolling(tree.forward, tree.point), tree.scalars.zeros(len(nu))))
+        derivatives.append((rolling(tree.forward, tree.point), tree.scalars.zeros(nu.shape[-1])))
     for one in drive.steered:
         part = tree.swivels[one.joint]
         d = tree.heading(part, positions)
         rows.append(lateral(d, part.pivot))
         derivatives.append((rolling(d, part.pivot), part.sign * rates[one.joint].row))
     (l1, l2), ((k1, row1), (k2, row2)) = rows, derivatives
-    rate1, rate2 = row1 @ nu, row2 @ nu
-    N = np.cross(l1, l2)
-    first, second = -np.cross(k1, l2), -np.cross(l1, k2)  # of Ṅ, by φ̇₁ and by φ̇₂
-    N_drift = 2 * rate1 * rate2 * np.cross(k1, k2) - (rate1 * rate1 + rate2 * rate2) * N
+    rate1, rate2 = lifted(dot(row1, nu)), lifted(dot(row2, nu))
+    N = cross(l1, l2)
+    first, second = -cross(k1, l2), -cross(l1, k2)  # of Ṅ, by φ̇₁ and by φ̇₂
+    N_drift = 2 * rate1 * rate2 * cross(k1, k2) - (rate1 * rate1 + rate2 * rate2) * N
     part = tree.swivels[swivel.joint]
-    V, A, B, D = (_velocity(part, vector) for vector in (N, first, second, N_drift))
-    square = V @ V
-    row = (_cross(V, A) * row1 + _cross(V, B) * row2) / square
+    V, A, B, D = (_velocity(part, twist) for twist in (N, first, second, N_drift))
+    square = dot(V, V)
+    row = (lifted(_cross(V, A)) * row1 + lifted(_cross(V, B)) * row2) / lifted(square)
     V_dot = rate1 * A + rate2 * B
-    drift = (_cross(V, D) - 2 * (V @ V_dot) * (row @ nu)) / square
+    drift = (_cross(V, D) - 2 * dot(V, V_dot) * dot(row, nu)) / square
     return JointRate(row / part.sign, drift / part.sign)
 
 
 def rolling(d: Array, place: Array) -> Array:
-    """Return k (3,) of a heading d (2,) at a place (2,)."""
-    return np.array([d[0], d[1], d[1] * place[0] - d[0] * place[1]])
+    """Return k (..., 3) of headings d (..., 2) at a place (2,)."""
+    x, y = components(d)[:2]
+    return vector([x, y, y * place[0] - x * place[1]])
 
 
 def lateral(d: Array, place: Array) -> Array:
-    """Return l (3,) of a heading d (2,) at a place (2,)."""
-    return np.array([-d[1], d[0], d[0] * place[0] + d[1] * place[1]])
+    """Return l (..., 3) of headings d (..., 2) at a place (2,)."""
+    x, y = components(d)[:2]
+    return vector([-y, x, x * place[0] + y * place[1]])
 
 
 def _turn(tree: Tree) -> Array:
@@ -216,17 +221,17 @@ def _turn(tree: Tree) -> Array:
 
 
 def _velocity(part: SwivelPart, T: Array) -> Array:
-    """Return the velocity (2,) of a swivel's pivot under a twist."""
-    x, y = part.pivot
-    return np.array([T[0] - T[2] * y, T[1] + T[2] * x])
+    """Return the velocity (..., 2) of a swivel's pivot under a twist."""
+    (vx, vy, turn), (x, y) = components(T), part.pivot
+    return vector([vx - turn * y, vy + turn * x])
 
 
 def _cross(a: Array, b: Array) -> Any:
-    return a[0] * b[1] - a[1] * b[0]
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _inverse(rows: list[Array]) -> Array:
-    """Return the inverse (3, 3) of a matrix of three rows, by their cross products."""
+    """Return the inverse (..., 3, 3) of a matrix of three rows, by their cross products."""
     a, b, c = rows
-    columns = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
-    return columns / (a @ np.cross(b, c))
+    columns = in_rows([cross(b, c), cross(c, a), cross(a, b)]).mT
+    return columns / lifted(lifted(dot(a, cross(b, c))))

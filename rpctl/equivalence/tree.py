@@ -13,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.file_reading import FileReading, read, rotor_inertias
 from rpctl.equivalence.raw_file import RawInertial
+from rpctl.equivalence.vectors import lifted, vector
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot
 
@@ -61,14 +62,14 @@ class Scalars:
         return self.numbers(np.eye(n), "number", "")
 
     def rotation(self, axis: Array, angle: Any) -> Array:
-        """Return the rotation (3, 3) about a unit axis by an angle (rad)."""
-        cos, sin = self.cos(angle), self.sin(angle)
+        """Return the rotations (..., 3, 3) about a unit axis by angles (...), rad."""
+        cos, sin = lifted(lifted(self.cos(angle))), lifted(lifted(self.sin(angle)))
         x, y, z = axis
         skew = _filled([0 * x, -z, y, z, 0 * x, -x, -y, x, 0 * x], (3, 3))
         return cos * self.identity(3) + sin * skew + (1 - cos) * np.outer(axis, axis)
 
 
-FLOATS = Scalars(lambda value, kind, label: value, math.cos, math.sin, float, math.sqrt)
+FLOATS = Scalars(lambda value, kind, label: value, np.cos, np.sin, float, np.sqrt)
 
 
 @dataclass(frozen=True)
@@ -179,11 +180,11 @@ class Tree:
         self.point = scalars.numbers((*drive.point, 0.0), "length", "axle midpoint P")
 
     def heading(self, part: SwivelPart, positions: Mapping[str, Any]) -> Array:
-        """Return the rolling direction (2,) of a swivel, in the root link's axes."""
+        """Return the rolling direction (..., 2) of a swivel, in the root link's axes."""
         position = positions[part.joint]
         cos, sin = self.scalars.cos(position), part.sign * self.scalars.sin(position)
         x, y = part.ahead
-        return np.array([cos * x - sin * y, cos * y + sin * x])
+        return vector([cos * x - sin * y, cos * y + sin * x])
 
     def leader(self, joint: str) -> tuple[str, Any]:
         """Return the joint that a mimic follows in the end, and how many times its rate."""

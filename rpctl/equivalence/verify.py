@@ -9,11 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.file_reading import FileReading, read, shared
 from rpctl.equivalence.forced_state import find_rounding_scales, force_state
-from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
+from rpctl.equivalence.gibbs_states import (
+    BREAKDOWNS,
+    STATES_AT_ONCE,
+    Broken,
+    RollingTerms,
+    free_terms,
+    rolling_terms,
+)
 from rpctl.equivalence.residuals import EXACT_TOLERANCE
 from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
@@ -27,15 +36,18 @@ if TYPE_CHECKING:
     from rpctl.equivalence.mujoco_engine import MujocoEngine
 
 ENGINES = ("mujoco",)
-BREAKDOWNS = (RpctlError, np.linalg.LinAlgError)
 ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
 @dataclass(frozen=True)
 class _Derivations:
-    """What is compared: the dynamics, the oracle, the file's shapes, MuJoCo where it takes part."""
+    """What is compared: the dynamics, the oracle, the file's shapes, MuJoCo where it takes part.
+
+    ``rolling`` are the rows of the multipliers' path, found apart from those of the dynamics.
+    """
 
     dynamics: ReducedDynamics
+    rolling: RollingConstraints
     oracle: GibbsAppell
     geometry: Geometry
     mujoco: MujocoEngine | None
@@ -80,7 +92,7 @@ def verify(
     mujoco, absent = _engine(robot, reading, engines)
     geometry = Geometry(dynamics, reading)
     oracle = GibbsAppell(robot, reading=reading)
-    derivations = _Derivations(dynamics, oracle, geometry, mujoco)
+    derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
     declared = () if strict else tuple(check for check in rows if check.name == DECLARED)
     certificate = Certificate(
@@ -106,42 +118,62 @@ def _worst(
 ) -> Iterator[Check]:
     """Yield every row at its worst sample."""
     found: dict[tuple[str, str], Check] = {}
-    for sample in range(samples):
-        state = draw_state(derivations.dynamics.robot, seed, sample)
-        for check in _compare(derivations, state):
-            known = found.get((check.name, check.against))
-            if known is None or check.limit_ratio > known.limit_ratio:
-                found[check.name, check.against] = replace(check, sample=sample)
-        if progress is not None:
-            progress(sample + 1)
+    for start in range(0, samples, STATES_AT_ONCE):
+        batch = range(start, min(samples, start + STATES_AT_ONCE))
+        for sample, compared in zip(batch, _compare_each(derivations, seed, batch), strict=True):
+            for check in compared:
+                known = found.get((check.name, check.against))
+                if known is None or check.limit_ratio > known.limit_ratio:
+                    found[check.name, check.against] = replace(check, sample=sample)
+            if progress is not None:
+                progress(sample + 1)
     yield from found.values()
 
 
-def _compare(derivations: _Derivations, state: State) -> Iterator[Check]:
+def _compare_each(
+    derivations: _Derivations, seed: int, samples: range
+) -> Iterator[Iterator[Check]]:
+    """Yield the comparisons of each sample; the oracle's walk is made for all at once."""
+    oracle = derivations.oracle
+    states = [draw_state(derivations.dynamics.robot, seed, sample) for sample in samples]
+    free, rolling = free_terms(oracle, states), rolling_terms(oracle, states)
+    for state, of_tree, in_nu in zip(states, free, rolling, strict=True):
+        yield _compare(derivations, state, of_tree, in_nu)
+
+
+def _compare(
+    derivations: _Derivations, state: State, free: Terms | Broken, rolling: RollingTerms | Broken
+) -> Iterator[Check]:
     """Make every comparison that can be made at a state.
 
     Where a group of them breaks down, the rows that follow in the group are not there; one that
     fails is there in their place, with the reason.
     """
     dynamics, oracle, mujoco = derivations.dynamics, derivations.oracle, derivations.mujoco
-    yield from _computed("full tree", checks.full_tree, dynamics.robot, oracle, state)
-    terms = scales = trial = None
+    if isinstance(free, Broken):
+        yield _broken_down("full tree", free.reason)
+    else:
+        yield from _computed("full tree", checks.full_tree, dynamics.robot, free, state)
+    scales = trial = h_size = None
+    if isinstance(rolling, Broken):
+        yield _broken_down("Gibbs-Appell equations", rolling.reason)
+    else:
+        h_size = rolling.terms.h_size
     try:
-        terms = oracle.reduced(state.q, state.nu)
-    except BREAKDOWNS as error:
-        yield _broken_down("Gibbs-Appell equations", error)
-    try:
-        scales = find_rounding_scales(dynamics, state, None if terms is None else terms.h_size)
+        scales = find_rounding_scales(dynamics, state, h_size)
         trial = force_state(dynamics, state, scales)
     except BREAKDOWNS as error:
         yield _broken_down("reduced dynamics", error)
-    if terms is not None and scales is not None:
-        yield from _computed("comparison", checks.reduced, dynamics, oracle, terms, scales, state)
     if scales is not None:
+        if isinstance(rolling, RollingTerms):
+            compared = dynamics, oracle, rolling, scales, state
+            yield from _computed("comparison", checks.reduced, *compared)
         yield from _computed("Coriolis terms", checks.coriolis, dynamics, scales, state)
     yield from _computed("M", checks.definite, dynamics, state)
     if trial is not None:
-        yield from _computed("multipliers", checks.multipliers, dynamics, oracle, trial)
+        yield from _computed(
+            "multipliers", checks.multipliers, dynamics, derivations.rolling, oracle, trial
+        )
         yield from _computed("consistency", checks.consistent, dynamics, trial)
         yield from _computed("motion", checks.motion, dynamics, state)
     yield from _computed(SHAPES, derivations.geometry.at, state)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,9 +15,12 @@ from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError, UnknownNameError, require_within
+from rpctl.errors import DivergedError, RpctlError, require_within
 from rpctl.robot.model import Robot
+from rpctl.robot.patterns import by_pattern
+from rpctl.robot.variation import Offset, Variation, vary
 from rpctl.robot.vary import add_friction
+from rpctl.simulation.noise import Noise
 from rpctl.simulation.periods import delay_periods
 
 
@@ -26,21 +29,33 @@ class Plant:
     """Differences between the simulated robot and the controller's model.
 
     Attributes:
-        tau_bias: Efforts (N·m or N) by actuator that push besides the controller's.
+        tau_bias: Efforts (N·m or N) that push besides the controller's, by pattern of the names of
+            actuators; the last that matches counts.
         delay: Time from a measurement to the efforts it leads to, s; the nearest whole number of
             control periods is simulated, halves up, and logged.
         controller_model: The robot that the controller computes with; None: the simulated one.
-        joint_friction: Dry friction (N·m or N) by actuator, which the simulated robot has besides
-            what the controller knows.
+        joint_friction: Dry friction (N·m or N), which the simulated robot has besides what the
+            controller knows, by pattern of the names of actuators; the last that
+            matches counts.
         dropped: Share of the samples that never reach the controller, 0 or more and below 1. Which
-            ones is drawn, and the same in every run; the first one arrives.
+            ones is drawn, and the same in every run of one seed; the first one arrives.
         computing_time: Time that computing takes, s, or "measured": the processor's time. The
             efforts of a sample come as much later, and what would be sampled meanwhile is missed. A
             stated time is that of a plan, for a law that plans now and then, or else of a sample.
+        masses: Scales of masses by pattern of link names, as of
+            :class:`~rpctl.robot.variation.Variation`, like the five that follow: the simulated
+            robot has them, its controller does not know of them.
+        centres: Offsets of centres of mass (x, y, z), m, by pattern of link names.
+        inertias: Scales of inertias by pattern of link names.
+        radii: Scales of radii by pattern of wheel joints.
+        track: Scale of the track.
+        damping: Added damping, N·m·s/rad or N·s/m, by pattern of joint names.
+        noise: Of what the controller measures.
         lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
             controller knows it.
         lags: Lag by name of the quasi-velocity, where it differs, s.
         dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
+        seed: Of all that is drawn at random.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
@@ -52,6 +67,14 @@ class Plant:
     lag: float | None = None
     lags: Mapping[str, float] = field(default_factory=dict)
     dead_time: float | None = None
+    masses: Mapping[str, float] = field(default_factory=dict)
+    centres: Mapping[str, Offset] = field(default_factory=dict)
+    inertias: Mapping[str, float] = field(default_factory=dict)
+    radii: Mapping[str, float] = field(default_factory=dict)
+    track: float = 1.0
+    damping: Mapping[str, float] = field(default_factory=dict)
+    noise: Noise = field(default_factory=Noise)
+    seed: int = 0
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
@@ -79,7 +102,17 @@ class Plant:
                     f"joint_friction of {name} is {friction:g}; give an effort of 0 or more"
                 )
             require_within(f"joint_friction of {name}", [friction])
+        if self.seed < 0:
+            raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
+        self.variation  # noqa: B018 (refuses what no robot can have)
         VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
+
+    @property
+    def variation(self) -> Variation:
+        """How the simulated robot was built otherwise than the controller's model."""
+        return Variation(
+            self.masses, self.centres, self.inertias, self.radii, self.track, self.damping
+        )
 
     def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
         """Return how the simulated robot follows speeds.
@@ -101,20 +134,34 @@ class Plant:
         Raises:
             UnknownNameError: One is of no actuator.
         """
-        _require_actuators(robot, self.tau_bias)
-        return np.array([self.tau_bias.get(name, 0.0) for name in robot.actuators])
+        found = by_pattern(self.tau_bias, robot.actuators, "actuator")
+        return np.array([found.get(name, 0.0) for name in robot.actuators])
 
     def simulated_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
-        """Return the dynamics with the friction that the controller does not know.
+        """Return the dynamics of the simulated robot.
+
+        Args:
+            dynamics: Those of the robot that varies.
 
         Raises:
-            UnknownNameError: It is of no actuator.
+            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
         """
-        robot = dynamics.robot
-        _require_actuators(robot, self.joint_friction)
-        if not any(self.joint_friction.values()):
-            return dynamics
-        return ReducedDynamics(add_friction(robot, self.joint_friction))
+        robot = self.simulated_robot(dynamics.robot)
+        return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
+
+    def simulated_robot(self, robot: Robot) -> Robot:
+        """Return the robot that is simulated, which the controller takes for another.
+
+        Args:
+            robot: The one that varies; itself where nothing does.
+
+        Raises:
+            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
+        """
+        friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
+        return add_friction(vary(robot, self.variation), friction)
 
     def known_robot(self, robot: Robot) -> Robot:
         """Return the robot that the controller computes with.
@@ -138,19 +185,13 @@ class Plant:
 
     def arrives(self, samples: int) -> NDArray[np.bool_]:
         """Return of each sample (samples,) whether it reaches the controller."""
-        arrives = np.random.default_rng(0).random(samples) >= self.dropped
+        arrives = np.random.default_rng(self.seed).random(samples) >= self.dropped
         arrives[:1] = True
         return np.asarray(arrives)
 
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
         return deque([hold] * delay_periods(self.delay, control_period))
-
-
-def _require_actuators(robot: Robot, names: Iterable[str]) -> None:
-    for name in names:
-        if name not in robot.actuators:
-            raise UnknownNameError("actuator", name, robot.actuators)
 
 
 def substeps(duration: float, longest: float) -> int:

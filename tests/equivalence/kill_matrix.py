@@ -126,7 +126,7 @@ def field(name: str, factor: float = 1.0 + SMALL) -> Callable[..., Any]:
     return changed
 
 
-def entry(name: str, index: tuple[int, ...], factor: float) -> Callable[..., Any]:
+def entry(name: str, index: tuple[Any, ...], factor: float) -> Callable[..., Any]:
     """Return the change of one entry of an array of a record."""
 
     def changed(record: Any, *arguments: object) -> Any:
@@ -243,7 +243,7 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "M: largest entries": (GENERAL, in_method("inertia", mutations.scaled(slice(None), 1 + TINY))),
     "oracle: M, a small entry": (
         GENERAL,
-        in_class(GibbsAppell, "reduced", entry("M", (-1, -1), 1 + 1e-9)),
+        in_class(GibbsAppell, "reduced", entry("M", (..., -1, -1), 1 + 1e-9)),
     ),
     "oracle: h": (GENERAL, in_class(GibbsAppell, "reduced", field("h"))),
     "oracle: B": (GENERAL, in_class(GibbsAppell, "reduced", field("B"))),

@@ -204,6 +204,30 @@ def test_an_oracle_that_breaks_down_fails_the_certificate(
     assert json.dumps(proof.to_dict(), allow_nan=False)
 
 
+@pytest.mark.parametrize(
+    ("method", "group"), [("full", "full tree"), ("reduced", "Gibbs-Appell equations")]
+)
+def test_an_oracle_that_breaks_down_at_one_state_answers_at_the_others(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, method: str, group: str
+) -> None:
+    """Many states are walked at once; the rows of the others are there, and the worst is theirs."""
+    original, bad = getattr(GibbsAppell, method), draw_state(paper, 0, 1).q
+
+    def broken(self: GibbsAppell, q: Array, u: Array) -> object:
+        if (q == bad).all(axis=-1).any():
+            raise RpctlError("no answer")
+        return original(self, q, u)
+
+    sound = verify(paper, samples=3, engines=())
+    monkeypatch.setattr(GibbsAppell, method, broken)
+    proof = verify(paper, samples=3, engines=())
+    (row,) = (check for check in proof.checks if not check.passed)
+    assert (row.name, row.against, row.entry, row.sample) == ("computed", group, "no answer", 1)
+    assert {(c.name, c.against) for c in proof.checks} == {
+        ("computed", group), *((c.name, c.against) for c in sound.checks)
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize("rounded", ["1.5708", "1.57", "1.5707963"])
 def test_rounded_wheel_frames_are_sound(tmp_path: Path, rounded: str) -> None:
     """Wheels whose frames are turned by a rounded right angle, and an axle staggered by 1 mm."""

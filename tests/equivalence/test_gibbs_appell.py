@@ -8,13 +8,14 @@ from pathlib import Path
 import casadi
 import numpy as np
 import pinocchio as pin
+import pytest
 import sympy as sp
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.derive.casadi_scalar import CASADI, CasadiScalar
 from rpctl.equivalence import gibbs_appell
-from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.equivalence.tree import Scalars
 from tests import closed_form
 
@@ -127,3 +128,33 @@ def test_a_locked_joint_at_rest() -> None:
     q, nu = robot.configuration(), np.zeros(robot.dof)
     h, truth = GibbsAppell(robot).reduced(q, nu).h, ReducedDynamics(robot).bias(q, nu)
     np.testing.assert_allclose(h, truth, rtol=0, atol=1e-12 * max(1.0, np.abs(truth).max()))
+
+
+MOVING = ("mixed_chain", "swerve", "tricycle", "casters", "caster_drive", "mecanum")
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_many_states_are_as_each_alone(name: str, rng: np.random.Generator) -> None:
+    robot = rpctl.load(name)
+    oracle = GibbsAppell(robot)
+    q = np.array([robot.random_configuration(rng) for _ in range(3)])
+    v, nu, nu_dot = (rng.normal(size=(3, n)) for n in (robot.nv, robot.dof, robot.dof))
+    free, rolling = oracle.full(q, v), oracle.reduced(q, nu)
+    G = oracle.gibbs(q, nu, np.array([nu_dot, -nu_dot]))
+    assert G.shape == (2, 3)
+    for k in range(3):
+        same_terms(free.of(k), oracle.full(q[k], v[k]))
+        same_terms(rolling.of(k), oracle.reduced(q[k], nu[k]))
+        alone = [oracle.gibbs(q[k], nu[k], each) for each in (nu_dot[k], -nu_dot[k])]
+        np.testing.assert_allclose(G[:, k], alone, rtol=1e-12)
+
+
+def same_terms(one: Terms, other: Terms) -> None:
+    """Assert that two results are the same but for rounding, shapes included."""
+    for name in ("M", "h", "h_size", "B", "root"):
+        value, truth = getattr(one, name), getattr(other, name)
+        assert value.shape == truth.shape
+        np.testing.assert_allclose(value, truth, rtol=0, atol=1e-12 * np.abs(truth).max())
+    assert one.rates.keys() == other.rates.keys()
+    for name, row in one.rates.items():
+        np.testing.assert_allclose(row, other.rates[name], rtol=0, atol=1e-11)

@@ -1,0 +1,31 @@
+"""Values by patterns of names (``"arm_*"``): the last pattern that matches a name counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import TypeVar
+
+from rpctl.errors import UnknownNameError
+
+Value = TypeVar("Value")
+
+
+def by_pattern(given: Mapping[str, Value], names: Sequence[str], kind: str) -> dict[str, Value]:
+    """Return values by name; names that nothing matches are left out.
+
+    Args:
+        given: Values by pattern of names.
+        names: The names that there are.
+        kind: What they are the names of, for messages.
+
+    Raises:
+        UnknownNameError: A pattern matches none of them.
+    """
+    found: dict[str, Value] = {}
+    for pattern, value in given.items():
+        matching = [name for name in names if fnmatchcase(name, pattern)]
+        if not matching:
+            raise UnknownNameError(kind, pattern, names)
+        found.update(dict.fromkeys(matching, value))
+    return found

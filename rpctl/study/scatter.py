@@ -1,0 +1,184 @@
+"""What differs from run to run: settings by their paths, each with a distribution.
+
+A path names a number of a :class:`~rpctl.simulation.config.Config`: its table, the setting, and
+what the setting holds. ``plant.masses.arm_*`` is the entry of the pattern ``arm_*`` in the masses
+of the plant; others are ``plant.track``, ``plant.noise.position``, ``plant.joint_friction.wheel_*``
+(N·m or N, as in a file), ``run.initial_error.theta``, ``kinematic.horizon``, ``dynamic.gain``. So
+every run is that of a configuration file.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.errors import UnknownNameError
+from rpctl.simulation.config import Config
+from rpctl.study.distributions import Distribution, distribution_of
+
+PATTERN = "PATTERN"  # stands for a pattern of names in the list of what there is
+TABLES = ("plant", "run", "kinematic", "dynamic")
+TUPLES = {"initial_error": ("x", "y", "theta"), "centres": ("x", "y", "z")}  # names of entries
+OF_SPEEDS = ("plant.lag", "plant.dead_time")  # what is said of robots that take speeds only
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Distributions of settings, by path.
+
+    Attributes:
+        names: The paths.
+        distributions: One each.
+    """
+
+    names: tuple[str, ...] = ()
+    distributions: tuple[Distribution, ...] = ()
+
+    def values(self, points: Array) -> Array:
+        """Return the settings (K, n) at points (K, n) of the unit cube."""
+        columns = [d.quantile(p) for d, p in zip(self.distributions, points.T, strict=True)]
+        return np.column_stack(columns) if columns else np.empty((len(points), 0))
+
+
+def scatter_of(given: Scatter | Mapping[str, Any] | None, config: Config) -> Scatter:
+    """Return a scatter of the settings of a configuration.
+
+    Args:
+        given: Distributions, numbers, or what a file says of them, by path; None: nothing differs.
+        config: What no run changes, and the laws.
+
+    Raises:
+        UnknownNameError: A path is none of the configuration's; those that there are are listed.
+        RpctlError: A distribution is none.
+    """
+    if isinstance(given, Scatter):
+        scatter = given
+    else:
+        items = [(name, distribution_of(value, name)) for name, value in (given or {}).items()]
+        scatter = Scatter(tuple(name for name, _ in items), tuple(each for _, each in items))
+    for name in scatter.names:
+        require_path(config, name)
+    return scatter
+
+
+def require_path(config: Config, name: str) -> None:
+    """Refuse a path that is none of a configuration.
+
+    Raises:
+        UnknownNameError: Those that there are are listed.
+    """
+    choices = scattered_paths(config)
+    for choice in choices:
+        if name == choice:
+            return
+        head, pattern, tail = choice.partition(PATTERN)
+        long = len(name) > len(head) + len(tail)
+        if pattern and long and name.startswith(head) and name.endswith(tail):
+            return
+    raise UnknownNameError("scattered setting", name, choices)
+
+
+def scattered_paths(config: Config) -> tuple[str, ...]:
+    """Return the paths of all numbers of a configuration that may differ from run to run.
+
+    Of ``run`` that is the start alone: the samples of all runs are at the same times, and of the
+    same reference.
+    """
+    found = [f"{table}.{path}" for table in TABLES for path in _paths(getattr(config, table))]
+    return tuple(
+        path
+        for path in found
+        if path != "plant.computing_time"
+        and (config.output is not None or not path.startswith(OF_SPEEDS))
+        and (not path.startswith("run.") or path.startswith("run.initial_error."))
+    )
+
+
+def _paths(record: Any) -> Iterator[str]:
+    """Yield the paths of the numbers that a record holds, or may hold."""
+    if not dataclasses.is_dataclass(record):
+        return
+    hints = get_type_hints(type(record))
+    for item in dataclasses.fields(record):
+        name, value, hint = item.name, getattr(record, item.name), hints[item.name]
+        if dataclasses.is_dataclass(value):
+            yield from (f"{name}.{below}" for below in _paths(value))
+        elif name in TUPLES:
+            middle = f"{PATTERN}." if get_origin(hint) is not tuple else ""
+            yield from (f"{name}.{middle}{entry}" for entry in TUPLES[name])
+        elif _is_mapping(hint):
+            yield f"{name}.{PATTERN}"
+        elif hint is float or (_is_optional(hint) and float in get_args(hint)):
+            yield name
+
+
+def _is_mapping(hint: Any) -> bool:
+    origin = get_origin(hint)
+    return isinstance(origin, type) and issubclass(origin, Mapping) and get_args(hint)[1] is float
+
+
+def _is_optional(hint: Any) -> bool:
+    return get_origin(hint) in (Union, UnionType)
+
+
+def with_values(config: Config, names: tuple[str, ...], values: Array) -> Config:
+    """Return a configuration with some settings changed.
+
+    Args:
+        config: The configuration.
+        names: Paths of the settings.
+        values: The settings (n,).
+
+    Raises:
+        RpctlError: A setting is out of range.
+    """
+    changes: dict[str, Any] = {}
+    for name, value in zip(names, values.tolist(), strict=True):
+        place: dict[str, Any] = changes
+        *above, last = _split(config, name)
+        for key in above:
+            place = place.setdefault(key, {})
+        place[last] = value
+    changed: Config = _changed(config, changes)
+    return changed
+
+
+def _split(config: Config, name: str) -> list[str]:
+    """Return the keys along a path; a pattern of names may hold dots."""
+    keys: list[str] = []
+    record: Any = config
+    rest = name
+    while rest and not isinstance(record, Mapping):
+        key, _, rest = rest.partition(".")
+        keys.append(key)
+        record = getattr(record, key, None)
+    if not rest:
+        return keys
+    if keys[-1] not in TUPLES:
+        return [*keys, rest]
+    pattern, _, entry = rest.rpartition(".")
+    return [*keys, pattern, entry]
+
+
+def _changed(value: Any, changes: Any, key: str = "") -> Any:
+    """Return a record, mapping or tuple with entries changed, or the number in its place."""
+    if not isinstance(changes, dict):
+        return changes
+    if dataclasses.is_dataclass(value):
+        fields = {k: _changed(getattr(value, k), each, k) for k, each in changes.items()}
+        return dataclasses.replace(value, **fields)  # type: ignore[type-var]
+    if key in TUPLES and not isinstance(value, Mapping):
+        entries = value if value is not None else (0.0,) * len(TUPLES[key])
+        return tuple(
+            changes.get(name, entry) for name, entry in zip(TUPLES[key], entries, strict=True)
+        )
+    found = dict(value)
+    for pattern, each in changes.items():
+        found[pattern] = _changed(found.get(pattern), each, key)
+    return found

@@ -1,0 +1,125 @@
+"""Rollouts: a row is the run of its configuration, and nothing else changes it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl import PaperDynamic, Robot, RpctlError
+from rpctl.simulation.config import Config, RunSettings, read_config, write_config
+from rpctl.simulation.loop import simulate
+from rpctl.study.distributions import Normal, Uniform
+from rpctl.study.merits import run_merits
+from rpctl.study.rollout import Experiment, Rollouts, draw, rollout, run_rows
+from rpctl.study.scatter import scatter_of
+
+SCATTER = {
+    "run.initial_error.y": Normal(0.0, 0.05),
+    "kinematic.horizon": Uniform(0.3, 0.5),
+    "plant.joint_friction.wheel_*": Uniform(0.0, 0.1),
+}
+SHORT: dict[str, Any] = {"duration": 0.1, "control_period": 0.01, "plant_step": 0.01}
+
+
+@pytest.fixture(scope="module")
+def runs(paper: Robot) -> Rollouts:
+    return rollout(paper, "eight", SCATTER, count=4, seed=3, samples=4, **SHORT)
+
+
+def test_a_row_is_replayed_by_its_configuration_file(
+    runs: Rollouts, paper: Robot, tmp_path: Path
+) -> None:
+    config = read_config(write_config(runs.config(2), tmp_path / "run.toml"))
+    run = simulate(paper, config, collisions=False)
+    merits, verdict = run_merits(run)
+    assert {name: runs.merits[name][2] for name in merits} == merits
+    assert verdict == (runs.outcomes[2], runs.results.reasons[2])
+    away = np.hypot(run.log.e[:, 0], run.log.e[:, 1])
+    assert runs.t.tolist() == run.t[::3].tolist()
+    assert runs.base_error[2].tolist() == away[::3].tolist()
+    assert runs.lateral_error[2].tolist() == np.abs(run.log.e[::3, 1]).tolist()
+    reach = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)
+    assert runs.end_effector_error[2].tolist() == reach[::3].tolist()
+
+
+def test_a_row_is_the_same_whichever_run_beside_it(runs: Rollouts, paper: Robot) -> None:
+    again = run_rows(paper, runs.experiment, runs.parameters[[3, 1]], [3, 1])
+    for name, values in again.merits.items():
+        assert values.tolist() == runs.merits[name][[3, 1]].tolist(), name
+    assert again.outcomes == (runs.outcomes[3], runs.outcomes[1])
+    for name, series in again.series.items():
+        assert np.array_equal(series, runs.results.series[name][[3, 1]]), name
+
+
+def test_more_runs_are_added_behind() -> None:
+    scatter = scatter_of(SCATTER, Config())
+    assert np.array_equal(draw(scatter, 7, 5)[:4], draw(scatter, 4, 5))
+    assert not np.array_equal(draw(scatter, 4, 5), draw(scatter, 4, 6))
+
+
+def test_runs_have_seeds_of_their_own(runs: Rollouts) -> None:
+    seeds = {runs.config(i).plant.seed for i in range(4)}
+    assert len(seeds) == 4
+    assert runs.config(0).plant.seed == runs.experiment.config_of(runs.parameters[0], 0).plant.seed
+
+
+def test_a_run_that_fails_is_a_row(paper: Robot) -> None:
+    config = Config(dynamic=PaperDynamic(), run=RunSettings(**SHORT))
+    experiment = Experiment(config, ("kinematic.horizon", "run.initial_error.y"))
+    values = np.array([[-1.0, 0.0], [0.4, 0.01], [1e-6, 1.0]])
+    table = run_rows(paper, experiment, values, [0, 1, 2])
+    assert table.outcomes == ("refused", "tracked", "diverging")
+    assert "horizon is -1" in table.reasons[0]
+    assert table.merits["success"].tolist() == [0.0, 1.0, 0.0]
+    assert [math.isinf(x) for x in table.merits["work"].tolist()] == [True, False, True]
+    assert np.isnan(table.series["base_error"][0]).all()
+    assert table.series["base_error"][2, 0] == pytest.approx(1.0)
+    assert np.isnan(table.series["base_error"][2, -1])
+
+
+def test_quantiles_and_worst_count_failures_last(runs: Rollouts) -> None:
+    merits = {"work": np.array([3.0, math.inf, 1.0, 2.0])}
+    made = Rollouts(runs.experiment, runs.names, runs.parameters, runs.results)
+    object.__setattr__(made, "results", runs.results.__class__(
+        runs.results.indices, merits, runs.t, {}, runs.outcomes, runs.results.reasons
+    ))  # fmt: skip
+    assert [made.quantile("work", p) for p in (0.0, 0.25, 0.5, 0.75, 0.76)] == [
+        1,
+        1,
+        2,
+        3,
+        math.inf,
+    ]
+    assert made.worst("work", 3).tolist() == [1, 0, 3]
+    with pytest.raises(RpctlError, match="merit 'wrk' is not known; did you mean work"):
+        made.quantile("wrk", 0.5)
+
+
+def test_the_table_has_a_column_of_each(runs: Rollouts) -> None:
+    table = runs.table()
+    assert table["run"].tolist() == [0, 1, 2, 3]
+    assert table["kinematic.horizon"].tolist() == runs.parameters[:, 1].tolist()
+    assert table["work"].tolist() == runs.merits["work"].tolist()
+    assert table["outcome"].tolist() == list(runs.outcomes)
+
+
+@pytest.mark.parametrize(
+    ("scatter", "message"),
+    [
+        ({"plant.mass.x": 1.0}, "'plant.mass.x' is not known; did you mean"),
+        ({"run.duration": 1.0}, "'run.duration' is not known"),
+        ({"kinematic.horizon": [1.0]}, "kinematic.horizon is .*; give a number, or"),
+        ({"kinematic.horizon": {"unifrm": [1, 2]}}, "did you mean uniform"),
+        ({"kinematic.horizon": {"uniform": [1]}}, r"has 1 numbers; give \[low, high\]"),
+        ({"kinematic.horizon": {"uniform": [2, 1]}}, "give the smaller number first"),
+    ],
+)
+def test_what_cannot_be_scattered_is_named(
+    paper: Robot, scatter: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(RpctlError, match=message):
+        rollout(paper, scatter=scatter, count=1, **SHORT)
