@@ -12,10 +12,10 @@ from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.projection import eliminate, rows_to_solve
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.scalars import cleaned
 
 # Factors of a robot that differs in everything that may vary: no two quotients of them are alike.
 RADIUS, PLACE, PIVOT, TRAIL, LATERAL, SHIFT = 1.037, 1.017, 1.013, 1.029, 1.023, 1.041
+CHANGED = 1e-9  # of an array's largest entry: less is rounding
 
 
 def rolling_numbers(robot: Robot, like: Robot | None = None) -> dict[str, Array]:
@@ -28,7 +28,7 @@ def rolling_numbers(robot: Robot, like: Robot | None = None) -> dict[str, Array]
     rolling = find_rolling(robot)
     A, W = rolling.matrix, selection(robot, rolling)
     if not A.harmonics.any():
-        return {"S": cleaned(basis(A.constant, W))}
+        return {"S": basis(A.constant, W)}
     rows = None
     if like is not None:
         first = find_rolling(like)
@@ -36,8 +36,7 @@ def rolling_numbers(robot: Robot, like: Robot | None = None) -> dict[str, Array]
     core, N, P, R, C = eliminate(A, W, rows)
     arrays = {"constant": core.constant, "harmonics": core.harmonics, "N": N, "P": P}
     arrays |= {"R": R, "C": C, "A": A.harmonics}
-    arrays |= {"cosine": np.cos(core.phase), "sine": np.sin(core.phase)}
-    return {name: cleaned(array) for name, array in arrays.items()}
+    return arrays | {"cosine": np.cos(core.phase), "sine": np.sin(core.phase)}
 
 
 def varied_rolling(robot: Robot) -> dict[str, NDArray[np.bool_]]:
@@ -47,7 +46,8 @@ def varied_rolling(robot: Robot) -> dict[str, NDArray[np.bool_]]:
     """
     nominal, other = rolling_numbers(robot), rolling_numbers(_otherwise(robot), robot)
     return {
-        name: np.abs(other[name] - array) > 1e-6 * np.abs(array) for name, array in nominal.items()
+        name: np.abs(other[name] - array) > CHANGED * np.abs(array).max()
+        for name, array in nominal.items()
     }
 
 
