@@ -15,7 +15,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.bodies import MovingBody, moving_bodies
 from rpctl.simulation.compiled.inertias import NUMBERS, ZZ, felt, inertias_of
 from rpctl.simulation.compiled.parameters import Varied
-from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, varied_rolling
+from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, solved_rows, varied_rolling
 from rpctl.simulation.compiled.scalars import cleaned
 
 
@@ -32,6 +32,7 @@ class RobotNumbers:
 
     def __init__(self, robot: Robot, bodies: Sequence[MovingBody]) -> None:
         self.robot, self.bodies = robot, bodies
+        self._places, self._rows = _places(robot), solved_rows(robot)
         inertia = cleaned(felt(bodies, inertias_of(robot)))
         unlike = np.count_nonzero(np.delete(inertia, ZZ, axis=1), axis=1)
         carriers = {body.parent for body in bodies}
@@ -51,10 +52,10 @@ class RobotNumbers:
             inertias: Pseudo-inertias of the bodies (..., n, 4, 4) in the axes of Pinocchio's
                 joints, in stacks; None: the robot's own.
         """
-        bodies = self.bodies if robot.model is self.robot.model else moving_bodies(robot)
+        places = _places(robot)
+        moved = not np.array_equal(places, self._places)
+        bodies = moving_bodies(robot) if moved else self.bodies
         own = inertias_of(robot) if inertias is None else inertias
-        joints = list(robot.model.jointPlacements)[ROOT_JOINT:]
-        places = np.array([placement.homogeneous for placement in joints])
         places[self._round] = 0.0  # where a round wheel is, its carrier's inertia has
         still, losses = np.zeros(self.robot.nv), robot.losses
         if losses is None:
@@ -64,7 +65,7 @@ class RobotNumbers:
         found = {"inertia": felt(bodies, own), "place": places}
         found |= {"damping": losses.damping, "friction": losses.friction, "rate": losses.rate}
         found["armature"] = robot.armature
-        return found | rolling_numbers(robot, self.robot)
+        return found | rolling_numbers(robot, self._rows)
 
     def varied(self, varied: Varied) -> dict[str, NDArray[np.bool_]]:
         """Return which of the numbers are not the same in all robots, by name.
@@ -92,6 +93,12 @@ class RobotNumbers:
                 changes.append(felt(self.bodies, change))
         pattern = np.abs(changes).max(axis=0, initial=0.0) if changes else 0.0
         return np.broadcast_to(pattern > 1e-12, (len(self.bodies), NUMBERS))
+
+
+def _places(robot: Robot) -> Array:
+    """Return the poses (n, 4, 4) of the joints in the axes of those before them."""
+    joints = list(robot.model.jointPlacements)[ROOT_JOINT:]
+    return np.array([placement.homogeneous for placement in joints])
 
 
 def _round_inertias(body: MovingBody) -> list[Array]:
