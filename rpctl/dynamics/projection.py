@@ -41,7 +41,7 @@ class Elimination(NamedTuple):
     C: Array  # (nv, dof)
 
 
-def eliminate(A: TurningMatrix, W: Array) -> Elimination:
+def eliminate(A: TurningMatrix, W: Array, solved: NDArray[np.intp] | None = None) -> Elimination:
     """Return the equations that are left once the unknowns with constant columns are eliminated.
 
     As many rows E of L = [A; W] as there are such unknowns J give them, x_J = L_EJ⁻¹ (b_E − L_E y).
@@ -50,6 +50,8 @@ def eliminate(A: TurningMatrix, W: Array) -> Elimination:
     Args:
         A: Constraint matrix (rows, nv).
         W: Selection of the quasi-velocities (dof, nv), rows + dof = nv.
+        solved: The rows E, as :func:`rows_to_solve` finds them for this matrix or one like it;
+            None: as it finds them.
 
     Raises:
         SingularBasisError: No rows determine those unknowns.
@@ -57,8 +59,8 @@ def eliminate(A: TurningMatrix, W: Array) -> Elimination:
     rows, nv = A.constant.shape
     kept, gone = np.flatnonzero(A.turning), np.flatnonzero(np.logical_not(A.turning))
     constant = np.vstack([A.constant, W])[:, gone]
-    order = qr(constant.T, mode="r", pivoting=True)[1]
-    E, K = np.sort(order[: len(gone)]), np.sort(order[len(gone) :])
+    E = rows_to_solve(A, W) if solved is None else solved
+    K = np.setdiff1d(np.arange(nv), E)
     P = np.zeros((nv, nv))
     P[np.ix_(gone, E)] = square_inverse(constant[E])
     N = np.eye(nv)[K] - constant[K] @ P[gone]
@@ -69,6 +71,13 @@ def eliminate(A: TurningMatrix, W: Array) -> Elimination:
         np.ascontiguousarray(part) for part in (N[:, :rows], P[:, :rows], N[:, rows:], P[:, rows:])
     )
     return Elimination(replace(core, constant=core.constant + rest), *maps)
+
+
+def rows_to_solve(A: TurningMatrix, W: Array) -> NDArray[np.intp]:
+    """Return the rows of [A; W] that determine the unknowns with constant columns best."""
+    constant = np.vstack([A.constant, W])[:, np.logical_not(A.turning)]
+    order = qr(constant.T, mode="r", pivoting=True)[1]
+    return np.sort(order[: constant.shape[1]])
 
 
 class BasisDerivatives(NamedTuple):
@@ -200,12 +209,12 @@ class Projector:
             self.columns[robot.velocity_index(name), column] = 1.0
         self.still = np.zeros(robot.nv)
         self.still.setflags(write=False)
-        self._W = selection(robot, rolling)
+        self.selection = selection(robot, rolling)  # W
         self._last: tuple[bytes, Projection] | None = None
         # Where nothing turns, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
         self.constant: Projection | None = None
         if not rolling.matrix.harmonics.any():
-            S = basis(rolling.matrix.constant, self._W)
+            S = basis(rolling.matrix.constant, self.selection)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
             u = np.zeros(len(rolling.matrix.harmonics))
@@ -244,7 +253,7 @@ class Projector:
     @cached_property
     def equations(self) -> Elimination:
         """Those of S and of the drift, for a robot whose wheels swivel."""
-        return eliminate(self.rolling.matrix, self._W)
+        return eliminate(self.rolling.matrix, self.selection)
 
     @cached_property
     def _size(self) -> float:

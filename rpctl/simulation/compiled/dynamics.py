@@ -1,0 +1,358 @@
+"""``SymbolicDynamics``: M(q) ν̇ + h(q, ν) = B(q) τ + ℓ(q, ν) as a graph of CasADi's scalars."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.dynamics.projection import Projector
+from rpctl.dynamics.rolling import find_rolling
+from rpctl.errors import UnknownNameError
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE, Losses
+from rpctl.robot.model import BASE_NV, Robot
+from rpctl.simulation.compiled.bodies import NUMBERS, in_frame, inertial_numbers, moving_bodies
+from rpctl.simulation.compiled.configuration import SymbolicConfiguration, integrated
+from rpctl.simulation.compiled.linear import solve_positive
+from rpctl.simulation.compiled.parameters import NOTHING, Parameters, Varied
+from rpctl.simulation.compiled.rigid_body import JointMotion, crba, rnea
+from rpctl.simulation.compiled.rolling import SymbolicBasis
+from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, varied_rolling
+from rpctl.simulation.compiled.scalars import (
+    Scalar,
+    cleaned,
+    column,
+    dot,
+    entries,
+    plus,
+    product,
+    times,
+    total,
+    transposed,
+)
+
+
+class SymbolicProjection:
+    """What rolling makes of velocities and efforts at one configuration, in symbols.
+
+    Attributes:
+        S: Basis ``casadi.SX`` (nv, dof), sparse where it is constantly 0.
+        B: Actuation map ``casadi.SX`` (dof, n_act), likewise.
+        margin: 1 where S is constant, else how far the steering is from a singular one, of 1.
+    """
+
+    def __init__(self, dynamics: SymbolicDynamics, basis: SymbolicBasis) -> None:
+        self._dynamics, self._basis = dynamics, basis
+        self.rows = basis.S
+        self.columns = transposed(basis.S)
+
+    @cached_property
+    def S(self) -> Any:
+        """Basis (nv, dof)."""
+        return _matrix(self.rows)
+
+    @cached_property
+    def B(self) -> Any:
+        """Actuation map (dof, n_act)."""
+        return _matrix(self.actuation)
+
+    @cached_property
+    def actuation(self) -> list[list[Scalar]]:
+        """Rows of B."""
+        return transposed([self.rows[i] for i in self._dynamics.actuated])
+
+    @property
+    def margin(self) -> Any:
+        """How far the steering is from a singular one."""
+        return casadi.SX(self._basis.margin)
+
+    @cached_property
+    def allocation(self) -> Any:
+        """Right inverse of B (n_act, dof) of least efforts relative to their limits."""
+        units = np.eye(self._dynamics.robot.dof).tolist()
+        return _matrix(transposed([self._dynamics.allocated(self, unit) for unit in units]))
+
+    def drift(self, nu: Any) -> Any:
+        """Return Ṡν (nv, 1)."""
+        return column(self.drifting(entries(nu)))
+
+    def drifting(self, nu: list[Scalar]) -> list[Scalar]:
+        """Return the entries of Ṡν."""
+        return self._basis.drift(product(self.rows, nu))
+
+
+class SymbolicDynamics:
+    """``ReducedDynamics`` over ``casadi.SX`` columns: the same names, quantities and orders.
+
+    Nothing is raised when a graph is evaluated: where the steering is singular, ``rank_margin`` is
+    small, and what depends on the basis is of no use.
+
+    Args:
+        robot: The robot.
+        varied: What is an entry of ``p`` instead of a constant.
+
+    Attributes:
+        p: The symbols of what is varied, ``casadi.SX`` (n_p, 1).
+    """
+
+    def __init__(self, robot: Robot, varied: Varied = NOTHING) -> None:
+        self.robot, self.varied = robot, varied
+        self._projector = Projector(robot, find_rolling(robot))
+        self._bodies = moving_bodies(robot)
+        self._parameters = Parameters(self._numbers_of(robot), self._varied_numbers())
+        self.p = self._parameters.symbols
+        self._known = self._parameters.scalars()
+        self._numbers = self._known["inertia"]
+        self.actuated = [robot.velocity_index(name) for name in robot.actuators]
+        self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
+        self._last: tuple[Any, SymbolicProjection, list[JointMotion | None]] | None = None
+
+    def parameters_of(self, variant: Robot) -> Array:
+        """Return the numbers (n_p,) that stand for ``p`` in another robot of the same structure."""
+        return self._parameters.values(self._numbers_of(variant))
+
+    def _numbers_of(self, robot: Robot) -> dict[str, Array]:
+        """Return all the numbers of a robot that the graph has, by name."""
+        numbers = zip(inertial_numbers(robot), self._bodies, strict=True)
+        inertia = np.array([cleaned(in_frame(own, body.frame)) for own, body in numbers])
+        still = np.zeros(self.robot.nv)
+        losses = robot.losses or Losses(still, still, still + 1.0)
+        found = {"inertia": inertia, "damping": losses.damping, "friction": losses.friction}
+        return found | rolling_numbers(robot, self.robot)
+
+    def _varied_numbers(self) -> dict[str, NDArray[np.bool_]]:
+        """Return which of them are symbols, by name."""
+        varied = self.varied
+        bodies = np.array([body.joint in varied.bodies for body in self._bodies])
+        lossy = np.zeros(self.robot.nv, bool)
+        lossy[[self.robot.velocity_index(name) for name in varied.losses]] = True
+        found = {"inertia": np.repeat(bodies[:, None], NUMBERS, axis=1)}
+        found |= {"damping": lossy, "friction": lossy}
+        return found | (varied_rolling(self.robot) if varied.rolling else {})
+
+    @property
+    def constant(self) -> bool:
+        """Whether S is the same at every q."""
+        return self._projector.constant is not None
+
+    @property
+    def lossy(self) -> bool:
+        """Whether joints have damping or friction."""
+        return self.robot.losses is not None or bool(self.varied.losses)
+
+    def at(self, q: Any) -> SymbolicProjection:
+        """Return the projection at q (nq, 1)."""
+        return self._at(q)[1]
+
+    def _at(self, q: Any) -> tuple[Any, SymbolicProjection, list[JointMotion | None]]:
+        if self._last is None or self._last[0] is not q:
+            configuration = SymbolicConfiguration(q)
+            basis = SymbolicBasis(self._projector, self._known, configuration, self._swivels)
+            projection = SymbolicProjection(self, basis)
+            self._last = q, projection, _joints(self._bodies, configuration)
+        return self._last
+
+    def rank_margin(self, q: Any) -> Any:
+        """Return how far the steering at q (nq, 1) is from a singular one; 1 where none can be."""
+        return self.at(q).margin
+
+    def basis(self, q: Any) -> Any:
+        """Return S (nv, dof) at q (nq, 1)."""
+        return self.at(q).S
+
+    def twist(self, q: Any, nu: Any) -> Any:
+        """Return the base's twist (3, 1): P's speed forward and left, turning rate."""
+        base = product(self.at(q).rows[:BASE_NV], entries(nu))
+        return column(product(self.robot.point_velocity.tolist(), base))
+
+    def inertia(self, q: Any) -> Any:
+        """Return M (dof, dof) at q (nq, 1), symmetric to the bit."""
+        return _matrix(self._inertia(q), dense=True)
+
+    def _inertia(self, q: Any) -> list[list[Scalar]]:
+        _, projection, joints = self._at(q)
+        entries_of = crba(joints, self._numbers)
+        beside: dict[int, list[tuple[int, Scalar]]] = {}
+        for (i, j), value in entries_of.items():
+            beside.setdefault(i, []).append((j, value))
+        nv, dof = self.robot.nv, self.robot.dof
+        columns = projection.columns
+        images = [
+            [total(times(value, s[j]) for j, value in beside[i]) for i in range(nv)]
+            for s in columns
+        ]
+        M = [[0.0] * dof for _ in range(dof)]
+        for i in range(dof):
+            for j in range(i + 1):
+                M[i][j] = M[j][i] = dot(columns[j], images[i])
+        return M
+
+    def bias(self, q: Any, nu: Any) -> Any:
+        """Return h (dof, 1) at q (nq, 1) and ν (dof, 1)."""
+        return column(self._force(q, entries(nu), None))
+
+    def inverse(self, q: Any, nu: Any, nu_dot: Any, lossy_nu: Any = None) -> Any:
+        """Return the quasi-force M ν̇ + h − ℓ (dof, 1); see :meth:`ReducedDynamics.inverse`.
+
+        Args:
+            q: Configuration (nq, 1).
+            nu: Quasi-velocities (dof, 1).
+            nu_dot: Their derivatives (dof, 1).
+            lossy_nu: Quasi-velocities (dof, 1) at which the losses are taken; None: at ν.
+        """
+        force = column(self._force(q, entries(nu), entries(nu_dot)))
+        return force - self.losses(q, nu if lossy_nu is None else lossy_nu)
+
+    def _force(self, q: Any, nu: list[Scalar], nu_dot: list[Scalar] | None) -> list[Scalar]:
+        _, projection, joints = self._at(q)
+        v, a = product(projection.rows, nu), projection.drifting(nu)
+        if nu_dot is not None:
+            a = plus(a, product(projection.rows, nu_dot))
+        return product(projection.columns, rnea(joints, self._numbers, v, a))
+
+    def lossless(self, q: Any, nu: Any, tau: Any) -> tuple[Any, Any]:
+        """Return M (dof, dof) and B τ − h (dof, 1).
+
+        Args:
+            q: Configuration (nq, 1).
+            nu: Quasi-velocities (dof, 1).
+            tau: Actuator efforts (n_act, 1).
+        """
+        push = product(self.at(q).actuation, entries(tau))
+        return self.inertia(q), column(push) - self.bias(q, nu)
+
+    def losses(self, q: Any, nu: Any) -> Any:
+        """Return ℓ (dof, 1), the quasi-force of damping and friction."""
+        if not self.lossy:
+            return casadi.SX.zeros(self.robot.dof, 1)
+        S = self.at(q).S
+        return S.T @ self.loss_force(S @ nu)
+
+    def forward(self, q: Any, nu: Any, tau: Any) -> Any:
+        """Return ν̇ (dof, 1), losses included.
+
+        Args:
+            q: Configuration (nq, 1).
+            nu: Quasi-velocities (dof, 1).
+            tau: Actuator efforts (n_act, 1).
+        """
+        M, push = self.lossless(q, nu, tau)
+        return self.solve_positive(M, push + self.losses(q, nu))
+
+    def solve_positive(self, M: Any, b: Any) -> Any:
+        """Return M⁻¹ b (n, 1) of a symmetric positive definite M (n, n), without pivots."""
+        n = M.shape[0]
+        rows = [[_entry(M[i, j]) for j in range(n)] for i in range(n)]
+        return column(solve_positive(rows, entries(b)))
+
+    def efforts(self, q: Any, force: Any) -> Any:
+        """Return τ (n_act, 1) of least effort relative to the limits with B τ = ``force``."""
+        return column(self.allocated(self.at(q), entries(force)))
+
+    def allocated(self, at: SymbolicProjection, force: list[Scalar]) -> list[Scalar]:
+        """Return the entries of :meth:`efforts` at a projection."""
+        if self._projector.constant is not None and not self.varied.rolling:
+            allocation = self._projector.constant.allocation.tolist()
+            return product(allocation, force)
+        limits = self.robot.effort_limits
+        squares = (np.where(np.isfinite(limits), limits, 1.0) ** 2).tolist()
+        B = at.actuation
+        weighted = [[times(b, square) for b, square in zip(row, squares, strict=True)] for row in B]
+        gram = [[dot(a, b) for b in B] for a in weighted]
+        return product(transposed(weighted), solve_positive(gram, force))
+
+    def integrate(self, q: Any, v: Any) -> Any:
+        """Return q (nq, 1) moved along v (nv, 1) for a time of 1, as ``pinocchio.integrate``."""
+        moving = {body.index: body.entry for body in self._bodies if body.entry is not None}
+        return integrated(q, v, moving)
+
+    def base_pose(self, q: Any) -> Any:
+        """Return the pose (x, y, θ) (3, 1) of P in the world; m, rad."""
+        px, py = self.robot.drive.point
+        theta = casadi.atan2(q[3], q[2]) + self.robot.drive.heading
+        x, y = q[0] + q[2] * px - q[3] * py, q[1] + q[3] * px + q[2] * py
+        return casadi.vertcat(x, y, theta)
+
+    def joint_positions(self, q: Any) -> Any:
+        """Return the arm's positions (n_joints, 1); continuous joints in (−π, π]."""
+        return column([self.position(q, joint.name) for joint in self.robot.joints])
+
+    def position(self, q: Any, joint: str) -> Any:
+        """Return a joint's position (rad or m) at q (nq, 1), or where it is locked."""
+        if joint in self.robot.locked:
+            return casadi.SX(self.robot.locked[joint])
+        return casadi.SX(SymbolicConfiguration(q).position(self.robot.entries[joint]))
+
+    def placement(self, q: Any, frame: str) -> tuple[Any, Any]:
+        """Return the axes (3, 3) and the origin (3, 1) of a link's frame in the world."""
+        model = self.robot.model
+        if not model.existBodyName(frame):
+            raise UnknownNameError("link", frame, self.robot.description.link)
+        found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
+        i = found.parentJoint - ROOT_JOINT
+        joints = self._at(q)[2]
+        held = self._bodies[i].frame.T  # of a rotation
+        R = transposed((held[:3, :3] @ found.placement.rotation).tolist())
+        p = (held[:3, :3] @ found.placement.translation).tolist()
+        while (joint := joints[i]) is not None:
+            R, p = [joint.inwards(x) for x in R], plus(joint.inwards(p), joint.p)
+            i = joint.body.parent
+        x, y, cos, sin = entries(q)[:4]
+        to_world = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
+        R, p = [product(to_world, x) for x in R], plus(product(to_world, p), [x, y, 0.0])
+        return _matrix(transposed(R), dense=True), column(p)
+
+    def loss_force(self, v: Any) -> Any:
+        """Return the generalised force (nv, 1) of damping and friction at v (nv, 1)."""
+        return -self.loss_secant(v) * v
+
+    def loss_slope(self, v: Any) -> Any:
+        """Return −∂force/∂v (nv, 1) at v (nv, 1)."""
+        d, f, squares = self._lost
+        size = v * v + squares
+        return d + f * squares / (size * casadi.sqrt(size))
+
+    def loss_secant(self, v: Any) -> Any:
+        """Return −force/v (nv, 1) at v (nv, 1)."""
+        d, f, squares = self._lost
+        return d + f / casadi.sqrt(v * v + squares)
+
+    @cached_property
+    def _lost(self) -> tuple[Any, Any, Any]:
+        rates = np.full(self.robot.nv, TURNING_RATE)
+        rates[[body.index for body in self._bodies if body.slides]] = SLIDING_RATE
+        if self.robot.losses is not None:
+            rates = self.robot.losses.rate
+        return (
+            column(self._known["damping"]),
+            column(self._known["friction"]),
+            casadi.SX(np.square(rates)),
+        )
+
+
+def _joints(bodies: Any, at: SymbolicConfiguration) -> list[JointMotion | None]:
+    found: list[JointMotion | None] = [None]
+    for body in bodies[1:]:
+        p = body.p.tolist()
+        if body.slides:
+            way = at.position(body.entry)
+            p = plus(p, [times(way, z) for z in body.R[:, 2].tolist()])
+            found.append(JointMotion(body, 1.0, 0.0, p))
+        else:
+            found.append(JointMotion(body, *at.pair(body.entry), p))
+    return found
+
+
+def _matrix(rows: Any, dense: bool = False) -> Any:
+    found = casadi.vertcat(*(casadi.horzcat(*(casadi.SX(x) for x in row)) for row in rows))
+    return casadi.densify(found) if dense else casadi.sparsify(found)
+
+
+def _entry(value: Any) -> Scalar:
+    return float(value) if value.is_constant() else value

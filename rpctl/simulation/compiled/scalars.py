@@ -1,0 +1,97 @@
+"""Arithmetic on scalars that are floats where they are constant, else ``casadi.SX``.
+
+What is known when the graph is built is computed then: sums take their constants together first,
+and a factor 0 removes its product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import casadi
+import numpy as np
+
+from rpctl.arrays import Array
+
+ROUNDING = 4e-16  # of the largest entry of a constant array: a smaller one is rounding, so 0
+
+Scalar = Any  # a float, or a casadi.SX (1, 1)
+Vector = Sequence[Scalar]
+ZERO = (0.0, 0.0, 0.0)
+
+
+def is_zero(value: Scalar) -> bool:
+    """Return whether a scalar is the constant 0."""
+    return isinstance(value, float) and value == 0.0
+
+
+def times(left: Scalar, right: Scalar) -> Scalar:
+    """Return the product."""
+    return 0.0 if is_zero(left) or is_zero(right) else left * right
+
+
+def total(terms: Iterable[Scalar]) -> Scalar:
+    """Return the sum; its constants are added up first."""
+    constant, found = 0.0, None
+    for term in terms:
+        if isinstance(term, float):
+            constant += term
+        else:
+            found = term if found is None else found + term
+    if found is None:
+        return constant
+    return found + constant if constant else found
+
+
+def dot(left: Iterable[Scalar], right: Iterable[Scalar]) -> Scalar:
+    """Return the scalar product."""
+    return total(times(a, b) for a, b in zip(left, right, strict=True))
+
+
+def plus(*vectors: Vector) -> list[Scalar]:
+    """Return the sum of vectors."""
+    return [total(entries) for entries in zip(*vectors, strict=True)]
+
+
+def cross(a: Vector, b: Vector) -> list[Scalar]:
+    """Return a × b."""
+    return [
+        total((times(a[1], b[2]), times(-a[2], b[1]))),
+        total((times(a[2], b[0]), times(-a[0], b[2]))),
+        total((times(a[0], b[1]), times(-a[1], b[0]))),
+    ]
+
+
+def product(matrix: Iterable[Vector], vector: Vector) -> list[Scalar]:
+    """Return a matrix, row by row, times a vector."""
+    return [dot(row, vector) for row in matrix]
+
+
+def transposed(matrix: Iterable[Vector]) -> list[list[Scalar]]:
+    """Return the columns of a matrix as rows."""
+    return [list(column) for column in zip(*matrix, strict=True)]
+
+
+def column(entries: Iterable[Scalar]) -> Any:
+    """Return a dense ``casadi.SX`` (n, 1)."""
+    return casadi.vertcat(*(casadi.SX(entry) for entry in entries), casadi.SX(0, 1))
+
+
+def entries(vector: Any) -> list[Scalar]:
+    """Return the entries of a ``casadi.SX`` (n, 1), constants as floats."""
+    return [as_scalar(vector[i]) for i in range(vector.numel())]
+
+
+def as_scalar(value: Any) -> Scalar:
+    """Return a ``casadi.SX`` (1, 1), or its value where it is constant."""
+    return float(value) if value.is_constant() else value
+
+
+def cleaned(values: Array) -> Array:
+    """Return a constant array whose entries that are rounding, or a hair off ±1, are exact."""
+    size = float(np.abs(values).max(initial=0.0))
+    nearest = np.round(values)
+    simple = (np.abs(values - nearest) <= ROUNDING) & (np.abs(nearest) <= 1.0)
+    found = np.where(simple, nearest, values)
+    return np.asarray(np.where(np.abs(values) <= ROUNDING * size, 0.0, found) + 0.0)
