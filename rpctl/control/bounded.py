@@ -124,13 +124,13 @@ class BoundedLaw:
         )
         self.times = by_velocity(dynamics, law.horizon_dyn, joints)
         self.held_for = period if law.midpoint else 0.0
-        self._box = robot.effort_limits
-        self._unit = np.where(np.isfinite(self._box), self._box, 1.0)
-        self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
+        self.effort_limits = robot.effort_limits
+        self._unit = np.where(np.isfinite(self.effort_limits), self.effort_limits, 1.0)
+        self._effort_labels = tuple(Limit(name, "effort") for name in robot.actuators)
         self.joints = JointLimits(dynamics, period, law.horizon_dyn)
         self._base = len(robot.drive.base_speeds)
         fastest = robot.velocity_limits
-        self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
+        self.fastest = np.where(np.isfinite(fastest), fastest, 1.0)
         default = dict.fromkeys(robot.drive.base_speeds, 1.0)
         weights = [
             law.weights.get(name, default.get(name, JOINT_ERROR_WEIGHT))
@@ -176,7 +176,7 @@ class BoundedLaw:
         """
         sample = self._sample(dynamics, q, nu, command, disturbance)
         free = (
-            (np.abs(sample.tau) <= self._box).all()
+            (np.abs(sample.tau) <= self.effort_limits).all()
             and (sample.acceleration >= sample.bounds.lower).all()
             and (sample.acceleration <= sample.bounds.upper).all()
         )
@@ -225,12 +225,12 @@ class BoundedLaw:
         cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))  # (n_act, k)
         size = np.maximum(np.abs(cost), ROUNDING)
         pull = np.sign(cost) * holding_efforts[:, None]
-        box = self._box[:, None]
+        box = self.effort_limits[:, None]
         return ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
 
     def _cost_factor(self, B: Array, command: Command) -> Array:
         """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹."""
-        full = 1.0 / np.abs(B / self._fastest).max(axis=1)  # speed of the first velocity limit
+        full = 1.0 / np.abs(B / self.fastest).max(axis=1)  # speed of the first velocity limit
         T = np.diag(full / self.root_weights)
         base = slice(self._base)
         ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
@@ -249,7 +249,7 @@ class BoundedLaw:
             sample: Terms of the QP.
             T: Factor of the cost (dof, dof).
         """
-        B, box, unit, h1 = sample.B, self._box, self._unit, self._law.horizon_dyn
+        B, box, unit, h1 = sample.B, self.effort_limits, self._unit, self._law.horizon_dyn
         nullspace = (
             null_space(B * unit) / np.sqrt(NULLSPACE_EFFORT_WEIGHT)
             if B.shape[0] < B.shape[1]
@@ -271,7 +271,7 @@ class BoundedLaw:
         return Efforts(tau, self._binding(solution.hard, solution.soft, bounds))
 
     def _binding(self, efforts: Array, joints: Array, bounds: JointBounds) -> tuple[Limit, ...]:
-        names = [self._effort_limits[i] for i in np.flatnonzero(efforts)]
+        names = [self._effort_labels[i] for i in np.flatnonzero(efforts)]
         names += [
             self.joints.limit(i, bounds, bool(pull > 0.0)) for i, pull in enumerate(joints) if pull
         ]

@@ -154,9 +154,7 @@ def _coupled(at: _Observed, omega_d: Any, b: Any) -> Any:
 def _kanayama(at: _Observed) -> Any:
     (v_r, _, omega_r), (x1, x2, x3) = casadi.vertsplit(at.twist), casadi.vertsplit(at.x)
     gain = at.s["ky"] * x2 + casadi.sign(v_r) * at.s["ktheta"] * casadi.sin(x3)
-    return casadi.vertcat(
-        v_r * casadi.cos(x3) + at.s["kx"] * x1, 0.0, omega_r + v_r * gain
-    )
+    return casadi.vertcat(v_r * casadi.cos(x3) + at.s["kx"] * x1, 0.0, omega_r + v_r * gain)
 
 
 def _linearizing(

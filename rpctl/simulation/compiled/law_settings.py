@@ -1,4 +1,4 @@
-"""The numbers among the settings of laws: inputs of what is compiled, so that none compiles anew."""
+"""The numbers among the settings of laws: inputs of what is compiled, so none compiles anew."""
 
 from __future__ import annotations
 
@@ -86,6 +86,4 @@ def _dynamic(law: ClosedFormDynamic, known: ReducedDynamics, period: float) -> d
 
 
 def _each(kind: str, names: Sequence[str], values: Array) -> dict[str, float]:
-    return {
-        f"{kind}.{name}": float(value) for name, value in zip(names, values, strict=True)
-    }
+    return {f"{kind}.{name}": float(value) for name, value in zip(names, values, strict=True)}
