@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.reference.paths import Path, PathPoint
+from rpctl.reference.pointwise import Numbers, stack_rows, vector
 from rpctl.reference.splines import basis, quintic
 from rpctl.reference.timed_path import still
 
@@ -34,7 +35,7 @@ class GivenBase:
 
     def __init__(self, path: Path, s: Array) -> None:
         self._path = path
-        self._poses = np.array([path(float(x)).pose for x in s])
+        self._poses = path(s).pose
 
     def poses(self, z: Array) -> tuple[Array, Array]:
         """Return the known poses."""
@@ -127,14 +128,19 @@ class _TwistPath:
         self._first, self._second = twist.derivative(1), twist.derivative(2)
         self._whole = quintic(twist.t, np.ascontiguousarray(twist.c[:, 2])).antiderivative()
 
-    def __call__(self, s: float) -> PathPoint:
-        """Return the point at s."""
-        node = int(np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 1))
+    def __call__(self, s: Numbers) -> PathPoint:
+        """Return the point at s, or the points at many."""
+        node = np.searchsorted(self._s, s, side="right") - 1
+        node = np.clip(node, 0, len(self._s) - 1)
         start, pose = self._s[node], self._poses[node]
-        at = start + 0.5 * (s - start) * (1.0 + GAUSS_NODES)
-        turned = self._whole(np.append(at, s)) - self._whole(start)
+        at = start[..., None] + (0.5 * (s - start))[..., None] * (1.0 + GAUSS_NODES)
+        turned, end = (self._whole(x) for x in (at, s))
+        before = self._whole(start)
         forward = self._twist(at)
-        velocity = np.exp(1j * (pose[2] + turned[:-1])) * (forward[:, 0] + 1j * forward[:, 1])
-        step = 0.5 * (s - start) * (GAUSS_WEIGHTS @ velocity)
-        direction = np.array([self._twist(s), self._first(s), self._second(s)])
-        return PathPoint(pose + np.array([step.real, step.imag, turned[-1]]), direction)
+        heading = pose[..., 2] - before
+        velocity = np.exp(1j * (heading[..., None] + turned)) * (
+            forward[..., 0] + 1j * forward[..., 1]
+        )
+        step = 0.5 * (s - start) * (velocity @ GAUSS_WEIGHTS)
+        direction = stack_rows(self._twist(s), self._first(s), self._second(s))
+        return PathPoint(pose + vector(s, (step.real, step.imag, end - before)), direction)

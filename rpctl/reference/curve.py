@@ -15,6 +15,7 @@ from scipy.sparse.linalg import splu
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Path, PathPoint, planar
+from rpctl.reference.pointwise import Numbers, entries
 from rpctl.reference.splines import basis_at, clamped_knots, quintic
 
 SPANS_PER_LEG = 4  # of the spline between two waypoints
@@ -138,9 +139,8 @@ def _conditions(
 def _path(spline: BSpline) -> Path:
     orders = [spline, *(spline.derivative(order) for order in (1, 2, 3, 4))]
 
-    def at(s: float) -> PathPoint:
-        (x, y), *derivatives = (order(s) for order in orders)
-        d1, d2, d3, d4 = (complex(*d) for d in derivatives)
-        return planar((float(x), float(y)), d1, d2, d3, d4)
+    def at(s: Numbers) -> PathPoint:
+        position, d1, d2, d3, d4 = (tuple(entries(order(s))) for order in orders)
+        return planar(position, d1, d2, d3, d4)
 
     return at

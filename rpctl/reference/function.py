@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import ReferenceState
+from rpctl.reference.pointwise import Numbers, entries, functions, split_rows, vector
 
 STEP_S = 0.01  # s; error of the first derivative ~ STEP⁶, rounding in the second ~ 1e-16 / STEP²
 REACH = 3  # steps to either side of the middle of a stencil
@@ -69,34 +70,49 @@ class FunctionReference:
         self._along_path = along_path
         self.__name__ = str(getattr(function, "__name__", type(function).__name__))
 
-    def __call__(self, t: float) -> ReferenceState:
-        """Return the reference at t, s.
+    def __call__(self, t: Numbers) -> ReferenceState:
+        """Return the reference at t (s), or at times (K,), a row each.
 
         Raises:
             RpctlError: The function returns something else than it has to.
         """
         resting = t > self._end
-        values = self._derivatives(min(max(t, 0.0), self._end))
-        if resting:
-            values[1:] = 0.0
-        place = self._place(values, t, resting)
+        values = self._derivatives(np.clip(t, 0.0, self._end))
+        heading = self._heading(values, t) if self._along_path else entries(values[..., :3, 2])
+        moving = 1.0 - resting
+        values[..., 1:, :] *= np.asarray(moving)[..., None, None]
+        place = _place(values, (heading[0], *(moving * rate for rate in heading[1:])))
         if self._joints is None:
-            joints = values[:, 2 if self._along_path else 3 :]
+            found = values[..., :3, 2 if self._along_path else 3 :]
         else:
-            joints = np.vstack([self._joints, *np.zeros((2, len(self._joints)))])
-        return ReferenceState(*place, *joints[:3])
+            found = np.zeros((*np.shape(t), 3, len(self._joints)))
+            found[..., 0, :] = self._joints
+        positions, rates, accelerations = split_rows(found)
+        return ReferenceState(*place, positions, rates, accelerations)
 
-    def _derivatives(self, t: float) -> Array:
-        """Return what the function describes and its first three derivatives (4, n) at t."""
-        middle = min(max(t, REACH * STEP_S), self._end - REACH * STEP_S)
-        samples = np.array([self._sample(middle + step * STEP_S) for step in NODES])
+    def _derivatives(self, t: Numbers) -> Array:
+        """Return what the function describes and its first three derivatives (..., 4, n) at t."""
+        middle = np.clip(t, REACH * STEP_S, self._end - REACH * STEP_S)
+        times = np.asarray(middle)[..., None] + STEP_S * NODES
+        values = [self._sample(at) for at in times.ravel().tolist()]
+        if len({len(value) for value in values}) > 1:
+            raise RpctlError(
+                f"the reference {self.__name__} returns now more and now fewer numbers; return as "
+                "many at all times"
+            )
+        samples = np.array(values).reshape(*times.shape, -1)
         if not self._along_path:
-            samples[:, 2] = np.unwrap(samples[:, 2])
+            samples[..., 2] = np.unwrap(samples[..., 2])
         coefficients, rows = TO_COEFFICIENTS @ samples, []
+        u = np.asarray((t - middle) / STEP_S)[..., None]
         for order in range(4):
-            rows.append(polynomial.polyval((t - middle) / STEP_S, coefficients) / STEP_S**order)
-            coefficients = polynomial.polyder(coefficients)
-        return np.array(rows)
+            *lower, value = np.moveaxis(coefficients, -2, 0)
+            for coefficient in reversed(lower):
+                value = value * u + coefficient
+            rows.append(value / STEP_S**order)
+            degrees = np.arange(1.0, coefficients.shape[-2])
+            coefficients = degrees[:, None] * coefficients[..., 1:, :]
+        return np.stack(rows, axis=-2)
 
     def _sample(self, t: float) -> Array:
         """Return the function's values at one time, checked."""
@@ -115,33 +131,33 @@ class FunctionReference:
             )
         return numbers
 
-    def _place(self, values: Array, t: float, resting: bool) -> tuple[Array, Array, Array]:
-        """Return the pose of P (3,), its twist and the twist's derivative in the pose's axes."""
-        heading = self._heading(values, t, resting) if self._along_path else values[:3, 2]
-        cos, sin = np.cos(heading[0]), np.sin(heading[0])
-        to_axes = np.array([[cos, sin], [-sin, cos]])
-        forward, left = to_axes @ values[1, :2]
-        change = to_axes @ values[2, :2] + heading[1] * np.array([left, -forward])
-        return (
-            np.array([*values[0, :2], heading[0]]),
-            np.array([forward, left, heading[1]]),
-            np.array([*change, heading[2]]),
-        )
-
-    def _heading(self, values: Array, t: float, resting: bool) -> Array:
-        """Return the direction of motion and its first two derivatives (3,); rad."""
-        moving = self._derivatives(self._end) if resting else values
-        (x1, y1), (x2, y2), (x3, y3) = moving[1:, :2]
+    def _heading(self, values: Array, t: Numbers) -> tuple[Any, Any, Any]:
+        """Return the direction of motion and its first two derivatives, rad."""
+        (x1, y1), (x2, y2), (x3, y3) = (entries(values[..., k, :2]) for k in (1, 2, 3))
         square = x1 * x1 + y1 * y1
-        if square < MIN_TANGENT_SPEED**2:
+        stands = np.atleast_1d(square < MIN_TANGENT_SPEED**2)
+        if stands.any():
+            first = np.atleast_1d(t)[int(stands.argmax())]
             raise RpctlError(
-                f"the reference {self.__name__} stands still at t = {t:.4g} s, so it has no "
+                f"the reference {self.__name__} stands still at t = {first:.4g} s, so it has no "
                 "direction of motion; return a heading, without along_path"
             )
-        angle = np.arctan2(y1, x1)
-        if resting:
-            return np.array([angle, 0.0, 0.0])
         cross = x1 * y2 - y1 * x2
         rate = cross / square
         change = (x1 * y3 - y1 * x3 - 2.0 * rate * (x1 * x2 + y1 * y2)) / square
-        return np.array([angle, rate, change])
+        return functions(x1).atan2(y1, x1), rate, change
+
+
+def _place(values: Array, heading: tuple[Any, Any, Any]) -> tuple[Array, Array, Array]:
+    """Return the pose of P (..., 3), its twist and the twist's derivative in the pose's axes.
+
+    Args:
+        values: x and y, and their derivatives (..., 4, n).
+        heading: The heading and its first two derivatives, rad.
+    """
+    (x, y), (x1, y1), (x2, y2) = (entries(values[..., k, :2]) for k in range(3))
+    angle, rate, change = heading
+    cos, sin = functions(angle).cos(angle), functions(angle).sin(angle)
+    forward, left = cos * x1 + sin * y1, cos * y1 - sin * x1
+    twist_dot = cos * x2 + sin * y2 + rate * left, cos * y2 - sin * x2 - rate * forward, change
+    return vector(x, (x, y, angle)), vector(x, (forward, left, rate)), vector(x, twist_dot)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.curve import Waypoint, curve_through
 from rpctl.reference.limits import Limits
-from rpctl.reference.paths import Path, PathPoint
+from rpctl.reference.paths import Path, PathPoint, steady
+from rpctl.reference.pointwise import Numbers, entries, functions, matrix, vector
 from rpctl.robot.model import Robot
 
 NEGLIGIBLE = 1e-6  # m or rad: a shorter way is none
@@ -65,10 +64,11 @@ def _placed(path: Path, start: Array) -> Path:
     """Return a path that begins at the origin as one that begins at a pose (3,)."""
     cos, sin = math.cos(start[2]), math.sin(start[2])
 
-    def at(s: float) -> PathPoint:
-        (x, y, heading), direction = path(s)
-        place = [start[0] + cos * x - sin * y, start[1] + sin * x + cos * y, start[2] + heading]
-        return PathPoint(np.array(place), direction)
+    def at(s: Numbers) -> PathPoint:
+        pose, direction = path(s)
+        x, y, heading = entries(pose)
+        place = (start[0] + cos * x - sin * y, start[1] + sin * x + cos * y, start[2] + heading)
+        return PathPoint(vector(s, place), direction)
 
     return at
 
@@ -79,12 +79,15 @@ def _straight(x: float, y: float, turn: float) -> Path:
     In the axes of the base, the direction w turns against it: w' = −θ' J w, J the quarter turn.
     """
 
-    def at(s: float) -> PathPoint:
-        cos, sin = math.cos(turn * s), math.sin(turn * s)
-        w = np.array([cos * x + sin * y, -sin * x + cos * y])
-        bend = turn * np.array([w[1], -w[0]])
-        direction = np.array([[*w, turn], [*bend, 0.0], [*(-(turn**2) * w), 0.0]])
-        return PathPoint(np.array([s * x, s * y, s * turn]), direction)
+    def at(s: Numbers) -> PathPoint:
+        cos, sin = functions(s).cos(turn * s), functions(s).sin(turn * s)
+        forward, left = cos * x + sin * y, -sin * x + cos * y
+        direction = (
+            (forward, left, turn),
+            (turn * left, -turn * forward, 0.0),
+            (-(turn**2) * forward, -(turn**2) * left, 0.0),
+        )
+        return PathPoint(vector(s, (s * x, s * y, s * turn)), matrix(s, direction))
 
     return at
 
@@ -108,16 +111,22 @@ def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
 
 def _spin(x: float, y: float, start: float, turn: float) -> Leg:
     sense = math.copysign(1.0, turn)
-    direction = np.array([[0.0, 0.0, sense], np.zeros(3), np.zeros(3)])
-    return lambda s: PathPoint(np.array([x, y, start + sense * s]), direction.copy()), abs(turn)
+
+    def at(s: Numbers) -> PathPoint:
+        return PathPoint(vector(s, (x, y, start + sense * s)), steady(s, 0.0, sense))
+
+    return at, abs(turn)
 
 
 def _line(length: float, heading: float) -> Leg:
     """Return a line of a length, backwards where it is negative, at a heading."""
     step = math.copysign(1.0, length)
-    direction = np.array([[step, 0.0, 0.0], np.zeros(3), np.zeros(3)])
     cos, sin = step * math.cos(heading), step * math.sin(heading)
-    return lambda s: PathPoint(np.array([s * cos, s * sin, heading]), direction.copy()), abs(length)
+
+    def at(s: Numbers) -> PathPoint:
+        return PathPoint(vector(s, (s * cos, s * sin, heading)), steady(s, step, 0.0))
+
+    return at, abs(length)
 
 
 def _curve(robot: Robot, x: float, y: float, turn: float, limits: Limits) -> Leg:
@@ -140,7 +149,7 @@ def _curve(robot: Robot, x: float, y: float, turn: float, limits: Limits) -> Leg
 def _back(path: Path) -> Path:
     """Return a path driven backwards: the robot faces against it."""
 
-    def at(s: float) -> PathPoint:
+    def at(s: Numbers) -> PathPoint:
         pose, direction = path(s)
         return PathPoint(pose - [0.0, 0.0, HALF_TURN], direction * [-1.0, -1.0, 1.0])
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from rpctl.reference import paths
 from rpctl.reference.motion import ReferenceState
+from rpctl.reference.pointwise import Numbers, beside, split_rows, stack_rows
 from rpctl.reference.sizing import Sizing
 from rpctl.reference.waves import Waves
 
@@ -34,18 +35,19 @@ class PathReference:
     default_duration: float = DEFAULT_DURATION
     sizing: Sizing | None = None
 
-    def __call__(self, t: float) -> ReferenceState:
-        """Return the reference at time ``t`` (s)."""
+    def __call__(self, t: Numbers) -> ReferenceState:
+        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
         arm = self.arm(paths.ramped_time(t, 1.0, self.ramp))
         if self.path is None:
-            return ReferenceState(np.zeros(3), np.zeros(3), np.zeros(3), *arm)
-        s, ds, dds = paths.ramped_time(t, self.rate, self.ramp)
-        point = self.path(s)
-        along, bend, twice = point.direction
+            pose, twist, twist_dot = np.zeros((3, *np.shape(t), 3))
+            return ReferenceState(pose, twist, twist_dot, *arm)
+        s, *rates = paths.ramped_time(t, self.rate, self.ramp)
+        point, (ds, dds) = self.path(s), map(beside, rates)
+        along, bend, twice = split_rows(point.direction)
         return ReferenceState(
             point.pose,
             along * ds,
             bend * ds**2 + along * dds,
             *arm,
-            direction=np.array([along, bend * ds, twice * ds**2 + bend * dds]),
+            direction=stack_rows(along, bend * ds, twice * ds**2 + bend * dds),
         )

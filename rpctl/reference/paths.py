@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.reference.pointwise import Numbers, choose, functions, matrix, vector
 
 
 class PathPoint(NamedTuple):
@@ -19,18 +19,19 @@ class PathPoint(NamedTuple):
     the spot and may be run through at any pace, from standstill on, without a division by zero.
     """
 
-    pose: Array  # (3,) x, y in m, heading in rad
-    direction: Array  # (3, 3): the twist by s, and its first and second derivative by s
+    pose: Array  # (3,) x, y in m, heading in rad; (K, 3) of many points
+    direction: Array  # (3, 3): the twist by s, and its first and second derivative by s; (K, 3, 3)
 
 
-Path = Callable[[float], PathPoint]
+Path = Callable[[Numbers], PathPoint]
+"""A path: its point at s, or its points at many s; see :mod:`rpctl.reference.pointwise`."""
 
 
 def line(step: float = 1.0) -> Path:
     """Return a straight line along x; ``step`` m a unit of s, backwards where negative."""
 
-    def at(s: float) -> PathPoint:
-        return PathPoint(np.array([step * s, 0.0, 0.0]), _steady(step, 0.0))
+    def at(s: Numbers) -> PathPoint:
+        return PathPoint(vector(s, (step * s, 0.0, 0.0)), steady(s, step, 0.0))
 
     return at
 
@@ -38,8 +39,8 @@ def line(step: float = 1.0) -> Path:
 def spin() -> Path:
     """Return a turn on the spot, one radian a unit of s."""
 
-    def at(s: float) -> PathPoint:
-        return PathPoint(np.array([0.0, 0.0, s]), _steady(0.0, 1.0))
+    def at(s: Numbers) -> PathPoint:
+        return PathPoint(vector(s, (0.0, 0.0, s)), steady(s, 0.0, 1.0))
 
     return at
 
@@ -47,9 +48,10 @@ def spin() -> Path:
 def circle(radius: float = 1.0) -> Path:
     """Return a circle to the left of the start, one radian a unit of s; ``radius`` in m."""
 
-    def at(s: float) -> PathPoint:
-        pose = np.array([radius * math.sin(s), radius * (1.0 - math.cos(s)), s])
-        return PathPoint(pose, _steady(radius, 1.0))
+    def at(s: Numbers) -> PathPoint:
+        of = functions(s)
+        pose = vector(s, (radius * of.sin(s), radius * (1.0 - of.cos(s)), s))
+        return PathPoint(pose, steady(s, radius, 1.0))
 
     return at
 
@@ -61,15 +63,11 @@ def eight(length: float = 1.5, width: float = 0.75) -> Path:
     start is its crossing.
     """
 
-    def at(s: float) -> PathPoint:
-        sin, cos, sin2, cos2 = math.sin(s), math.cos(s), math.sin(2 * s), math.cos(2 * s)
-        return planar(
-            (length * sin, width * sin2),
-            complex(length * cos, 2 * width * cos2),
-            complex(-length * sin, -4 * width * sin2),
-            complex(-length * cos, -8 * width * cos2),
-            complex(length * sin, 16 * width * sin2),
-        )
+    def at(s: Numbers) -> PathPoint:
+        of, twice = functions(s), 2.0 * s
+        x, x1 = length * of.sin(s), length * of.cos(s)
+        y, y1 = width * of.sin(twice), 2.0 * width * of.cos(twice)
+        return planar((x, y), (x1, y1), (-x, -4.0 * y), (-x1, -4.0 * y1), (x, 16.0 * y))
 
     return at
 
@@ -80,74 +78,82 @@ def scaled(path: Path, factor: float) -> Path:
         return path
     size = np.array([factor, factor, 1.0])
 
-    def at(s: float) -> PathPoint:
+    def at(s: Numbers) -> PathPoint:
         pose, direction = path(s)
         return PathPoint(pose * size, direction * size)
 
     return at
 
 
-def planar(
-    position: tuple[float, float], d1: complex, d2: complex, d3: complex, d4: complex
-) -> PathPoint:
-    """Return the point of a curve driven forward, heading along it.
+Planar = tuple[Numbers, Numbers]  # x and y
+
+
+def planar(position: Planar, d1: Planar, d2: Planar, d3: Planar, d4: Planar) -> PathPoint:
+    """Return the point of a curve driven forward, heading along it; or as many as there are x.
 
     Args:
         position: x, y, m.
-        d1: First derivative of x + iy by the curve's parameter, not zero.
-        d2: Second derivative.
-        d3: Third derivative.
-        d4: Fourth derivative.
+        d1: Their first derivatives by the curve's parameter, not both zero.
+        d2: Second derivatives.
+        d3: Third derivatives.
+        d4: Fourth derivatives.
     """
-    square, slope = abs(d1) ** 2, 2.0 * _dot(d1, d2)
-    bend = 2.0 * (abs(d2) ** 2 + _dot(d1, d3))
-    across, across_rate = _cross(d1, d2), _cross(d1, d3)
-    across_bend = _cross(d2, d3) + _cross(d1, d4)
-    speed = math.sqrt(square)
-    speeds = (speed, 0.5 * slope / speed, 0.5 * bend / speed - 0.25 * slope**2 / speed**3)
+    (x, y), (x1, y1), (x2, y2), (x3, y3), (x4, y4) = position, d1, d2, d3, d4
+    of = functions(x)
+    square, slope = x1 * x1 + y1 * y1, 2.0 * (x1 * x2 + y1 * y2)
+    bend = 2.0 * (x2 * x2 + y2 * y2 + x1 * x3 + y1 * y3)
+    across, across_rate = x1 * y2 - y1 * x2, x1 * y3 - y1 * x3
+    across_bend = x2 * y3 - y2 * x3 + x1 * y4 - y1 * x4
+    speed = of.sqrt(square)
+    speed_rate = 0.5 * slope / speed
+    speed_bend = (0.5 * bend - speed_rate * speed_rate) / speed
     turn = across / square
     turn_rate = (across_rate - turn * slope) / square
     turn_bend = (across_bend - 2.0 * turn_rate * slope - turn * bend) / square
-    direction = np.column_stack([speeds, np.zeros(3), (turn, turn_rate, turn_bend)])
-    return PathPoint(np.array([*position, math.atan2(d1.imag, d1.real)]), direction)
+    rows = (speed, 0.0, turn), (speed_rate, 0.0, turn_rate), (speed_bend, 0.0, turn_bend)
+    return PathPoint(vector(x, (x, y, of.atan2(y1, x1))), matrix(x, rows))
 
 
-def _steady(speed: float, turn: float) -> Array:
-    """Return a direction (3, 3) that does not change along the path."""
-    return np.array([[speed, 0.0, turn], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+def steady(s: Numbers, speed: float, turn: float) -> Array:
+    """Return a direction (3, 3) that does not change along the path, or as many as there are s.
 
-
-def _dot(a: complex, b: complex) -> float:
-    return (a.conjugate() * b).real
-
-
-def _cross(a: complex, b: complex) -> float:
-    return (a.conjugate() * b).imag
+    Args:
+        s: The path's parameter.
+        speed: Forward, m a unit of s.
+        turn: rad a unit of s.
+    """
+    return matrix(s, ((speed, 0.0, turn), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
 class PathTime(NamedTuple):
-    """Path parameter at a time, and its first two derivatives by time."""
+    """Path parameter at a time, and its first two derivatives by time; or arrays (K,) of each."""
 
-    s: float
-    rate: float
-    acceleration: float
+    s: Numbers
+    rate: Numbers
+    acceleration: Numbers
 
 
-def ramped_time(t: float, rate: float, ramp: float) -> PathTime:
+def ramped_time(t: Numbers, rate: float, ramp: float) -> PathTime:
     """Return s(t) whose rate rises from 0 to ``rate`` in ``ramp`` seconds, then stays.
 
     The rise is a quintic: rate, acceleration and jerk start and end at zero, so no effort jumps.
 
     Args:
-        t: Time, s.
+        t: Time, or times (K,), s.
         rate: Final rate, 1/s.
         ramp: Duration of the rise, s; 0 for none.
     """
-    if t >= ramp:
+
+    def steadily(t: Numbers) -> PathTime:
         return PathTime(rate * (t - 0.5 * ramp), rate, 0.0)
-    u = t / ramp
-    return PathTime(
-        s=rate * ramp * u**4 * (2.5 + u * (u - 3.0)),
-        rate=rate * u**3 * (10.0 + u * (6.0 * u - 15.0)),
-        acceleration=rate / ramp * 30.0 * u**2 * (1.0 - u) ** 2,
-    )
+
+    def rising(t: Numbers) -> PathTime:
+        u = t / ramp
+        square = u * u
+        return PathTime(
+            s=rate * ramp * square * square * (2.5 + u * (u - 3.0)),
+            rate=rate * square * u * (10.0 + u * (6.0 * u - 15.0)),
+            acceleration=rate / ramp * 30.0 * square * (1.0 - u) ** 2,
+        )
+
+    return choose(t >= ramp, t, steadily, rising)

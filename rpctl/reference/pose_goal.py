@@ -16,6 +16,7 @@ from rpctl.reference.goal_paths import Leg, legs_between
 from rpctl.reference.limits import SPEED_RISE_TIME, Limits
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path, PathTime
+from rpctl.reference.pointwise import Numbers, choose
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import Bound, time_law
 from rpctl.reference.timed_path import Stretched, TimedPath, TimeLaw, along, constant, still
@@ -62,20 +63,21 @@ class GoalMotion:
         self._base, self._arm = base, arm
         self.duration = max(sum(leg.duration for leg in base), arm.duration)
 
-    def __call__(self, t: float) -> ReferenceState:
-        """Return the reference at time ``t`` (s)."""
-        arm, at = self._arm(t), t
-        for leg in self._base[:-1]:
-            if at < leg.duration:
-                break
-            at -= leg.duration
-        else:
-            leg = self._base[-1]
-        return leg(at)._replace(
+    def __call__(self, t: Numbers) -> ReferenceState:
+        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
+        arm = self._arm(t)
+        return self._leg(0, t)._replace(
             joints=arm.joints,
             joint_rates=arm.joint_rates,
             joint_accelerations=arm.joint_accelerations,
         )
+
+    def _leg(self, number: int, t: Numbers) -> ReferenceState:
+        """Return the reference of the base at times from a leg's start on."""
+        leg, following = self._base[number], number + 1
+        if following == len(self._base):
+            return leg(t)
+        return choose(t < leg.duration, t, leg, lambda t: self._leg(following, t - leg.duration))
 
 
 def is_goal(source: str) -> bool:
@@ -149,9 +151,9 @@ class AtRest:
 
     duration = 0.0
 
-    def __call__(self, t: float) -> PathTime:
+    def __call__(self, t: Numbers) -> PathTime:
         """Return s = 0, at rest."""
-        return PathTime(0.0, 0.0, 0.0)
+        return PathTime(0.0 * t, 0.0, 0.0)
 
 
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:
@@ -171,7 +173,7 @@ def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
         RpctlError: A pivot would stand on the centre of rotation: its wheel turned in no time.
     """
     drive = robot.drive
-    twists = np.array([path(x).direction @ robot.root_velocity.T for x in s])  # (N, 3, 3)
+    twists = path(s).direction @ robot.root_velocity.T  # (N, 3, 3)
     bounds = []
     for swivel in (each for each in drive.swivels if drive.steered and each.role != "caster"):
         x, y = swivel.pivot

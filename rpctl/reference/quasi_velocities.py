@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.rows import angle_of, rolling_row
@@ -95,3 +96,26 @@ def _rolling_speed(robot: Robot, speeds: Array, turned: Array) -> Array:
     row = rolling_row(swivel.pivot, angle_of(swivel, turned[0, 0]))
     turning = speeds[:, 2] + swivel.sign * turned[1:, 0]
     return speeds @ robot.root_velocity.T @ row - np.mean(beside) * turning
+
+
+def configurations(robot: Robot, pose: Array, joints: Array) -> Array:
+    """Return q (K, nq) for poses of P and positions of the arm; wheels and swivels at 0.
+
+    Joints that mimic one of the arm, and swivels that follow, are where those put them.
+
+    Args:
+        robot: The robot.
+        pose: Poses (K, 3), m and rad.
+        joints: Positions (K, n_joints), rad or m.
+    """
+    if robot.mimics or robot.drive.followers:
+        rows = zip(pose, joints, strict=True)
+        return np.array([robot.configuration_at(*row) for row in rows]).reshape(-1, robot.nq)
+    q = np.tile(pin.neutral(robot.model), (len(pose), 1))
+    heading, (px, py) = pose[:, 2] - robot.drive.heading, robot.drive.point
+    cos, sin = np.cos(heading), np.sin(heading)
+    q[:, 0], q[:, 1] = pose[:, 0] - cos * px + sin * py, pose[:, 1] - sin * px - cos * py
+    q[:, 2], q[:, 3] = cos, sin
+    for name, positions in zip(robot.joint_names, joints.T, strict=True):
+        robot.entries[name].write_all(q, positions)
+    return q

@@ -12,6 +12,15 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.csv_header import BASE_COLUMNS, HEADING
 from rpctl.reference.paths import Path, PathPoint
+from rpctl.reference.pointwise import (
+    Numbers,
+    beside,
+    entries,
+    functions,
+    matrix,
+    stack_rows,
+    vector,
+)
 from rpctl.reference.rolling_fit import HeadingRows, fit_rolling
 from rpctl.reference.row_fit import (
     METRES_PER_RADIAN,
@@ -235,23 +244,31 @@ def spline_path(spline: BSpline) -> Path:
     """Return the base's path of a pose spline by time."""
     orders = [spline.derivative(order) if order else spline for order in range(4)]
 
-    def at(s: float) -> PathPoint:
-        pose, d1, d2, d3 = (order(s) for order in orders)
-        omega, alpha, jerk = d1[2], d2[2], d3[2]
+    def at(s: Numbers) -> PathPoint:
+        pose, *derivatives = (order(s) for order in orders)
+        (vx, vy, omega), (ax, ay, alpha), (jx, jy, jerk) = map(entries, derivatives)
+        heading = entries(pose)[2]
+        cos, sin = functions(heading).cos(heading), functions(heading).sin(heading)
         # In the base's axes, u = e^(-iθ) ż: they turn, so u' = e^(-iθ) (z̈ - iω ż), and so on.
-        v, a, j = (complex(d[0], d[1]) for d in (d1, d2, d3))
-        back = complex(math.cos(pose[2]), -math.sin(pose[2]))
-        first = back * (a - 1j * omega * v)
-        second = back * (j - 2j * omega * a - (1j * alpha + omega**2) * v)
-        rows = ((back * v, omega), (first, alpha), (second, jerk))
-        return PathPoint(pose, np.array([[u.real, u.imag, turn] for u, turn in rows]))
+        square = omega * omega
+        world = (
+            (vx, vy, omega),
+            (ax + omega * vy, ay - omega * vx, alpha),
+            (
+                jx + 2.0 * omega * ay + alpha * vy - square * vx,
+                jy - 2.0 * omega * ax - alpha * vx - square * vy,
+                jerk,
+            ),
+        )
+        rows = [(cos * x + sin * y, cos * y - sin * x, turn) for x, y, turn in world]
+        return PathPoint(pose, matrix(s, rows))
 
     return at
 
 
 def travel_direction(
     robot: Robot, found: FittedSpline, t: Array
-) -> Callable[[float], Array] | None:
+) -> Callable[[Numbers], Array] | None:
     """Return a direction of travel that does not vanish where the data stand still.
 
     A base that cannot slide moves along (cos φ, 0, sin φ / ℓ): φ is a spline through the rows
@@ -275,13 +292,14 @@ def travel_direction(
     if len(moving):
         found = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
         angle = np.interp(np.arange(len(t)), moving, found)
-    orders = Curves(through(t, angle))
+    orders = Curves(through(t, angle[:, None]))
 
-    def at(s: float) -> Array:
-        phi, slope, bend = (float(order) for order in orders(s))
-        cos, sin = math.cos(phi), math.sin(phi)
-        lean = np.array([cos, 0.0, sin / METRES_PER_RADIAN])
-        across = np.array([-sin, 0.0, cos / METRES_PER_RADIAN])
-        return np.array([lean, across * slope, across * bend - lean * slope**2])
+    def at(s: Numbers) -> Array:
+        (phi,), (slope,), (bend,) = map(entries, orders(s))
+        cos, sin = functions(s).cos(phi), functions(s).sin(phi)
+        lean = vector(s, (cos, 0.0, sin / METRES_PER_RADIAN))
+        across = vector(s, (-sin, 0.0, cos / METRES_PER_RADIAN))
+        slope, bend = beside(slope), beside(bend)
+        return stack_rows(lean, across * slope, across * bend - lean * slope**2)
 
     return at

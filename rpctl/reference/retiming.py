@@ -84,7 +84,7 @@ def retimed(
     pace = Bound(np.ones(len(s)), np.zeros(len(s)), 1.0, PACE_RISE)
     law = time_law(s, [pace, *(limit.bound for limit in limits)])
     times = np.linspace(0.0, law.duration, len(s))
-    at, rate, _ = law.at(times)
+    at, rate, _ = law(times)
     moving = (at > min(1.0, 0.1 * end)) & (at < end - min(1.0, 0.1 * end))
     slowest = int(np.where(moving, rate, np.inf).argmin())
     row = int(np.searchsorted(table.t, at[slowest], side="right")) - 1

@@ -19,8 +19,8 @@ class Curves:
     def __init__(self, spline: BSpline) -> None:
         self._orders = spline, spline.derivative(1), spline.derivative(2)
 
-    def __call__(self, s: float) -> tuple[Array, Array, Array]:
-        """Return values, and first and second derivatives by s, (n,) each."""
+    def __call__(self, s: float | Array) -> tuple[Array, Array, Array]:
+        """Return values, and first and second derivatives by s, (n,) or (K, n) each."""
         value, slope, bend = (order(s) for order in self._orders)
         return value, slope, bend
 

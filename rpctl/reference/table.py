@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.errors import RpctlError
+from rpctl.reference.function import FunctionReference
 from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.path_reference import PathReference
+from rpctl.reference.pose_goal import GoalMotion
+from rpctl.reference.quasi_velocities import configurations
 from rpctl.reference.required import require_state
+from rpctl.reference.timed_path import TimedPath
 from rpctl.robot.model import Robot
+from rpctl.robot.placements import aligned_tree, end_effector_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +52,17 @@ class ReferenceTable:
         """Return the number of times."""
         return len(self.t)
 
+    @cached_property
+    def end_effector(self) -> Array:
+        """Where the end effector is (K, 3) on the reference, in the world, m; (K, 0) without one.
+
+        Base and arm are where the reference has them, wheels and swivels at 0.
+        """
+        if self.robot.end_effector is None:
+            return np.empty((len(self), 0))
+        frame = end_effector_frame(aligned_tree(self.robot))
+        return frame.at(configurations(self.robot, self.pose, self.joints))[1]
+
     def rows(self) -> Array:
         """Return all of it side by side (K, 9 + 3 n_joints + 9), in the order of the attributes.
 
@@ -56,6 +76,10 @@ class ReferenceTable:
         return np.hstack([*parts, *arm, direction.reshape(len(self), 9)])
 
 
+# What is called where these, or what inherits from them, are: it takes arrays of times.
+ARRAY_CALLS = {kind.__call__ for kind in (PathReference, TimedPath, GoalMotion, FunctionReference)}
+
+
 def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable:
     """Return a reference at many times.
 
@@ -67,8 +91,33 @@ def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable
     Raises:
         WrongAnswerError: The reference returns something else than a state that fits the robot.
     """
-    states = [require_state(robot, reference(t), t) for t in times.tolist()]
-    return _table_of(robot, times, states)
+    times = np.array(times, dtype=float)
+    found = _at_once(robot, reference, times)
+    if found is None:
+        states = [require_state(robot, reference(t), t) for t in times.tolist()]
+        found = _table_of(robot, times, states)
+    return found
+
+
+def _at_once(robot: Robot, reference: Any, times: Array) -> ReferenceTable | None:
+    """Return the table of a reference that takes arrays; None where something is wrong with it.
+
+    What is wrong, and at which time, shows when it is asked for one time after the other.
+    """
+    if type(reference).__call__ not in ARRAY_CALLS or not len(times):
+        return None
+    try:
+        state = reference(times)
+    except RpctlError:
+        return None
+    count, n = len(times), len(robot.joints)
+    direction = np.full((count, 3, 3), np.nan) if state.direction is None else state.direction
+    shapes = [column.shape for column in state[:6]]
+    if shapes != [(count, 3)] * 3 + [(count, n)] * 3 or not all(
+        np.isfinite(column).all() for column in state[:6]
+    ):
+        return None
+    return ReferenceTable(robot, times, *state._replace(direction=direction))
 
 
 def _table_of(robot: Robot, times: Array, states: list[ReferenceState]) -> ReferenceTable:

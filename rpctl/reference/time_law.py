@@ -15,6 +15,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.reference.paths import PathTime
+from rpctl.reference.pointwise import Numbers
 from rpctl.reference.splines import DEGREE, quintic, uniform_knots
 
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
@@ -42,14 +43,13 @@ class SplineTimeLaw:
         self._s, self._rate, self._acceleration = s, s.derivative(1), s.derivative(2)
         self.duration = float(s.t[len(s.c)])
 
-    def __call__(self, t: float) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s)."""
+    def __call__(self, t: Numbers) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
+        if isinstance(t, np.ndarray):
+            t = np.clip(t, 0.0, self.duration)
+            return PathTime(self._s(t), self._rate(t), self._acceleration(t))
         t = min(max(t, 0.0), self.duration)
         return PathTime(float(self._s(t)), float(self._rate(t)), float(self._acceleration(t)))
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return s and its derivatives at many times (K,)."""
-        return self._s(t), self._rate(t), self._acceleration(t)
 
 
 def max_squared_rate(s: Array, bounds: Sequence[Bound]) -> Array:
@@ -151,7 +151,7 @@ def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
 def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float:
     """Return the factor by which a time law must slow down for the bounds; 1 or less: none."""
     count = SAMPLES_PER_KNOT * max(2, round(timing.duration / KNOT_SPACING))
-    at, rate, acceleration = timing.at(np.linspace(0.0, timing.duration, count))
+    at, rate, acceleration = timing(np.linspace(0.0, timing.duration, count))
     worst = 0.0
     for bound in bounds:
         slope, bend = np.interp(at, s, bound.slope), np.interp(at, s, bound.bend)

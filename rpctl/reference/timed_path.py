@@ -11,7 +11,8 @@ from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.paths import Path, PathPoint, PathTime
+from rpctl.reference.paths import Path, PathPoint, PathTime, steady
+from rpctl.reference.pointwise import Numbers, beside, entries, split_rows, stack_rows, vector
 from rpctl.reference.sizing import Sizing
 from rpctl.reference.splines import Curves
 
@@ -23,8 +24,8 @@ class TimeLaw(Protocol):
     def duration(self) -> float:
         """Time after which it stays, s."""
 
-    def __call__(self, t: float) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s)."""
+    def __call__(self, t: Numbers) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,15 @@ class TimedPath:
         path: The base's path.
         arm: Positions of the joints (n_joints,) by s.
         time_law: s(t).
-        travel_direction: Direction of travel by s that does not vanish where the path stands
-            still; None takes the path's own.
+        travel_direction: Direction of travel by s, or by many, that does not vanish where the path
+            stands still; None takes the path's own.
         sizing: How large and fast it is, and why; None where a file says it.
     """
 
     path: Path = field(repr=False)
     arm: Curves = field(repr=False)
     time_law: TimeLaw = field(repr=False)
-    travel_direction: Callable[[float], Array] | None = field(default=None, repr=False)
+    travel_direction: Callable[[Numbers], Array] | None = field(default=None, repr=False)
     sizing: Sizing | None = None
 
     @property
@@ -51,17 +52,17 @@ class TimedPath:
         """Time after which it stays, s."""
         return self.time_law.duration
 
-    def __call__(self, t: float) -> ReferenceState:
-        """Return the reference at time ``t`` (s)."""
+    def __call__(self, t: Numbers) -> ReferenceState:
+        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
         return self.at(self.time_law(t))
 
     def at(self, path_time: PathTime) -> ReferenceState:
         """Return the reference where the path parameter is s, with these derivatives by time."""
-        s, ds, dds = path_time
-        point = self.path(s)
-        along, bend, _ = point.direction
+        s, *rates = path_time
+        point, (ds, dds) = self.path(s), map(beside, rates)
+        along, bend, _ = split_rows(point.direction)
         joints, slope, curve = self.arm(s)
-        toward, change, twice = (
+        toward, change, twice = split_rows(
             point.direction if self.travel_direction is None else self.travel_direction(s)
         )
         return ReferenceState(
@@ -71,7 +72,7 @@ class TimedPath:
             joints,
             slope * ds,
             curve * ds**2 + slope * dds,
-            np.array([toward, change * ds, twice * ds**2 + change * dds]),
+            stack_rows(toward, change * ds, twice * ds**2 + change * dds),
         )
 
 
@@ -87,8 +88,8 @@ class Stretched:
         self._law, self.duration = law, duration
         self._pace = law.duration / duration
 
-    def __call__(self, t: float) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s)."""
+    def __call__(self, t: Numbers) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
         s, rate, acceleration = self._law(self._pace * t)
         return PathTime(s, self._pace * rate, self._pace**2 * acceleration)
 
@@ -102,8 +103,8 @@ def slowed(reference: TimedPath, factor: float) -> TimedPath:
 def still(pose: Array) -> Path:
     """Return the path of a base that stays at a pose (3,)."""
 
-    def at(_: float) -> PathPoint:
-        return PathPoint(pose.copy(), np.zeros((3, 3)))
+    def at(s: Numbers) -> PathPoint:
+        return PathPoint(vector(s, entries(pose)), steady(s, 0.0, 0.0))
 
     return at
 
@@ -121,4 +122,4 @@ def constant(values: Array, start: float, end: float) -> Curves:
 
 def along(path: Path, s: Array) -> Array:
     """Return a path's direction and its first derivative by s at points (N,): (N, 2, 3)."""
-    return np.array([path(float(x)).direction[:2] for x in s])
+    return path(s).direction[:, :2]

@@ -10,6 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
 from rpctl.reference.paths import PathTime
+from rpctl.reference.pointwise import beside
 from rpctl.robot.model import Robot
 
 SPEED_FRACTION = 0.5  # of a joint's velocity limit: what an arm reference uses at most
@@ -29,15 +30,17 @@ class Waves:
     rate: Array = field(repr=False)  # (n_joints,) rad/s
 
     def __call__(self, path_time: PathTime) -> tuple[Array, Array, Array]:
-        """Return positions, rates and accelerations (n_joints,) each."""
-        sin, cos = np.sin(self.rate * path_time.s), np.cos(self.rate * path_time.s)
+        """Return positions, rates and accelerations, (n_joints,) or (K, n_joints) each."""
+        s, rate, acceleration = map(beside, path_time)
+        phase = self.rate * s
+        sin, cos = np.sin(phase), np.cos(phase)
         slope = self.amplitude * self.rate * cos
         bend = -self.amplitude * self.rate**2 * sin
         position = self.centre + self.amplitude * sin
         return (
             position,
-            slope * path_time.rate,
-            bend * path_time.rate**2 + slope * path_time.acceleration,
+            slope * rate,
+            bend * rate**2 + slope * acceleration,
         )
 
 

@@ -46,7 +46,7 @@ def test_the_clock_is_smooth_within_limits_and_hardly_slower() -> None:
     best = S[-1] / speed + speed / acceleration
     assert best < timing.duration < best + 6.0 * KNOT_SPACING
     t = np.linspace(0.0, timing.duration, 5000)
-    s, rate, change = timing.at(t)
+    s, rate, change = timing(t)
     assert (s[0], s[-1]) == pytest.approx((0.0, S[-1]), abs=1e-12)
     assert np.diff(s).min() >= 0.0
     assert rate.max() <= speed
@@ -76,7 +76,7 @@ def test_smoothing_breaks_no_acceleration_on_a_bend() -> None:
     slope, bend = np.ones(len(S)), 8.0 * np.exp(-(((S - 1.5) / 0.05) ** 2))
     bounds = [Bound(slope, FLAT, 1.0, 2.0), Bound(slope, bend, 1.0, 1.0)]
     timing = time_law(S, bounds)
-    at, rate, change = timing.at(np.linspace(0.0, timing.duration, 20000))
+    at, rate, change = timing(np.linspace(0.0, timing.duration, 20000))
     for bound in bounds:
         c1, c2 = np.interp(at, S, bound.slope), np.interp(at, S, bound.bend)
         assert np.abs(c1 * rate).max() <= bound.speed

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 
+import casadi
 import numpy as np
 
 from rpctl.arrays import Array
@@ -77,8 +78,7 @@ class Interpreted:
         for statement in body:
             match statement:
                 case Call(function, inputs, outputs):
-                    found = function(*(workspace[x] for x in inputs))
-                    found = found if isinstance(found, tuple) else (found,)
+                    found = function.call([casadi.DM(workspace[x]) for x in inputs])
                     for into, values in zip(outputs, found, strict=True):
                         workspace[into][:] = values.full()
                 case Read(stream, into):

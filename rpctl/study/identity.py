@@ -1,0 +1,118 @@
+"""What the runs of a study follow from, as records of JSON: robot, experiment, versions."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rpctl
+from rpctl.robot.model import Robot
+from rpctl.simulation.config import config_tables
+from rpctl.study.distributions import distribution_table
+from rpctl.study.rollout import Experiment
+from rpctl.study.scatter import Scatter
+
+NUMERICAL = ("pin", "numpy", "scipy", "casadi", "piqp", "daqp", "llvmlite", "SALib")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of rpctl and of the packages that its numbers follow from."""
+    found = {name: _version(name) for name in NUMERICAL}
+    return {"rpctl": rpctl.__version__, **{name: each for name, each in found.items() if each}}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # optional
+        return None
+
+
+def robot_identity(robot: Robot) -> dict[str, Any]:
+    """Return what tells a robot from another: its file, how it was loaded, its model's numbers."""
+    return {
+        "name": robot.name,
+        "urdf": robot.description.sha256,
+        "locked": dict(robot.locked),
+        "home": dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
+        "end_effector": robot.end_effector,
+        "drive": _digest(repr(robot.drive).encode()),
+        "model": model_digest(robot),
+    }
+
+
+def model_digest(robot: Robot) -> str:
+    """Return a digest of all numbers of a robot's model: inertias, places, limits, losses."""
+    model = robot.model
+    parts = [
+        *(inertia.toDynamicParameters() for inertia in model.inertias),
+        *(place.homogeneous for place in model.jointPlacements),
+        model.armature,
+        robot.effort_limits,
+        robot.velocity_limits,
+        [(joint.lower, joint.upper) for joint in robot.joints],
+    ]
+    if robot.losses is not None:
+        parts += [robot.losses.damping, robot.losses.friction]
+    return _digest(b"".join(np.ascontiguousarray(part, float).tobytes() for part in parts))
+
+
+def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, Any]:
+    """Return what all runs have in common, and what differs between them.
+
+    Args:
+        experiment: What they have in common.
+        scatter: What differs.
+    """
+    own = {
+        item.name: getattr(experiment, item.name)
+        for item in dataclasses.fields(experiment)
+        if item.name not in ("config", "names", "reference")
+    }
+    pairs = zip(scatter.names, scatter.distributions, strict=True)
+    return {
+        **own,
+        "config": config_tables(experiment.config),
+        "reference": _file_digest(experiment.config.run.reference),
+        "scatter": {name: distribution_table(each) for name, each in pairs},
+    }
+
+
+def _file_digest(reference: str) -> str | None:
+    """Return the digest of a reference's file; None of a name."""
+    try:
+        return _digest(Path(reference).read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def plain_differences(there: Any, here: Any, label: str = "") -> list[str]:
+    """Return where two records of JSON differ: ``seed: 1 there, 2 here``.
+
+    Args:
+        there: One record.
+        here: The other.
+        label: What they are part of.
+    """
+    if not (isinstance(there, Mapping) and isinstance(here, Mapping)):
+        return [] if there == here else [f"{label}: {_short(there)} there, {_short(here)} here"]
+    found = []
+    for key in sorted({*there, *here}):
+        inner = f"{label}.{key}" if label else key
+        found += plain_differences(there.get(key), here.get(key), inner)
+    return found
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,0 +1,309 @@
+"""A study: runs of one robot that differ in some settings, kept on disk as they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.errors import RpctlError
+from rpctl.files.writing import write_atomically
+from rpctl.robot.model import Robot
+from rpctl.simulation.config import Config
+from rpctl.simulation.facts import RobotFacts, robot_facts
+from rpctl.simulation.reload import load_robot
+from rpctl.study.design import Design
+from rpctl.study.executor import Executor, SerialExecutor
+from rpctl.study.identity import experiment_identity, model_digest, robot_identity, versions
+from rpctl.study.merits import MERITS, SUCCESS, merits_for
+from rpctl.study.optimisation import Optimisation
+from rpctl.study.rollout import Experiment, RolloutTable, run_rows
+from rpctl.study.scatter import Scatter
+from rpctl.study.store import RunTable, Store, chunks_of
+
+STUDY_FILE = "study.toml"
+LARGEST_CHUNK = 256  # runs
+CHUNKS_EACH = 8  # for each worker, where the study is large enough
+LANES = 8  # of a compiled loop: chunks are whole numbers of them
+TAIL = 1e-3  # where a design asks for the end of a distribution that has none
+MERIT = "rms_base_error"  # that runs are compared by, unless the study names another
+
+Progress = Callable[[int, int], object]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is run, and how it is judged.
+
+    Attributes:
+        experiment: What all runs have in common; its names are those of the scatter.
+        scatter: What differs.
+        design: At which points.
+        merit: That runs are compared by; larger is worse.
+        worst: How many of the worst runs are written as configurations.
+        success: The largest merit that a run that succeeds may have, by name; none: it tracked
+            within the experiment's tolerance and broke no limit.
+        chunk: Runs that are done at a time; None: as many as suits the workers.
+        optimisation: Settings to be found; None: none.
+        text: The study's file.
+    """
+
+    experiment: Experiment
+    scatter: Scatter = field(default_factory=Scatter)
+    design: Design = field(default_factory=Design)
+    merit: str = MERIT
+    worst: int = 3
+    success: Mapping[str, float] = field(default_factory=dict)
+    chunk: int | None = None
+    optimisation: Optimisation | None = None
+    text: str = ""
+
+    @cached_property
+    def points(self) -> Array:
+        """Points of the design (N, n), each entry in [0, 1]."""
+        return self.design.points(len(self.scatter.names))
+
+    @cached_property
+    def values(self) -> Array:
+        """Settings of all runs (N, n)."""
+        return settings_at(self.scatter, self.points)
+
+    def config_of(self, run: int) -> Config:
+        """Return the configuration of a run, which ``rpctl track --config`` replays.
+
+        Args:
+            run: Its number.
+        """
+        return self.experiment.config_of(self.values[run], run)
+
+
+def settings_at(scatter: Scatter, points: Array) -> Array:
+    """Return the settings (K, n) at points (K, n); where a distribution has no end, near it.
+
+    Args:
+        scatter: The distributions.
+        points: Shares, from 0 to 1.
+    """
+    values = scatter.values(points)
+    inner = scatter.values(np.clip(points, TAIL, 1.0 - TAIL))
+    return np.where(np.isfinite(values), values, inner)
+
+
+@dataclass(frozen=True)
+class RunChunk:
+    """Runs that are done together.
+
+    Attributes:
+        rows: Their rows (K,) among all that is asked.
+        indices: Numbers (K,) from which their random numbers follow.
+        values: Their settings (K, n).
+    """
+
+    rows: NDArray[np.int64]
+    indices: NDArray[np.int64]
+    values: Array
+
+    def __str__(self) -> str:
+        """Return ``runs 0 to 9``."""
+        first, last = int(self.rows[0]), int(self.rows[-1])
+        return f"run {first}" if first == last else f"runs {first} to {last}"
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """What a process needs to run chunks; it can be sent to another machine.
+
+    Attributes:
+        robot: How to load the robot.
+        model: Digest of the model that this has to lead to.
+        experiment: What all runs have in common.
+    """
+
+    robot: RobotFacts
+    model: str
+    experiment: Experiment
+
+
+def task_of(robot: Robot, experiment: Experiment) -> RunTask:
+    """Return what a process needs to run an experiment.
+
+    Args:
+        robot: The robot, as it was loaded.
+        experiment: The experiment.
+    """
+    return RunTask(robot_facts(robot), model_digest(robot), experiment)
+
+
+def run_chunk(task: RunTask, chunk: RunChunk) -> RunTable:
+    """Run a chunk: a pure function, whose rows depend on the chunk's settings and numbers only.
+
+    Args:
+        task: The robot and the experiment.
+        chunk: The runs.
+
+    Raises:
+        RpctlError: The robot cannot be loaded here, or is another one here.
+    """
+    found = run_rows(_loaded(_ById(task)), task.experiment, chunk.values, chunk.indices)
+    return _table(task.experiment, chunk, found)
+
+
+def _table(experiment: Experiment, chunk: RunChunk, found: RolloutTable) -> RunTable:
+    columns = chunk.values.T
+    return RunTable(
+        index=chunk.rows,
+        parameters=dict(zip(experiment.names, columns, strict=True)),
+        merits={name: each for name, each in found.merits.items() if name != SUCCESS},
+        series={name: each.astype(np.float32) for name, each in found.series.items()},
+        t=found.t,
+        outcomes=found.outcomes,
+        reasons=found.reasons,
+    )
+
+
+class _ById:
+    """A task as the key of a cache: the same if it is the same object."""
+
+    def __init__(self, task: RunTask) -> None:
+        self.task = task
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ById) and other.task is self.task
+
+    def __hash__(self) -> int:
+        return id(self.task)
+
+
+@lru_cache(maxsize=4)
+def _loaded(key: _ById) -> Robot:
+    """Return the robot of a task, loaded once in a process."""
+    task = key.task
+    robot = load_robot(
+        task.robot, [path for path in task.robot.package_dirs if Path(path).is_dir()]
+    )
+    if model_digest(robot) != task.model:
+        raise RpctlError(
+            f"{robot.name}: the model loaded from its file is not the one of the study; a robot "
+            "that was changed in Python cannot be sent: scatter its plant, or change its file"
+        )
+    return robot
+
+
+def run_study(
+    robot: Robot,
+    study: Study,
+    out: Path,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    resume: bool = False,
+) -> Path:
+    """Run a study, and write its runs to ``runs.parquet``.
+
+    Its rows do not depend on the executor, nor on chunks and their order. What ends it early leaves
+    the chunks that are done; to resume goes on with them.
+
+    Args:
+        robot: The robot, as it was loaded.
+        study: The study.
+        out: The folder to write to.
+        executor: What runs the chunks; None: this process.
+        progress: Called with the runs done and their number.
+        resume: Whether to go on with what the folder holds.
+
+    Returns:
+        The file.
+
+    Raises:
+        RpctlError: The study does not fit the robot, or the folder holds something else.
+    """
+    merits_for(robot, (study.merit, *study.success))
+    worker, notify = executor or SerialExecutor(), progress or (lambda done, total: None)
+    store = open_store(robot, study, out, resume)
+    total = len(study.points)
+    done = store.done()
+    count = int((done < total).sum())
+    notify(count, total)
+    missing = np.setdiff1d(np.arange(total), done)
+    chunks = _chunks(study, missing, worker.workers)
+    task = task_of(robot, study.experiment)
+    for _, rows in worker.map_chunks(partial(run_chunk, task), chunks):
+        store.write(rows)
+        count += len(rows)
+        notify(count, total)
+    return store.merge(total, partial(succeeded, success=study.success))
+
+
+def open_store(robot: Robot, study: Study, out: Path, resume: bool) -> Store:
+    """Return the folder of a study's runs, made or found fit to go on with.
+
+    Args:
+        robot: The robot.
+        study: The study.
+        out: The folder.
+        resume: Whether to go on with what it holds.
+
+    Raises:
+        RpctlError: It holds a study and is not to be resumed, or another study's runs.
+    """
+    design = {"kind": study.design.kind, "seed": study.design.seed}
+    if study.design.kind != "monte-carlo":  # of which more runs extend a study
+        design["count"] = study.design.count
+    identity = {
+        "robot": robot_identity(robot),
+        "design": design,
+        "experiment": experiment_identity(study.experiment, study.scatter),
+        "versions": versions(),
+    }
+    details = {
+        "source": robot.source,
+        "count": study.design.count,
+        "merit": study.merit,
+        "worst": study.worst,
+        "success": dict(study.success),
+        "study": study.text,
+        "period": study.experiment.config.run.control_period,
+    }
+    units = {name: merit.unit for name, merit in MERITS.items()}
+    store = Store(out, identity, details, units)
+    store.open(resume)
+    if study.text:
+        write_atomically(out / STUDY_FILE, study.text.encode(), follow_links=False)
+    return store
+
+
+def _chunks(study: Study, missing: NDArray[np.int64], workers: int) -> Iterator[RunChunk]:
+    size = study.chunk or chunk_size(len(missing), workers)
+    for rows in chunks_of(missing, size):
+        yield RunChunk(rows, rows, study.values[rows])
+
+
+def chunk_size(rows: int, workers: int) -> int:
+    """Return how many runs are done at a time.
+
+    Args:
+        rows: How many there are.
+        workers: How many chunks run at a time.
+    """
+    even = max(1, min(LARGEST_CHUNK, rows // (CHUNKS_EACH * workers)))
+    return even if even < LANES else even - even % LANES
+
+
+def succeeded(
+    merits: Mapping[str, Array], outcomes: tuple[str, ...], success: Mapping[str, float]
+) -> NDArray[np.bool_]:
+    """Return which runs (K,) succeeded.
+
+    Args:
+        merits: By name, (K,) each.
+        outcomes: In a word, K of them.
+        success: The largest merits, by name; none: the outcome decides.
+    """
+    if not success:
+        return np.array([each == "tracked" for each in outcomes])
+    kept = [merits[name] <= largest for name, largest in success.items()]
+    return np.asarray(np.all(kept, axis=0))
