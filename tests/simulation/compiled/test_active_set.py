@@ -35,11 +35,12 @@ STEP = step_function()
 
 def search(G: Array, bounds: tuple[Array, Array], start: Array) -> tuple[Array, Array, Array, int]:
     """Return active bounds, multipliers, x, and the number of steps."""
-    state = [np.sign(start), start, np.zeros(N), 1.0]
+    active, multipliers, x, going = np.sign(start), start, np.zeros(N), np.ones(1)
     for steps in range(1, 60):
-        state = [part.full().ravel() for part in STEP(G, *bounds, *state)]
-        if not state[3][0]:
-            return state[0], state[1], state[2], steps
+        found = STEP(G, *bounds, active, multipliers, x, going)
+        active, multipliers, x, going = (part.full().ravel() for part in found)
+        if not going[0]:
+            return active, multipliers, x, steps
     raise AssertionError("the search does not end")
 
 
@@ -86,7 +87,7 @@ def test_the_conditions_of_a_minimum_hold(rng: np.random.Generator) -> None:
         assert (values <= upper + 10.0 * PRIMAL_TOLERANCE).all()
         assert (active * multipliers >= 0.0).all()
         assert not multipliers[active == 0.0].any()
-        bound += np.count_nonzero(active)
+        bound += int(np.count_nonzero(active))
     assert bound > 40
 
 

@@ -26,8 +26,10 @@ from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.law_fragment import LawFragment
 from rpctl.simulation.compiled.law_settings import settings_of
 from rpctl.simulation.compiled.laws import law_fragment, unsupported
+from rpctl.simulation.compiled.program import Call, Program
 from tests.simulation.compiled.law_cases import PERIOD
 
 
@@ -98,7 +100,7 @@ def changed(law: Any) -> Any:
 )
 def test_numbers_are_inputs(laws: tuple[Any, Any], paper: Robot) -> None:
     """Laws with other numbers have the same functions, entry by entry, and other settings."""
-    dynamics, other = SymbolicDynamics(paper), tuple(changed(law) for law in laws)
+    dynamics, other = SymbolicDynamics(paper), (changed(laws[0]), changed(laws[1]))
     first, second = (law_fragment(*pair, dynamics, PERIOD) for pair in (laws, other))
     for a, b in zip(functions(first), functions(second), strict=True):
         assert a == b
@@ -113,10 +115,8 @@ def test_numbers_are_inputs(laws: tuple[Any, Any], paper: Robot) -> None:
     assert not any(name.endswith((".v", ".omega")) for name in same if "root" not in name)
 
 
-def functions(fragment: Any) -> list[str]:
+def functions(fragment: LawFragment) -> list[str]:
     """Return the functions of a fragment as texts."""
-    from rpctl.simulation.compiled.program import Call, Program
-
     statements = Program((*fragment.start, *fragment.body, *fragment.remember)).statements()
     return [s.function.serialize() for s in statements if isinstance(s, Call)]
 
