@@ -84,7 +84,7 @@ COMMANDS = {
     ),
     "study": LazyCommand(
         "rpctl.cli.study:study_command",
-        "Run a robot thousands of times with scattered settings, or find robust settings.",
+        "Run a robot many times with settings that differ, and tell what became of it and why.",
         "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
     ),
     "lag": LazyCommand(

@@ -14,13 +14,14 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder
-from rpctl.cli.streams import print_document, print_json
+from rpctl.cli.streams import print_document, print_json, say
 from rpctl.cli.study_summary import show_optimum, show_study
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
+from rpctl.study.cluster import DaskExecutor
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.extras import parquet, salib
 from rpctl.study.optimise import optimise
@@ -73,8 +74,7 @@ class StudyOptions:
     def executor(self) -> Executor:
         """Return what runs the chunks."""
         if self.scheduler is not None:
-            executor: Executor = library("rpctl.study.cluster").DaskExecutor(self.scheduler)
-            return executor
+            return DaskExecutor(self.scheduler, tell=lambda text: say(text, err=True))
         return SerialExecutor() if self.workers == 1 else ProcessExecutor(self.workers)
 
 

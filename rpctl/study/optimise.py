@@ -19,7 +19,7 @@ from rpctl.simulation.config import Config, write_config
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor, SerialExecutor
 from rpctl.study.gain_search import GainSearch, SearchLog, point_key, range_table, setting
-from rpctl.study.identity import experiment_identity, robot_identity, versions
+from rpctl.study.identity import code_identity, experiment_identity, robot_identity
 from rpctl.study.merits import merits_for
 from rpctl.study.optimum import AFTER, BEFORE, CONFIG_FILE, write_optimum
 from rpctl.study.run_chunk import RunChunk, RunTask, run_chunk, task_of
@@ -158,7 +158,7 @@ def _open(search: GainSearch, folder: Path, resume: bool) -> None:
         "experiment": experiment_identity(study.experiment, study.scatter),
         "success": dict(study.success),
         "optimize": {**own, "parameters": range_table(asked.ranges)},
-        "versions": versions(),
+        "versions": code_identity(study.design),
     }
     Store(folder, identity).open(resume)
 

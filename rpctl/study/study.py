@@ -20,7 +20,7 @@ from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.outcome import TRACKED
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor, SerialExecutor
-from rpctl.study.identity import experiment_identity, robot_identity, versions
+from rpctl.study.identity import code_identity, experiment_identity, robot_identity
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.optimisation import Optimisation
 from rpctl.study.rollout import Experiment
@@ -128,8 +128,8 @@ def run_study(
     """
     merits_for(robot, (study.merit, *study.success))
     worker, notify = executor or SerialExecutor(), progress or (lambda done, total: None)
+    total = len(study.points)  # a library that is missing is told before anything is written
     store = open_store(robot, study, out, resume)
-    total = len(study.points)
     done = store.done()
     count = int((done < total).sum())
     notify(count, total)
@@ -185,7 +185,7 @@ def open_store(robot: Robot, study: Study, out: Path, resume: bool) -> Store:
         "robot": robot_identity(robot),
         "design": design,
         "experiment": experiment_identity(study.experiment, study.scatter),
-        "versions": versions(),
+        "versions": code_identity(study.design),
     }
     details = {
         "source": robot.source,

@@ -23,6 +23,7 @@ from rpctl.study.store import RunTable, read_runs
 from rpctl.study.study import Study, chunk_size, run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, read_result
+from rpctl.study.versions import installed
 from tests.study.fake_rollouts import OddExecutor, patch_rollouts
 
 SHORT = """
@@ -188,8 +189,8 @@ def test_another_robot_or_version_is_refused(
         run_study(other, study, tmp_path / "out", resume=True)
     with pytest.raises(RpctlError, match=r"robot.model: \w+ there, \w+ here"):
         run_study(rpctl.scale_masses(paper, "*", 1.1), study, tmp_path / "out", resume=True)
-    monkeypatch.setattr(rpctl, "__version__", "99.0")
-    with pytest.raises(RpctlError, match=r"versions.rpctl: \S+ there, 99.0 here"):
+    monkeypatch.setattr("rpctl.study.identity.installed", lambda: {**installed(), "pin": "99.0"})
+    with pytest.raises(RpctlError, match=r"versions.pin: \S+ there, 99.0 here"):
         run_study(paper, study, tmp_path / "out", resume=True)
 
 
@@ -263,6 +264,7 @@ def test_a_library_that_is_missing_is_named(
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(RpctlError, match=rf"needs {package}; pip install 'rpctl\[study\]'"):
         run_study(paper, study, tmp_path / "out")
+    assert not (tmp_path / "out" / "runs.parquet").exists()
 
 
 def test_chunks_suit_the_workers() -> None:
