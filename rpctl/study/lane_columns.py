@@ -39,7 +39,7 @@ from rpctl.study.scatter import TUPLES, with_values
 LINKS = "link with a mass"
 POSITIVE = ("masses", "inertias", "radii", "track")
 NOT_NEGATIVE = ("damping", "joint_friction", "delay", "noise", "dropped")
-USUAL = 100.0  # a number of a larger size, or of less than its inverse, is looked at one by one
+USUAL = (1e-9, 1e2)  # sizes of settings; runs with other ones are looked at one by one
 
 
 class LaneColumns:
@@ -111,7 +111,7 @@ class LaneColumns:
     def _suspects(self, values: Array) -> NDArray[np.bool_]:
         """Return which rows (K,) may be refused: none of the others is."""
         sizes = np.abs(values)
-        usual = (sizes <= USUAL) & ((values == 0.0) | (sizes >= 1.0 / USUAL))
+        usual = (sizes <= USUAL[1]) & ((values == 0.0) | (sizes >= USUAL[0]))
         for name, k in self._keys.items():
             table, field = name.split(".")[:2]
             if table == "plant" and field in POSITIVE:
@@ -127,7 +127,7 @@ class LaneColumns:
         suspects = ~usual.all(axis=1)
         if self.varied.rolling:
             suspects = suspects | self._lifted(values)
-        return suspects | (bool(self.varied.bodies) and not self._sound)
+        return np.asarray(suspects | self._unsound(np.where(suspects[:, None], 1.0, values)))
 
     def _refusal(self, values: Array) -> str | None:
         """Return why a run is refused for its settings (n,), or None."""
@@ -138,20 +138,33 @@ class LaneColumns:
             if config.plant.delay > self._duration:
                 raise RpctlError(late(config.plant.delay, self._duration))
             start_configuration(self.robot, self._start, config.run.initial_error)
-            if self.varied.rolling or (self.varied.bodies and not self._sound):
+            if self.varied.rolling or self._weak:
                 config.plant.simulated_robot(self.robot)
         except RpctlError as error:
             return str(error)
         return None
 
     @cached_property
-    def _sound(self) -> bool:
-        """Whether every link is a body: then it is one whatever its scales and its centre."""
-        for link in self.robot.description.links:
-            moments = np.linalg.eigvalsh(link.inertia)
-            if link.mass and (moments[0] < 0.0 or moments[2] > moments[0] + moments[1]):
-                return False
-        return True
+    def _weak(self) -> list[int]:
+        """The bodies that differ and have a link that is no body of its own.
+
+        The others are bodies whatever the scales and the centres of their links.
+        """
+        found = set()
+        for name, body in zip(self._links.names, self._links.body.tolist(), strict=True):
+            moments = np.linalg.eigvalsh(self.robot.description.link[name].inertia)
+            if moments[0] < 0.0 or moments[2] > moments[0] + moments[1]:
+                found.add(body)
+        joints = self.simulated.model.names
+        return [body for body in sorted(found) if joints[body + ROOT_JOINT] in self.varied.bodies]
+
+    def _unsound(self, values: Array) -> NDArray[np.bool_]:
+        """Return in which rows (K,) the sum of links may be no body."""
+        if not self._weak:
+            return np.zeros(len(values), bool)
+        return np.asarray(
+            (np.linalg.eigvalsh(self._bodies(values)[:, self._weak]) < 0.0).any((1, 2))
+        )
 
     @cached_property
     def _laws(self) -> list[int]:
@@ -211,13 +224,15 @@ class LaneColumns:
             found[:, places] = value
         return found
 
-    def _centres(self, values: Array) -> Array:
-        """Return the offsets of the links' centres (K, L, 3), m."""
+    def _centres(self, values: Array) -> Array | None:
+        """Return the offsets of the links' centres (K, L, 3), m; None: there are none."""
         given, names = self.experiment.config.plant.centres, self._links.names
         scattered: dict[str, dict[str, int]] = {}
         for path, column in self._scattered("centres").items():
             pattern, _, entry = path.rpartition(".")
             scattered.setdefault(pattern, {})[entry] = column
+        if not (given or scattered):
+            return None
         found = np.zeros((len(values), len(names), 3))
         for pattern in dict.fromkeys((*given, *scattered)):
             offset = np.tile(np.array(given.get(pattern, (0.0, 0.0, 0.0))), (len(values), 1))
@@ -245,17 +260,20 @@ class LaneColumns:
 
     def _parameters(self, dynamics: SymbolicDynamics, values: Array) -> Array:
         """Return the parameters (K, n_p) of the simulated robots."""
-        masses, inertias = (
-            self._columns(field, self._links.names, 1.0, LINKS, values)
-            for field in ("masses", "inertias")
-        )
-        bodies = self._links.bodies(masses, self._centres(values), inertias)
         numbers: dict[str, Array] = {}
         if self.varied.losses:
             numbers |= self._losses(values)
         if self.varied.rolling:
             numbers |= self._rolling(values)
-        return dynamics.parameters(self.simulated, bodies, numbers)
+        return dynamics.parameters(self.simulated, self._bodies(values), numbers)
+
+    def _bodies(self, values: Array) -> Array:
+        """Return the pseudo-inertias of the bodies (K, n, 4, 4)."""
+        masses, inertias = (
+            self._columns(field, self._links.names, 1.0, LINKS, values)
+            for field in ("masses", "inertias")
+        )
+        return self._links.bodies(masses, self._centres(values), inertias)
 
     def _losses(self, values: Array) -> dict[str, Array]:
         """Return damping and friction (K, nv) of the joints."""
