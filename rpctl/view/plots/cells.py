@@ -21,7 +21,7 @@ VALUE_LABEL_IN, TIME_LABEL_IN = 0.42, 0.175  # from the axes to the labels
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class PanelCell:
     """A panel's axes and its place in the figure.
 
     Attributes:
@@ -39,7 +39,7 @@ class Cell:
     legend: float
 
 
-def place_cells(figure: Figure, cells: Sequence[Cell], columns: int, strip: float) -> None:
+def place_cells(figure: Figure, cells: Sequence[PanelCell], columns: int, strip: float) -> None:
     """Give a figure its height, and each panel its place and those of its labels.
 
     Args:

@@ -15,7 +15,7 @@ from rpctl.simulation.run import Run
 from rpctl.view.chart import Panel
 from rpctl.view.charts import coloured_joints
 from rpctl.view.marks import marked
-from rpctl.view.plots.cells import Cell, place_cells
+from rpctl.view.plots.cells import PanelCell, place_cells
 from rpctl.view.plots.panels import PanelChart, draw_panel, find_panels
 from rpctl.view.plots.style import (
     PAPER,
@@ -103,7 +103,7 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
         draw_panel(axes, run, panel, chart)
         below = add_legend(axes, below=width * (panel.wide and columns == 1), title=panel.shared)
         height = WIDE_ROW_HEIGHT_IN if panel.wide else ROW_HEIGHT_IN
-        cells.append(Cell(axes, row, columns_taken, height, LEGEND_ROW_IN * below))
+        cells.append(PanelCell(axes, row, columns_taken, height, LEGEND_ROW_IN * below))
     legend = coloured_joints(run) if any(panel.legend == "joints" for panel, _ in shown) else []
     names, title = joint_names(legend)
     legend_width = legend_columns(names, width, 3 * columns)
