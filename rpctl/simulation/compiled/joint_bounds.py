@@ -75,7 +75,8 @@ class SymbolicJointLimits:
                 if math.isfinite(limit):
                     size = casadi.fmax(casadi.fabs(cost[k]), ROUNDING)
                     ease = 1.0 / casadi.copysign(size, cost[k])
-                    room, pull = limit * casadi.fabs(ease), holding[k] * ease
+                    room = limit * casadi.fabs(ease)
+                    pull = casadi.if_else(size > ROUNDING, holding[k] * ease, 0.0)
                     down, up = casadi.fmin(down, room + pull), casadi.fmin(up, room - pull)
             found.append((down, up))
         return found
