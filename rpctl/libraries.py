@@ -1,9 +1,13 @@
-"""Libraries that take long to import, imported where they are needed, and whole."""
+"""Libraries that take long to import, imported where they are needed, and whole or lean."""
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from types import FrameType
 from typing import Any
@@ -25,3 +29,49 @@ def library(name: str) -> Any:
         signal.signal(signal.SIGINT, before)
         if held and callable(before):
             before(*held[0])
+
+
+@cache
+def lean_library(name: str, own: tuple[str, ...], without: tuple[str, ...]) -> Any:
+    """Return a library of one's own that has not imported what it can do without.
+
+    The process forgets that it was imported: who imports it next gets it whole.
+
+    Args:
+        name: The library.
+        own: Packages that are imported for it and forgotten with it; itself is one.
+        without: Modules that it and they find absent, if nobody has imported them yet.
+    """
+    known = set(sys.modules)
+    try:
+        with _absent(without):
+            found = library(name)
+    except ImportError:  # a release that can no longer do without
+        return library(name)
+    for module in set(sys.modules) - known:
+        if module.partition(".")[0] in own:
+            del sys.modules[module]
+    return found
+
+
+@contextmanager
+def _absent(names: Collection[str]) -> Iterator[None]:
+    """Let this thread's imports of some modules fail, other threads' succeed."""
+    finder = _AbsentFinder(names)
+    sys.meta_path.insert(0, finder)
+    try:
+        yield
+    finally:
+        sys.meta_path.remove(finder)
+
+
+class _AbsentFinder:
+    """Finds no module of some names, and leaves all others to Python's own finders."""
+
+    def __init__(self, names: Collection[str]) -> None:
+        self._names, self._thread = frozenset(names), threading.get_ident()
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        """Raise for an absent module; any other is not found here."""
+        if name in self._names and threading.get_ident() == self._thread:
+            raise ModuleNotFoundError(f"{name} is left out", name=name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -42,6 +43,7 @@ def verify_command(
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
     if html is not None:
         require_writable(html)
+    os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     wanted = [] if engines == "none" else engines.split(",")
     certificate = certify(options.load(robot), samples, seed, wanted, options.strict, contact)
     if html is not None:

@@ -93,7 +93,7 @@ def _toml_value(value: Any, hint: Any) -> Any:
     if get_origin(hint) in (Union, UnionType) and value is not None:
         return _toml_value(value, _without_none(hint))
     if isinstance(value, Mapping):
-        return dict(value)
+        return {key: list(each) if isinstance(each, tuple) else each for key, each in value.items()}
     if isinstance(value, tuple) and all(isinstance(each, str | float | int) for each in value):
         return list(value) if value else _no_toml_value()
     if get_origin(hint) is tuple and get_args(hint)[0] in REGISTRIES:

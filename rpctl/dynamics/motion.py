@@ -19,6 +19,7 @@ from rpctl.errors import RpctlError
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of ARS(2,2,2)
 DELTA = 1.0 - 0.5 / GAMMA
+RK4_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0])  # of its stages, in sixths of the step
 
 
 class Step(NamedTuple):
@@ -65,24 +66,28 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
     """
     model, losses = dynamics.robot.model, dynamics.robot.losses
 
-    def stage(slide: Array, speed: Array) -> tuple[Array, Array, float, float]:
+    def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
         place = pin.integrate(model, q, slide)
         at = dynamics.at(place)
-        v = at.S @ speed
-        power = float((at.B @ tau) @ speed)
-        loss = 0.0 if losses is None else -float(losses.force(v) @ v)
-        return dexpinv(slide, v), dynamics.forward(place, speed, tau), power, loss
+        v = at.S.dot(speed)
+        motion.append(v)
+        return dexpinv(slide, v), dynamics.forward(place, speed, tau), speed.dot(at.B.dot(tau))
 
-    v1, a1, p1, l1 = stage(np.zeros(model.nv), nu)
-    v2, a2, p2, l2 = stage(0.5 * dt * v1, nu + 0.5 * dt * a1)
-    v3, a3, p3, l3 = stage(0.5 * dt * v2, nu + 0.5 * dt * a2)
-    v4, a4, p4, l4 = stage(dt * v3, nu + dt * a3)
-    sixth = dt / 6.0
+    motion: list[Array] = []
+    half, sixth = 0.5 * dt, dt / 6.0
+    v1, a1, p1 = stage(np.zeros(model.nv), nu)
+    v2, a2, p2 = stage(half * v1, nu + half * a1)
+    v3, a3, p3 = stage(half * v2, nu + half * a2)
+    v4, a4, p4 = stage(dt * v3, nu + dt * a3)
+    lost = 0.0
+    if losses is not None:
+        v = np.array(motion)
+        lost = -float((losses.force(v) * v).sum(axis=1).dot(RK4_WEIGHTS))
     return Step(
         q=np.asarray(pin.integrate(model, q, sixth * (v1 + 2.0 * (v2 + v3) + v4))),
         nu=nu + sixth * (a1 + 2.0 * (a2 + a3) + a4),
-        work=sixth * (p1 + 2.0 * (p2 + p3) + p4),
-        lost=sixth * (l1 + 2.0 * (l2 + l3) + l4),
+        work=float(sixth * (p1 + 2.0 * (p2 + p3) + p4)),
+        lost=sixth * lost,
     )
 
 

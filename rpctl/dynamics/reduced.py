@@ -14,6 +14,7 @@ from rpctl.dynamics.projection import Projection, Projector
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.losses import Losses
 from rpctl.robot.model import BASE_NV, Robot
 from rpctl.robot.workspace import Workspace
 
@@ -138,9 +139,7 @@ class ReducedDynamics:
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
         """
-        M, push = self.lossless(q, nu, tau)
-        if self._losses is not None:
-            push += self.losses(q, nu)
+        M, push = self._pushed(q, nu, tau, self._losses)
         _, nu_dot, info = dposv(M, push)
         if not math.isfinite(nu_dot.dot(nu_dot)):
             raise self._not_finite(q, nu)
@@ -156,9 +155,18 @@ class ReducedDynamics:
             nu: Quasi-velocities (dof,).
             tau: Actuator efforts (n_act,), N·m or N.
         """
+        return self._pushed(q, nu, tau, None)
+
+    def _pushed(
+        self, q: Array, nu: Array, tau: Array, losses: Losses | None
+    ) -> tuple[Array, Array]:
+        """Return M (dof, dof) and B τ − h (dof,), with the losses ℓ if given."""
         at, data = self.at(q), self._workspace.data
         S = at.S
-        force = pin.rnea(self._model, data, q, S.dot(nu), at.drift(nu))
+        v = S.dot(nu)
+        force = pin.rnea(self._model, data, q, v, at.drift(nu))
+        if losses is not None:
+            force = force - losses.force(v)
         M = S.T.dot(pin.crba(self._model, data, q).dot(S))
         return M, S.T.dot(self._columns.dot(tau) - force)
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import RollingConstraints
 from rpctl.equivalence.energy import energy_rate, power_balance
 from rpctl.equivalence.forced_state import (
     ForcedState,
@@ -157,12 +158,13 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 
 
 def multipliers(
-    dynamics: ReducedDynamics, oracle: GibbsAppell, forced: ForcedState
+    dynamics: ReducedDynamics, rolling: RollingConstraints, oracle: GibbsAppell, forced: ForcedState
 ) -> Iterator[Check]:
     """Compare accelerations and constraint forces with the Lagrange-multiplier path.
 
     Args:
         dynamics: The reduced dynamics under proof.
+        rolling: The robot's rows, found for this path alone.
         oracle: The Gibbs-Appell derivation; it has the file's losses on each joint's own rate.
         forced: Where to compare.
     """
@@ -170,7 +172,8 @@ def multipliers(
     names, v, against = velocity_names(robot), dynamics.basis(q) @ nu, "Lagrange multipliers"
     v_dot = dynamics.basis(q) @ forced.nu_dot + dynamics.basis_drift(q, nu)
     push = effort_columns(robot) @ tau + oracle.losses(oracle.free_rates(), v)
-    lagrange, own = constrained_motion(robot, q, v, push), pinocchio_motion(robot, q, v, push)
+    lagrange = constrained_motion(robot, rolling, q, v, push)
+    own = pinocchio_motion(robot, rolling, q, v, push)
     data = robot.model.createData()
     torques = pin.rnea(robot.model, data, q, v, v_dot).copy()
     M = pin.crba(robot.model, data, q)

@@ -16,9 +16,15 @@ from typing import Any
 from rpctl.drive.drive import Drive
 from rpctl.equivalence.file_drive import measure, with_declared
 from rpctl.equivalence.raw_file import RawFile, read_file
-from rpctl.libraries import library
+from rpctl.libraries import lean_library
 from rpctl.robot.model import Robot
 
+YOURDFPY = ("yourdfpy", "trimesh")  # it takes trimesh along
+# Trimesh imports them if they are there, which takes long; to read links and joints needs none.
+UNUSED = (
+    "networkx", "PIL", "shapely", "rtree", "jsonschema",
+    "scipy.spatial", "scipy.optimize", "scipy.sparse", "scipy.ndimage",
+)  # fmt: skip
 MESH_SOURCE = "bounds of"  # so begins the source of a radius that a mesh tells
 
 
@@ -120,7 +126,7 @@ def _by_yourdfpy(data: bytes, raw: RawFile) -> Any:
     quiet = logging.getLogger("yourdfpy")
     before, quiet.disabled = quiet.disabled, True
     try:
-        parsed = library("yourdfpy").URDF.load(
+        parsed = lean_library("yourdfpy", YOURDFPY, UNUSED).URDF.load(
             io.BytesIO(data), build_scene_graph=False, load_meshes=False
         ).robot  # fmt: skip
     except Exception:  # it raises whatever its reading runs into

@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve, qr
 
 from rpctl.arrays import Array
-from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
+from rpctl.dynamics.rolling import RollingConstraints, constraint, constraint_drift
 from rpctl.robot.model import Robot
 
 # The oracle's own margin, of the largest: below it a row of A, seen through M⁻¹, repeats others.
@@ -36,17 +36,20 @@ class ConstrainedMotion:
     force: Array
 
 
-def constrained_motion(robot: Robot, q: Array, v: Array, push: Array) -> ConstrainedMotion:
+def constrained_motion(
+    robot: Robot, rolling: RollingConstraints, q: Array, v: Array, push: Array
+) -> ConstrainedMotion:
     """Solve the tree's equations with multipliers, whatever the rank of A.
 
     Args:
         robot: The robot.
+        rolling: Its rows, found for this derivation alone.
         q: Configuration (nq,).
         v: Velocity (nv,) with A v = 0.
         push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
-    A, drift = _rows(robot, q, v)
+    A, drift = _rows(rolling, q, v)
     force = push - pin.nonLinearEffects(robot.model, data, q, v)
     M = pin.crba(robot.model, data, q)
     factor = cho_factor(M)
@@ -64,19 +67,22 @@ def constrained_motion(robot: Robot, q: Array, v: Array, push: Array) -> Constra
     return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
 
 
-def pinocchio_motion(robot: Robot, q: Array, v: Array, push: Array) -> Array:
+def pinocchio_motion(
+    robot: Robot, rolling: RollingConstraints, q: Array, v: Array, push: Array
+) -> Array:
     """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
 
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
 
     Args:
         robot: The robot.
+        rolling: Its rows, found for this derivation alone.
         q: Configuration (nq,).
         v: Velocity (nv,), A v = 0.
         push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
-    A, drift = _rows(robot, q, v)
+    A, drift = _rows(rolling, q, v)
     if not len(A):
         return np.asarray(pin.aba(robot.model, data, q, v, push))
     _, triangle, order = qr(A.T, mode="economic", pivoting=True)
@@ -88,9 +94,8 @@ def pinocchio_motion(robot: Robot, q: Array, v: Array, push: Array) -> Array:
     return np.asarray(acceleration).copy()
 
 
-def _rows(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
+def _rows(rolling: RollingConstraints, q: Array, v: Array) -> tuple[Array, Array]:
     """Return A (rows, nv) and Ȧ v (rows,)."""
-    rolling = find_rolling(robot)
     return constraint(rolling, q), constraint_drift(rolling, q, v)
 
 

@@ -26,6 +26,7 @@ from rpctl.equivalence.file_reading import FileReading, read
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
 from rpctl.equivalence.planar import JointRate, follower_rate
 from rpctl.equivalence.tree import FLOATS, Tree
+from rpctl.equivalence.vectors import cross, cross_columns
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
@@ -168,7 +169,7 @@ class MujocoEngine:
         """Return what the turning of the directions adds to the rate of :meth:`_rows` times v."""
         drift = np.zeros(self._constraints + self._robot.dof)
         for at, direction, turn, J in self._directed_rows(self._mujoco.mj_jac):
-            drift[at] += (turn @ v) * np.cross(-DOWN, direction) @ (J @ v)
+            drift[at] += (turn @ v) * cross(-DOWN, direction) @ (J @ v)
         return drift
 
     def _directed_rows(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
@@ -187,11 +188,11 @@ class MujocoEngine:
             for wheel_row in drive.carried(swivel):
                 yield wheel_row, ahead, swing, J
             if swivel.role != "follower":
-                yield self._rows_of[swivel.joint], np.cross(-DOWN, ahead), swing, J
+                yield self._rows_of[swivel.joint], cross(-DOWN, ahead), swing, J
         P = self._base(kind, drive.point)
         if drive.has_axle:
             ahead = R @ [math.cos(drive.heading), math.sin(drive.heading), 0.0]
-            yield self._rows_of["P"], np.cross(-DOWN, ahead), turn, P
+            yield self._rows_of["P"], cross(-DOWN, ahead), turn, P
             yield first, ahead, turn, P
         elif drive.wheels and not drive.steered:
             yield first, R[:, 0], turn, P
@@ -202,7 +203,7 @@ class MujocoEngine:
         joint, data = self._model.joint(wheel.joint).id, self._data
         centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
         linear, angular = self._jacobian(kind, centre, self._model.jnt_bodyid[joint])
-        J = linear + np.cross(angular, wheel.radius * DOWN, axisa=0, axisc=0)
+        J = linear + cross_columns(angular, wheel.radius * DOWN)
         left = self._drive.heading + 0.5 * math.pi
         grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left))
         return J + self._base(kind, grip) - self._base(kind, (0.0, 0.0))

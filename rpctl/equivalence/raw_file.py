@@ -85,16 +85,24 @@ class RawJoint:
 
     def motion(self, position: float) -> Array:
         """Return the pose (4, 4) of the child in the parent at a position (rad or m)."""
-        step = np.eye(4)
         if self.type == "prismatic":
+            step = np.eye(4)
             step[:3, 3] = position * self.axis
         elif self.type in TURNING:
-            x, y, z = self.axis
-            skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            along = np.outer(self.axis, self.axis)
-            step[:3, :3] = along + math.cos(position) * (np.eye(3) - along)
-            step[:3, :3] += math.sin(position) * skew
+            along, across, skew = self._turning
+            step = along + math.cos(position) * across + math.sin(position) * skew
+        else:
+            return self.origin
         return self.origin @ step
+
+    @cached_property
+    def _turning(self) -> tuple[Array, Array, Array]:
+        """What stays of a turn (4, 4), what its cosine multiplies, and what its sine."""
+        (x, y, z), along = self.axis, np.eye(4)
+        along[:3, :3] = np.outer(self.axis, self.axis)
+        skew = np.zeros((4, 4))
+        skew[:3, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+        return along, np.eye(4) - along, skew
 
 
 @dataclass(frozen=True)

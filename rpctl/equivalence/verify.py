@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.file_reading import FileReading, read, shared
@@ -40,9 +41,13 @@ ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 @dataclass(frozen=True)
 class _Derivations:
-    """What is compared: the dynamics, the oracle, the file's shapes, MuJoCo where it takes part."""
+    """What is compared: the dynamics, the oracle, the file's shapes, MuJoCo where it takes part.
+
+    ``rolling`` are the rows of the multipliers' path, found apart from those of the dynamics.
+    """
 
     dynamics: ReducedDynamics
+    rolling: RollingConstraints
     oracle: GibbsAppell
     geometry: Geometry
     mujoco: MujocoEngine | None
@@ -87,7 +92,7 @@ def verify(
     mujoco, absent = _engine(robot, reading, engines)
     geometry = Geometry(dynamics, reading)
     oracle = GibbsAppell(robot, reading=reading)
-    derivations = _Derivations(dynamics, oracle, geometry, mujoco)
+    derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
     declared = () if strict else tuple(check for check in rows if check.name == DECLARED)
     certificate = Certificate(
@@ -166,7 +171,9 @@ def _compare(
         yield from _computed("Coriolis terms", checks.coriolis, dynamics, scales, state)
     yield from _computed("M", checks.definite, dynamics, state)
     if trial is not None:
-        yield from _computed("multipliers", checks.multipliers, dynamics, oracle, trial)
+        yield from _computed(
+            "multipliers", checks.multipliers, dynamics, derivations.rolling, oracle, trial
+        )
         yield from _computed("consistency", checks.consistent, dynamics, trial)
         yield from _computed("motion", checks.motion, dynamics, state)
     yield from _computed(SHAPES, derivations.geometry.at, state)

@@ -25,13 +25,16 @@ DESCRIPTOR = re.compile(r"/proc/\d+/fd/(\d+)")  # what /dev/stdout and /dev/fd/N
 NEW_MODE = 0o666  # of a new file, less the umask
 
 
-def write_atomically(path: str | Path, data: bytes, *, follow_links: bool = True) -> Path:
+def write_atomically(
+    path: str | Path, data: bytes, *, follow_links: bool = True, mode: int = NEW_MODE
+) -> Path:
     """Write a file; it is there whole or not at all, also after Ctrl-C or a loss of power.
 
     Args:
         path: The file; see :func:`writing`.
         data: Its content.
         follow_links: Whether a link is written through; False replaces it.
+        mode: Of a new file, less the umask.
 
     Returns:
         The path.
@@ -39,13 +42,15 @@ def write_atomically(path: str | Path, data: bytes, *, follow_links: bool = True
     Raises:
         RpctlError: It cannot be written.
     """
-    with writing(path, follow_links=follow_links) as file:
+    with writing(path, follow_links=follow_links, mode=mode) as file:
         file.write(data)
     return Path(path)
 
 
 @contextmanager
-def writing(path: str | Path, *, follow_links: bool = True) -> Iterator[BinaryIO]:
+def writing(
+    path: str | Path, *, follow_links: bool = True, mode: int = NEW_MODE
+) -> Iterator[BinaryIO]:
     """Yield a binary file; what the block writes to it becomes the file at the end, whole.
 
     If the block raises, an older file stays as it is. A new file gets the mode that the umask
@@ -57,6 +62,7 @@ def writing(path: str | Path, *, follow_links: bool = True) -> Iterator[BinaryIO
         path: The file. Its folder must be there.
         follow_links: Whether a link is written through; False replaces it. False is for names
             that the user did not give, in folders that others may have filled.
+        mode: Of a new file, less the umask.
 
     Raises:
         RpctlError: It cannot be written: by its folder, its kind, its mode, or a full disk.
@@ -64,7 +70,7 @@ def writing(path: str | Path, *, follow_links: bool = True) -> Iterator[BinaryIO
     try:
         target = _follow(Path(path)) if follow_links else Path(path)
         through = follow_links and _is_stream(target)
-        with _open_stream(target) if through else _replacing(target) as file:
+        with _open_stream(target) if through else _replacing(target, mode) as file:
             yield file
     except OSError as error:
         raise _refusal(path, error) from None
@@ -158,11 +164,11 @@ def _open_stream(target: Path) -> BinaryIO:
 
 
 @contextmanager
-def _replacing(target: Path) -> Iterator[BinaryIO]:
+def _replacing(target: Path, mode: int) -> Iterator[BinaryIO]:
     """Yield an unfinished file beside a target that replaces it at the end."""
     before = _older(target)
     _sweep(target)
-    with _unfinished(target, NEW_MODE if before is None else 0o600) as (file, name):
+    with _unfinished(target, mode if before is None else 0o600) as (file, name):
         yield file
         if before is not None:
             with suppress(PermissionError):

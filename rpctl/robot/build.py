@@ -58,7 +58,7 @@ def build(tree: FrozenTree) -> pin.Model:
             text = f"Pinocchio refuses this robot: {reason}; correct or simplify it"
             raise DescriptionError(description.path, [Finding("error", None, text)]) from None
     _require_unique(description, model)
-    _require_dynamics(description, model)
+    require_dynamics(description, model)
     return model
 
 
@@ -179,10 +179,14 @@ def _require_unique(description: Description, model: pin.Model) -> None:
     raise DescriptionError(description.path, [Finding("error", None, text)])
 
 
-def _require_dynamics(description: Description, model: pin.Model) -> None:
+def require_dynamics(description: Description, model: pin.Model) -> None:
     """Raise unless the inertia matrix is positive definite in a few postures.
 
     Forces determine no accelerations otherwise.
+
+    Args:
+        description: The robot's file.
+        model: Its model.
 
     Raises:
         DescriptionError: Naming the joint that can move without a force.

@@ -11,7 +11,8 @@ import pinocchio as pin
 
 from rpctl.description.records import Joint
 from rpctl.errors import UnknownNameError, require_positive
-from rpctl.robot.losses import make_losses
+from rpctl.robot.described import with_joint_losses
+from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
 
 
@@ -102,18 +103,44 @@ def add_friction(robot: Robot, friction: Mapping[str, float]) -> Robot:
     Raises:
         UnknownNameError: No joint has such a name.
     """
-    for name in friction:
+    return add_losses(robot, {}, friction)
+
+
+def add_losses(robot: Robot, damping: Mapping[str, float], friction: Mapping[str, float]) -> Robot:
+    """Return a robot with more damping and dry friction in some of its joints.
+
+    Its description has them, too.
+
+    Args:
+        robot: The robot to start from.
+        damping: What is added, N·m·s/rad or N·s/m, by the names of joints.
+        friction: What is added, N·m or N, likewise.
+
+    Raises:
+        UnknownNameError: No joint has such a name.
+    """
+    for name in (*damping, *friction):
         if name not in robot.entries:
             raise UnknownNameError("joint", name, robot.entries)
-    damping = dict.fromkeys(robot.entries, 0.0)
-    known = dict(damping)
-    if robot.losses is not None:
-        for name in robot.entries:
-            index = robot.velocity_index(name)
-            damping[name] = float(robot.losses.damping[index])
-            known[name] = float(robot.losses.friction[index])
-    total = {name: value + friction.get(name, 0.0) for name, value in known.items()}
-    return replace(robot, losses=make_losses(robot.description, robot.model, damping, total))
+    if not (any(damping.values()) or any(friction.values())):
+        return robot
+    known, changed = robot.losses, {}
+    for name in robot.entries:
+        index, joint = robot.velocity_index(name), robot.description.joint[name]
+        d, f = (0.0, 0.0) if known is None else (known.damping[index], known.friction[index])
+        changed[name] = replace(
+            joint,
+            damping=float(d + damping.get(name, 0.0)),
+            friction=float(f + friction.get(name, 0.0)),
+        )
+    description = with_joint_losses(robot.description, changed)
+    return replace(
+        robot,
+        description=description,
+        joints=tuple(changed.get(joint.name, joint) for joint in robot.joints),
+        losses=find_losses(description, robot.model),
+        loaded_with=replace(robot.loaded_with, losses=True),
+    )
 
 
 def without_losses(robot: Robot) -> Robot:

@@ -24,6 +24,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
 from rpctl.simulation.interface import start_interface
+from rpctl.simulation.noise import MeasuredState
 from rpctl.simulation.recorder import Recorder
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
@@ -99,7 +100,7 @@ def close_loop(
     first = require_state(robot, reference(0.0), 0.0)
     q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
     work = lost = 0.0
-    rest = Rest(q, np.asarray(dynamics.efforts(q, dynamics.bias(q, nu)) - plant.bias(robot)))
+    rest = Rest(q, np.asarray(simulated.efforts(q, simulated.bias(q, nu)) - plant.bias(robot)))
     simulated_time = SimulatedTime(plant.computing_time)
     with in_simulated_time(simulated_time):
         controller = Controller(
@@ -113,14 +114,16 @@ def close_loop(
         )
     computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
+    measure = MeasuredState(robot, plant.noise, plant.seed)
     interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
             t = k * period
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
+            measured = measure(q, nu)
             if arrives[k]:
-                output = computing.step(t, q, nu)
+                output = computing.step(t, *measured)
             tau = interface.take(output, q, nu, computing.late(t))
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:

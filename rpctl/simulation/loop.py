@@ -185,8 +185,9 @@ def simulate(
     steps = require_affordable(robot, config, reference).periods
     notes = () if settings.duration is None else duration_note(settings.duration, period)
     dynamics = ReducedDynamics(robot)
-    contacts = find_contacts(dynamics, settings.friction)
-    derivation = Derivation(plant.simulated_dynamics(dynamics), contacts, plant.bias(robot))
+    simulated = plant.simulated_dynamics(dynamics)
+    contacts = find_contacts(simulated, settings.friction)
+    derivation = Derivation(simulated, contacts, plant.bias(robot))
     recording: Recording | None = getattr(reference, "recording", None)
     loop, known = LoopRecord(), ReducedDynamics(plant.known_robot(robot))
     dynamic = config.dynamic if config.output is None else None

@@ -18,7 +18,9 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError, require_within
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
+from rpctl.robot.variation import Offset, Variation, vary
 from rpctl.robot.vary import add_friction
+from rpctl.simulation.noise import Noise
 from rpctl.simulation.periods import delay_periods
 
 
@@ -40,6 +42,15 @@ class Plant:
         computing_time: Time that computing takes, s, or "measured": the processor's time. The
             efforts of a sample come as much later, and what would be sampled meanwhile is missed. A
             stated time is that of a plan, for a law that plans now and then, or else of a sample.
+        masses: Scales of masses by pattern of link names, as of
+            :class:`~rpctl.robot.variation.Variation`, like the five that follow: the simulated
+            robot has them, its controller does not know of them.
+        centres: Offsets of centres of mass (x, y, z), m, by pattern of link names.
+        inertias: Scales of inertias by pattern of link names.
+        radii: Scales of radii by pattern of wheel joints.
+        track: Scale of the track.
+        damping: Added damping, N·m·s/rad or N·s/m, by pattern of joint names.
+        noise: Of what the controller measures.
         lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
             controller knows it.
         lags: Lag by name of the quasi-velocity, where it differs, s.
@@ -56,6 +67,13 @@ class Plant:
     lag: float | None = None
     lags: Mapping[str, float] = field(default_factory=dict)
     dead_time: float | None = None
+    masses: Mapping[str, float] = field(default_factory=dict)
+    centres: Mapping[str, Offset] = field(default_factory=dict)
+    inertias: Mapping[str, float] = field(default_factory=dict)
+    radii: Mapping[str, float] = field(default_factory=dict)
+    track: float = 1.0
+    damping: Mapping[str, float] = field(default_factory=dict)
+    noise: Noise = field(default_factory=Noise)
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -86,7 +104,15 @@ class Plant:
             require_within(f"joint_friction of {name}", [friction])
         if self.seed < 0:
             raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
+        self.variation  # noqa: B018 (refuses what no robot can have)
         VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
+
+    @property
+    def variation(self) -> Variation:
+        """How the simulated robot was built otherwise than the controller's model."""
+        return Variation(
+            self.masses, self.centres, self.inertias, self.radii, self.track, self.damping
+        )
 
     def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
         """Return how the simulated robot follows speeds.
@@ -112,16 +138,30 @@ class Plant:
         return np.array([found.get(name, 0.0) for name in robot.actuators])
 
     def simulated_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
-        """Return the dynamics with the friction that the controller does not know.
+        """Return the dynamics of the simulated robot.
+
+        Args:
+            dynamics: Those of the robot that varies.
 
         Raises:
-            UnknownNameError: It is of no actuator.
+            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
         """
-        robot = dynamics.robot
+        robot = self.simulated_robot(dynamics.robot)
+        return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
+
+    def simulated_robot(self, robot: Robot) -> Robot:
+        """Return the robot that is simulated, which the controller takes for another.
+
+        Args:
+            robot: The one that varies; itself where nothing does.
+
+        Raises:
+            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
+        """
         friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
-        if not any(friction.values()):
-            return dynamics
-        return ReducedDynamics(add_friction(robot, friction))
+        return add_friction(vary(robot, self.variation), friction)
 
     def known_robot(self, robot: Robot) -> Robot:
         """Return the robot that the controller computes with.

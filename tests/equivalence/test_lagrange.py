@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from rpctl import ReducedDynamics, Robot
-from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
 from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
 
 
@@ -29,7 +29,7 @@ def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator, redunda
     for _ in range(5):
         q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
         v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
-        motion = constrained_motion(robot, q, v, effort_columns(robot) @ tau)
+        motion = constrained_motion(robot, find_rolling(robot), q, v, effort_columns(robot) @ tau)
         A, drift = constraint(rolling, q), constraint_drift(rolling, q, v)
         assert np.linalg.matrix_rank(A) == len(A) - redundant
         slip = A @ motion.v_dot + drift
@@ -44,7 +44,7 @@ def test_the_constraint_does_no_work(robot: Robot, rng: np.random.Generator) -> 
     dynamics = ReducedDynamics(robot)
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
     v = dynamics.basis(q) @ nu
-    force = constrained_motion(robot, q, v, rng.normal(size=robot.nv)).force
+    force = constrained_motion(robot, find_rolling(robot), q, v, rng.normal(size=robot.nv)).force
     assert abs(force @ v) < 1e-12 * np.abs(force).max() * np.abs(v).max()
     assert np.abs(force).max() > 1.0
 
@@ -57,7 +57,7 @@ def test_pinocchio_agrees_where_rows_are_independent(
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
     v, tau = dynamics.basis(q) @ nu, rng.normal(size=len(robot.actuators))
     own, ours = (
-        pinocchio_motion(robot, q, v, effort_columns(robot) @ tau),
-        constrained_motion(robot, q, v, effort_columns(robot) @ tau).v_dot,
+        pinocchio_motion(robot, find_rolling(robot), q, v, effort_columns(robot) @ tau),
+        constrained_motion(robot, find_rolling(robot), q, v, effort_columns(robot) @ tau).v_dot,
     )
     np.testing.assert_allclose(own, ours, atol=1e-9 * np.abs(ours).max())

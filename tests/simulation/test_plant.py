@@ -22,6 +22,9 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.errors import UnknownNameError
 from rpctl.robot.losses import TURNING_RATE
+from rpctl.robot.variation import vary
+from rpctl.simulation.config import Config, read_config, write_config
+from rpctl.simulation.noise import Noise
 from rpctl.simulation.plant import advance
 from tests.robots import SET_A, ball, platform, write
 
@@ -147,3 +150,64 @@ def test_samples_that_never_arrive_leave_the_efforts_on(paper: Robot) -> None:
     for share in (-0.1, 1.0, np.nan):
         with pytest.raises(RpctlError, match="give a share from 0 to less than 1"):
             Plant(dropped=share)
+
+
+def test_the_simulated_robot_is_the_varied_one(paper: Robot) -> None:
+    """Everything that a file can say of it comes back, moves the robot, and not its controller."""
+    plant = Plant(
+        masses={"*": 1.3},
+        centres={"arm_*": (0.0, 0.02, 0.0)},
+        inertias={"base_link": 1.5},
+        radii={"wheel_*": 1.1},
+        track=1.2,
+        damping={"wheel_*": 0.2},
+    )
+    law = PaperDynamic()
+    plain = track(paper, "eight", 0.02, OFF, dynamic=law, collisions=False)
+    run = track(paper, "eight", 0.02, OFF, dynamic=law, plant=plant, collisions=False)
+    np.testing.assert_array_equal(run.tau[0], plain.tau[0])  # at rest, from what the law believes
+    varied = ReducedDynamics(vary(paper, plant.variation))
+    q, nu = run.q[5], run.nu[5]
+    states = [(run.q[k], run.nu[k]) for k in (5, 6)]
+    expected = advance(varied, q, nu, run.tau[5], 0.002, 0.002)
+    np.testing.assert_allclose(np.concatenate(states[1]), np.concatenate(expected[:2]), atol=1e-14)
+    S = varied.basis(q)
+    wheel = paper.velocity_index("wheel_left_joint")
+    assert run.log.rates[5, 0] == pytest.approx(float(S[wheel] @ nu))
+    assert run.log.lost[-1] > 0.0
+    assert summarize(run).energy_residual < 1e-6
+
+
+def test_a_file_says_what_varies(tmp_path: Path) -> None:
+    plant = Plant(
+        masses={"*": 1.3},
+        centres={"arm.left_*": (0.0, 0.02, 0.0)},
+        inertias={"b": 1.5},
+        radii={"w": 1.1},
+        track=1.2,
+        damping={"w": 0.2},
+        noise=Noise(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
+        seed=2**62,
+    )
+    config = Config(plant=plant)
+    assert read_config(write_config(config, tmp_path / "run.toml")) == config
+    (tmp_path / "bad.toml").write_text(
+        "[plant]\ntrack = 0\nnoise.headng = 1.0\n"
+        '[plant.centres]\nb = [1.0]\n[plant.masses]\nb = "x"'
+    )
+    with pytest.raises(RpctlError) as found:
+        read_config(tmp_path / "bad.toml")
+    for part in (
+        "did you mean heading",
+        "plant.centres.b: is [1.0]; give 3 numbers",
+        "plant.masses.b: is 'x'; give a number",
+        "track is 0; give a positive",
+    ):
+        assert part in str(found.value)
+
+
+def test_a_run_s_file_keeps_what_varied(paper: Robot, tmp_path: Path) -> None:
+    plant = Plant(masses={"*": 1.1}, centres={"*": (0.0, 0.0, 0.1)}, noise=Noise(0.01), seed=3)
+    run = track(paper, "eight", 0.01, plant=plant, collisions=False)
+    again = rpctl.Run.load(run.save(tmp_path / "run.npz"))
+    assert again.config.plant == plant

@@ -1,34 +1,43 @@
-"""The tree of bodies that move: frames along the joints' axes, inertias as ten numbers each.
+"""The tree of bodies that move, in frames in which it takes few operations.
 
-The ten numbers are linear in what a body is made of: m, m c (3), and the inertia about the origin
-of the body's frame, xx, yy, zz, xy, xz, yz.
+A joint turns about, or slides along, the z axis of the body behind it. Where that axis leaves the
+body's frame free, to spin about it and to slide along it, the frame is such that few entries are
+left of what carries the next body ([KD04]).
+
+[KD04] W. Khalil, E. Dombre, "Modeling, Identification and Control of Robots", Kogan Page, 2004.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, JointEntry
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.scalars import cleaned
+from rpctl.simulation.compiled.scalars import Rotation, cleaned, exact
 
-NUMBERS = 10  # of a body's inertia
+STRAIGHT = (1.0, 0.0)
+PARALLEL = 1e-9  # sine of the angle between two axes: below it they are taken as parallel lines
 
 
 @dataclass(frozen=True, eq=False)
 class MovingBody:
     """A body behind a joint along the z axis of its own frame.
 
+    At position θ its axes in the parent's are Rz(yaw) Rx(tilt) Rz(θ + offset) of a joint that
+    turns, Rz(yaw) Rx(tilt) Rz(offset) of one that slides.
+
     Attributes:
         joint: Name of the joint; of the first body, that of the planar root.
         parent: Index of the body that carries it.
         slides: Whether the joint slides; else it turns.
-        R: Axes (3, 3) of the body's frame at position 0 in the parent's axes.
-        p: Its origin (3,) there, m.
+        yaw: First rotation.
+        tilt: Second rotation.
+        offset: Angle of the third at position 0, rad.
+        p: Origin of the frame in the parent's at position 0 (3,), m.
         entry: Where the joint's position is in q; of the root nowhere.
         index: Index of its rate in v.
         armature: Inertia of its rotor, kg m² or kg.
@@ -38,44 +47,129 @@ class MovingBody:
     joint: str
     parent: int
     slides: bool
-    R: Array
+    yaw: Rotation
+    tilt: Rotation
+    offset: float
     p: Array
     entry: JointEntry | None
     index: int
     armature: float
     frame: Array
 
+    @property
+    def pose(self) -> Array:
+        """Pose (4, 4) in the parent's frame at position 0."""
+        return pose_of(rotation(self.yaw, self.tilt, exact(self.offset)), self.p)
+
+
+@dataclass(eq=False)
+class _Draft:
+    """A body whose frame is being chosen: Pinocchio's joint axes turned so that z is the axis."""
+
+    parent: int
+    slides: bool
+    frame: Array  # (4, 4) in Pinocchio's joint
+    pose: Array  # (4, 4) in the parent's draft
+    angles: tuple[float, float, float]  # yaw, tilt and third angle of that pose
+    child: int = -1  # the body behind it for which the frame is chosen
+    spin: float = 0.0
+    shift: Array = None  # type: ignore[assignment]  # (3,) of the origin, in the spun axes
+
 
 def moving_bodies(robot: Robot) -> tuple[MovingBody, ...]:
     """Return the bodies of a robot, the root first, parents before children."""
     model = robot.model
-    root = MovingBody(
-        model.names[ROOT_JOINT], -1, False, np.eye(3), np.zeros(3), None, 0, 0.0, np.eye(4)
-    )
-    bodies = [root]
+    drafts = [_Draft(-1, False, np.eye(4), np.eye(4), (0.0, 0.0, 0.0), shift=np.zeros(3))]
     for i in range(ROOT_JOINT + 1, model.njoints):
-        axis = model.joints[i].createData().S.ravel()
-        slides = not axis[3:].any()
-        parent = bodies[model.parents[i] - ROOT_JOINT]
-        to_z = along_z(axis[:3] if slides else axis[3:])
-        frame = np.eye(4)
-        frame[:3, :3] = to_z
-        index = int(model.joints[i].idx_v)
-        placement = model.jointPlacements[i]
-        bodies.append(
-            MovingBody(
-                joint=model.names[i],
-                parent=model.parents[i] - ROOT_JOINT,
-                slides=slides,
-                R=cleaned(parent.frame[:3, :3].T @ placement.rotation @ to_z),
-                p=cleaned(parent.frame[:3, :3].T @ placement.translation),
-                entry=robot.entries[model.names[i]],
-                index=index,
-                armature=float(model.armature[index]),
-                frame=frame,
-            )
-        )
-    return tuple(bodies)
+        drafts.append(_draft(robot, i, drafts))
+    _choose_children(drafts)
+    _choose_spins(drafts)
+    _choose_origins(drafts)
+    return tuple(_body(robot, i, drafts) for i in range(len(drafts)))
+
+
+def _draft(robot: Robot, i: int, drafts: list[_Draft]) -> _Draft:
+    model, parent = robot.model, int(robot.model.parents[i]) - ROOT_JOINT
+    axis = model.joints[i].createData().S.ravel()
+    slides = not axis[3:].any()
+    frame = pose_of(along_z(axis[:3] if slides else axis[3:]), np.zeros(3))
+    pose = drafts[parent].frame.T @ model.jointPlacements[i].homogeneous @ frame
+    return _Draft(parent, slides, frame, pose, euler_angles(pose), shift=np.zeros(3))
+
+
+def _choose_children(drafts: list[_Draft]) -> None:
+    """Name of each body the child with most behind it."""
+    behind = [0] * len(drafts)
+    for i in reversed(range(1, len(drafts))):
+        parent = drafts[i].parent
+        behind[parent] += 1 + behind[i]
+        best = drafts[parent].child
+        if best < 0 or behind[i] >= behind[best]:
+            drafts[parent].child = i
+
+
+def _choose_spins(drafts: list[_Draft]) -> None:
+    """Spin the frames so that the next body is reached by a tilt about x alone."""
+    for draft in drafts[1:]:
+        if draft.slides:
+            draft.spin = -draft.angles[2]
+        elif draft.child > 0:
+            draft.spin = drafts[draft.child].angles[0]
+
+
+def _choose_origins(drafts: list[_Draft]) -> None:
+    """Slide the origins along the axes so that the next one has no z, the last one no y."""
+    for draft in reversed(drafts[1:]):
+        parent = drafts[draft.parent]
+        if draft.slides:
+            continue
+        if draft.child < 0 and draft.parent > 0 and not parent.slides:
+            tilt = math.sin(draft.angles[1])
+            ahead = (turn_z(parent.spin).T @ draft.pose[:3, 3])[1]
+            draft.shift[2] = ahead / tilt if abs(tilt) > PARALLEL else 0.0
+        elif draft.child > 0 and not drafts[draft.child].slides:
+            draft.shift[2] = _origin(drafts, draft.child)[2]
+    for draft in drafts[1:]:
+        if draft.slides:
+            draft.shift = -_axes(drafts, draft).T @ _origin_of(drafts, draft)
+
+
+def _axes(drafts: list[_Draft], draft: _Draft) -> Array:
+    """Return the axes (3, 3) of a spun frame in its parent's at position 0."""
+    spun = turn_z(drafts[draft.parent].spin).T @ draft.pose[:3, :3] @ turn_z(draft.spin)
+    return np.asarray(spun)
+
+
+def _origin(drafts: list[_Draft], i: int) -> Array:
+    return _origin_of(drafts, drafts[i])
+
+
+def _origin_of(drafts: list[_Draft], draft: _Draft) -> Array:
+    """Return the origin (3,) of a frame in its parent's at position 0."""
+    parent = drafts[draft.parent]
+    origin = turn_z(parent.spin).T @ draft.pose[:3, 3] - parent.shift
+    return np.asarray(origin + _axes(drafts, draft) @ draft.shift)
+
+
+def _body(robot: Robot, i: int, drafts: list[_Draft]) -> MovingBody:
+    draft, name = drafts[i], robot.model.names[i + ROOT_JOINT]
+    yaw, tilt, third = draft.angles
+    index = int(robot.model.joints[i + ROOT_JOINT].idx_v)
+    return MovingBody(
+        joint=name,
+        parent=draft.parent,
+        slides=draft.slides,
+        yaw=exact(yaw - drafts[draft.parent].spin) if i else STRAIGHT,
+        tilt=exact(tilt),
+        offset=third + draft.spin,
+        p=cleaned(_origin_of(drafts, draft)) if i else np.zeros(3),
+        entry=robot.entries[name] if i else None,
+        index=index,
+        armature=float(robot.model.armature[index]) if i else 0.0,
+        frame=draft.frame
+        @ pose_of(turn_z(draft.spin), np.zeros(3))
+        @ pose_of(np.eye(3), draft.shift),
+    )
 
 
 def along_z(axis: Array) -> Array:
@@ -88,39 +182,43 @@ def along_z(axis: Array) -> Array:
     return np.column_stack([first, np.cross(axis, first), axis])
 
 
-def inertial_numbers(robot: Robot) -> Array:
-    """Return the ten numbers of each body (n, 10) in the axes of Pinocchio's joints."""
-    inertias = list(robot.model.inertias)[ROOT_JOINT:]
-    return np.array([ten_numbers(inertia) for inertia in inertias])
+def euler_angles(pose: Array) -> tuple[float, float, float]:
+    """Return yaw, tilt and third angle of a pose, R = Rz Rx Rz.
+
+    Where both z axes are parallel, the yaw is towards the origin, or 0 where that is on the axis.
+    """
+    R = pose[:3, :3]
+    tilt = math.atan2(math.hypot(R[0, 2], R[1, 2]), R[2, 2])
+    if math.sin(tilt) > PARALLEL:
+        return math.atan2(R[0, 2], -R[1, 2]), tilt, math.atan2(R[2, 0], R[2, 1])
+    x, y = pose[:2, 3]
+    yaw = math.atan2(y, x) if math.hypot(x, y) > PARALLEL else 0.0
+    flat = turn_z(yaw).T @ R
+    side = math.copysign(1.0, R[2, 2])
+    return yaw, 0.0 if side > 0.0 else math.pi, math.atan2(side * flat[1, 0], flat[0, 0])
 
 
-def ten_numbers(inertia: pin.Inertia) -> Array:
-    """Return m, m c (3) and the inertia about the origin: xx, yy, zz, xy, xz, yz."""
-    m, c = inertia.mass, inertia.lever
-    I = inertia.inertia + m * ((c @ c) * np.eye(3) - np.outer(c, c))  # noqa: E741 (its letter)
-    return np.array([m, *(m * c), *np.diag(I), I[0, 1], I[0, 2], I[1, 2]])
+def turn_z(angle: float) -> Array:
+    """Return the rotation (3, 3) by an angle about z."""
+    return rotation(exact(angle), STRAIGHT, STRAIGHT)
 
 
-def in_frame(numbers: Array, frame: Array) -> Array:
-    """Return the ten numbers (..., 10) of bodies in another frame.
+def rotation(yaw: Rotation, tilt: Rotation, third: Rotation) -> Array:
+    """Return Rz Rx Rz (3, 3).
 
     Args:
-        numbers: In the axes of Pinocchio's joint.
-        frame: Pose (4, 4) of the other frame in those axes.
+        yaw: Of the first rotation.
+        tilt: Of the second.
+        third: Of the third.
     """
-    R, p = frame[:3, :3], frame[:3, 3]
-    m, mc = numbers[..., 0], numbers[..., 1:4]
-    I = inertia_matrix(numbers)  # noqa: E741
-    second = 0.5 * np.trace(I, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - I  # ∫ r rᵀ dm
-    outer = mc[..., :, None] * p
-    second = second - outer - np.swapaxes(outer, -1, -2) + m[..., None, None] * np.outer(p, p)
-    second = R.T @ second @ R
-    I = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second  # noqa: E741
-    moved = (mc - m[..., None] * p) @ R
-    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
-    return np.concatenate([m[..., None], moved, I[..., rows, columns]], axis=-1)
+    (a, b), (c, d), (e, f) = yaw, tilt, third
+    first = np.array([[a, -b, 0.0], [b, a, 0.0], [0.0, 0.0, 1.0]])
+    second = np.array([[1.0, 0.0, 0.0], [0.0, c, -d], [0.0, d, c]])
+    return np.asarray(first @ second @ np.array([[e, -f, 0.0], [f, e, 0.0], [0.0, 0.0, 1.0]]))
 
 
-def inertia_matrix(numbers: Array) -> Array:
-    """Return the inertia (..., 3, 3) about the origin."""
-    return np.asarray(numbers[..., [[4, 7, 8], [7, 5, 9], [8, 9, 6]]])
+def pose_of(R: Array, p: Array) -> Array:
+    """Return a pose (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, p
+    return pose

@@ -8,7 +8,7 @@ import casadi
 
 from rpctl.robot.coordinates import JointEntry
 from rpctl.robot.model import BASE_NV
-from rpctl.simulation.compiled.scalars import Scalar, column, entries
+from rpctl.simulation.compiled.scalars import Scalar, column, entries, exact, turned
 
 
 class SymbolicConfiguration:
@@ -21,16 +21,18 @@ class SymbolicConfiguration:
     def __init__(self, q: Any) -> None:
         self.q = q
         self.values = entries(q)
-        self._pairs: dict[int, tuple[Scalar, Scalar]] = {}
+        self._pairs: dict[tuple[int, float], tuple[Scalar, Scalar]] = {}
 
-    def pair(self, entry: JointEntry) -> tuple[Scalar, Scalar]:
-        """Return cosine and sine of a joint's position."""
-        i = entry.index
+    def pair(self, entry: JointEntry, offset: float = 0.0) -> tuple[Scalar, Scalar]:
+        """Return cosine and sine of a joint's position plus an offset (rad)."""
+        i, (cos, sin) = entry.index, exact(offset)
         if entry.is_pair:
-            return self.values[i], self.values[i + 1]
-        if i not in self._pairs:
-            self._pairs[i] = casadi.cos(self.q[i]), casadi.sin(self.q[i])
-        return self._pairs[i]
+            return turned(self.values[i], self.values[i + 1], cos, sin)
+        key = i, 0.0 if 0.0 in (cos, sin) else offset  # right angles need no node of their own
+        if key not in self._pairs:
+            angle = self.q[i] + key[1]
+            self._pairs[key] = casadi.cos(angle), casadi.sin(angle)
+        return self._pairs[key] if key[1] else turned(*self._pairs[key], cos, sin)
 
     def position(self, entry: JointEntry) -> Scalar:
         """Return a joint's position, rad or m; a continuous joint's in (−π, π]."""
@@ -58,11 +60,11 @@ def integrated(q: Any, v: Any, entries_of: dict[int, JointEntry]) -> Any:
     chord = (s + still) / (half + still)  # sin(h)/h, 1 where h = 0
     along, aside = chord * (c * ahead - s * left), chord * (s * ahead + c * left)
     found[0], found[1] = x + (cos * along - sin * aside), y + (sin * along + cos * aside)
-    found[2:4] = _turned(cos, sin, 1.0 - 2.0 * s * s, 2.0 * s * c)
+    found[2:4] = _composed(cos, sin, 1.0 - 2.0 * s * s, 2.0 * s * c)
     for index, entry in entries_of.items():
         i = entry.index
         if entry.is_pair:
-            found[i : i + 2] = _turned(
+            found[i : i + 2] = _composed(
                 found[i], found[i + 1], casadi.cos(v[index]), casadi.sin(v[index])
             )
         else:
@@ -70,7 +72,7 @@ def integrated(q: Any, v: Any, entries_of: dict[int, JointEntry]) -> Any:
     return column(found)
 
 
-def _turned(cos: Scalar, sin: Scalar, c: Scalar, s: Scalar) -> list[Scalar]:
+def _composed(cos: Scalar, sin: Scalar, c: Scalar, s: Scalar) -> list[Scalar]:
     """Return cosine and sine of the sum of two angles, their squares' sum nearer to 1."""
     x, y = c * cos - s * sin, s * cos + c * sin
     scale = 1.5 - 0.5 * (x * x + y * y)

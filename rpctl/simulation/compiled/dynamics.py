@@ -8,22 +8,20 @@ from typing import Any
 import casadi
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE, Losses
 from rpctl.robot.model import BASE_NV, Robot
-from rpctl.simulation.compiled.bodies import NUMBERS, in_frame, inertial_numbers, moving_bodies
+from rpctl.simulation.compiled.bodies import moving_bodies
 from rpctl.simulation.compiled.configuration import SymbolicConfiguration, integrated
 from rpctl.simulation.compiled.linear import solve_positive
 from rpctl.simulation.compiled.parameters import NOTHING, Parameters, Varied
-from rpctl.simulation.compiled.rigid_body import JointMotion, crba, rnea
+from rpctl.simulation.compiled.rigid_body import MovingTree, crba, moving_tree, rnea
+from rpctl.simulation.compiled.robot_numbers import RobotNumbers
 from rpctl.simulation.compiled.rolling import SymbolicBasis
-from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, varied_rolling
 from rpctl.simulation.compiled.scalars import (
     Scalar,
     cleaned,
@@ -105,36 +103,35 @@ class SymbolicDynamics:
         self.robot, self.varied = robot, varied
         self._projector = Projector(robot, find_rolling(robot))
         self._bodies = moving_bodies(robot)
-        self._parameters = Parameters(self._numbers_of(robot), self._varied_numbers())
+        self._numbers = RobotNumbers(robot, self._bodies)
+        self._parameters = Parameters(self._numbers.nominal, self._numbers.varied(varied))
         self.p = self._parameters.symbols
         self._known = self._parameters.scalars()
-        self._numbers = self._known["inertia"]
+        self._gravity = -float(robot.model.gravity.linear[2])
         self.actuated = [robot.velocity_index(name) for name in robot.actuators]
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
-        self._last: tuple[Any, SymbolicProjection, list[JointMotion | None]] | None = None
+        self._last: tuple[Any, SymbolicProjection, MovingTree] | None = None
 
     def parameters_of(self, variant: Robot) -> Array:
-        """Return the numbers (n_p,) that stand for ``p`` in another robot of the same structure."""
-        return self._parameters.values(self._numbers_of(variant))
+        """Return the numbers (n_p,) that stand for ``p`` in another robot of the same structure.
 
-    def _numbers_of(self, robot: Robot) -> dict[str, Array]:
-        """Return all the numbers of a robot that the graph has, by name."""
-        numbers = zip(inertial_numbers(robot), self._bodies, strict=True)
-        inertia = np.array([cleaned(in_frame(own, body.frame)) for own, body in numbers])
-        still = np.zeros(self.robot.nv)
-        losses = robot.losses or Losses(still, still, still + 1.0)
-        found = {"inertia": inertia, "damping": losses.damping, "friction": losses.friction}
-        return found | rolling_numbers(robot, self.robot)
+        Raises:
+            RpctlError: It differs in more than what is varied.
+        """
+        return self._parameters.values(self._numbers.of(variant))
 
-    def _varied_numbers(self) -> dict[str, NDArray[np.bool_]]:
-        """Return which of them are symbols, by name."""
-        varied = self.varied
-        bodies = np.array([body.joint in varied.bodies for body in self._bodies])
-        lossy = np.zeros(self.robot.nv, bool)
-        lossy[[self.robot.velocity_index(name) for name in varied.losses]] = True
-        found = {"inertia": np.repeat(bodies[:, None], NUMBERS, axis=1)}
-        found |= {"damping": lossy, "friction": lossy}
-        return found | (varied_rolling(self.robot) if varied.rolling else {})
+    def parameters(self, variant: Robot, inertias: Array) -> Array:
+        """Return the numbers (..., n_p) for robots that differ from a variant in inertias.
+
+        Args:
+            variant: What they have in common.
+            inertias: The ten numbers of each body (..., n, 10) in the axes of Pinocchio's joints,
+                see :mod:`rpctl.simulation.compiled.inertias`.
+
+        Raises:
+            RpctlError: They differ in more than what is varied.
+        """
+        return self._parameters.values(self._numbers.of(variant, inertias))
 
     @property
     def constant(self) -> bool:
@@ -150,12 +147,13 @@ class SymbolicDynamics:
         """Return the projection at q (nq, 1)."""
         return self._at(q)[1]
 
-    def _at(self, q: Any) -> tuple[Any, SymbolicProjection, list[JointMotion | None]]:
+    def _at(self, q: Any) -> tuple[Any, SymbolicProjection, MovingTree]:
         if self._last is None or self._last[0] is not q:
             configuration = SymbolicConfiguration(q)
             basis = SymbolicBasis(self._projector, self._known, configuration, self._swivels)
             projection = SymbolicProjection(self, basis)
-            self._last = q, projection, _joints(self._bodies, configuration)
+            tree = moving_tree(self._bodies, self._known["inertia"], self._gravity, configuration)
+            self._last = q, projection, tree
         return self._last
 
     def rank_margin(self, q: Any) -> Any:
@@ -176,8 +174,8 @@ class SymbolicDynamics:
         return _matrix(self._inertia(q), dense=True)
 
     def _inertia(self, q: Any) -> list[list[Scalar]]:
-        _, projection, joints = self._at(q)
-        entries_of = crba(joints, self._numbers)
+        _, projection, tree = self._at(q)
+        entries_of = crba(tree)
         beside: dict[int, list[tuple[int, Scalar]]] = {}
         for (i, j), value in entries_of.items():
             beside.setdefault(i, []).append((j, value))
@@ -210,11 +208,11 @@ class SymbolicDynamics:
         return force - self.losses(q, nu if lossy_nu is None else lossy_nu)
 
     def _force(self, q: Any, nu: list[Scalar], nu_dot: list[Scalar] | None) -> list[Scalar]:
-        _, projection, joints = self._at(q)
+        _, projection, tree = self._at(q)
         v, a = product(projection.rows, nu), projection.drifting(nu)
         if nu_dot is not None:
             a = plus(a, product(projection.rows, nu_dot))
-        return product(projection.columns, rnea(joints, self._numbers, v, a))
+        return product(projection.columns, rnea(tree, v, a))
 
     def lossless(self, q: Any, nu: Any, tau: Any) -> tuple[Any, Any]:
         """Return M (dof, dof) and B τ − h (dof, 1).
@@ -295,14 +293,12 @@ class SymbolicDynamics:
         if not model.existBodyName(frame):
             raise UnknownNameError("link", frame, self.robot.description.link)
         found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
-        i = found.parentJoint - ROOT_JOINT
-        joints = self._at(q)[2]
-        held = self._bodies[i].frame.T  # of a rotation
-        R = transposed((held[:3, :3] @ found.placement.rotation).tolist())
-        p = (held[:3, :3] @ found.placement.translation).tolist()
-        while (joint := joints[i]) is not None:
+        body = found.parentJoint - ROOT_JOINT
+        pose = np.linalg.inv(self._bodies[body].frame) @ found.placement.homogeneous
+        R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
+        tree = self._at(q)[2]
+        for joint in tree.before(tree.joints[body - 1]) if body else ():
             R, p = [joint.inwards(x) for x in R], plus(joint.inwards(p), joint.p)
-            i = joint.body.parent
         x, y, cos, sin = entries(q)[:4]
         to_world = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
         R, p = [product(to_world, x) for x in R], plus(product(to_world, p), [x, y, 0.0])
@@ -325,28 +321,9 @@ class SymbolicDynamics:
 
     @cached_property
     def _lost(self) -> tuple[Any, Any, Any]:
-        rates = np.full(self.robot.nv, TURNING_RATE)
-        rates[[body.index for body in self._bodies if body.slides]] = SLIDING_RATE
-        if self.robot.losses is not None:
-            rates = self.robot.losses.rate
-        return (
-            column(self._known["damping"]),
-            column(self._known["friction"]),
-            casadi.SX(np.square(rates)),
-        )
-
-
-def _joints(bodies: Any, at: SymbolicConfiguration) -> list[JointMotion | None]:
-    found: list[JointMotion | None] = [None]
-    for body in bodies[1:]:
-        p = body.p.tolist()
-        if body.slides:
-            way = at.position(body.entry)
-            p = plus(p, [times(way, z) for z in body.R[:, 2].tolist()])
-            found.append(JointMotion(body, 1.0, 0.0, p))
-        else:
-            found.append(JointMotion(body, *at.pair(body.entry), p))
-    return found
+        names = "damping", "friction", "rate"
+        d, f, rate = (column(self._known[name]) for name in names)
+        return d, f, rate * rate
 
 
 def _matrix(rows: Any, dense: bool = False) -> Any:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
+ROUNDER = 2.0**52  # numbers this large are integers; added and subtracted, it rounds to one
 Value = str  # a name such as %v7, or a constant
 
 
@@ -133,6 +134,24 @@ class Lanes:
     def equal(self, x: Value, y: Value) -> Value:
         """Return a flag: whether two integers are the same."""
         return self.emit(f"icmp eq {self.whole} {x}, {y}")
+
+    @property
+    def true(self) -> Value:
+        """A flag that all lanes have set."""
+        return self._each("i1", "true")
+
+    def nearest(self, x: Value) -> Value:
+        """Return the nearest integer, of two as near the even one; with the sign of x."""
+        size, large = self.magnitude(x), self.constant(ROUNDER)
+        rounded = self.sub(self.add(size, large), large)
+        whole = self.select(self.compare("olt", size, large), rounded, size)
+        return self.flip_sign(whole, self.sign_bit(x))
+
+    def floor(self, x: Value) -> Value:
+        """Return the largest integer that is not above x."""
+        nearest = self.nearest(x)
+        less = self.sub(nearest, self.constant(1.0))
+        return self.select(self.compare("ogt", nearest, x), less, nearest)
 
     def horner(self, x: Value, coefficients: Sequence[float]) -> Value:
         """Return a polynomial, its coefficients from that of the constant on."""

@@ -26,7 +26,7 @@ def solve_positive(M: Sequence[Sequence[Scalar]], b: Sequence[Scalar]) -> list[S
     over: list[Scalar] = [0.0] * n
     L: list[dict[int, Scalar]] = [{} for _ in range(n)]
     for k in reversed(range(n)):
-        row, over[k] = rows[k], 1.0 / rows[k][k]
+        row, over[k] = rows[k], reciprocal(rows[k][k])
         L[k] = {i: times(row[i], over[k]) for i in range(k) if not is_zero(row[i])}
         for i, factor in L[k].items():
             for j in L[k]:
@@ -38,6 +38,15 @@ def solve_positive(M: Sequence[Sequence[Scalar]], b: Sequence[Scalar]) -> list[S
         rest = (-times(factor, solved[i]) for i, factor in L[k].items())
         solved.append(total((times(found[k], over[k]), *rest)))
     return solved
+
+
+def reciprocal(value: Scalar) -> Scalar:
+    """Return 1/value of a positive number.
+
+    CasADi turns each product with an inverse into a division, which takes several times as long;
+    with the size of an inverse it does not.
+    """
+    return 1.0 / value if isinstance(value, float) else casadi.fabs(1.0 / value)
 
 
 class BlockSolver:
@@ -89,7 +98,7 @@ def inverted(M: Sequence[Sequence[Scalar]]) -> tuple[list[list[Scalar]], Scalar]
 
     cofactors = [[cofactor(i, j) for j in everything] for i in everything]
     size = dot(M[0], cofactors[0])
-    over = 1.0 / size
+    over = times(size, reciprocal(times(size, size)))
     return [[times(cofactors[j][i], over) for j in everything] for i in everything], size
 
 

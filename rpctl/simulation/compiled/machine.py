@@ -8,6 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.simulation.compiled.cache import cached
+from rpctl.simulation.compiled.identity import code_key
 from rpctl.simulation.compiled.lowering import ALIGNMENT, Functions, offsets
 from rpctl.simulation.compiled.program import (
     Buffer,
@@ -25,7 +27,7 @@ ATTRIBUTES = (
 
 
 def compile_program(program: Program, lanes: int) -> MachineCode:
-    """Return a kernel of machine code for this processor.
+    """Return a kernel of machine code for this processor; it is kept on disk.
 
     Args:
         program: The program.
@@ -34,7 +36,10 @@ def compile_program(program: Program, lanes: int) -> MachineCode:
     Raises:
         RpctlError: There is no machine code for an operation of one of its functions.
     """
-    return MachineCode(program, lanes, object_code(module_text(program, lanes), this_processor()))
+    processor = this_processor()
+    key = code_key(program, lanes, processor)
+    code = cached(key, lambda: object_code(module_text(program, lanes), processor))
+    return MachineCode(program, lanes, code)
 
 
 def module_text(program: Program, lanes: int) -> str:

@@ -10,10 +10,25 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rpctl.errors import RpctlError
+from rpctl.simulation.compiled.arctangent import arccosine, arcsine, arctangent, arctangent_2
+from rpctl.simulation.compiled.exponential import (
+    exponential,
+    exponential_less_1,
+    logarithm,
+    logarithm_1_plus,
+    power,
+)
+from rpctl.simulation.compiled.hyperbolic import (
+    hyperbolic_cosine,
+    hyperbolic_sine,
+    hyperbolic_tangent,
+    inverse_hyperbolic_cosine,
+    inverse_hyperbolic_sine,
+    inverse_hyperbolic_tangent,
+)
 from rpctl.simulation.compiled.lanes import Lanes, Value
+from rpctl.simulation.compiled.remainders import length, modulus, remainder
 from rpctl.simulation.compiled.trigonometric import sine_cosine
-
-ROUNDER = 2.0**52  # a number this large is an integer; added and subtracted, it rounds to one
 
 
 class LaneOperations:
@@ -38,10 +53,11 @@ class LaneOperations:
         Raises:
             RpctlError: There is no machine code for the operation.
         """
-        if op in ("SIN", "COS"):
+        if op in ("SIN", "COS", "TAN"):
             if x not in self._angles:
                 self._angles[x] = sine_cosine(self.b, x)
-            return self._angles[x][op == "COS"]
+            sine, cosine = self._angles[x]
+            return {"SIN": sine, "COS": cosine}.get(op) or self.b.div(sine, cosine)
         if op in UNARY:
             return UNARY[op](self.b, x)
         if op in BINARY:
@@ -79,20 +95,6 @@ def _extreme(how: str) -> Callable[[Lanes, Value, Value], Value]:
     return chosen
 
 
-def _toward(how: str, step: float) -> Callable[[Lanes, Value], Value]:
-    """Return the integer next to a number on one side."""
-
-    def rounded(b: Lanes, x: Value) -> Value:
-        size, large = b.magnitude(x), b.constant(ROUNDER)
-        nearest = b.flip_sign(b.sub(b.add(size, large), large), b.sign_bit(x))
-        moved = b.add(nearest, b.constant(step))
-        beyond = b.select(b.compare(how, nearest, x), moved, nearest)
-        signed = b.flip_sign(b.magnitude(beyond), b.sign_bit(x))  # −0 above −1
-        return b.select(b.compare("olt", size, large), signed, x)
-
-    return rounded
-
-
 UNARY: dict[str, Callable[[Lanes, Value], Value]] = {
     "ASSIGN": lambda b, x: x,
     "NEG": lambda b, x: b.neg(x),
@@ -103,8 +105,21 @@ UNARY: dict[str, Callable[[Lanes, Value], Value]] = {
     "NOT": lambda b, x: b.number(_false(b, x)),
     "FABS": lambda b, x: b.magnitude(x),
     "SIGN": _sign,
-    "FLOOR": _toward("ogt", -1.0),
-    "CEIL": _toward("olt", 1.0),
+    "FLOOR": lambda b, x: b.floor(x),
+    "CEIL": lambda b, x: b.neg(b.floor(b.neg(x))),
+    "ASIN": arcsine,
+    "ACOS": arccosine,
+    "ATAN": arctangent,
+    "EXP": exponential,
+    "EXPM1": exponential_less_1,
+    "LOG": logarithm,
+    "LOG1P": logarithm_1_plus,
+    "SINH": hyperbolic_sine,
+    "COSH": hyperbolic_cosine,
+    "TANH": hyperbolic_tangent,
+    "ASINH": inverse_hyperbolic_sine,
+    "ACOSH": inverse_hyperbolic_cosine,
+    "ATANH": inverse_hyperbolic_tangent,
 }
 BINARY: dict[str, Callable[[Lanes, Value, Value], Value]] = {
     "ADD": lambda b, x, y: b.add(x, y),
@@ -121,5 +136,11 @@ BINARY: dict[str, Callable[[Lanes, Value, Value], Value]] = {
     "COPYSIGN": lambda b, x, y: b.flip_sign(b.magnitude(x), b.sign_bit(y)),
     "FMIN": _extreme("olt"),
     "FMAX": _extreme("ogt"),
+    "ATAN2": arctangent_2,
+    "POW": power,
+    "CONSTPOW": power,
+    "FMOD": modulus,
+    "REMAINDER": remainder,
+    "HYPOT": length,
     "LIFT": lambda b, x, y: x,
 }

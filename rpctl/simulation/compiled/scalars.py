@@ -6,6 +6,7 @@ and a factor 0 removes its product.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from rpctl.arrays import Array
 
 ROUNDING = 4e-16  # of the largest entry of a constant array: a smaller one is rounding, so 0
 
+Rotation = tuple[float, float]  # cosine and sine of an angle about one axis
 Scalar = Any  # a float, or a casadi.SX (1, 1)
 Vector = Sequence[Scalar]
 ZERO = (0.0, 0.0, 0.0)
@@ -95,3 +97,21 @@ def cleaned(values: Array) -> Array:
     simple = (np.abs(values - nearest) <= ROUNDING) & (np.abs(nearest) <= 1.0)
     found = np.where(simple, nearest, values)
     return np.asarray(np.where(np.abs(values) <= ROUNDING * size, 0.0, found) + 0.0)
+
+
+def exact(angle: float) -> Rotation:
+    """Return cosine and sine of an angle; those of right angles are exact."""
+    cos, sin = cleaned(np.array([math.cos(angle), math.sin(angle)])).tolist()
+    return cos, sin
+
+
+def turned(x: Scalar, y: Scalar, cos: Scalar, sin: Scalar) -> tuple[Scalar, Scalar]:
+    """Return a vector of a plane, turned by an angle.
+
+    Args:
+        x: First entry of the vector.
+        y: Second entry.
+        cos: Cosine of the angle.
+        sin: Sine of it.
+    """
+    return total((times(cos, x), times(-sin, y))), total((times(sin, x), times(cos, y)))

@@ -8,7 +8,7 @@ from functools import cache
 from itertools import count
 from typing import Any
 
-LEVEL = 1  # of LLVM's code generator
+LEVEL = 1  # of LLVM's code generator; 2 and 3 take longer and make nothing faster
 _SERIAL = count()
 _LOCK = threading.Lock()  # LLVM's global context is for one thread at a time
 
@@ -31,6 +31,14 @@ def this_processor() -> Processor:
     """Return the processor that this process runs on."""
     binding = _binding()
     return Processor(binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
+
+
+def compiler_version() -> str:
+    """Return what tells the code of one LLVM from that of another."""
+    import llvmlite
+
+    numbers = ".".join(str(x) for x in _binding().llvm_version_info)
+    return f"llvmlite {llvmlite.__version__}, LLVM {numbers}, level {LEVEL}"
 
 
 def object_code(module: str, processor: Processor) -> bytes:
@@ -88,8 +96,6 @@ def _target_machine(processor: Processor) -> Any:
 def _binding() -> Any:
     import llvmlite.binding
 
-    if llvmlite.binding.llvm_version_info[0] < 20:
-        llvmlite.binding.initialize()
     llvmlite.binding.initialize_native_target()
     llvmlite.binding.initialize_native_asmprinter()
     return llvmlite.binding

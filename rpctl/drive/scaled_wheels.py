@@ -1,0 +1,114 @@
+"""Drives like another one, whose wheels are larger or stand farther apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.drive.drive import Drive
+from rpctl.drive.grounded import ground_tolerance
+from rpctl.errors import RpctlError
+
+SOURCE = "scaled"  # of a radius that is not the file's
+LEAST_LATERAL_M = 1e-6  # m: a wheel nearer to the middle line stands on it
+
+
+def scale_radii(drive: Drive, tree: FrozenTree, scales: Mapping[str, float]) -> Drive:
+    """Return a drive whose wheels have other radii; their axles stay where they are on the body.
+
+    Args:
+        drive: The drive.
+        tree: The robot's tree.
+        scales: Of the radii, by wheel joint; those left out stay.
+
+    Raises:
+        RpctlError: A wheel would not reach the ground.
+    """
+    changed = {name: scale for name, scale in scales.items() if scale != 1.0}
+    if not changed:
+        return drive
+    wheels = tuple(
+        replace(w, radius=w.radius * changed[w.joint], source=SOURCE) if w.joint in changed else w
+        for w in drive.wheels
+    )
+    radii = np.array([wheel.radius for wheel in wheels])
+    lifted = lifted_wheels(drive, tree, radii)
+    if lifted.any():
+        name = wheels[int(lifted.argmax())].joint
+        raise RpctlError(
+            f'radii: wheel "{name}" would not reach the ground that the others stand on; scale '
+            "the radii of all wheels alike, or by less"
+        )
+    lower = float(np.mean(radii - [wheel.radius for wheel in drive.wheels]))
+    declared = dict.fromkeys((*drive.declared, *(f"radius of {name}" for name in changed)))
+    return replace(drive, wheels=wheels, ground=drive.ground - lower, declared=tuple(declared))
+
+
+def lifted_wheels(drive: Drive, tree: FrozenTree, radii: Array) -> Array:
+    """Return which wheels (..., n_wheels) would hang in the air with other radii, and do not now.
+
+    Args:
+        drive: The drive.
+        tree: The robot's tree.
+        radii: Of the wheels (..., n_wheels), m.
+    """
+    now = np.array([wheel.radius for wheel in drive.wheels])
+    height = np.array([centre[2] for centre in _centres(drive, tree)])
+    tolerance = np.array([ground_tolerance(radius) for radius in now.tolist()])
+    gap, gap_now = (
+        bottom - bottom.min(axis=-1, keepdims=True) for bottom in (height - radii, height - now)
+    )
+    return np.asarray(gap > np.maximum(tolerance, gap_now + tolerance * 1e-9))
+
+
+def scale_track(drive: Drive, tree: FrozenTree, scale: float) -> Drive:
+    """Return a drive whose wheels touch the ground farther from the middle line, or nearer to it.
+
+    The contacts of the wheels that the root link holds move, as those of wide tyres do; the wheels
+    themselves and their masses stay.
+
+    Args:
+        drive: The drive.
+        tree: The robot's tree.
+        scale: Of the contacts' distances from the line through P along the heading.
+
+    Raises:
+        RpctlError: No such wheel stands beside that line.
+    """
+    if scale == 1.0:
+        return drive
+    laterals = contact_laterals(drive, tree)
+    if not laterals.any():
+        raise RpctlError(
+            "track: no wheel that the root link holds stands beside the middle line; leave it out"
+        )
+    wheels = tuple(
+        replace(wheel, shift=wheel.shift + (scale - 1.0) * lateral) if lateral else wheel
+        for wheel, lateral in zip(drive.wheels, laterals.tolist(), strict=True)
+    )
+    declared = tuple(dict.fromkeys((*drive.declared, "track")))
+    return replace(drive, wheels=wheels, track=scale * drive.track, declared=declared)
+
+
+def contact_laterals(drive: Drive, tree: FrozenTree) -> Array:
+    """Return how far (n_wheels,) to the left of P each contact is, m; 0 of what no track moves."""
+    left = np.array([-np.sin(drive.heading), np.cos(drive.heading)])
+    found = []
+    for wheel, centre in zip(drive.wheels, _centres(drive, tree), strict=True):
+        lateral = float((centre[:2] - np.array(drive.point)) @ left) + wheel.shift
+        moves = wheel.swivel is None and not wheel.slides and abs(lateral) > LEAST_LATERAL_M
+        found.append(lateral if moves else 0.0)
+    return np.array(found)
+
+
+def _centres(drive: Drive, tree: FrozenTree) -> list[Array]:
+    """Return the centre (3,) of each wheel in the root link's frame, m."""
+    joints = [tree.description.joint[wheel.joint] for wheel in drive.wheels]
+    return [
+        tree.frame(joint)[:3, 3] + wheel.offset * tree.axis(joint)
+        for wheel, joint in zip(drive.wheels, joints, strict=True)
+    ]
