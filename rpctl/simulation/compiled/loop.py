@@ -171,7 +171,10 @@ def _measured(loop: LoopProgram, sensors: Sensors, shape: LoopShape) -> tuple[St
         q, nu, row = sym("q", plant.q.size), sym("nu", plant.nu.size), sym("row", sensors.width)
         noise = Buffer("noise", sensors.width)
         measured = _function("measured", [q, nu, row], [*sensors.symbolic(q, nu, row)])
-        body += [Read(loop.noise, noise), Call(measured, (plant.q, plant.nu, noise), (law.q, law.nu))]
+        body += [
+            Read(loop.noise, noise),
+            Call(measured, (plant.q, plant.nu, noise), (law.q, law.nu)),
+        ]
     return tuple(body)
 
 
@@ -245,4 +248,3 @@ def _log(loop: LoopProgram) -> dict[str, tuple[Buffer, RowStream]]:
 def _function(name: str, inputs: list[Any], outputs: list[Any]) -> Any:
     """Return a CasADi function with dense columns."""
     return casadi.Function(name, inputs, [casadi.densify(casadi.SX(x)) for x in outputs])
-

@@ -9,12 +9,13 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.approach import RETRY_S, ApproachStage
-from rpctl.control.law import Rest
+from rpctl.control.law import Command, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.table import ReferenceTable, tabulate
 from rpctl.simulation.compiled.build import CompiledLoop
+from rpctl.simulation.compiled.law_fragment import LimitNames
 from rpctl.simulation.compiled.loop import FAR, LAW_FAILED
 from rpctl.simulation.compiled.program import Buffer, Rows, RowStream
 from rpctl.simulation.config import Config
@@ -22,6 +23,7 @@ from rpctl.simulation.noise import NoiseStream, Sensors
 from rpctl.simulation.periods import delay_periods
 from rpctl.simulation.recorder import Recorder
 
+DIVERGED_SPEED = 1e6
 CHUNK = 1024  # samples that are computed at a time
 TROUBLES = {
     LAW_FAILED: "a law had no answer at a sample",
@@ -109,7 +111,9 @@ def close_compiled_loop(
             loop.followed: Rows(np.ascontiguousarray(read.rows()[:, :, None])),
         }
         if deviations.any():
-            rows[loop.noise] = Rows(np.ascontiguousarray((stream.rows(count) * deviations)[..., None]))
+            rows[loop.noise] = Rows(
+                np.ascontiguousarray((stream.rows(count) * deviations)[..., None])
+            )
         log = {s: Rows(np.empty((count, s.width, 1))) for s in loop.log.values()}
         given = {**fixed, **rows, **log}
         compiled.sample.run(first, count, workspace, {s: given[s] for s in loop.sample.streams})
@@ -132,7 +136,11 @@ def prepared(
     loop, robot = compiled.program, compiled.robot
     law, late = loop.law, delay_periods(config.plant.delay, period)
     first = compiled.start.workspace()
-    for buffer, values in ((law.q, begin.q), (law.tau, begin.rest.tau), (law.settings, begin.settings)):
+    for buffer, values in (
+        (law.q, begin.q),
+        (law.tau, begin.rest.tau),
+        (law.settings, begin.settings),
+    ):
         if buffer in first:
             first[buffer][:] = values[:, None]
     compiled.start.run(0, 1, first, {})
