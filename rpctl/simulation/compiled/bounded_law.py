@@ -163,8 +163,8 @@ class _BoundedStatements:
             place: Where it is.
             x: Where its solution is.
         """
-        names = ("G", "H", "lower", "upper")
-        rows = BoundedRows(*(parts[name] for name in names), slacks(self._law))
+        G, H, lower, upper = (parts[name] for name in ("G", "H", "lower", "upper"))
+        rows = BoundedRows(G, H, lower, upper, slacks(self._law))
         active, multipliers = self._next
         state = DualState(active[1], multipliers[1], x[1], self._going[1])
         after = dual_step(rows, state)

@@ -52,8 +52,12 @@ def reference_entries(row: Any, n_joints: int) -> ReferenceEntries:
     """
     sizes = [BASE_ERRORS] * 3 + [n_joints] * 3 + [3] * DIRECTIONS
     ends = [sum(sizes[: k + 1]) for k in range(len(sizes))]
-    parts = casadi.vertsplit(row, [0, *ends])
-    return ReferenceEntries(*parts[:6], direction=tuple(parts[6:]))
+    pose, twist, twist_dot, *parts = casadi.vertsplit(row, [0, *ends])
+    joints, rates, accelerations, *direction = parts
+    along, once, twice = direction
+    return ReferenceEntries(
+        pose, twist, twist_dot, joints, rates, accelerations, (along, once, twice)
+    )
 
 
 @dataclass(frozen=True, eq=False)
