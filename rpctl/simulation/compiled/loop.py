@@ -10,12 +10,14 @@ from typing import Any
 
 import casadi
 
+from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import LawFragment
 from rpctl.simulation.compiled.plant import PlantBuffers, plant_step
 from rpctl.simulation.compiled.program import (
     Buffer,
     Call,
+    Kernel,
     Program,
     Read,
     ReadBack,
@@ -51,7 +53,7 @@ class LoopShape:
     Attributes:
         period: Control period, s.
         plant_step: Longest step of the plant, s.
-        ring: By how many control periods efforts may be late.
+        delayed: Whether efforts may act some periods late.
         noisy: Whether what is measured is noisy.
         far: When a base needs a way up to its reference; None: never.
         logged: Whether samples are logged.
@@ -59,7 +61,7 @@ class LoopShape:
 
     period: float
     plant_step: float
-    ring: int = 0
+    delayed: bool = False
     noisy: bool = False
     far: FarBounds | None = None
     logged: bool = True
@@ -106,6 +108,23 @@ class LoopProgram:
     log: dict[str, RowStream]
 
 
+@dataclass(frozen=True, eq=False)
+class CompiledLoop:
+    """A closed loop as machine code.
+
+    Attributes:
+        robot: The simulated robot.
+        program: Its program.
+        start: What is done once before the first sample.
+        sample: A sample, and the plant until the next.
+    """
+
+    robot: Robot
+    program: LoopProgram
+    start: Kernel
+    sample: Kernel
+
+
 def loop_program(
     law: LawFragment,
     simulated: SymbolicDynamics,
@@ -135,7 +154,7 @@ def loop_program(
         law=law,
         plant=plant,
         bias=Buffer("bias", n_act),
-        acting=Buffer("acting", n_act) if shape.ring else law.tau,
+        acting=Buffer("acting", n_act) if shape.delayed else law.tau,
         e=Buffer("error", n_e) if shape.noisy or shape.far else law.e,
         trouble=Buffer("trouble", 1),
         number=Buffer("number", 1),
@@ -205,7 +224,7 @@ def _acting(
 ) -> tuple[Statement, ...]:
     """Find the efforts that act from now on, and the error of the robot as it is."""
     body: list[Statement] = []
-    if shape.ring:
+    if shape.delayed:
         body += [Write(loop.law.tau, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
     if loop.e is not loop.law.e:
         robot, row = dynamics.robot, casadi.SX.sym("row", loop.law.reference.size)

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.approach import RETRY_S, ApproachStage
-from rpctl.control.law import Command, Rest
+from rpctl.control.approach import ApproachStage
+from rpctl.control.law import Command, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.table import ReferenceTable, tabulate
-from rpctl.simulation.compiled.build import CompiledLoop
+from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import DIVERGED_SPEED, LoopRecord, rest_at_start
+from rpctl.simulation.compiled.build import compiled_loop
 from rpctl.simulation.compiled.law_fragment import LimitNames
-from rpctl.simulation.compiled.loop import FAR, LAW_FAILED
-from rpctl.simulation.compiled.program import Buffer, Rows, RowStream
+from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
+from rpctl.simulation.compiled.program import Rows, RowStream
+from rpctl.simulation.compiled.starting import prepared
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
-from rpctl.simulation.periods import delay_periods
 from rpctl.simulation.recorder import Recorder
 
-DIVERGED_SPEED = 1e6
 CHUNK = 1024  # samples that are computed at a time
 TROUBLES = {
     LAW_FAILED: "a law had no answer at a sample",
@@ -44,130 +47,120 @@ class NeedsPython(Exception):
         self.reason, self.samples = reason, samples
 
 
-@dataclass(frozen=True, eq=False)
-class LoopStart:
-    """Where and with what a loop begins.
-
-    Attributes:
-        q: Configuration (nq,).
-        rest: Efforts (n_act,) that hold the robot there.
-        settings: Values of the laws' settings (n_s,).
-        p: Parameters of the simulated robot (n_p,).
-        stage: Finds ways up to the reference; None: the base needs none.
-    """
-
-    q: Array
-    rest: Rest
-    settings: Array
-    p: Array
-    stage: ApproachStage | None
-
-
 def close_compiled_loop(
-    compiled: CompiledLoop,
     dynamics: ReducedDynamics,
-    known: ReducedDynamics,
     config: Config,
     reference: Reference,
-    begin: LoopStart,
     steps: int,
     recorder: Recorder | None,
+    record: LoopRecord,
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Close the loop for a number of control periods.
+    """Close the loop for a number of control periods, as :func:`close_loop` does.
 
     Args:
-        compiled: The loop, of one lane.
         dynamics: Of the simulated robot, without what the plant adds.
-        known: As the controller knows it.
-        config: Laws, circumstances and plant.
+        config: Laws, circumstances and plant; none that ``refusal`` has something against.
         reference: What is tracked.
-        begin: Where it begins.
         steps: Number of control periods.
         recorder: Gets every sample; None keeps no log.
+        record: Filled when the loop ends, early or not.
         progress: Called with the samples done and their total.
 
     Raises:
+        DiffersError: The loop's numbers are not Python's.
         DivergedError: The motion left the finite numbers.
         NeedsPython: A sample came that only Python's loop can go on from.
     """
-    period = config.run.control_period
-    workspace, fixed = prepared(compiled, config, begin, period)
-    followed = reference
-    if begin.stage is not None:
-        still = np.zeros(dynamics.robot.dof)
-        followed = begin.stage(known, reference, 0.0, begin.q, still)
-    sensors = Sensors(dynamics.robot)
-    deviations = sensors.deviations(config.plant.noise)
-    stream = NoiseStream(sensors.width, config.plant.seed)
-    loop = compiled.program
-    for first in range(0, steps + 1, CHUNK):
-        count = min(CHUNK, steps + 1 - first)
-        times = period * np.arange(first, first + count)
-        table = tabulate(dynamics.robot, reference, times)
-        read = table if followed is reference else tabulate(dynamics.robot, followed, times)
-        rows = {
-            loop.reference: Rows(table.rows()),
-            loop.followed: Rows(np.ascontiguousarray(read.rows()[:, :, None])),
-        }
-        if deviations.any():
-            rows[loop.noise] = Rows(
-                np.ascontiguousarray((stream.rows(count) * deviations)[..., None])
-            )
-        log = {s: Rows(np.empty((count, s.width, 1))) for s in loop.log.values()}
-        given = {**fixed, **rows, **log}
-        compiled.sample.run(first, count, workspace, {s: given[s] for s in loop.sample.streams})
-        _record(compiled, log, table, first, recorder)
-        if progress is not None:
-            progress(first + count - 1, steps)
+    robot = dynamics.robot
+    simulated = config.plant.simulated_dynamics(dynamics)
+    known = ReducedDynamics(config.plant.known_robot(robot))
+    rest = rest_at_start(simulated, config, reference)
+    compiled = compiled_loop(known, simulated, config)
+    began = time.perf_counter()
+    try:
+        run = _LoopRun(compiled, robot, config, reference)
+        run.begin(known, rest)
+        if run.stage is not None:
+            record.approaches = run.stage.approaches
+        record.backend = "compiled"
+        for first in range(0, steps + 1, CHUNK):
+            count = min(CHUNK, steps + 1 - first)
+            run.advance(first, count, recorder)
+            record.wall_time = time.perf_counter() - began
+            if progress is not None:
+                progress(first + count - 1, steps)
+    except NeedsPython:
+        record.backend = "pinocchio"
+        raise
+    finally:
+        record.wall_time = time.perf_counter() - began
 
 
-def prepared(
-    compiled: CompiledLoop, config: Config, begin: LoopStart, period: float
-) -> tuple[Mapping[Buffer, Array], dict[RowStream, Rows]]:
-    """Return the workspace before the first sample, and the ring of efforts on their way.
+class _LoopRun:
+    """One run of a compiled loop.
 
     Args:
-        compiled: The loop.
-        config: Its plant.
-        begin: Where it begins.
-        period: Control period, s.
+        compiled: The loop, of one lane.
+        robot: The robot without what the plant adds.
+        config: Laws, circumstances and plant.
+        reference: What is tracked.
     """
-    loop, robot = compiled.program, compiled.robot
-    law, late = loop.law, delay_periods(config.plant.delay, period)
-    first = compiled.start.workspace()
-    for buffer, values in (
-        (law.q, begin.q),
-        (law.tau, begin.rest.tau),
-        (law.settings, begin.settings),
-    ):
-        if buffer in first:
-            first[buffer][:] = values[:, None]
-    compiled.start.run(0, 1, first, {})
-    workspace = compiled.sample.workspace()
-    for buffer in law.memory:
-        workspace[buffer][:] = first[buffer]
-    values = {
-        loop.plant.q: begin.q,
-        loop.plant.p: begin.p,
-        law.settings: begin.settings,
-        law.elapsed: np.array([period]),
-        loop.bias: config.plant.bias(robot),
-        loop.back: np.array([float(late)]),
-        loop.search_from: np.array([_search_from(begin.stage, period)]),
-    }
-    for buffer, numbers in values.items():
-        if buffer in workspace:
-            workspace[buffer][:] = numbers[:, None]
-    ring = np.broadcast_to(begin.rest.tau[None, :, None], (late + 1, len(robot.actuators), 1))
-    return workspace, {loop.ring: Rows(np.ascontiguousarray(ring), ring=True)}
 
+    def __init__(
+        self, compiled: CompiledLoop, robot: Robot, config: Config, reference: Reference
+    ) -> None:
+        self._compiled, self._robot, self._config = compiled, robot, config
+        self._reference = self._followed = reference
+        self._sensors = Sensors(robot)
+        self._deviations = self._sensors.deviations(config.plant.noise)
+        self._stream = NoiseStream(self._sensors.width, config.plant.seed)
+        self._noise = np.empty((0, self._sensors.width))  # drawn, and not used yet
+        self.stage: ApproachStage | None = None
 
-def _search_from(stage: ApproachStage | None, period: float) -> float:
-    """Return the number of the sample from which on a way up may be looked for."""
-    if stage is None or stage.approaches == 0:
-        return 0.0
-    return float(np.ceil(RETRY_S / period - 1e-9))
+    def begin(self, known: ReducedDynamics, rest: Rest) -> None:
+        """Start at rest.
+
+        Args:
+            known: The dynamics as the controller knows them.
+            rest: State of the simulated robot.
+        """
+        config, period = self._config, self._config.run.control_period
+        law: Any = as_law(config.kinematic)
+        dynamic: Any = as_law(config.dynamic)
+        self.stage = None if law.approach is None else law.approach.stage(known)
+        if self.stage is not None:
+            still = np.zeros(known.robot.dof)
+            self._noise = self._stream.rows(1) * self._deviations
+            q, nu = self._sensors.measured(rest.q, still, self._noise[0])
+            self._followed = self.stage(known, self._reference, 0.0, q, nu)
+        settings = settings_of(law, dynamic, known, period)[1]
+        self._workspace, self._ring = prepared(self._compiled, config, rest, settings, self.stage)
+
+    def advance(self, first: int, count: int, recorder: Recorder | None) -> None:
+        """Compute and record some samples.
+
+        Args:
+            first: Number of the first.
+            count: How many.
+            recorder: Gets them.
+        """
+        loop = self._compiled.program
+        times = self._config.run.control_period * np.arange(first, first + count, dtype=float)
+        table = read = tabulate(self._robot, self._reference, times)
+        if self._followed is not self._reference:
+            read = tabulate(self._robot, self._followed, times)
+        rows = {loop.reference: Rows(table.rows()), loop.ring: self._ring}
+        if loop.followed in loop.sample.streams:
+            rows[loop.followed] = Rows(np.ascontiguousarray(read.rows()[:, :, None]))
+        if loop.noise in loop.sample.streams:
+            drawn = self._stream.rows(count - len(self._noise)) * self._deviations
+            rows[loop.noise] = Rows(np.vstack([self._noise, drawn])[:, :, None].copy())
+            self._noise = drawn[:0]
+        log = {stream: Rows(np.empty((count, stream.width, 1))) for stream in loop.log.values()}
+        given = {stream: {**rows, **log}[stream] for stream in loop.sample.streams}
+        self._compiled.sample.run(first, count, self._workspace, given)
+        _record(self._compiled, log, table, first, recorder)
 
 
 def _record(
