@@ -49,7 +49,7 @@ def test_a_run_is_the_same_whatever_computes_it(paper: Robot) -> None:
     plant = Plant(
         {paper.actuators[0]: 0.2}, delay=0.004, noise=Noise(position=1e-3, joints=1e-3), seed=3
     )
-    config = Config(run=RunSettings("eight", 2.0, (0.4, -0.4, 0.5)), plant=plant)
+    config = Config(run=RunSettings("eight", 0.8, (0.4, -0.4, 0.5)), plant=plant)
     one, other = both(paper, config)
     require_same(one, other)
     assert one.notes == other.notes
