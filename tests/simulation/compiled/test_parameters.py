@@ -42,7 +42,7 @@ def other(robot: Robot) -> Robot:
             masses={name: 1.0 + 0.1 * k for k, name in enumerate(names)},
             centres={name: (0.01, -0.02, 0.03) for name in names if name not in round_links},
             inertias={"*": 1.2},
-            radii={"*": 1.07},
+            radii=dict.fromkeys(rolling, 1.07),
             damping={"*": 0.05},
         ),
     )
