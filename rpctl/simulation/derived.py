@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.dynamics.ground_reaction import Contacts, GroundReactions, ground_reactions
-from rpctl.dynamics.load_ranges import find_ranges
+from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.quasi_velocities import reference_rates, steering
-from rpctl.robot.coordinates import write_root
+from rpctl.reference.quasi_velocities import configurations, reference_rates, steering
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import other_joints, steered_joints
+from rpctl.simulation.motion_columns import MotionColumns
 from rpctl.simulation.samples import Samples
 
 TURN = 2.0 * math.pi
@@ -48,6 +46,9 @@ class Derivation:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
         bias: Efforts (n_act,) that push besides the controller's, N·m or N.
+
+    Attributes:
+        motion: Computes the columns that follow from these.
     """
 
     def __init__(
@@ -56,11 +57,10 @@ class Derivation:
         contacts: Contacts | None,
         bias: Array,
     ) -> None:
-        self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
+        self._dynamics = dynamics
         self.robot = robot = dynamics.robot
-        self._data = robot.model.createData()
+        self.motion = MotionColumns(dynamics, contacts, bias)
         self._steered, self._others = steered_joints(robot), other_joints(robot)
-        self._other_indices = [robot.velocity_index(name) for name in self._others]
         self._casters = [s.joint for s in robot.drive.swivels if s.role == "caster"]
         self._turning = [wheel.joint for wheel in robot.drive.wheels] + self._casters
         self._turning_indices = [robot.velocity_index(name) for name in self._turning]
@@ -68,7 +68,9 @@ class Derivation:
     def columns(
         self, samples: Samples, logged: NDArray[np.intp], carry: Carry | None
     ) -> tuple[dict[str, Array], Carry]:
-        """Return the columns of a log of some samples, by name, and what the next batch needs.
+        """Return columns of a log of some samples, by name, and what the next batch needs.
+
+        They are those that the samples and their order say; :attr:`motion` has the others.
 
         Args:
             samples: Consecutive samples, K > 0.
@@ -81,8 +83,7 @@ class Derivation:
         base = _base_poses(robot, samples.q)
         turns = self._turns(np.column_stack([base[:, 2], samples.pose[:, 2]]), carry)
         nu_ref = _reference_nu(robot, samples)
-        arms = _configurations(robot, samples, steered=False)
-        q_ref, rolled, rolling = self._reference_wheels(samples, nu_ref, arms, carry)
+        q_ref, rolled, rolling = self._reference_wheels(samples, nu_ref, carry)
         last = np.array([base[-1, 2], samples.pose[-1, 2]])
         following = Carry(last, turns[-1], float(samples.t[-1]), rolled, rolling)
         if not len(logged):
@@ -101,10 +102,8 @@ class Derivation:
             "steering": _positions(robot, kept.q, self._steered),
             "others": _positions(robot, kept.q, self._others),
             "q_ref": q_ref[logged],
-            **self._motion(kept),
-            **_end_effector(robot, self._data, kept.q, arms[logged]),
         }
-        return columns | self._ground(kept), following
+        return columns, following
 
     def _start(self, samples: Samples) -> Carry:
         """Return what is before the first sample: wheels at 0, casters where the robot's are."""
@@ -120,14 +119,13 @@ class Derivation:
         return np.asarray(carry.turns + np.cumsum(-np.round(jumps / TURN), axis=0))
 
     def _reference_wheels(
-        self, samples: Samples, nu_ref: Array, arms: Array, carry: Carry
+        self, samples: Samples, nu_ref: Array, carry: Carry
     ) -> tuple[Array, Array, Array]:
         """Return q (K, nq) of the reference, wheels and casters integrated from ν_ref.
 
         Args:
             samples: The samples.
             nu_ref: Quasi-velocities of the reference (K, dof).
-            arms: Its configurations (K, nq), wheels and steering at 0.
             carry: Of the sample before.
 
         Returns:
@@ -135,7 +133,10 @@ class Derivation:
         """
         robot, dynamics = self._dynamics.robot, self._dynamics
         steps = np.diff(samples.t, prepend=carry.t)
-        q = _configurations(robot, samples, steered=True) if robot.drive.steered else arms.copy()
+        if robot.drive.steered:
+            q = _steered(robot, samples)
+        else:
+            q = configurations(robot, samples.pose, samples.joints)
         entries = [robot.entries[name] for name in self._turning]
         if dynamics.constant:
             rates = nu_ref @ dynamics.basis(q[0])[self._turning_indices].T
@@ -151,67 +152,6 @@ class Derivation:
                 entry.write(row, angle)
             rate = (dynamics.basis(row) @ nu)[self._turning_indices]
         return q, angles, rate
-
-    def _motion(self, samples: Samples) -> dict[str, Array]:
-        """Return what velocities say: rates, energy, and how well the constraints are kept."""
-        dynamics, q, nu = self._dynamics, samples.q, samples.nu
-        if dynamics.constant:
-            at = dynamics.at(q[0])
-            v, rates = nu @ at.S.T, nu @ at.B
-            slip = v @ at.A.T
-        else:
-            v, rates = np.empty((len(q), dynamics.robot.nv)), np.empty(samples.tau.shape)
-            slip = np.empty((len(q), len(dynamics.rolling.matrix.constant)))
-            for k in range(len(q)):
-                at = dynamics.at(q[k])
-                v[k] = at.S @ nu[k]
-                rates[k], slip[k] = at.B.T @ nu[k], at.A @ v[k]
-        return {
-            "rates": rates,
-            "other_rates": v[:, self._other_indices],
-            "energy": np.array([dynamics.energy(*state) for state in zip(q, nu, strict=True)]),
-            "constraint_residual": np.abs(slip).max(axis=1, initial=0.0),
-        }
-
-    def _ground(self, samples: Samples) -> dict[str, Array]:
-        """Return what the ground does; (K, 0) where it is not defined."""
-        contacts, nothing = self._contacts, np.empty((len(samples.t), 0))
-        if contacts is None:
-            return dict.fromkeys(GROUND_COLUMNS, nothing)
-        push = samples.tau + self._bias
-        reactions = ground_reactions(self._dynamics, contacts, samples.q, samples.nu, push)
-        found = _ground_columns(reactions)
-        if not contacts.determinate:
-            ranges = find_ranges(contacts, reactions)
-            found |= {"load_range": ranges.load, "slip_range": ranges.slip}
-        return dict.fromkeys(GROUND_COLUMNS, nothing) | found
-
-
-GROUND_COLUMNS = (
-    "wheel_force",
-    "axle_force",
-    "contact_load",
-    "zmp",
-    "tip_margin",
-    "slip_ratio",
-    "load_range",
-    "slip_range",
-)
-
-
-def _ground_columns(reactions: GroundReactions) -> dict[str, Array]:
-    """Return what the log keeps of the ground's forces, but for the ranges."""
-    found = {
-        "wheel_force": reactions.longitudinal,
-        "axle_force": reactions.lateral,
-        "contact_load": reactions.load,
-        "zmp": reactions.zmp,
-    }
-    if reactions.tip_margin is not None:
-        found["tip_margin"] = reactions.tip_margin
-    if reactions.slip_ratio.size:
-        found["slip_ratio"] = reactions.slip_ratio.max(axis=1)
-    return found
 
 
 def _base_poses(robot: Robot, q: Array) -> Array:
@@ -239,45 +179,9 @@ def _reference_nu(robot: Robot, samples: Samples) -> Array:
     return reference_rates(robot, samples.state()).nu
 
 
-def _configurations(robot: Robot, samples: Samples, steered: bool) -> Array:
-    """Return q (K, nq) of the reference, wheels at 0 and steering as the reference has it or at 0.
-
-    Args:
-        robot: The robot.
-        samples: The samples.
-        steered: Whether the steering is the reference's.
-    """
-    if steered or robot.mimics or robot.drive.followers:
-        rows = []
-        for k in range(len(samples.t)):
-            state = samples.state(k)
-            turned = steering(robot, state)[0] if steered else None
-            rows.append(robot.configuration_at(state.pose, state.joints, turned))
-        return np.array(rows)
-    q = np.tile(pin.neutral(robot.model), (len(samples.t), 1))
-    for row, pose in zip(q, samples.pose, strict=True):
-        write_root(row, *robot.root_pose(pose))
-    for name, positions in zip(robot.joint_names, samples.joints.T, strict=True):
-        robot.entries[name].write_all(q, positions)
-    return q
-
-
-def _end_effector(robot: Robot, data: pin.Data, q: Array, q_ref: Array) -> dict[str, Array]:
-    """Return where the end effector is (K, 3), where it should be, and the angle between (K,).
-
-    Args:
-        robot: The robot.
-        data: Pinocchio's workspace; overwritten.
-        q: Configurations (K, nq).
-        q_ref: Those of the reference (K, nq).
-    """
-    places, wanted = (np.empty((len(q), 3 if robot.end_effector else 0)) for _ in range(2))
-    angles = np.zeros(len(q))
-    if robot.end_effector is not None:
-        for k in range(len(q)):
-            actual = robot.end_effector_pose(data, q[k])
-            reference = robot.end_effector_pose(data, q_ref[k])
-            places[k], wanted[k] = actual.translation, reference.translation
-            turn = pin.log3(actual.rotation.T @ reference.rotation)
-            angles[k] = math.sqrt(turn @ turn)
-    return {"ee": places, "ee_ref": wanted, "ee_angle": angles}
+def _steered(robot: Robot, samples: Samples) -> Array:
+    """Return q (K, nq) of the reference, wheels at 0 and steering as the reference has it."""
+    states = (samples.state(k) for k in range(len(samples.t)))
+    return np.array(
+        [robot.configuration_at(s.pose, s.joints, steering(robot, s)[0]) for s in states]
+    )

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.pool import ExceptionWithTraceback  # type: ignore[attr-defined]
-from typing import Any
+from typing import Any, NamedTuple
 
 from rpctl.errors import RpctlError
 from rpctl.files.worker import ONE_THREAD
@@ -21,6 +21,19 @@ from rpctl.files.worker import ONE_THREAD
 LAST_WORDS_S = 5.0  # s that a process may live on behind its end of the pipe
 
 Outcome = tuple[Any, Exception | None]  # a result, or the error in its place
+
+
+class FinishedChunk(NamedTuple):
+    """What a worker of a cluster answers to a chunk."""
+
+    result: Any
+
+
+class RefusedWorker(NamedTuple):
+    """What a worker of a cluster answers that has other versions than who asks."""
+
+    address: str
+    differences: list[str]
 
 
 class ChunkWorker:
@@ -38,7 +51,7 @@ class ChunkWorker:
         self._message = b""  # that it gets once it reads
         self._known: bytes | None = None  # the work that it holds
         self._process = context.Process(target=serve, args=(theirs,), daemon=True)
-        with _for_children():
+        with for_children():
             self._process.start()
         theirs.close()
 
@@ -93,7 +106,7 @@ class ChunkWorker:
 
 
 @contextmanager
-def _for_children() -> Iterator[None]:
+def for_children() -> Iterator[None]:
     """Let processes that are started inherit one thread for libraries, and no SIGINT."""
     resource_tracker.ensure_running()  # it would unblock the signal when it starts
     before = {name: os.environ.get(name) for name in ONE_THREAD}

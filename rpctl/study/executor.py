@@ -28,7 +28,10 @@ Result = TypeVar("Result")
 class Executor(Protocol):
     """What runs chunks of work."""
 
-    workers: int  # how many chunks run at a time; of a cluster, when it was asked
+    @property
+    def workers(self) -> int:
+        """How many chunks run at a time; of a cluster, now."""
+        ...
 
     def map_chunks(
         self, work: Callable[[Chunk], Result], chunks: Iterable[Chunk]

@@ -79,15 +79,16 @@ class Parameters:
         found = []
         for name, nominal in self._numbers.items():
             mask, array = self._varied[name], numbers[name]
-            if array.shape[array.ndim - nominal.ndim :] != nominal.shape:
-                raise RpctlError(f"the variant has another structure of wheels or joints ({name})")
             change = np.abs(array - nominal)[..., ~mask]
             if change.max(initial=0.0) > SAME * np.abs(nominal).max(initial=1.0):
                 raise RpctlError(
                     f"the variant differs from its robot in more than what is varied ({name})"
                 )
             found.append(array[..., mask])
-        return np.concatenate(found, axis=-1)
+        stack = np.broadcast_shapes(*(values.shape[:-1] for values in found))
+        return np.concatenate(
+            [np.broadcast_to(values, (*stack, values.shape[-1])) for values in found], axis=-1
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,339 @@
+"""Chunks of work on Dask distributed: other machines, or processes of this one."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import pickle
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from itertools import islice
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from rpctl.errors import RpctlError
+from rpctl.libraries import library
+from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker, for_children
+from rpctl.study.executor import LostChunksError
+from rpctl.study.versions import (
+    ABSENT,
+    CODE,
+    PACKAGES,
+    PYTHON,
+    code_digest,
+    differences,
+    installed,
+    minor,
+)
+
+INSTALL = "pip install 'rpctl[cluster]'"
+LOOK_S = 1.0  # s after which workers that have joined are looked for
+CONNECT_S = 10.0  # s in which a scheduler has to answer
+JOIN_S = 60.0  # s in which a first worker has to join
+CLOSE_S = 10.0  # s that a local cluster may take to end
+KILL_S = 1.0  # s that a worker of an own cluster may take to end
+GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
+LOOPBACK = "127.0.0.1"
+MAX_SHOWN = 10  # workers that a message names
+
+Chunk = TypeVar("Chunk")
+Result = TypeVar("Result")
+
+
+class DaskExecutor:
+    """Runs chunks on the workers of a Dask scheduler, which may come and go.
+
+    Args:
+        address: Of the scheduler, as ``tcp://10.0.0.1:8786``; None starts a cluster of own
+            processes, which listens on loopback only.
+        workers: How many processes of one thread an own cluster has.
+        security: ``distributed.Security`` with the certificates of a ``tls://`` scheduler; None
+            takes what Dask is configured with (``DASK_DISTRIBUTED__COMM__TLS__CA_FILE``, ...).
+        tell: Called with what a user should know: a worker that was refused.
+
+    Raises:
+        RpctlError: Dask is not installed, no scheduler answers, no worker joins, or workers have
+            other versions than this process.
+    """
+
+    def __init__(
+        self,
+        address: str | None = None,
+        workers: int = 1,
+        security: Any = None,
+        tell: Callable[[str], object] | None = None,
+    ) -> None:
+        if workers < 1:
+            raise RpctlError(f"{workers} workers; give 1 or more")
+        self._tell = tell or (lambda text: print(text, file=sys.stderr))
+        self._cluster: Any = None
+        self._client: Any = None
+        try:
+            if address is None:
+                self._cluster = _local_cluster(workers)
+                address = self._cluster.scheduler_address
+            self._client = _connect(address, security)
+            check_workers(self._client)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def workers(self) -> int:
+        """How many chunks run at a time, now."""
+        return sum(self._client.nthreads().values())
+
+    def __enter__(self) -> DaskExecutor:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the scheduler; an own cluster ends, whatever it does."""
+        if self._client is not None:
+            self._client.close()
+        if self._cluster is not None:
+            with suppress(TimeoutError):
+                self._cluster.sync(_kill_workers, self._cluster)
+            self._cluster.close(CLOSE_S)
+
+    def map_chunks(
+        self, work: Callable[[Chunk], Result], chunks: Iterable[Chunk]
+    ) -> Iterator[tuple[Chunk, Result]]:
+        """Yield each chunk and its result, as they end; see :class:`rpctl.study.executor.Executor`.
+
+        If all workers leave, it waits for others.
+        """
+        given = _GivenOut(self._client, work, chunks)
+        lost: list[Chunk] = []
+        reason = ""
+        try:
+            given.fill()
+            while given.chunks:
+                ended = given.ended()
+                given.fill()  # before the caller works on what ended
+                for chunk, answer in ended:
+                    if isinstance(answer, FinishedChunk):
+                        yield chunk, answer.result
+                    elif isinstance(answer, RefusedWorker):
+                        self._refuse(answer)
+                        given.give(chunk)
+                    elif isinstance(answer, _Lost):
+                        lost, reason = [*lost, chunk], answer.reason
+                    else:
+                        raise answer
+        finally:
+            given.cancel()
+        if lost:
+            raise LostChunksError(lost, reason)
+
+    def _refuse(self, refused: RefusedWorker) -> None:
+        """Have a worker leave that joined with other versions, and say so."""
+        self._client.retire_workers([refused.address])
+        self._tell(f"{_fault(refused.address, refused.differences)}; it was sent away")
+
+
+class _Lost(NamedTuple):
+    """What becomes of a chunk whose workers all died."""
+
+    reason: str
+
+
+_Answer = Any  # a FinishedChunk, a RefusedWorker, a _Lost or an exception
+
+
+class _GivenOut(Generic[Chunk]):
+    """The chunks that a scheduler has: one for each thread of its workers.
+
+    None waits at a worker: it would be blamed, too, for the death of that worker.
+
+    Attributes:
+        chunks: By the future of their answer.
+    """
+
+    def __init__(self, client: Any, work: Callable[..., Any], chunks: Iterable[Chunk]) -> None:
+        self.chunks: dict[Any, Chunk] = {}
+        self._client, self._left = client, iter(chunks)
+        self._ended: SimpleQueue[Any] = SimpleQueue()
+        from rpctl.study.dask_worker import SentWork, run_sent  # imports Dask
+
+        self._run = run_sent
+        sent = SentWork(work, installed())
+        self._name = f"rpctl-{_digest(sent.packed)}"
+        self._number = 0  # of the next task
+        # No task depends on it: the scheduler would rather wait for a worker that holds it.
+        client.register_plugin(sent, name=self._name)
+        self._looked, self._room = -math.inf, 0
+
+    def fill(self) -> None:
+        """Give out chunks until each worker has enough."""
+        now = time.monotonic()
+        if now > self._looked + LOOK_S:
+            self._looked = now
+            with _scheduler_there():
+                self._room = max(sum(self._client.nthreads().values()), 1)
+        for chunk in islice(self._left, max(self._room - len(self.chunks), 0)):
+            self.give(chunk)
+
+    def give(self, chunk: Chunk) -> None:
+        """Give out a chunk, under a key that is its content's."""
+        data = pickle.dumps(chunk, pickle.HIGHEST_PROTOCOL)
+        key = f"{self._name}-{self._number}-{_digest(data)}"
+        self._number += 1
+        future = self._client.submit(self._run, self._name, data, key=key, pure=False)
+        self.chunks[future] = chunk
+        future.add_done_callback(self._ended.put)
+
+    def ended(self) -> list[tuple[Chunk, _Answer]]:
+        """Return chunks that have ended and their answers; none after a while without any."""
+        futures = []
+        with suppress(Empty):
+            futures.append(self._ended.get(timeout=LOOK_S))
+            while True:
+                futures.append(self._ended.get_nowait())
+        good = [future for future in futures if future.status == "finished"]
+        with _scheduler_there():
+            answers = dict(zip(good, self._client.gather(good), strict=True))
+        return [
+            (self.chunks.pop(future), answers.pop(future, None) or _failure(future))
+            for future in futures
+        ]
+
+    def cancel(self) -> None:
+        """Forget what was given out."""
+        with suppress(OSError, RuntimeError, ValueError, CancelledError):  # the scheduler has gone
+            self._client.cancel(list(self.chunks))
+            self._client.unregister_worker_plugin(self._name)
+
+
+@contextmanager
+def _scheduler_there() -> Iterator[None]:
+    """Say of a connection that breaks what that means."""
+    try:
+        yield
+    except (OSError, CancelledError):
+        raise RpctlError(GONE) from None
+
+
+def _failure(future: Any) -> _Answer:
+    """Return why a task has no result."""
+    if future.status in ("cancelled", "lost"):
+        return RpctlError(
+            "the scheduler has gone, or has forgotten the study; what is done is kept"
+        )
+    error: Exception = future.exception()
+    if type(error).__name__ == "KilledWorker":
+        return _Lost(f"{error.allowed_failures + 1} in turn")  # type: ignore[attr-defined]
+    return error.with_traceback(future.traceback())
+
+
+def _digest(data: bytes) -> str:
+    return sha256(data).hexdigest()[:16]
+
+
+def check_workers(client: Any) -> None:
+    """Refuse workers that compute with other versions than this process.
+
+    Args:
+        client: ``distributed.Client``.
+
+    Raises:
+        RpctlError: Naming the workers, the packages and both versions.
+    """
+    here = installed()
+    faults = []
+    for address, found in client.get_versions(packages=list(PACKAGES))["workers"].items():
+        packages = {name: found["packages"][name] or ABSENT for name in PACKAGES}
+        there = {PYTHON: minor(found["host"]["python"]), **packages}
+        wrong = differences(there, here)
+        faults += [_fault(address, wrong)] if wrong else []
+    if not faults:
+        for address, code in client.run(code_digest, on_error="return").items():
+            wrong = differences({CODE: str(code)}, here)
+            faults += [_fault(address, wrong)] if wrong else []
+    if faults:
+        more = [f"and {len(faults) - MAX_SHOWN} more workers"] if len(faults) > MAX_SHOWN else []
+        raise RpctlError("\n".join([*faults[:MAX_SHOWN], *more]))
+
+
+def _fault(address: str, wrong: Sequence[str]) -> str:
+    return f"worker {address} has {'; '.join(wrong)}; install the same versions on all machines"
+
+
+def _local_cluster(workers: int) -> Any:
+    """Return a cluster of processes of one thread each that listens on loopback only."""
+    distributed = _distributed()
+    with for_children():  # a thread that it starts now starts them
+        return distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            dashboard_address=f"{LOOPBACK}:0",
+            silence_logs=logging.ERROR,  # what it says of a worker is said by LostChunksError
+        )
+
+
+async def _kill_workers(cluster: Any) -> None:
+    """End the processes of a cluster, at work or not."""
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+    await asyncio.gather(*(nanny.kill(timeout=KILL_S) for nanny in cluster.workers.values()))
+
+
+def _connect(address: str, security: Any) -> Any:
+    """Return a client of a scheduler that has at least one worker.
+
+    Args:
+        address: Of the scheduler.
+        security: What authenticates this process, or None.
+
+    Raises:
+        RpctlError: No scheduler answers, or no worker joins.
+    """
+    distributed = _distributed()
+    try:
+        client = distributed.Client(
+            address, timeout=CONNECT_S, security=security, set_as_default=False
+        )
+    except (OSError, ValueError, TypeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise RpctlError(
+            f"{address}: no scheduler answers ({reason}); start one with `dask scheduler`, and "
+            "give its address as tcp://HOST:PORT"
+        ) from None
+    try:
+        client.wait_for_workers(1, timeout=JOIN_S)
+    except TimeoutError:
+        client.close()
+        raise RpctlError(
+            f"{address}: no worker has joined in {JOIN_S:g} s; start some with "
+            f"`dask worker {address} --nthreads 1`"
+        ) from None
+    return client
+
+
+def _distributed() -> Any:
+    """Return Dask's library.
+
+    Raises:
+        RpctlError: It is not installed.
+    """
+    try:
+        return library("distributed")
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise RpctlError(f"more machines need distributed; {INSTALL}") from None

@@ -1,0 +1,297 @@
+"""Chunks on Dask: separate processes on loopback that die, come late, or are of other versions."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.study import cluster
+from rpctl.study.cluster import DaskExecutor, check_workers
+from rpctl.study.dask_worker import SentWork
+from rpctl.study.executor import LostChunksError
+from rpctl.study.versions import CODE, PACKAGES, code_digest, differences, installed, minor
+from tests.study import chunk_works
+from tests.study.chunk_works import Runs, chunks_of, draw
+from tests.study.dask_processes import DaskProcesses
+
+ABSENT_ADDRESS = "tcp://127.0.0.1:9"  # discard: nobody listens there
+
+
+def packages(**other: str | None) -> dict[str, Any]:
+    """Return what Dask tells of a worker that has ``other`` versions of packages than this one."""
+    python = ".".join(map(str, sys.version_info))
+    own = {name: installed()[name] for name in PACKAGES}
+    return {"host": {"python": other.pop("python", python)}, "packages": own | other}
+
+
+def client_of(workers: Mapping[str, Any], codes: Mapping[str, str]) -> Any:
+    return SimpleNamespace(
+        get_versions=lambda packages: {"workers": workers}, run=lambda function, on_error: codes
+    )
+
+
+def test_workers_like_this_process_are_taken() -> None:
+    check_workers(client_of({"tcp://a:1": packages()}, {"tcp://a:1": code_digest()}))
+
+
+@pytest.mark.parametrize("name", [*PACKAGES, "python", CODE])
+def test_a_worker_of_another_version_is_refused(name: str) -> None:
+    """Named are its address, what differs, and both versions; not the workers that fit."""
+    other = {} if name == CODE else {name: "3.9.1" if name == "python" else "0.0.1"}
+    there = "f00" if name == CODE else "3.9" if name == "python" else "0.0.1"
+    codes = {"tcp://a:1": code_digest(), "tcp://b:2": "f00" if name == CODE else code_digest()}
+    client = client_of({"tcp://a:1": packages(), "tcp://b:2": packages(**other)}, codes)
+    with pytest.raises(RpctlError) as error:
+        check_workers(client)
+    assert str(error.value) == (
+        f"worker tcp://b:2 has {name} {there}, here {installed()[name]}; "
+        "install the same versions on all machines"
+    )
+
+
+def test_a_worker_without_a_package_is_refused() -> None:
+    client = client_of({"tcp://b:2": packages(rpctl=None, llvmlite=None)}, {})
+    with pytest.raises(RpctlError, match=r"has rpctl none, here .*; llvmlite none, here "):
+        check_workers(client)
+
+
+def test_not_every_worker_of_a_thousand_is_named() -> None:
+    client = client_of({f"tcp://b:{k}": packages(numpy="1.0") for k in range(1000)}, {})
+    with pytest.raises(RpctlError) as error:
+        check_workers(client)
+    lines = str(error.value).splitlines()
+    assert len(lines) == cluster.MAX_SHOWN + 1
+    assert lines[-1] == f"and {1000 - cluster.MAX_SHOWN} more workers"
+
+
+def test_versions_of_this_process() -> None:
+    assert installed()["numpy"] == np.__version__
+    assert installed()["python"] == f"{sys.version_info.major}.{sys.version_info.minor}"
+    assert minor("3.12.0.alpha.1") == "3.12"
+    assert differences({"a": "1", "b": "2"}, {"a": "1", "b": "3", "c": "4"}) == ["b 2, here 3"]
+
+
+def test_a_worker_of_other_versions_unpickles_nothing() -> None:
+    """It may have joined after the others were checked."""
+    sent = SentWork(partial(draw, 0.0), installed() | {"numpy": "9"})
+    assert sent.run("tcp://c:3", b"no pickle") == ("tcp://c:3", [f"numpy {np.__version__}, here 9"])
+    sent = SentWork(partial(draw, 0.0), installed())
+    with pytest.raises(pickle.UnpicklingError):
+        sent.run("tcp://c:3", b"no pickle")
+
+
+def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> Any:
+        raise ModuleNotFoundError(name=name)
+
+    monkeypatch.setattr(cluster, "library", absent)
+    with pytest.raises(RpctlError, match=r"pip install 'rpctl\[cluster\]'"):
+        DaskExecutor()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("address", "found"),
+    [(ABSENT_ADDRESS, "no scheduler answers"), ("what", "no scheduler"), ("x://y", "no scheduler")],
+)
+def test_an_address_without_a_scheduler(
+    address: str, found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    with pytest.raises(RpctlError, match=found) as error:
+        DaskExecutor(address)
+    assert "\n" not in str(error.value)
+
+
+@pytest.fixture
+def dask(tmp_path: Path) -> Iterator[DaskProcesses]:
+    with DaskProcesses(tmp_path) as processes:
+        yield processes
+
+
+def assert_same(found: Mapping[Runs, object], chunks: list[Runs]) -> None:
+    """Assert bit for bit what one process finds."""
+    assert sorted(found) == chunks
+    for chunk, result in found.items():
+        np.testing.assert_array_equal(result, draw(0.0, chunk))
+
+
+def began(folder: Path) -> Counter[int]:
+    """Return how many chunks each process has begun."""
+    return Counter(int(path.name.partition("-")[2]) for path in folder.iterdir())
+
+
+@pytest.mark.slow
+def test_one_worker_is_killed_and_one_joins_late(dask: DaskProcesses, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    log.mkdir()
+    chunks, found = chunks_of(60), {}
+    first, second = dask.start_worker(), dask.start_worker()
+    third = None
+    with DaskExecutor(dask.address) as executor:
+        while executor.workers < 2:
+            time.sleep(0.05)
+        work = partial(chunk_works.draw_and_log, log, 0.1)
+        for chunk, result in executor.map_chunks(work, iter(chunks)):
+            assert chunk not in found
+            found[chunk] = result
+            if len(found) == 10:
+                time.sleep(0.05)  # it has begun another chunk
+                first.kill()
+                first.wait()
+                third = dask.start_worker()
+    assert_same(found, chunks)
+    assert third is not None
+    counts = began(log)
+    assert min(counts[each.pid] for each in (first, second, third)) >= 3
+    assert len(list(log.iterdir())) > len(chunks)  # what was killed was begun again
+
+
+@pytest.mark.slow
+def test_a_chunk_that_ends_each_worker_is_named(dask: DaskProcesses, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    log.mkdir()
+    chunks, found = chunks_of(6), {}
+    dask.start_worker("--nanny")
+    work = partial(chunk_works.dies_of, [10], log, 99)
+    with DaskExecutor(dask.address) as executor, pytest.raises(LostChunksError) as lost:
+        for chunk, result in executor.map_chunks(work, chunks):
+            found[chunk] = result  # noqa: PERF403 - the last of them raises
+    assert lost.value.chunks == (chunks[1],)
+    assert_same(found, [chunks[0], *chunks[2:]])
+
+
+def planted(folder: Path, package: str, version: str) -> Path:
+    """Return a folder that makes another version of a package appear installed."""
+    place = folder / "planted" / f"{package}-{version}.dist-info"
+    place.mkdir(parents=True)
+    (place / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n")
+    return place.parent
+
+
+@pytest.mark.slow
+def test_versions_are_checked_before_the_first_chunk(dask: DaskProcesses, tmp_path: Path) -> None:
+    dask.start_worker("--no-nanny", "--name", "bad", path=planted(tmp_path, "casadi", "3.5.0"))
+    message = rf"^worker tcp://127.0.0.1:\d+ has casadi 3.5.0, here {installed()['casadi']};"
+    with pytest.raises(RpctlError, match=message):
+        DaskExecutor(dask.address)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nanny", ["--nanny", "--no-nanny"])
+def test_a_late_worker_of_other_versions_is_sent_away(
+    nanny: str, dask: DaskProcesses, tmp_path: Path
+) -> None:
+    log = tmp_path / "log"
+    log.mkdir()
+    chunks, found, bad = chunks_of(80), {}, None
+    told: list[str] = []
+    good = dask.start_worker()
+    with DaskExecutor(dask.address, tell=told.append) as executor:
+        work = partial(chunk_works.draw_and_log, log, 0.1)
+        for chunk, result in executor.map_chunks(work, chunks):
+            found[chunk] = result
+            bad = bad or dask.start_worker(nanny, path=planted(tmp_path, "numpy", "1.0"))
+    assert_same(found, chunks)
+    (text,) = told
+    assert f"has numpy 1.0, here {np.__version__}; install the same" in text
+    assert text.endswith("it was sent away")
+    assert set(began(log)) == {good.pid}
+    assert bad is not None
+    assert bad.wait(20.0) == 0
+
+
+@pytest.mark.slow
+def test_a_worker_that_cannot_import_rpctl_is_refused(dask: DaskProcesses, tmp_path: Path) -> None:
+    broken = tmp_path / "broken" / "rpctl"
+    broken.mkdir(parents=True)
+    (broken / "__init__.py").write_text("")
+    dask.start_worker(path=broken.parent)
+    with pytest.raises(
+        RpctlError, match=r"^worker tcp://127.* has rpctl's code ModuleNotFoundError"
+    ):
+        DaskExecutor(dask.address)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_is_an_error_of_one_line(dask: DaskProcesses) -> None:
+    dask.start_worker()
+    with DaskExecutor(dask.address) as executor:
+        with pytest.raises(RpctlError, match="the scheduler has gone") as error:
+            for _ in executor.map_chunks(partial(draw, 0.1), chunks_of(100)):
+                dask.processes[0].kill()
+        assert error.value.__cause__ is None
+
+
+@pytest.mark.slow
+def test_an_own_cluster_listens_on_loopback_and_leaves_nothing() -> None:
+    psutil = pytest.importorskip("psutil")
+    chunks = chunks_of(9)
+    me = psutil.Process()
+    before = set(me.children(recursive=True))
+    with DaskExecutor(workers=2) as executor:
+        assert executor.workers == 2
+        assert_same(dict(executor.map_chunks(partial(draw, 0.0), chunks)), chunks)
+        with pytest.raises(UnknownNameError, match="did you mean paper") as error:
+            list(executor.map_chunks(partial(chunk_works.refuses, 0), chunks))
+        assert error.value.__cause__ is None
+        own = set(me.children(recursive=True)) - before
+        listening = [
+            connection.laddr.ip
+            for process in (me, *own)
+            for connection in process.net_connections()
+            if connection.status == psutil.CONN_LISTEN
+        ]
+        assert len(listening) >= 3
+        assert set(listening) == {"127.0.0.1"}
+    assert len([process for process in own if process.is_running()]) <= 1  # Python's own tracker
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+def test_an_own_cluster_ends_with_who_started_it(ending: signal.Signals, tmp_path: Path) -> None:
+    """Chunks of it are at work, and longer than anybody waits."""
+    psutil = pytest.importorskip("psutil")
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from functools import partial\n"
+        "from rpctl.study.cluster import DaskExecutor\n"
+        "from tests.study.chunk_works import chunks_of, draw_and_log\n"
+        "import pathlib\n"
+        "if __name__ == '__main__':\n"
+        "    with DaskExecutor(workers=2) as executor:\n"
+        f"        work = partial(draw_and_log, pathlib.Path({str(tmp_path)!r}), 600.0)\n"
+        "        list(executor.map_chunks(work, chunks_of(9)))\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, script], start_new_session=True, stderr=subprocess.PIPE,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    try:
+        deadline = time.monotonic() + 60.0
+        while len(list(tmp_path.glob("*-*"))) < 2 and time.monotonic() < deadline:
+            time.sleep(0.1)
+        own = psutil.Process(process.pid).children(recursive=True)
+        os.killpg(process.pid, ending) if ending == signal.SIGINT else process.kill()
+        _, err = process.communicate(timeout=15)
+    finally:
+        process.kill()
+    assert len(own) >= 2
+    if ending == signal.SIGINT:
+        assert err.decode().strip().endswith("KeyboardInterrupt")
+    _, alive = psutil.wait_procs(own, timeout=20)
+    assert not alive
