@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import casadi
 import numpy as np
@@ -71,7 +72,11 @@ def vectorised(function: casadi.Function, _: Array) -> Callable[[Array], object]
         )
         for k in range(function.n_instructions())
     ]
-    operations = {"ADD": np.add, "SUB": np.subtract, "MUL": np.multiply}
+    operations: dict[str, Callable[..., Any]] = {
+        "ADD": np.add,
+        "SUB": np.subtract,
+        "MUL": np.multiply,
+    }
     operations |= {"SQ": np.square, "TWICE": lambda x: x + x, "NEG": np.negative}
 
     @np.errstate(all="ignore")
