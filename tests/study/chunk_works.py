@@ -78,8 +78,8 @@ class Loaded:
 
     count = 0
 
-    def __init__(self) -> None:
-        self.ballast = b"x" * 2**20  # more than a pipe holds
+    def __init__(self, size: int = 2**20) -> None:
+        self.ballast = b"x" * size  # more than a pipe holds
 
     def __setstate__(self, state: dict[str, bytes]) -> None:
         type(self).count += 1
