@@ -82,6 +82,11 @@ COMMANDS = {
         "Draw from which starts a law brings a robot to its reference, and how soon.",
         "rpctl attraction car --reference line,circle --starts 100",
     ),
+    "study": LazyCommand(
+        "rpctl.cli.study:study_command",
+        "Run a robot many times with settings that differ, and tell what became of it and why.",
+        "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
+    ),
     "lag": LazyCommand(
         "rpctl.cli.lag:lag_command",
         "Identify lag and dead time of a robot that takes speeds, from a step in a log.",

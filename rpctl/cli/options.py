@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -194,6 +194,18 @@ class LoadOptions:
             not self.no_losses,
             _armature(self.armature),
         )
+
+    def words(self) -> list[str]:
+        """Return them as words of a command line, so that it can be told to a user."""
+        found: list[str] = []
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value == item.default:
+                continue
+            flag = XACRO_OPTION if item.name == "xacro_args" else f"--{item.name.replace('_', '-')}"
+            each = value if isinstance(value, list) else [value]
+            found += [flag] if value is True else [w for one in each for w in (flag, str(one))]
+        return found
 
 
 def _positions(items: Iterable[str] | None) -> dict[str, float]:

@@ -122,21 +122,21 @@ class BoundedLaw:
             if law.joint_horizon_dyn is None
             else np.full(len(robot.joints), law.joint_horizon_dyn)
         )
-        self._times = by_velocity(dynamics, law.horizon_dyn, joints)
-        self._held = period if law.midpoint else 0.0
-        self._box = robot.effort_limits
-        self._unit = np.where(np.isfinite(self._box), self._box, 1.0)
-        self._effort_limits = tuple(Limit(name, "effort") for name in robot.actuators)
-        self._joints = JointLimits(dynamics, period, law.horizon_dyn)
+        self.times = by_velocity(dynamics, law.horizon_dyn, joints)
+        self.held_for = period if law.midpoint else 0.0
+        self.effort_limits = robot.effort_limits
+        self._unit = np.where(np.isfinite(self.effort_limits), self.effort_limits, 1.0)
+        self._effort_labels = tuple(Limit(name, "effort") for name in robot.actuators)
+        self.joints = JointLimits(dynamics, period, law.horizon_dyn)
         self._base = len(robot.drive.base_speeds)
         fastest = robot.velocity_limits
-        self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
+        self.fastest = np.where(np.isfinite(fastest), fastest, 1.0)
         default = dict.fromkeys(robot.drive.base_speeds, 1.0)
         weights = [
             law.weights.get(name, default.get(name, JOINT_ERROR_WEIGHT))
             for name in robot.quasi_velocities
         ]
-        self._root_weights = np.sqrt(weights)
+        self.root_weights = np.sqrt(weights)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind.
@@ -155,7 +155,7 @@ class BoundedLaw:
 
     def desired_acceleration(self, nu: Array, command: Command) -> Array:
         """Return ν̇* (dof,)."""
-        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self._times)
+        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self.times)
 
     def efforts(
         self,
@@ -176,7 +176,7 @@ class BoundedLaw:
         """
         sample = self._sample(dynamics, q, nu, command, disturbance)
         free = (
-            (np.abs(sample.tau) <= self._box).all()
+            (np.abs(sample.tau) <= self.effort_limits).all()
             and (sample.acceleration >= sample.bounds.lower).all()
             and (sample.acceleration <= sample.bounds.upper).all()
         )
@@ -188,12 +188,12 @@ class BoundedLaw:
         self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, disturbance: Array
     ) -> _Sample:
         nu_dot = self.desired_acceleration(nu, command)
-        rows, drift = self._joints.rows(dynamics, q, nu)
+        rows, drift = self.joints.rows(dynamics, q, nu)
         middle = self.middle(dynamics, q, nu, command)
         force = dynamics.inverse(middle.q, middle.nu, nu_dot - disturbance, middle.nu_d)
         tau = np.asarray(dynamics.efforts(middle.q, force))
         gain = np.asarray(dynamics.efforts(middle.q, dynamics.inertia(middle.q)))
-        bounds = self._joints.bounds(
+        bounds = self.joints.bounds(
             q, rows @ nu, self._max_accelerations(tau - gain @ nu_dot, gain, rows)
         )
         B = dynamics.actuation(middle.q)
@@ -208,7 +208,7 @@ class BoundedLaw:
             nu: Quasi-velocities (dof,) at the sample.
             command: Command to follow.
         """
-        return midpoint(dynamics, q, nu, command, self._held)
+        return midpoint(dynamics, q, nu, command, self.held_for)
 
     def _max_accelerations(
         self, holding_efforts: Array, gain: Array, rows: Array
@@ -225,13 +225,13 @@ class BoundedLaw:
         cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))  # (n_act, k)
         size = np.maximum(np.abs(cost), ROUNDING)
         pull = np.sign(cost) * holding_efforts[:, None]
-        box = self._box[:, None]
+        box = self.effort_limits[:, None]
         return ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
 
     def _cost_factor(self, B: Array, command: Command) -> Array:
         """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹."""
-        full = 1.0 / np.abs(B / self._fastest).max(axis=1)  # speed of the first velocity limit
-        T = np.diag(full / self._root_weights)
+        full = 1.0 / np.abs(B / self.fastest).max(axis=1)  # speed of the first velocity limit
+        T = np.diag(full / self.root_weights)
         base = slice(self._base)
         ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
         d = ahead / np.hypot(np.linalg.norm(ahead), REST_SPEED_FRACTION)
@@ -249,15 +249,15 @@ class BoundedLaw:
             sample: Terms of the QP.
             T: Factor of the cost (dof, dof).
         """
-        B, box, unit, h1 = sample.B, self._box, self._unit, self._law.horizon_dyn
+        B, box, unit, h1 = sample.B, self.effort_limits, self._unit, self._law.horizon_dyn
         nullspace = (
             null_space(B * unit) / np.sqrt(NULLSPACE_EFFORT_WEIGHT)
             if B.shape[0] < B.shape[1]
             else B[:, :0]
         )
-        change = T / self._times[:, None]  # of ν̇ by y: p is h1 times it
+        change = T / self.times[:, None]  # of ν̇ by y: p is h1 times it
         efforts = np.hstack([sample.gain @ change / unit[:, None], nullspace])  # over the limits
-        full = self._joints.full
+        full = self.joints.full
         joints = h1 * sample.rows @ change / full[:, None]
         joints = np.hstack([joints, np.zeros((len(joints), nullspace.shape[1]))])
         bounds, now = sample.bounds, sample.acceleration
@@ -271,8 +271,8 @@ class BoundedLaw:
         return Efforts(tau, self._binding(solution.hard, solution.soft, bounds))
 
     def _binding(self, efforts: Array, joints: Array, bounds: JointBounds) -> tuple[Limit, ...]:
-        names = [self._effort_limits[i] for i in np.flatnonzero(efforts)]
+        names = [self._effort_labels[i] for i in np.flatnonzero(efforts)]
         names += [
-            self._joints.limit(i, bounds, bool(pull > 0.0)) for i, pull in enumerate(joints) if pull
+            self.joints.limit(i, bounds, bool(pull > 0.0)) for i, pull in enumerate(joints) if pull
         ]
         return tuple(names)

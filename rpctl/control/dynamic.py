@@ -83,7 +83,7 @@ class PaperDynamicController:
     """
 
     def __init__(self, times: Array, period: float) -> None:
-        self._times, self._period = times, period
+        self.times, self.held_for = times, period
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
         """Return τ (n_act,).
@@ -94,8 +94,8 @@ class PaperDynamicController:
             nu: Quasi-velocities (dof,).
             command: Command to follow.
         """
-        nu_dot = command.nu_d_dot - (nu - command.nu_d) / self._times
-        middle = midpoint(dynamics, q, nu, command, self._period)
+        nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.times
+        middle = midpoint(dynamics, q, nu, command, self.held_for)
         force = dynamics.inverse(middle.q, middle.nu, nu_dot, middle.nu_d)
         return np.asarray(dynamics.efforts(middle.q, force))
 

@@ -105,7 +105,7 @@ class FeedbackLinearization(BaseLaw):
 
 def _jerk(state: ReferenceState) -> float:
     """Return v̈_r of a reference that keeps its pace along its direction."""
-    if state.direction is None:
+    if state.direction is None or not state.direction[0].any():
         return 0.0
     along, _, twice = state.direction
     return float(twice[0] * (state.twist @ along) / (along @ along))

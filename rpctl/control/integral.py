@@ -96,8 +96,8 @@ class IntegralLaw:
             if law.joint_gain is None
             else np.full(len(dynamics.robot.joints), law.joint_gain)
         )
-        self._gain = by_velocity(dynamics, law.gain, joints)
-        self._inner = BoundedLaw(law.inner, dynamics, period)
+        self.gain = by_velocity(dynamics, law.gain, joints)
+        self.inner = BoundedLaw(law.inner, dynamics, period)
         still = np.zeros(dynamics.robot.dof)
         self._disturbance = still if rest is None else -dynamics.forward(rest.q, still, rest.tau)
         self._before: tuple[Array, Array] | None = None  # ν and, if d was right, ν̇ since then
@@ -124,13 +124,13 @@ class IntegralLaw:
         if self._before is not None and self._elapsed is not None:
             started_at, nu_dot = self._before
             # A longer pause teaches no more than ν̇.
-            gain = np.minimum(self._gain, 1.0 / self._elapsed)
+            gain = np.minimum(self.gain, 1.0 / self._elapsed)
             unexpected = nu - started_at - self._elapsed * nu_dot
             self._disturbance = self._disturbance + gain * unexpected
-        efforts = self._inner.efforts(dynamics, q, nu, command, self._disturbance)
-        nu_dot = self._inner.desired_acceleration(nu, command)
+        efforts = self.inner.efforts(dynamics, q, nu, command, self._disturbance)
+        nu_dot = self.inner.desired_acceleration(nu, command)
         if efforts.limits:
-            middle = self._inner.middle(dynamics, q, nu, command)
+            middle = self.inner.middle(dynamics, q, nu, command)
             nu_dot = dynamics.forward(middle.q, middle.nu, efforts.tau) + self._disturbance
         self._before = nu, nu_dot
         return efforts

@@ -55,16 +55,16 @@ class JointLimits:
         moving = (robot.description.joint[name] for name in robot.moving_joint_names)
         joints = [j for j in moving if np.isfinite([j.velocity, j.lower, j.upper]).any()]
         self.names = tuple(joint.name for joint in joints)
-        self._rows = [robot.velocity_index(name) for name in self.names]
+        self.indices = [robot.velocity_index(name) for name in self.names]
         # A joint without position limits may have two entries in q; none of them binds anything.
-        self._entries = [robot.entries[name].index for name in self.names]
+        self.entries = [robot.entries[name].index for name in self.names]
         self._horizon, beyond = horizon, RETURN_PERIODS * period
-        self._times = np.array([[max(APPROACH_TIME, beyond)], [beyond]])
-        self._fastest = (1.0 - LIMIT_MARGIN) * np.array([joint.velocity for joint in joints])
-        self.full = np.where(np.isfinite(self._fastest), self._fastest, 1.0)
+        self.times = np.array([[max(APPROACH_TIME, beyond)], [beyond]])
+        self.fastest = (1.0 - LIMIT_MARGIN) * np.array([joint.velocity for joint in joints])
+        self.full = np.where(np.isfinite(self.fastest), self.fastest, 1.0)
         lower, upper = (np.array([getattr(j, end) for j in joints]) for end in ("lower", "upper"))
         margin = np.where(np.isfinite(upper - lower), LIMIT_MARGIN * (upper - lower), 0.0)
-        self._lower, self._upper = lower + margin, upper - margin
+        self.lower, self.upper = lower + margin, upper - margin
 
     def rows(self, dynamics: ReducedDynamics, q: Array, nu: Array) -> tuple[Array, Array]:
         """Return the joints' rows of S (k, dof) and Ṡν (k,): ẋ = rows ν, ẍ = rows ν̇ + drift.
@@ -74,7 +74,7 @@ class JointLimits:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
         """
-        return dynamics.basis(q)[self._rows], dynamics.basis_drift(q, nu)[self._rows]
+        return dynamics.basis(q)[self.indices], dynamics.basis_drift(q, nu)[self.indices]
 
     def bounds(self, q: Array, rate: Array, brakes: tuple[Array, Array]) -> JointBounds:
         """Return the bounds on ẍ; none asks more of a joint than its actuator alone can give.
@@ -85,16 +85,16 @@ class JointLimits:
             brakes: Largest accelerations (k,) down and up that the efforts can give each joint.
         """
         down, up = (np.clip(BRAKE_FRACTION * a, MIN_BRAKE, MAX_BRAKE) for a in brakes)
-        ahead = q[self._entries] + self._times * rate  # (2, k)
-        rising, falling = self._stop(self._upper - ahead, down), self._stop(ahead - self._lower, up)
-        highest = np.minimum(rising, self._fastest)
-        lowest = np.minimum(np.maximum(-falling, -self._fastest), highest)
-        lower = ((lowest - rate) / self._times).max(axis=0)
-        upper = ((highest - rate) / self._times).min(axis=0)
+        ahead = q[self.entries] + self.times * rate  # (2, k)
+        rising, falling = self._stop(self.upper - ahead, down), self._stop(ahead - self.lower, up)
+        highest = np.minimum(rising, self.fastest)
+        lowest = np.minimum(np.maximum(-falling, -self.fastest), highest)
+        lower = ((lowest - rate) / self.times).max(axis=0)
+        upper = ((highest - rate) / self.times).min(axis=0)
         # An exceeded bound takes precedence over the opposite one.
         lower = np.where(upper < 0.0, np.minimum(lower, upper), lower)
         upper = np.maximum(lower, upper)
-        by_lower, by_upper = falling < self._fastest, rising < self._fastest
+        by_lower, by_upper = falling < self.fastest, rising < self.fastest
         return JointBounds(
             np.minimum(lower, brakes[1]),
             np.maximum(upper, -brakes[0]),

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.dynamics.contact_notes import contact_notes, free_rotation
+from rpctl.dynamics.many_states import Reactions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import contact_point
 from rpctl.dynamics.stance import MIN_STANCE_WIDTH_M, Stance, loads, make_stance, width
@@ -166,7 +167,12 @@ def ground_reaction(
 
 
 def ground_reactions(
-    dynamics: ReducedDynamics, contacts: Contacts, q: Array, nu: Array, tau: Array
+    dynamics: ReducedDynamics,
+    contacts: Contacts,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    reactions: Reactions | None = None,
 ) -> GroundReactions:
     """Return the forces of the ground on a robot at K states.
 
@@ -182,11 +188,14 @@ def ground_reactions(
         q: Configurations (K, nq).
         nu: Quasi-velocities (K, dof).
         tau: Actuator efforts (K, n_act), N·m or N.
+        reactions: What :class:`~rpctl.dynamics.many_states.ManyStates` says of these states; None:
+            they are asked for one by one.
     """
-    multipliers, wrench = np.empty((len(q), contacts.along.shape[1])), np.empty((len(q), 6))
-    for k, state in enumerate(zip(q, nu, tau, strict=True)):
-        residual, wrench[k] = dynamics.reaction(*state)
-        np.dot(dynamics.at(state[0]).multipliers, residual, out=multipliers[k])
+    if reactions is None:
+        multipliers, wrench = _one_by_one(dynamics, contacts, q, nu, tau)
+    else:
+        multipliers = reactions.residual @ dynamics.at(q[0]).multipliers.T
+        wrench = reactions.wrench
     along, lateral = multipliers @ contacts.along.T, multipliers @ contacts.across.T
     fx, fy, fz, nx, ny, _ = wrench.T
     z, floor = dynamics.robot.drive.ground, contacts.floor
@@ -199,6 +208,17 @@ def ground_reactions(
     arms, margin, load = _split(dynamics, contacts, q, moments, local)
     slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:, : along.shape[1]], floor))
     return GroundReactions(force, along, lateral, load, zmp, arms, margin, slip)
+
+
+def _one_by_one(
+    dynamics: ReducedDynamics, contacts: Contacts, q: Array, nu: Array, tau: Array
+) -> tuple[Array, Array]:
+    """Return λ (K, rows) and the wrenches through the root (K, 6) at K states."""
+    multipliers, wrench = np.empty((len(q), contacts.along.shape[1])), np.empty((len(q), 6))
+    for k, state in enumerate(zip(q, nu, tau, strict=True)):
+        residual, wrench[k] = dynamics.reaction(*state)
+        np.dot(dynamics.at(state[0]).multipliers, residual, out=multipliers[k])
+    return multipliers, wrench
 
 
 def _turned(q: Array, vectors: Array) -> Array:

@@ -125,7 +125,7 @@ def _table_of(robot: Robot, times: Array, states: list[ReferenceState]) -> Refer
 
     def column(k: int, width: int) -> Array:
         found = np.array([state[k] for state in states], dtype=float)
-        return found.reshape(-1, width)
+        return found.reshape(len(states), width)
 
     n, none = len(robot.joints), np.full((3, 3), np.nan)
     given = [none if state.direction is None else state.direction for state in states]

@@ -6,16 +6,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, GroundReactions, ground_reactions
 from rpctl.dynamics.load_ranges import find_ranges
+from rpctl.dynamics.many_states import ManyStates, Reactions
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.quasi_velocities import reference_rates, steering
-from rpctl.robot.coordinates import write_root
+from rpctl.reference.quasi_velocities import configurations, reference_rates, steering
 from rpctl.robot.model import Robot
+from rpctl.robot.placements import EndEffectorFrame, aligned_tree, end_effector_frame
 from rpctl.simulation.facts import other_joints, steered_joints
 from rpctl.simulation.samples import Samples
 
@@ -58,7 +58,10 @@ class Derivation:
     ) -> None:
         self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
         self.robot = robot = dynamics.robot
-        self._data = robot.model.createData()
+        self._frame: EndEffectorFrame | None = None
+        if robot.end_effector is not None:
+            self._frame = end_effector_frame(aligned_tree(robot))
+        self._many = ManyStates(dynamics) if dynamics.constant else None
         self._steered, self._others = steered_joints(robot), other_joints(robot)
         self._other_indices = [robot.velocity_index(name) for name in self._others]
         self._casters = [s.joint for s in robot.drive.swivels if s.role == "caster"]
@@ -81,13 +84,16 @@ class Derivation:
         base = _base_poses(robot, samples.q)
         turns = self._turns(np.column_stack([base[:, 2], samples.pose[:, 2]]), carry)
         nu_ref = _reference_nu(robot, samples)
-        arms = _configurations(robot, samples, steered=False)
+        arms = configurations(robot, samples.pose, samples.joints)
         q_ref, rolled, rolling = self._reference_wheels(samples, nu_ref, arms, carry)
         last = np.array([base[-1, 2], samples.pose[-1, 2]])
         following = Carry(last, turns[-1], float(samples.t[-1]), rolled, rolling)
         if not len(logged):
             return {}, following
         kept, ahead = samples.rows(logged), TURN * turns[logged]
+        reactions = None
+        if self._many is not None:
+            reactions = self._many.reactions(kept.q, kept.nu, kept.tau + self._bias)
         columns = {
             name: np.array(getattr(kept, name))
             for name in ("t", "q", "nu", "tau", "nu_d", "nu_cmd", "e", "work", "lost")
@@ -101,10 +107,10 @@ class Derivation:
             "steering": _positions(robot, kept.q, self._steered),
             "others": _positions(robot, kept.q, self._others),
             "q_ref": q_ref[logged],
-            **self._motion(kept),
-            **_end_effector(robot, self._data, kept.q, arms[logged]),
+            **self._motion(kept, reactions),
+            **_end_effector(self._frame, kept.q, arms[logged]),
         }
-        return columns | self._ground(kept), following
+        return columns | self._ground(kept, reactions), following
 
     def _start(self, samples: Samples) -> Carry:
         """Return what is before the first sample: wheels at 0, casters where the robot's are."""
@@ -135,7 +141,7 @@ class Derivation:
         """
         robot, dynamics = self._dynamics.robot, self._dynamics
         steps = np.diff(samples.t, prepend=carry.t)
-        q = _configurations(robot, samples, steered=True) if robot.drive.steered else arms.copy()
+        q = _steered(robot, samples) if robot.drive.steered else arms.copy()
         entries = [robot.entries[name] for name in self._turning]
         if dynamics.constant:
             rates = nu_ref @ dynamics.basis(q[0])[self._turning_indices].T
@@ -152,7 +158,7 @@ class Derivation:
             rate = (dynamics.basis(row) @ nu)[self._turning_indices]
         return q, angles, rate
 
-    def _motion(self, samples: Samples) -> dict[str, Array]:
+    def _motion(self, samples: Samples, reactions: Reactions | None) -> dict[str, Array]:
         """Return what velocities say: rates, energy, and how well the constraints are kept."""
         dynamics, q, nu = self._dynamics, samples.q, samples.nu
         if dynamics.constant:
@@ -166,25 +172,29 @@ class Derivation:
                 at = dynamics.at(q[k])
                 v[k] = at.S @ nu[k]
                 rates[k], slip[k] = at.B.T @ nu[k], at.A @ v[k]
+        if reactions is None:
+            energy = np.array([dynamics.energy(*state) for state in zip(q, nu, strict=True)])
+        else:
+            energy = reactions.energy
         return {
             "rates": rates,
             "other_rates": v[:, self._other_indices],
-            "energy": np.array([dynamics.energy(*state) for state in zip(q, nu, strict=True)]),
+            "energy": energy,
             "constraint_residual": np.abs(slip).max(axis=1, initial=0.0),
         }
 
-    def _ground(self, samples: Samples) -> dict[str, Array]:
+    def _ground(self, samples: Samples, reactions: Reactions | None) -> dict[str, Array]:
         """Return what the ground does; (K, 0) where it is not defined."""
         contacts, nothing = self._contacts, np.empty((len(samples.t), 0))
         if contacts is None:
             return dict.fromkeys(GROUND_COLUMNS, nothing)
         push = samples.tau + self._bias
-        reactions = ground_reactions(self._dynamics, contacts, samples.q, samples.nu, push)
-        found = _ground_columns(reactions)
+        found = ground_reactions(self._dynamics, contacts, samples.q, samples.nu, push, reactions)
+        columns = _ground_columns(found)
         if not contacts.determinate:
-            ranges = find_ranges(contacts, reactions)
-            found |= {"load_range": ranges.load, "slip_range": ranges.slip}
-        return dict.fromkeys(GROUND_COLUMNS, nothing) | found
+            ranges = find_ranges(contacts, found)
+            columns |= {"load_range": ranges.load, "slip_range": ranges.slip}
+        return dict.fromkeys(GROUND_COLUMNS, nothing) | columns
 
 
 GROUND_COLUMNS = (
@@ -239,45 +249,32 @@ def _reference_nu(robot: Robot, samples: Samples) -> Array:
     return reference_rates(robot, samples.state()).nu
 
 
-def _configurations(robot: Robot, samples: Samples, steered: bool) -> Array:
-    """Return q (K, nq) of the reference, wheels at 0 and steering as the reference has it or at 0.
-
-    Args:
-        robot: The robot.
-        samples: The samples.
-        steered: Whether the steering is the reference's.
-    """
-    if steered or robot.mimics or robot.drive.followers:
-        rows = []
-        for k in range(len(samples.t)):
-            state = samples.state(k)
-            turned = steering(robot, state)[0] if steered else None
-            rows.append(robot.configuration_at(state.pose, state.joints, turned))
-        return np.array(rows)
-    q = np.tile(pin.neutral(robot.model), (len(samples.t), 1))
-    for row, pose in zip(q, samples.pose, strict=True):
-        write_root(row, *robot.root_pose(pose))
-    for name, positions in zip(robot.joint_names, samples.joints.T, strict=True):
-        robot.entries[name].write_all(q, positions)
-    return q
+def _steered(robot: Robot, samples: Samples) -> Array:
+    """Return q (K, nq) of the reference, wheels at 0 and steering as the reference has it."""
+    states = (samples.state(k) for k in range(len(samples.t)))
+    return np.array(
+        [robot.configuration_at(s.pose, s.joints, steering(robot, s)[0]) for s in states]
+    )
 
 
-def _end_effector(robot: Robot, data: pin.Data, q: Array, q_ref: Array) -> dict[str, Array]:
+def _end_effector(frame: EndEffectorFrame | None, q: Array, q_ref: Array) -> dict[str, Array]:
     """Return where the end effector is (K, 3), where it should be, and the angle between (K,).
 
     Args:
-        robot: The robot.
-        data: Pinocchio's workspace; overwritten.
+        frame: The end effector; None: there is none.
         q: Configurations (K, nq).
         q_ref: Those of the reference (K, nq).
     """
-    places, wanted = (np.empty((len(q), 3 if robot.end_effector else 0)) for _ in range(2))
-    angles = np.zeros(len(q))
-    if robot.end_effector is not None:
-        for k in range(len(q)):
-            actual = robot.end_effector_pose(data, q[k])
-            reference = robot.end_effector_pose(data, q_ref[k])
-            places[k], wanted[k] = actual.translation, reference.translation
-            turn = pin.log3(actual.rotation.T @ reference.rotation)
-            angles[k] = math.sqrt(turn @ turn)
-    return {"ee": places, "ee_ref": wanted, "ee_angle": angles}
+    if frame is None:
+        none = np.empty((len(q), 0))
+        return {"ee": none, "ee_ref": none, "ee_angle": np.zeros(len(q))}
+    (axes, place), (wanted_axes, wanted) = frame.at(q), frame.at(q_ref)
+    # The reference's base is turned by Δ against the robot's.
+    (cos, sin), (cos_ref, sin_ref) = q[:, 2:4].T, q_ref[:, 2:4].T
+    c, s = cos * cos_ref + sin * sin_ref, cos * sin_ref - sin * cos_ref
+    x, y = wanted_axes[:, 0].copy(), wanted_axes[:, 1].copy()
+    wanted_axes[:, 0], wanted_axes[:, 1] = c * x - s * y, s * x + c * y
+    turn = np.einsum("iak,jak->ijk", axes, wanted_axes)
+    twice = [turn[j, i] - turn[i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    sine, cosine = np.sqrt(sum(each * each for each in twice)), np.einsum("iik->k", turn) - 1.0
+    return {"ee": place, "ee_ref": wanted, "ee_angle": np.arctan2(sine, cosine)}

@@ -5,33 +5,27 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import rpctl
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import config_tables
+from rpctl.study.design import Design
 from rpctl.study.distributions import distribution_table
 from rpctl.study.rollout import Experiment
 from rpctl.study.scatter import Scatter
+from rpctl.study.versions import installed
 
-NUMERICAL = ("pin", "numpy", "scipy", "casadi", "piqp", "daqp", "llvmlite", "SALib")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of rpctl and of the packages that its numbers follow from."""
-    found = {name: _version(name) for name in NUMERICAL}
-    return {"rpctl": rpctl.__version__, **{name: each for name, each in found.items() if each}}
+DRAWN_BY = {"sobol": "SALib", "morris": "SALib"}  # other designs are NumPy's and SciPy's
 
 
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # optional
-        return None
+def code_identity(design: Design) -> dict[str, str]:
+    """Return the versions of what computes the runs of a design, and draws its points."""
+    packages = ("scipy", *((DRAWN_BY[design.kind],) if design.kind in DRAWN_BY else ()))
+    return {**installed(), **{name: version(name) for name in packages}}
 
 
 def robot_identity(robot: Robot) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError, require_within
@@ -67,7 +68,7 @@ class Optimisation:
         """Sets of settings that are tried at a time: two generations at least fit the budget."""
         return max(8, 4 * len(self.ranges.names))
 
-    def cost(self, merit: Array, success: Array) -> float:
+    def cost(self, merit: Array, success: NDArray[np.bool_]) -> float:
         """Return what a set of settings costs.
 
         Args:

@@ -18,10 +18,11 @@ from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import default_duration, simulate
+from rpctl.simulation.merits import measures
 from rpctl.simulation.outcome import DIVERGING, ON_PATH_M, TRACKED
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
-from rpctl.study.merits import REFUSED, RunVerdict, measures, merits_for, of_failed, run_merits
+from rpctl.study.merits import REFUSED, RunVerdict, merits_for, of_failed, run_merits
 from rpctl.study.scatter import Scatter, scatter_of, with_values
 
 BACKENDS = ("auto", "compiled", "pinocchio")

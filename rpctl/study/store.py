@@ -274,7 +274,9 @@ def _read(path: Path) -> Any:
     Raises:
         OSError, ValueError: It is torn, or not Parquet.
     """
-    return parquet().read_table(path, page_checksum_verification=True, partitioning=None)
+    return parquet().read_table(
+        path, page_checksum_verification=True, partitioning=None, use_threads=False
+    )
 
 
 def _digest(data: bytes) -> str:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +16,20 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import Config
-from rpctl.simulation.facts import RobotFacts, robot_facts
-from rpctl.simulation.reload import load_robot
+from rpctl.simulation.config import Config, write_config
+from rpctl.simulation.outcome import TRACKED
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor, SerialExecutor
-from rpctl.study.identity import experiment_identity, model_digest, robot_identity, versions
-from rpctl.study.merits import MERITS, SUCCESS, merits_for
+from rpctl.study.identity import code_identity, experiment_identity, robot_identity
+from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.optimisation import Optimisation
-from rpctl.study.rollout import Experiment, RolloutTable, run_rows
+from rpctl.study.rollout import Experiment
+from rpctl.study.run_chunk import RunChunk, run_chunk, task_of
 from rpctl.study.scatter import Scatter
-from rpctl.study.store import RunTable, Store, chunks_of
+from rpctl.study.statistics import worst_rows
+from rpctl.study.store import RunTable, Store, chunks_of, read_runs
 
-STUDY_FILE = "study.toml"
+STUDY_FILE, OPTIMUM_FILE = "study.toml", "optimum.json"
 LARGEST_CHUNK = 256  # runs
 CHUNKS_EACH = 8  # for each worker, where the study is large enough
 LANES = 8  # of a compiled loop: chunks are whole numbers of them
@@ -51,6 +54,7 @@ class Study:
         chunk: Runs that are done at a time; None: as many as suits the workers.
         optimisation: Settings to be found; None: none.
         text: The study's file.
+        command: What tracks the robot on the command line; empty: ``rpctl track`` with its source.
     """
 
     experiment: Experiment
@@ -62,6 +66,7 @@ class Study:
     chunk: int | None = None
     optimisation: Optimisation | None = None
     text: str = ""
+    command: str = ""
 
     @cached_property
     def points(self) -> Array:
@@ -94,106 +99,6 @@ def settings_at(scatter: Scatter, points: Array) -> Array:
     return np.where(np.isfinite(values), values, inner)
 
 
-@dataclass(frozen=True)
-class RunChunk:
-    """Runs that are done together.
-
-    Attributes:
-        rows: Their rows (K,) among all that is asked.
-        indices: Numbers (K,) from which their random numbers follow.
-        values: Their settings (K, n).
-    """
-
-    rows: NDArray[np.int64]
-    indices: NDArray[np.int64]
-    values: Array
-
-    def __str__(self) -> str:
-        """Return ``runs 0 to 9``."""
-        first, last = int(self.rows[0]), int(self.rows[-1])
-        return f"run {first}" if first == last else f"runs {first} to {last}"
-
-
-@dataclass(frozen=True)
-class RunTask:
-    """What a process needs to run chunks; it can be sent to another machine.
-
-    Attributes:
-        robot: How to load the robot.
-        model: Digest of the model that this has to lead to.
-        experiment: What all runs have in common.
-    """
-
-    robot: RobotFacts
-    model: str
-    experiment: Experiment
-
-
-def task_of(robot: Robot, experiment: Experiment) -> RunTask:
-    """Return what a process needs to run an experiment.
-
-    Args:
-        robot: The robot, as it was loaded.
-        experiment: The experiment.
-    """
-    return RunTask(robot_facts(robot), model_digest(robot), experiment)
-
-
-def run_chunk(task: RunTask, chunk: RunChunk) -> RunTable:
-    """Run a chunk: a pure function, whose rows depend on the chunk's settings and numbers only.
-
-    Args:
-        task: The robot and the experiment.
-        chunk: The runs.
-
-    Raises:
-        RpctlError: The robot cannot be loaded here, or is another one here.
-    """
-    found = run_rows(_loaded(_ById(task)), task.experiment, chunk.values, chunk.indices)
-    return _table(task.experiment, chunk, found)
-
-
-def _table(experiment: Experiment, chunk: RunChunk, found: RolloutTable) -> RunTable:
-    columns = chunk.values.T
-    return RunTable(
-        index=chunk.rows,
-        parameters=dict(zip(experiment.names, columns, strict=True)),
-        merits={name: each for name, each in found.merits.items() if name != SUCCESS},
-        series={name: each.astype(np.float32) for name, each in found.series.items()},
-        t=found.t,
-        outcomes=found.outcomes,
-        reasons=found.reasons,
-    )
-
-
-class _ById:
-    """A task as the key of a cache: the same if it is the same object."""
-
-    def __init__(self, task: RunTask) -> None:
-        self.task = task
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ById) and other.task is self.task
-
-    def __hash__(self) -> int:
-        return id(self.task)
-
-
-@lru_cache(maxsize=4)
-def _loaded(key: _ById) -> Robot:
-    """Return the robot of a task, loaded once in a process."""
-    task = key.task
-    robot = load_robot(
-        task.robot, [path for path in task.robot.package_dirs if Path(path).is_dir()]
-    )
-    if model_digest(robot) != task.model:
-        raise RpctlError(
-            f"{robot.name}: the model loaded from its file is not the one of the study; a robot "
-            "that was changed in Python cannot be sent: scatter its plant, or change its file"
-        )
-    return robot
-
-
 def run_study(
     robot: Robot,
     study: Study,
@@ -223,8 +128,8 @@ def run_study(
     """
     merits_for(robot, (study.merit, *study.success))
     worker, notify = executor or SerialExecutor(), progress or (lambda done, total: None)
+    total = len(study.points)  # a library that is missing is told before anything is written
     store = open_store(robot, study, out, resume)
-    total = len(study.points)
     done = store.done()
     count = int((done < total).sum())
     notify(count, total)
@@ -235,7 +140,30 @@ def run_study(
         store.write(rows)
         count += len(rows)
         notify(count, total)
-    return store.merge(total, partial(succeeded, success=study.success))
+    path = store.merge(total, partial(succeeded, success=study.success))
+    write_worst(study, out, read_runs(path)[0])
+    return path
+
+
+def write_worst(study: Study, out: Path, runs: RunTable) -> None:
+    """Write the configurations of the worst runs, in the place of any before.
+
+    Args:
+        study: The study.
+        out: Its folder.
+        runs: All of its runs.
+    """
+    for left in out.glob(worst_file("*")):
+        left.unlink(missing_ok=True)
+    rows = worst_rows(runs.merits[study.merit], study.worst)
+    for k, row in enumerate(rows.tolist(), start=1):
+        with suppress(RpctlError):  # a run that was refused for its settings has no configuration
+            write_config(study.config_of(int(runs.index[row])), out / worst_file(k))
+
+
+def worst_file(k: object) -> str:
+    """Return the name of the configuration of the k-th worst run."""
+    return f"worst-{k}.toml"
 
 
 def open_store(robot: Robot, study: Study, out: Path, resume: bool) -> Store:
@@ -257,7 +185,7 @@ def open_store(robot: Robot, study: Study, out: Path, resume: bool) -> Store:
         "robot": robot_identity(robot),
         "design": design,
         "experiment": experiment_identity(study.experiment, study.scatter),
-        "versions": versions(),
+        "versions": code_identity(study.design),
     }
     details = {
         "source": robot.source,
@@ -266,7 +194,7 @@ def open_store(robot: Robot, study: Study, out: Path, resume: bool) -> Store:
         "worst": study.worst,
         "success": dict(study.success),
         "study": study.text,
-        "period": study.experiment.config.run.control_period,
+        "command": study.command or f"rpctl track {quote(robot.source)}",
     }
     units = {name: merit.unit for name, merit in MERITS.items()}
     store = Store(out, identity, details, units)
@@ -304,6 +232,6 @@ def succeeded(
         success: The largest merits, by name; none: the outcome decides.
     """
     if not success:
-        return np.array([each == "tracked" for each in outcomes])
+        return np.array([each == TRACKED for each in outcomes])
     kept = [merits[name] <= largest for name, largest in success.items()]
     return np.asarray(np.all(kept, axis=0))

@@ -11,6 +11,7 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Efforts
+from rpctl.dynamics.many_states import ManyStates, Reactions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation import derived, recorder
@@ -93,12 +94,14 @@ def test_sample_that_is_no_motion_ends_the_run_before_it(
     """Wherever in a batch it is; what was simulated behind it does not count."""
     monkeypatch.setattr(recorder, "BATCH", 4)
     whole = simulate(paper, SETTINGS)
-    energy, spoilt = ReducedDynamics.energy, whole.q[bad]
+    reactions, spoilt = ManyStates.reactions, whole.q[bad]
 
-    def measured(self: ReducedDynamics, q: Array, nu: Array) -> float:
-        return np.inf if (q == spoilt).all() else energy(self, q, nu)
+    def measured(self: ManyStates, q: Array, nu: Array, tau: Array) -> Reactions:
+        found = reactions(self, q, nu, tau)
+        energy = np.where((q == spoilt).all(axis=1), np.inf, found.energy)
+        return found._replace(energy=energy)
 
-    monkeypatch.setattr(ReducedDynamics, "energy", measured)
+    monkeypatch.setattr(ManyStates, "reactions", measured)
     kept: list[Run] = []
     with pytest.raises(RpctlError, match=rf"left the finite numbers at t = {whole.t[bad]:g} s"):
         simulate(paper, SETTINGS, ended=kept.append)

@@ -125,8 +125,8 @@ class SymbolicDynamics:
 
         Args:
             variant: What they have in common.
-            inertias: The ten numbers of each body (..., n, 10) in the axes of Pinocchio's joints,
-                see :mod:`rpctl.simulation.compiled.inertias`.
+            inertias: Pseudo-inertias of the bodies (..., n, 4, 4), as of
+                :meth:`rpctl.robot.link_inertias.LinkInertias.bodies`.
 
         Raises:
             RpctlError: They differ in more than what is varied.

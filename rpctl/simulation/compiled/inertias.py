@@ -1,12 +1,15 @@
-"""Inertias of bodies as ten numbers each, linear in what a body is made of.
+"""Inertias of bodies as ten numbers each, less what nobody feels.
 
-They are m, m c (3), and the inertia about the origin of a frame, xx, yy, zz, xy, xz, yz.
+The numbers are m, m c (3), and the inertia about the origin of the body's frame, xx, yy, zz, xy,
+xz, yz. They are linear in what a body is made of.
 
 What a joint lets nobody feel is moved to the body before it ([KD04, Ch. 9]). Behind a joint that
 turns about z, a mass on that axis with an inertia that is round about it, and none about the axis,
 acts as if it were fixed to the parent, so m, m c_z and I_yy of each such body are 0 afterwards; of
 a wheel that is round nothing is left but its inertia about its axle, and its angle is no longer
 asked for. Behind a joint that slides, only mass and first moment stay.
+
+[KD04] W. Khalil, E. Dombre, "Modeling, Identification and Control of Robots", Kogan Page, 2004.
 """
 
 from __future__ import annotations
@@ -14,85 +17,54 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.link_inertias import pseudo_inertia
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.bodies import MovingBody
 
 NUMBERS = 10  # of a body's inertia
 M, MX, MY, MZ, XX, YY, ZZ, XY, XZ, YZ = range(NUMBERS)
-FELT_BY_ROOT = (M, MX, MY, ZZ)  # on a planar root nothing else moves
-ENTRIES = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of xx, yy, zz, xy, xz, yz in a matrix
+UNFELT_BY_ROOT = (MZ, XX, YY, XY, XZ, YZ)  # it is planar
 
 
-def inertial_numbers(robot: Robot) -> Array:
-    """Return the ten numbers of each body (n, 10) in the axes of Pinocchio's joints."""
-    inertias = list(robot.model.inertias)[ROOT_JOINT:]
-    return np.array([ten_numbers(inertia) for inertia in inertias])
+def inertias_of(robot: Robot) -> Array:
+    """Return the pseudo-inertias (n, 4, 4) of the bodies in the axes of Pinocchio's joints.
 
-
-def ten_numbers(inertia: pin.Inertia) -> Array:
-    """Return the ten numbers (10,) of a body whose inertia is given about its centre of mass."""
-    m, c = inertia.mass, inertia.lever
-    about = inertia.inertia + m * ((c @ c) * np.eye(3) - np.outer(c, c))
-    return np.array([m, *(m * c), *about[ENTRIES]])
-
-
-def ten_of(m: float, mc: Array, second: Array) -> Array:
-    """Return the ten numbers (10,) of a body.
-
-    Args:
-        m: Mass, kg.
-        mc: First moment (3,), kg m.
-        second: Second moment ∫ r rᵀ (3, 3), kg m².
+    :mod:`rpctl.robot.link_inertias` says what these are.
     """
-    about = _other_moments(second, 1.0)
-    return np.array([m, *mc, *about[ENTRIES]])
+    return np.array([pseudo_inertia(each) for each in list(robot.model.inertias)[ROOT_JOINT:]])
 
 
-def in_frame(numbers: Array, frame: Array) -> Array:
-    """Return the ten numbers (..., 10) of bodies in another frame.
-
-    Args:
-        numbers: In one frame.
-        frame: Pose (4, 4) of the other in it.
-    """
-    R, p = frame[:3, :3], frame[:3, 3]
-    m, mc = numbers[..., M], numbers[..., MX : MZ + 1]
-    second = _other_moments(numbers[..., [[XX, XY, XZ], [XY, YY, YZ], [XZ, YZ, ZZ]]], 0.5)
-    outer = mc[..., :, None] * p
-    second = second - outer - np.swapaxes(outer, -1, -2) + m[..., None, None] * np.outer(p, p)
-    about = _other_moments(R.T @ second @ R, 1.0)
-    moved = (mc - m[..., None] * p) @ R
-    return np.concatenate([m[..., None], moved, about[..., ENTRIES[0], ENTRIES[1]]], axis=-1)
-
-
-def _other_moments(moments: Array, factor: float) -> Array:
-    """Return ∫ r rᵀ (..., 3, 3) of an inertia (factor ½), or the inertia of ∫ r rᵀ (factor 1)."""
-    trace = np.trace(moments, axis1=-2, axis2=-1)
-    return np.asarray(factor * trace[..., None, None] * np.eye(3) - moments)
-
-
-def felt(bodies: Sequence[MovingBody], numbers: Array) -> Array:
+def felt(bodies: Sequence[MovingBody], inertias: Array) -> Array:
     """Return the ten numbers of each body (..., n, 10) that motion and forces tell apart.
 
     Args:
         bodies: The bodies.
-        numbers: All ten of each, in the axes of Pinocchio's joints.
+        inertias: Pseudo-inertias (..., n, 4, 4) in the axes of Pinocchio's joints.
     """
-    found = np.stack(
-        [in_frame(numbers[..., i, :], body.frame) for i, body in enumerate(bodies)], axis=-2
-    )
+    from_frames = np.linalg.inv([body.frame for body in bodies])
+    found = from_frames @ inertias @ np.swapaxes(from_frames, 1, 2)
     for i in reversed(range(1, len(bodies))):
-        body, own = bodies[i], found[..., i, :]
+        body, own = bodies[i], found[..., i, :, :]
         unfelt = np.zeros(own.shape)
         if body.slides:
-            unfelt[..., XX:] = own[..., XX:]
+            unfelt[..., :3, :3] = own[..., :3, :3]
         else:
-            unfelt[..., [M, MZ, XX, YY]] = own[..., [M, MZ, YY, YY]]
-        found[..., i, :] = own - unfelt
-        found[..., body.parent, :] += in_frame(unfelt, np.asarray(np.linalg.inv(body.pose), float))
-    found[..., 0, [k for k in range(NUMBERS) if k not in FELT_BY_ROOT]] = 0.0
-    return found
+            unfelt[..., 2:, 2:] = own[..., 2:, 2:]
+            unfelt[..., 2, 2] += own[..., 0, 0]  # so that it has the inertia I_yy
+        found[..., i, :, :] = own - unfelt
+        found[..., body.parent, :, :] += body.pose @ unfelt @ body.pose.T
+    numbers = _ten_numbers(found)
+    numbers[..., 0, UNFELT_BY_ROOT] = 0.0
+    return numbers
+
+
+def _ten_numbers(inertias: Array) -> Array:
+    """Return the ten numbers (..., 10) of pseudo-inertias (..., 4, 4)."""
+    xx, yy, zz = (inertias[..., k, k] for k in range(3))
+    moments = [yy + zz, xx + zz, xx + yy]
+    products = [-inertias[..., i, j] for i, j in ((0, 1), (0, 2), (1, 2))]
+    first = [inertias[..., k, 3] for k in (3, 0, 1, 2)]
+    return np.stack([*first, *moments, *products], axis=-1)

@@ -87,7 +87,10 @@ class Parameters:
                     f"the variant differs from its robot in more than what is varied ({name})"
                 )
             found.append(array[..., mask])
-        return np.concatenate(found, axis=-1)
+        stack = np.broadcast_shapes(*(values.shape[:-1] for values in found))
+        return np.concatenate(
+            [np.broadcast_to(values, (*stack, values.shape[-1])) for values in found], axis=-1
+        )
 
 
 @dataclass(frozen=True, eq=False)

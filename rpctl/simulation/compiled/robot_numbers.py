@@ -13,9 +13,9 @@ from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE, Losses
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.bodies import MovingBody, moving_bodies
-from rpctl.simulation.compiled.inertias import NUMBERS, ZZ, felt, inertial_numbers, ten_of
+from rpctl.simulation.compiled.inertias import NUMBERS, ZZ, felt, inertias_of
 from rpctl.simulation.compiled.parameters import Varied
-from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, varied_rolling
+from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, solved_rows, varied_rolling
 from rpctl.simulation.compiled.scalars import cleaned
 
 
@@ -32,7 +32,8 @@ class RobotNumbers:
 
     def __init__(self, robot: Robot, bodies: Sequence[MovingBody]) -> None:
         self.robot, self.bodies = robot, bodies
-        inertia = cleaned(felt(bodies, inertial_numbers(robot)))
+        self._places, self._rows = _places(robot), solved_rows(robot)
+        inertia = cleaned(felt(bodies, inertias_of(robot)))
         unlike = np.count_nonzero(np.delete(inertia, ZZ, axis=1), axis=1)
         carriers = {body.parent for body in bodies}
         self._round = np.array(
@@ -41,30 +42,30 @@ class RobotNumbers:
                 for i, body in enumerate(bodies)
             ]
         )
-        self.nominal = self.of(robot)
+        self.nominal = {name: cleaned(array) for name, array in self.of(robot).items()}
 
     def of(self, robot: Robot, inertias: Array | None = None) -> dict[str, Array]:
         """Return the numbers of a robot, by name.
 
         Args:
             robot: The robot.
-            inertias: Ten numbers of each body (..., n, 10) in the axes of Pinocchio's joints, in
-                stacks; None: the robot's own.
+            inertias: Pseudo-inertias of the bodies (..., n, 4, 4) in the axes of Pinocchio's
+                joints, in stacks; None: the robot's own.
         """
-        bodies = self.bodies if robot.model is self.robot.model else moving_bodies(robot)
-        own = inertial_numbers(robot) if inertias is None else inertias
-        joints = list(robot.model.jointPlacements)[ROOT_JOINT:]
-        places = np.array([placement.homogeneous for placement in joints])
+        places = _places(robot)
+        moved = not np.array_equal(places, self._places)
+        bodies = moving_bodies(robot) if moved else self.bodies
+        own = inertias_of(robot) if inertias is None else inertias
         places[self._round] = 0.0  # where a round wheel is, its carrier's inertia has
         still, losses = np.zeros(self.robot.nv), robot.losses
         if losses is None:
             rate = np.full(self.robot.nv, TURNING_RATE)
             rate[[body.index for body in self.bodies if body.slides]] = SLIDING_RATE
             losses = Losses(still, still, rate)
-        found = {"inertia": cleaned(felt(bodies, own)), "place": places}
+        found = {"inertia": felt(bodies, own), "place": places}
         found |= {"damping": losses.damping, "friction": losses.friction, "rate": losses.rate}
         found["armature"] = robot.armature
-        return found | rolling_numbers(robot, self.robot)
+        return found | rolling_numbers(robot, self._rows)
 
     def varied(self, varied: Varied) -> dict[str, NDArray[np.bool_]]:
         """Return which of the numbers are not the same in all robots, by name.
@@ -86,24 +87,30 @@ class RobotNumbers:
         for i, body in enumerate(self.bodies):
             if body.joint not in varied.bodies:
                 continue
-            kinds = round_about(body) if self._round[i] else np.eye(NUMBERS)
-            for kind in kinds:
-                change = np.zeros((len(self.bodies), NUMBERS))
+            for kind in _round_inertias(body) if self._round[i] else INERTIAS:
+                change = np.zeros((len(self.bodies), 4, 4))
                 change[i] = kind
                 changes.append(felt(self.bodies, change))
         pattern = np.abs(changes).max(axis=0, initial=0.0) if changes else 0.0
         return np.broadcast_to(pattern > 1e-12, (len(self.bodies), NUMBERS))
 
 
-def round_about(body: MovingBody) -> Array:
-    """Return the ten numbers (4, 10) of which those of a body, round about its joint, are sums."""
-    axis, still = body.frame[:3, 2], np.zeros(3)
-    along, none = np.outer(axis, axis), np.zeros((3, 3))
-    return np.array(
-        [
-            ten_of(1.0, still, none),
-            ten_of(0.0, axis, none),
-            ten_of(0.0, still, along),
-            ten_of(0.0, still, np.eye(3) - along),
-        ]
-    )
+def _places(robot: Robot) -> Array:
+    """Return the poses (n, 4, 4) of the joints in the axes of those before them."""
+    joints = list(robot.model.jointPlacements)[ROOT_JOINT:]
+    return np.array([placement.homogeneous for placement in joints])
+
+
+def _round_inertias(body: MovingBody) -> list[Array]:
+    """Return the pseudo-inertias of which that of a body, round about its joint, is a sum."""
+    axis = np.append(body.frame[:3, 2], 0.0)
+    origin = np.array([0.0, 0.0, 0.0, 1.0])
+    along, all_round = np.outer(axis, axis), np.diag([1.0, 1.0, 1.0, 0.0])
+    return [np.outer(origin, origin), _mixed(axis, origin), along, all_round - along]
+
+
+def _mixed(a: Array, b: Array) -> Array:
+    return np.outer(a, b) + np.outer(b, a)
+
+
+INERTIAS = [_mixed(np.eye(4)[i], np.eye(4)[j]) for i in range(4) for j in range(i + 1)]

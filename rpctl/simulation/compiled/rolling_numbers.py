@@ -12,32 +12,33 @@ from rpctl.dynamics.basis import basis, selection
 from rpctl.dynamics.projection import eliminate, rows_to_solve
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.scalars import cleaned
 
 # Factors of a robot that differs in everything that may vary: no two quotients of them are alike.
 RADIUS, PLACE, PIVOT, TRAIL, LATERAL, SHIFT = 1.037, 1.017, 1.013, 1.029, 1.023, 1.041
+CHANGED = 1e-9  # of an array's largest entry: less is rounding
 
 
-def rolling_numbers(robot: Robot, like: Robot | None = None) -> dict[str, Array]:
+def rolling_numbers(robot: Robot, solved: NDArray[np.intp] | None = None) -> dict[str, Array]:
     """Return the constants of which S and Ṡν are made, by name.
 
     Args:
         robot: The robot.
-        like: Robot whose equations are solved for the same unknowns; None: the robot itself.
+        solved: Rows that are solved first, see :func:`solved_rows`; None: the robot's own.
     """
     rolling = find_rolling(robot)
     A, W = rolling.matrix, selection(robot, rolling)
     if not A.harmonics.any():
-        return {"S": cleaned(basis(A.constant, W))}
-    rows = None
-    if like is not None:
-        first = find_rolling(like)
-        rows = rows_to_solve(first.matrix, selection(like, first))
-    core, N, P, R, C = eliminate(A, W, rows)
+        return {"S": basis(A.constant, W)}
+    core, N, P, R, C = eliminate(A, W, solved)
     arrays = {"constant": core.constant, "harmonics": core.harmonics, "N": N, "P": P}
     arrays |= {"R": R, "C": C, "A": A.harmonics}
-    arrays |= {"cosine": np.cos(core.phase), "sine": np.sin(core.phase)}
-    return {name: cleaned(array) for name, array in arrays.items()}
+    return arrays | {"cosine": np.cos(core.phase), "sine": np.sin(core.phase)}
+
+
+def solved_rows(robot: Robot) -> NDArray[np.intp]:
+    """Return the rows of [A; W] that are solved before a configuration is known."""
+    rolling = find_rolling(robot)
+    return rows_to_solve(rolling.matrix, selection(robot, rolling))
 
 
 def varied_rolling(robot: Robot) -> dict[str, NDArray[np.bool_]]:
@@ -45,9 +46,11 @@ def varied_rolling(robot: Robot) -> dict[str, NDArray[np.bool_]]:
 
     What is 0, as the way of a wheel's centre off the axle, stays 0.
     """
-    nominal, other = rolling_numbers(robot), rolling_numbers(_otherwise(robot), robot)
+    rows = solved_rows(robot)
+    nominal, other = rolling_numbers(robot, rows), rolling_numbers(_otherwise(robot), rows)
     return {
-        name: np.abs(other[name] - array) > 1e-6 * np.abs(array) for name, array in nominal.items()
+        name: np.abs(other[name] - array) > CHANGED * np.abs(array).max()
+        for name, array in nominal.items()
     }
 
 

@@ -101,7 +101,9 @@ def cleaned(values: Array) -> Array:
 
 def exact(angle: float) -> Rotation:
     """Return cosine and sine of an angle; those of right angles are exact."""
-    cos, sin = cleaned(np.array([math.cos(angle), math.sin(angle)])).tolist()
+    cos, sin = math.cos(angle), math.sin(angle)
+    if min(abs(cos), abs(sin)) <= ROUNDING:
+        return round(cos) + 0.0, round(sin) + 0.0
     return cos, sin
 
 

@@ -1,0 +1,137 @@
+"""The command ``rpctl study`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl.arrays import Array
+from rpctl.cli.app import app
+from rpctl.cli.options import LoadOptions
+from rpctl.study.study_file import read_study
+from tests.study.fake_rollouts import patch_rollouts
+
+STUDY = """
+[study]
+count = 30
+worst = 2
+[scatter]
+"plant.delay" = { uniform = [0.0, 0.9] }
+"plant.dropped" = { uniform = [0.0, 0.5] }
+[optimize]
+evaluations = 24
+runs = 4
+validation = 5
+[optimize.parameters]
+"dynamic.gain" = [1.0, 30.0]
+"""
+
+
+def run(*words: str) -> Any:
+    return CliRunner().invoke(app, ["study", *words])
+
+
+def error(numbers: Array, delay: Array, dropped: Array, gain: Array) -> Array:
+    return np.asarray(delay + 0.1 * dropped + 1e-3 * (gain - 10.0) ** 2)
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    patch_rollouts(monkeypatch, error, "dynamic.gain")
+    path = tmp_path / "s.toml"
+    path.write_text(STUDY)
+    return str(path)
+
+
+def test_a_study_is_run_written_and_told(file: str, tmp_path: Path) -> None:
+    out = str(tmp_path / "out")
+    words = ["paper", file, "--home", "zero", "--workers", "1", "--out", out]
+    shown = run(*words)
+    assert shown.exit_code == 0, shown.output
+    text = shown.stdout
+    assert "paper: 30 runs, monte-carlo design of 2 parameters, seed 0" in text
+    assert "success 100 % (88.43 to 100)   30 tracked" in text
+    assert "what matters to rms_base_error  rank correlation" in text
+    assert text.index("plant.delay") < text.index("plant.dropped")
+    assert f"rpctl track paper --home zero --config {out}/worst-1.toml --out {out}/worst-1" in text
+    assert {each.name for each in Path(out).iterdir()} >= {
+        "runs.parquet", "study.json", "study.toml", "worst-1.toml", "worst-2.toml"}  # fmt: skip
+    assert Path(out, "study.toml").read_text() == STUDY
+    told = json.loads(run(*words, "--resume", "--json").stdout)
+    assert told == json.loads(Path(out, "study.json").read_text())
+    assert told["success"] == {"value": 1.0, "low": pytest.approx(0.025 ** (1 / 30)), "high": 1.0,
+                               "thresholds": {}}  # fmt: skip
+    assert told["sensitivities"][0]["ranking"] == ["plant.delay", "plant.dropped"]
+    assert told["worst"][0]["config"] == f"{out}/worst-1.toml"
+    refused = run(*words)
+    assert refused.exit_code == 2
+    assert "holds a study; add --resume" in refused.stderr
+
+
+def test_settings_are_found_and_told(file: str, tmp_path: Path) -> None:
+    out = str(tmp_path / "out")
+    shown = run("paper", file, "--optimize", "--workers", "1", "--out", out)
+    assert shown.exit_code == 0, shown.output
+    assert "5 fresh runs" in shown.stdout
+    assert "24 sets of settings were tried" in shown.stdout
+    assert f"rpctl track paper --config {out}/optimized.toml --out {out}/optimized" in shown.stdout
+    told = run("paper", file, "--optimize", "--workers", "1", "--out", out, "--resume", "--json")
+    assert json.loads(told.stdout)["settings"]["dynamic.gain"]["before"] == 10.0
+
+
+def test_a_ctrl_c_tells_how_to_go_on(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(numbers: Array, delay: Array, dropped: Array, gain: Array) -> Array:
+        if numbers[0] > 10:
+            raise KeyboardInterrupt
+        return error(numbers, delay, dropped, gain)
+
+    patch_rollouts(monkeypatch, stopped, "dynamic.gain")
+    words = ["paper", file, "--workers", "1", "--out", str(tmp_path / "out")]
+    shown = run(*words)
+    assert shown.exit_code == 130
+    again = f"rpctl study paper {file} --out {tmp_path}/out --resume"
+    assert again in shown.stderr.replace("\n", "")
+    assert not Path(tmp_path, "out", "study.json").exists()
+    patch_rollouts(monkeypatch, error, "dynamic.gain")
+    assert run(*words, "--resume").exit_code == 0
+
+
+def test_the_template_is_a_study(tmp_path: Path) -> None:
+    shown = run("paper", "--template")
+    assert shown.exit_code == 0
+    path = tmp_path / "t.toml"
+    path.write_text(shown.stdout)
+    assert read_study(path, rpctl.load("paper")).design.count == 100
+
+
+def test_what_is_wrong_is_told_without_a_traceback(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text("[study]\ncuont = 3")
+    good = tmp_path / "good.toml"
+    good.write_text(STUDY)
+    for words, text in (
+        (["paper"], "give a study file; `rpctl study ROBOT --template` prints one"),
+        (["paper", str(path)], "study.cuont: setting 'cuont' is not known"),
+        (["paper", str(tmp_path / "none.toml")], "none.toml"),
+        (["paper", str(good), "--backend", "cobol"], "backend 'cobol' is not known"),
+    ):
+        shown = run(*words)
+        assert shown.exit_code == 2
+        assert text in shown.stderr
+        assert "Traceback" not in shown.output
+
+
+def test_load_options_are_told_as_they_were_given() -> None:
+    assert LoadOptions().words() == []
+    given = LoadOptions(lock=["arm_*=0.1", "x"], no_losses=True, density=700.0, xacro_args=["a:=b"])
+    assert given.words() == [
+        "--lock", "arm_*=0.1", "--lock", "x", "--density", "700.0", "--xacro-arg", "a:=b",
+        "--no-losses"]  # fmt: skip
