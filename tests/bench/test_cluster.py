@@ -25,7 +25,8 @@ from rpctl.robot.model import Robot
 from rpctl.study.cluster import DaskExecutor
 from rpctl.study.dask_worker import SentWork
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
-from rpctl.study.study import RunChunk, run_chunk, run_study, task_of
+from rpctl.study.run_chunk import RunChunk, run_chunk, task_of
+from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.versions import installed
 from tests.study.chunk_works import Empty, answer

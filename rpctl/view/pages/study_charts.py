@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.view.pages.page import escape
@@ -182,7 +183,7 @@ def envelope_chart(t: Array, quantiles: Array, unit: str, summary: str) -> str:
     return chart(marks, x, y, ("time (s)", f"error ({shown.name})"), summary)
 
 
-def histogram(values: Array, good: Array, unit: str, bins: int = 32) -> str:
+def histogram(values: Array, good: NDArray[np.bool_], unit: str, bins: int = 32) -> str:
     """Return how a merit is distributed: runs that succeeded below, the others on top of them.
 
     Args:
