@@ -101,7 +101,7 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
     """
     scene = worst_scene(result.worst, robot) if robot is not None else ""
     page = PAGE.format(
-        policy=report_policy() if scene.startswith("<iframe") else policy(),
+        policy=report_policy() if scene else policy(),  # a frame's scripts need both pages' leave
         title=escape(result.robot),
         subtitle=escape(_subtitle(result)),
         style="".join(map(asset, ("palette.css", "report.css", "study.css"))),
@@ -255,8 +255,11 @@ def worst_scene(worst: Sequence[WorstRun], robot: Robot) -> str:
             if isinstance(run, Run):
                 page = report_page(run, robot, build_scene(robot, run), summarize(run))
                 text = html.escape(page.decode("utf-8"))
-                title = f"Run {each.run}, animated"
-                return f'<iframe title="{escape(title)}" srcdoc="{text}"></iframe>'
+                title = f"Run {each.run}, as rpctl track reports it"
+                return (
+                    f'<p class="scene-name">{title}</p>'
+                    f'<iframe title="{title}" loading="lazy" srcdoc="{text}"></iframe>'
+                )
     return ""
 
 
@@ -345,10 +348,17 @@ def _settings(result: StudyResult) -> str:
 
 
 def _distribution(found: object) -> str:
-    """Return a distribution as a study file says it, in words."""
+    """Return a distribution as a study file says it, in words, without ends that it has not."""
     if not isinstance(found, Mapping):
         return str(found)
-    return "; ".join(
-        f"{kind.replace('-', ' ')} {', '.join(map(str, args)) if isinstance(args, list) else args}"
-        for kind, args in found.items()
-    )
+    parts = []
+    for kind, args in found.items():
+        values = [
+            each for each in (args if isinstance(args, list) else [args]) if _is_bounded(each)
+        ]
+        parts.append(f"{kind.replace('-', ' ')} {', '.join(map(str, values))}")
+    return "; ".join(parts)
+
+
+def _is_bounded(value: object) -> bool:
+    return not (isinstance(value, float) and np.isinf(value))

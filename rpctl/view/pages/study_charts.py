@@ -21,6 +21,7 @@ SIDE = 1000  # of the SVG's box, which is stretched
 MM_BELOW_M = 1.0  # lengths below are shown in mm
 DECADES_RATIO = 40.0  # largest over smallest: beyond, an axis is logarithmic
 TICKS = 5  # about, of an axis
+SAME = 1e-3  # of the largest value: a smaller spread is not drawn
 
 
 class Unit(NamedTuple):
@@ -197,6 +198,9 @@ def histogram(values: Array, good: NDArray[np.bool_], unit: str, bins: int = 32)
         return '<p class="quiet">No run has it.</p>'
     shown = unit_of(unit, float(np.abs(values[known]).max()))
     inside, good = values[known] * shown.factor, good[known]
+    if np.ptp(inside) <= SAME * np.abs(inside).max():
+        only = number(float(inside[0]), Unit(1.0, shown.name))
+        return f'<p class="quiet">{escape(only)} in {known.sum()} of {len(known)} runs</p>'
     x = axis_over(inside, zero=False)
     edges = np.linspace(0.0, 1.0, bins + 1)
     all_of = np.histogram(x.at(inside), edges)[0]
@@ -207,8 +211,7 @@ def histogram(values: Array, good: NDArray[np.bool_], unit: str, bins: int = 32)
     middle = float(x.at(np.array(np.median(inside))))
     marks += f'<path class="median" d="M{SIDE * middle:.1f} 0V{SIDE}"/>'
     summary = f"Distribution over {known.sum()} runs, median {number(float(np.median(inside)))}"
-    label = shown.name or "1"
-    return chart(marks, x, y, (label, "runs"), f"{summary} {label}")
+    return chart(marks, x, y, (shown.name, "runs"), f"{summary} {shown.name}".strip())
 
 
 def _bars(edges: Array, low: Array, high: Array, kind: str) -> str:

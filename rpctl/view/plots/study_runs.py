@@ -81,7 +81,7 @@ def _over_time(result: StudyResult, name: str) -> Callable[[Axes], None]:
         axes.set_ylim(0.0, top)
         axes.set_xlabel("time (s)")
         axes.set_ylabel("m")
-        style_axes(axes, literal(f"{name.replace('_', ' ')}: median, 25 to 75 %, 5 to 95 %"))
+        style_axes(axes, literal(f"{name.replace('_', ' ')}: median, 50 %, 90 % of runs"))
 
     return draw
 
