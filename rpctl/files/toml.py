@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.opening import read_text
 from rpctl.files.toml_limits import read_float, too_deep_or_long, value_faults
+from rpctl.files.toml_lines import line_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -36,12 +37,14 @@ def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
     Raises:
         DescriptionError: The file is missing, too long, no TOML, or has faults; all are named.
     """
-    data = _parse(path, read_text(path, "MAX_TOML_BYTES", kind), kind)
+    text = read_text(path, "MAX_TOML_BYTES", kind)
+    data = _parse(path, text, kind)
     faults = value_faults(data)
     if not faults:  # else a schema would have to expect them
         content = schema(data, faults)
     if faults:
-        raise DescriptionError(path, [Finding("error", None, fault) for fault in faults])
+        found = [Finding("error", _line(text, fault), fault) for fault in faults]
+        raise DescriptionError(path, found)
     return content
 
 
@@ -56,6 +59,12 @@ def _parse(path: str | Path, text: str, kind: str) -> Table:
         reason = AT_LINE.sub("", str(error))
         fault = f"not TOML: {reason}; {kind} is TOML"
         raise _refused(path, int(at[1]) if at else None, fault) from None
+
+
+def _line(text: str, fault: str) -> int | None:
+    """Return the line that a fault is about: ``run.size: is 0``, or ``run: size is 0``."""
+    place, _, sentence = fault.partition(": ")
+    return line_of(text, ".".join([place, *sentence.split(" ", 1)[:1]]))
 
 
 def _refused(path: str | Path, line: int | None, fault: str) -> DescriptionError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -105,5 +107,40 @@ class Log:
                 release(array)
 
 
+class DeferredLog(Log):
+    """A log with columns that are computed when one of them is read for the first time.
+
+    Args:
+        later: Computes those columns; None: there are none.
+        known: The others by name, and ``bound_limits``.
+    """
+
+    def __init__(
+        self, later: Callable[[], Mapping[str, Array]] | None = None, **known: Any
+    ) -> None:
+        for name, value in {**known, **({} if later is None else {"_later": later})}.items():
+            object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a column that has not been computed; it is then, with all others."""
+        if name not in COLUMNS or "_later" not in vars(self):
+            raise AttributeError(f"a log has no {name!r}")
+        for each, column in self._later().items():
+            object.__setattr__(self, each, column)
+        object.__delattr__(self, "_later")
+        return getattr(self, name)
+
+    def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
+        """Return it as the log that it is, all columns computed: what computes them stays here."""
+        return Log, tuple(getattr(self, item.name) for item in fields(Log))
+
+    def release(self) -> None:
+        """Take what was read of arrays that lie in files from the process's memory; they keep."""
+        for array in vars(self).values():
+            if isinstance(array, np.ndarray):
+                release(array)
+
+
+COLUMNS = frozenset(item.name for item in fields(Log))
 _NONE = dict.fromkeys((item.name for item in fields(Log)), np.empty(0))
 NO_SAMPLES = Log(**{**_NONE, "bound_limits": ()})  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import ReferenceState
 from rpctl.simulation.columns import release, scratch
 from rpctl.simulation.derived import Carry, Derivation
-from rpctl.simulation.log import Log
+from rpctl.simulation.log import DeferredLog, Log
 from rpctl.simulation.samples import SampleBuffer, Samples
 from rpctl.simulation.spool import Spool
 
@@ -43,6 +43,8 @@ class Recorder:
         spool: Gets what is logged, on disk; None: nothing does.
         known: Returns what is known of the run besides its samples, for the spool.
         speeds: Whether the controller sends speeds, not efforts.
+        deferred: Whether the columns that follow from the states alone are computed when one of
+            them is read. With a spool none is.
     """
 
     def __init__(
@@ -53,11 +55,14 @@ class Recorder:
         spool: Spool | None = None,
         known: Callable[[], Mapping[str, Any]] = dict,
         speeds: bool = False,
+        deferred: bool = False,
     ) -> None:
         self._derivation, self._every = derivation, every
+        self._deferred = deferred and spool is None
         self._steps, self._spool, self._known = steps, spool, known
         self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1), speeds)
         self._count, self._done = 0, _Done()
+        self._batch: Samples | None = None  # that was handed over whole, and waits
         self._columns: dict[str, Array] = {}
         self._sets: dict[tuple[Limit, ...], int] = {}  # of limits that bound, numbered
 
@@ -112,6 +117,35 @@ class Recorder:
         if late or place + 1 == len(self._buffer):
             self.derive()
 
+    def add_batch(self, samples: Samples, sets: Sequence[tuple[Limit, ...]]) -> None:
+        """Add samples that follow one another, as if they were added one by one.
+
+        They are derived at once: some hundred at a time take least. They are not copied before
+        that, and not needed after it.
+
+        Args:
+            samples: The samples; their ``limits`` are indices of ``sets``.
+            sets: Limits that bind the efforts together.
+
+        Raises:
+            RpctlError: A sample is nothing that a log can hold.
+        """
+        if not len(samples.t):
+            return
+        self.derive()
+        numbers = [float(self._sets.setdefault(each, len(self._sets))) for each in sets]
+        limits = np.array(numbers)[samples.limits.astype(int)]
+        self._batch = samples._replace(limits=limits)
+        self._count += len(samples.t)
+        self.derive()
+
+    def _waiting(self) -> Samples:
+        """Return the samples that wait to be derived."""
+        count = self._count - self._done.samples
+        if self._batch is None:
+            return self._buffer.first(count)
+        return self._batch.rows(slice(len(self._batch.t) - count, None))
+
     def derive(self, ends: bool = False) -> None:
         """Derive and log the samples that wait for it.
 
@@ -121,15 +155,16 @@ class Recorder:
         Raises:
             RpctlError: One of them is nothing that a log can hold; those before it are logged.
         """
-        samples = self._buffer.first(self._count - self._done.samples)
+        samples = self._waiting()
         try:
             if len(samples.t):
                 self._log(samples, ends)
+            self._batch = None
         except RpctlError:
             count = self._sound(samples)
             if count:
                 self._log(samples.rows(slice(count)), ends=True)
-            self._count = self._done.samples  # what follows is no motion
+            self._count, self._batch = self._done.samples, None  # what follows is no motion
             raise
         finally:
             if self._spool is not None:
@@ -158,14 +193,12 @@ class Recorder:
         if not len(bad):
             with np.errstate(all="ignore"):  # what is not finite is refused below
                 columns, carry = self._derivation.columns(samples, chosen, self._done.carry)
-            finite = [_is_finite(c) for n, c in columns.items() if n not in NOT_FINITE]
-            bad = chosen[~np.all(finite, axis=0)] if finite else bad
+                if len(chosen) and not self._deferred:
+                    columns |= self._derivation.motion.of(columns)
+            _require_finite(columns)
             columns["limits"] = samples.limits[chosen]
         if len(bad):
-            raise DivergedError(
-                f"the motion left the finite numbers at t = {samples.t[bad[0]]:g} s; shorten the "
-                "control period or lengthen the horizons"
-            )
+            raise _left(samples.t[bad[0]])
         return columns, carry
 
     def _log(self, samples: Samples, ends: bool) -> None:
@@ -174,10 +207,7 @@ class Recorder:
         first = self._done.rows
         rows = first + len(columns["limits"])
         for name, values in columns.items():
-            if name not in self._columns:
-                whole = -(-self._steps // self._every) + 1
-                self._columns[name] = scratch((whole, *values.shape[1:]))
-            self._columns[name][first:rows] = values
+            self._column(name, values.shape[1:])[first:rows] = values
         if first // RELEASED_ROWS != rows // RELEASED_ROWS:
             for column in self._columns.values():
                 release(column, 0, rows)
@@ -185,6 +215,13 @@ class Recorder:
         numbers = dict.fromkeys(columns["limits"].astype(int).tolist())
         bound = dict.fromkeys((*self._done.bound, *(x for n in numbers for x in sets[n])))
         self._done = _Done(self._done.samples + len(samples.t), rows, carry, tuple(bound))
+
+    def _column(self, name: str, shape: tuple[int, ...]) -> Array:
+        """Return a column of the log, with room for the whole run."""
+        if name not in self._columns:
+            whole = -(-self._steps // self._every) + 1
+            self._columns[name] = scratch((whole, *shape))
+        return self._columns[name]
 
     def _content(self, rows: slice) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return some rows of the log and what else is known, as the spool wants it."""
@@ -199,9 +236,32 @@ class Recorder:
         columns["active_limits"] = self._active_limits(columns.pop("limits"))
         for column in columns.values():
             column.setflags(write=False)
-        return Log(
-            **columns, bound_limits=tuple((limit.joint, limit.kind) for limit in self._done.bound)
-        )
+        bound = tuple((limit.joint, limit.kind) for limit in self._done.bound)
+        if self._deferred:
+            return DeferredLog(lambda: self._motion(rows), **columns, bound_limits=bound)
+        return Log(**columns, bound_limits=bound)
+
+    def _motion(self, rows: int) -> dict[str, Array]:
+        """Return the columns of the first rows that follow from the states alone.
+
+        Raises:
+            RpctlError: The motion left the finite numbers, or fixes no one motion.
+        """
+        of, found = self._derivation.motion.of, dict[str, Array]()
+        for first in range(0, rows, RELEASED_ROWS):
+            chosen = slice(first, min(first + RELEASED_ROWS, rows))
+            known = {name: column[chosen] for name, column in self._columns.items()}
+            with np.errstate(all="ignore"):
+                columns = of(known)
+            _require_finite({"t": known["t"], **columns})
+            for name, values in columns.items():
+                if name not in found:
+                    found[name] = scratch((rows, *values.shape[1:]))
+                found[name][chosen] = values
+                release(found[name], first, chosen.stop)
+        for column in found.values():
+            column.setflags(write=False)
+        return found
 
     def _active_limits(self, numbers: Array) -> Array:
         """Return which limits bound (K, n_bound), 1 or 0, by the numbers (K,) of their sets."""
@@ -213,6 +273,22 @@ class Recorder:
             active[rows] = table[numbers[rows].astype(int)]
             release(active, first, first + RELEASED_ROWS)
         return active
+
+
+def _require_finite(columns: Mapping[str, Array]) -> None:
+    """Refuse columns, the time among them, of which a row holds numbers that are not finite."""
+    finite = [_is_finite(column) for name, column in columns.items() if name not in NOT_FINITE]
+    bad = np.flatnonzero(~np.all(finite, axis=0)).tolist() if finite else []
+    if bad:
+        raise _left(float(columns["t"][bad[0]]))
+
+
+def _left(t: float) -> DivergedError:
+    """Return the error of a motion that left the finite numbers at a time, s."""
+    return DivergedError(
+        f"the motion left the finite numbers at t = {t:g} s; shorten the control period or "
+        "lengthen the horizons"
+    )
 
 
 def _is_finite(column: Array) -> NDArray[np.bool_]:

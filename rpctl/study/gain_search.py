@@ -12,6 +12,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.files.opening import read_text
+from rpctl.files.strict_json import read_json
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
@@ -45,10 +47,10 @@ class SearchLog:
 
     def _load(self, path: Path) -> None:
         try:
-            kept = json.loads(path.read_bytes())
+            kept = read_json(read_text(path, "MAX_TOML_BYTES", "a generation of a search"))
             points, costs = np.array(kept["points"], float), kept["costs"]
             self.costs |= dict(zip(map(point_key, points), map(float, costs), strict=True))
-        except (OSError, ValueError, KeyError, TypeError):
+        except (RpctlError, ValueError, KeyError, TypeError):
             path.unlink(missing_ok=True)
 
     def keep(self, points: Array, costs: Array) -> bool:

@@ -6,11 +6,12 @@ import dataclasses
 import hashlib
 from collections.abc import Mapping
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rpctl.errors import RpctlError
+from rpctl.files.opening import read_input
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import config_tables
 from rpctl.study.design import Design
@@ -81,8 +82,8 @@ def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, A
 def _file_digest(reference: str) -> str | None:
     """Return the digest of a reference's file; None of a name."""
     try:
-        return _digest(Path(reference).read_bytes())
-    except (OSError, ValueError):
+        return _digest(read_input(reference, "MAX_SHOWN_BYTES", "a reference"))
+    except RpctlError:
         return None
 
 

@@ -160,7 +160,7 @@ def _open(search: GainSearch, folder: Path, resume: bool) -> None:
         "optimize": {**own, "parameters": range_table(asked.ranges)},
         "versions": code_identity(study.design),
     }
-    Store(folder, identity).open(resume)
+    Store(folder, identity).prepare(resume)
 
 
 def _costs(search: GainSearch, task: RunTask, log: SearchLog, points: Array) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.files.opening import read_input, read_text
 from rpctl.files.writing import make_folder, write_atomically, writing
 from rpctl.study.extras import arrow, parquet
 from rpctl.study.identity import plain_differences
@@ -76,7 +77,7 @@ class Store:
         """The file of all runs."""
         return self.folder / RUNS_FILE
 
-    def open(self, resume: bool) -> None:
+    def prepare(self, resume: bool) -> None:
         """Make the folder, or go on with it.
 
         Args:
@@ -118,7 +119,7 @@ class Store:
         """Return the numbers of the runs that are kept, in order; torn parts are removed."""
         found = [np.zeros(0, np.int64)]
         for path in self._parts():
-            if path != self.runs_file and _digest(path.read_bytes()) not in path.name:
+            if path != self.runs_file and _digest(_bytes(path)) not in path.name:
                 path.unlink(missing_ok=True)  # torn: its runs are done again
                 continue
             try:
@@ -263,8 +264,8 @@ def _judged(table: Any, judge: Judge) -> Any:
 
 def _read_identity(path: Path) -> Any:
     try:
-        return json.loads(path.read_bytes())
-    except (OSError, ValueError):
+        return json.loads(read_text(path, "MAX_TOML_BYTES", "a study's identity"))
+    except (RpctlError, ValueError):
         raise RpctlError(f"{path}: cannot be read; give another --out") from None
 
 
@@ -277,6 +278,10 @@ def _read(path: Path) -> Any:
     return parquet().read_table(
         path, page_checksum_verification=True, partitioning=None, use_threads=False
     )
+
+
+def _bytes(path: Path) -> bytes:
+    return read_input(path, "MAX_SHOWN_BYTES", "a part of a study")
 
 
 def _digest(data: bytes) -> str:

@@ -198,7 +198,7 @@ def open_store(robot: Robot, study: Study, out: Path, resume: bool) -> Store:
     }
     units = {name: merit.unit for name, merit in MERITS.items()}
     store = Store(out, identity, details, units)
-    store.open(resume)
+    store.prepare(resume)
     if study.text:
         write_atomically(out / STUDY_FILE, study.text.encode(), follow_links=False)
     return store

@@ -63,10 +63,10 @@ def test_a_name_that_may_be_a_folder_is_told(words: tuple[str, ...], name: str) 
     ("kind", "content", "told"),
     [
         ("config", "a = " + "[" * 3000, ".toml:1: error: nested over 30 deep; write it flatter"),
-        ("drive", "track = " + "9" * 400, ".toml: error: track: is a whole number of over 64 bits"),
+        ("drive", "track = " + "9" * 400, ".toml:1: error: track: is a whole number of over"),
         ("path", "waypoints = [[0, 0], [1e400, 1]]", "waypoints[2][1]: is beyond the range of"),
         ("table", "t;x;y\n0;1;2\n", ".csv:1: error: separated by semicolons; put commas between"),
-        ("config", "\ufeff[run]\nsize = nan", ".toml: error: run.size: is nan; give a finite numb"),
+        ("config", "\ufeff[run]\nsize = nan", ".toml:2: error: run.size: is nan; give a finite n"),
     ],
 )  # fmt: skip
 def test_what_is_in_it_is_told(kind: str, content: str, told: str, tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ ELSEWHERE = {  # what opens no input, and why
     "description/xacro_hooks.py": "replaces xacro's open by asking for what the one way reads",
     "simulation/compiled/cache.py": "reads back what it has written, if it is still its own",
     "simulation/compiled/identity.py": "reads the package's own modules",
+    "study/versions.py": "reads the package's own modules",
     "view/film/video.py": "writes a film, and reads back what it has written",
     "view/serve/live.py": "reads back the report that it has written",
     "view/pages/page.py": "reads the package's own assets",

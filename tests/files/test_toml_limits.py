@@ -65,7 +65,9 @@ def test_a_number_that_no_setting_can_have_is_named_by_its_key(
     content: str, fault: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "sizes.toml"
-    assert refusal(path, content) == f"{path}: error: {fault}"
+    # it is on the last line; a key in escapes is not looked for
+    line = "" if "\\u" in content else f":{1 + content.count(chr(10))}"
+    assert refusal(path, content) == f"{path}{line}: error: {fault}"
 
 
 def test_depth_that_keys_and_tables_reach_together_is_refused(tmp_path: Path) -> None:

@@ -149,7 +149,7 @@ FAULTS = {
 def test_bad_path_files_are_told(text: str, tmp_path: Path, paper: Robot) -> None:
     path = tmp_path / "path.toml"
     path.write_text(text)
-    with pytest.raises(DescriptionError, match=f"path.toml: error: (.|\n)*{FAULTS[text]}"):
+    with pytest.raises(DescriptionError, match=f"path.toml(:[12])?: error: (.|\n)*{FAULTS[text]}"):
         load_reference(paper, str(path))
 
 

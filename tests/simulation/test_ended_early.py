@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rpctl.control.law import Command, Efforts
 from rpctl.dynamics.many_states import ManyStates, Reactions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.simulation import derived, recorder
+from rpctl.simulation import derived, motion_columns, recorder
 from rpctl.simulation.closed_loop import WatchedSample, Watcher
 from rpctl.simulation.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.config import Config, RunSettings
@@ -64,15 +65,22 @@ def test_watcher_that_ends_it_leaves_the_samples_so_far(tiago: Robot, tmp_path: 
     assert rpctl.summarize(again).duration == pytest.approx(0.014)
 
 
-@pytest.mark.parametrize("place", ["reference_rates", "ground_reactions", "_end_effector"])
+@pytest.mark.parametrize(
+    ("module", "place"),
+    [
+        (derived, "reference_rates"),
+        (motion_columns, "ground_reactions"),
+        (motion_columns, "_end_effector"),
+    ],
+)
 @pytest.mark.parametrize("call", [1, 2, 4])
 def test_interrupt_amid_the_work_on_a_batch_leaves_every_sample(
-    paper: Robot, monkeypatch: pytest.MonkeyPatch, place: str, call: int
+    paper: Robot, monkeypatch: pytest.MonkeyPatch, module: ModuleType, place: str, call: int
 ) -> None:
     """16 samples in batches of 4: what was simulated is derived again, none twice."""
     monkeypatch.setattr(recorder, "BATCH", 4)
     whole = simulate(paper, SETTINGS)
-    inner, calls = getattr(derived, place), []
+    inner, calls = getattr(module, place), []
 
     def interrupted(*values: object) -> object:
         calls.append(place)
@@ -80,7 +88,7 @@ def test_interrupt_amid_the_work_on_a_batch_leaves_every_sample(
             raise KeyboardInterrupt
         return inner(*values)
 
-    monkeypatch.setattr(derived, place, interrupted)
+    monkeypatch.setattr(module, place, interrupted)
     kept: list[Run] = []
     with pytest.raises(KeyboardInterrupt):
         simulate(paper, SETTINGS, ended=kept.append)

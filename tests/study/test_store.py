@@ -38,7 +38,7 @@ def judge(merits: Any, outcomes: tuple[str, ...]) -> Any:
 
 def store(folder: Path, **changes: Any) -> Store:
     made = Store(folder / "out", {**IDENTITY, **changes}, {"study": "text"}, {"rms": "m"})
-    made.open(resume=folder.joinpath("out").exists())
+    made.prepare(resume=folder.joinpath("out").exists())
     return made
 
 
@@ -128,7 +128,7 @@ def written_elsewhere(folder: Path) -> bytes:
 def test_a_folder_is_not_taken_over(tmp_path: Path) -> None:
     written(tmp_path, range(9))
     with pytest.raises(RpctlError, match="holds a study; add --resume"):
-        Store(tmp_path / "out", IDENTITY).open(resume=False)
+        Store(tmp_path / "out", IDENTITY).prepare(resume=False)
     with pytest.raises(RpctlError, match=r"else: seed: 1 there, 2 here; give another --out"):
         store(tmp_path, seed=2)
     with pytest.raises(RpctlError, match=r"robot\.name: r2 there, d2 here"):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -26,8 +25,7 @@ PERIOD = 0.002
 NEAR, FAR = 1e-3, 3.0  # rad or m: within the series of the leash, and round by more than a turn
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """A measured state and the reference at that time."""
 
     q: Array

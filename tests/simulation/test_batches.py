@@ -1,0 +1,222 @@
+"""A recorder that is given whole batches, or computes what it can when it is read."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics, Robot, RpctlError
+from rpctl.arrays import Array
+from rpctl.control.law import Command, Limit
+from rpctl.dynamics.ground_reaction import find_contacts
+from rpctl.reference.named import reference_by_name
+from rpctl.reference.table import tabulate
+from rpctl.simulation import columns as columns_module
+from rpctl.simulation import recorder as recorder_module
+from rpctl.simulation.derived import Derivation
+from rpctl.simulation.log import Log
+from rpctl.simulation.motion_columns import MotionColumns
+from rpctl.simulation.recorder import Recorder
+from rpctl.simulation.run_file import ARRAY_ENTRIES
+from rpctl.simulation.samples import Samples
+from rpctl.simulation.spool import Spool
+
+COUNT, PERIOD = 45, 0.05
+SETS = ((), (Limit("a", "effort"),), (Limit("a", "effort"), Limit("b", "velocity")))
+ROUNDING = 1e-13  # matrix products of other sizes may add in another order
+
+
+@pytest.fixture(scope="module", params=["paper", "skid_steer"])
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return rpctl.load(request.param)
+
+
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "BATCH", 8)
+
+
+def samples_of(robot: Robot) -> Samples:
+    """Return samples near a reference, about which limits bind now and then."""
+    rng, t = np.random.default_rng(3), PERIOD * np.arange(float(COUNT))
+    table = tabulate(robot, reference_by_name(robot, "circle", collisions=False), t)
+    q = np.array([robot.configuration_at(*row) for row in zip(table.pose, table.joints)])  # noqa: B905
+    n, dof = len(robot.joints), robot.dof
+    return Samples(
+        t, 0.1 * t, 0.05 * t, np.arange(float(COUNT)) // 7 % 3, q, rng.normal(size=(COUNT, dof)),
+        rng.normal(size=(COUNT, len(robot.actuators))), rng.normal(size=(COUNT, dof)),
+        np.empty((COUNT, 0)), rng.normal(size=(COUNT, 3 + n)), table.pose, table.twist,
+        table.twist_dot, table.joints, table.joint_rates, table.direction.reshape(COUNT, 9),
+    )  # fmt: skip
+
+
+def recorder(robot: Robot, every: int = 1, **how: object) -> Recorder:
+    dynamics = ReducedDynamics(robot)
+    derivation = Derivation(dynamics, find_contacts(dynamics), np.full(len(robot.actuators), 0.1))
+    return Recorder(derivation, COUNT - 1, every, **how)  # type: ignore[arg-type]
+
+
+def add(into: Recorder, samples: Samples, k: int) -> None:
+    """Add a sample alone."""
+    into.add(
+        float(samples.t[k]), samples.q[k], samples.nu[k], samples.tau[k], samples.e[k],
+        samples.state(k), Command(samples.nu_d[k], samples.nu_d[k]), float(samples.work[k]),
+        SETS[int(samples.limits[k])], float(samples.lost[k]),
+    )  # fmt: skip
+
+
+def one_by_one(robot: Robot, every: int = 1) -> Log:
+    into, samples = recorder(robot, every), samples_of(robot)
+    for k in range(COUNT):
+        add(into, samples, k)
+    into.derive(ends=True)
+    return into.log()
+
+
+def check_same(found: Log, wanted: Log) -> None:
+    assert found.bound_limits == wanted.bound_limits
+    assert len(found.bound_limits) == 2
+    for name in ARRAY_ENTRIES:
+        column, expected = getattr(found, name), getattr(wanted, name)
+        scale = float(np.abs(expected[np.isfinite(expected)]).max(initial=1.0))
+        np.testing.assert_allclose(
+            column, expected, rtol=ROUNDING, atol=ROUNDING * scale, err_msg=name
+        )
+        assert not column.flags.writeable, name
+
+
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize("size", [5, 16, COUNT])
+def test_batches_give_the_log_of_single_samples(robot: Robot, every: int, size: int) -> None:
+    into, samples = recorder(robot, every), samples_of(robot)
+    for first in range(0, COUNT, size):
+        into.add_batch(samples.rows(slice(first, first + size)), SETS)
+    assert into.steps == COUNT - 1
+    check_same(into.log(), one_by_one(robot, every))
+
+
+def test_batches_and_single_samples_may_take_turns(robot: Robot) -> None:
+    into, samples = recorder(robot), samples_of(robot)
+    add(into, samples, 0)
+    into.add_batch(samples.rows(slice(1, 20)), SETS)
+    for k in range(20, 31):
+        add(into, samples, k)
+    into.add_batch(samples.rows(slice(31, 31)), SETS)
+    into.add_batch(samples.rows(slice(31, COUNT)), SETS)
+    check_same(into.log(), one_by_one(robot))
+
+
+def test_sets_of_limits_keep_their_numbers(robot: Robot) -> None:
+    """Each batch may name its sets in its own order."""
+    into, samples = recorder(robot), samples_of(robot)
+    into.add_batch(samples.rows(slice(10)), SETS)
+    later = samples.rows(slice(10, COUNT))
+    into.add_batch(later._replace(limits=2.0 - later.limits), SETS[::-1])
+    check_same(into.log(), one_by_one(robot))
+
+
+def test_what_is_no_motion_ends_the_log_before_it(robot: Robot) -> None:
+    into, samples = recorder(robot), samples_of(robot)
+    samples.nu[29, 0] = np.nan
+    with pytest.raises(RpctlError, match=rf"finite numbers at t = {29 * PERIOD:g} s"):
+        into.add_batch(samples, SETS)
+    assert (into.steps, into.rows) == (28, 29)
+    into.derive(ends=True)  # nothing waits
+    np.testing.assert_array_equal(into.log().t, samples.t[:29])
+
+
+def test_an_interrupted_batch_is_derived_again(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    into, samples = recorder(robot), samples_of(robot)
+    with monkeypatch.context() as patch:
+        patch.setattr(MotionColumns, "of", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            into.add_batch(samples, SETS)
+    assert into.rows == 0
+    into.derive(ends=True)
+    check_same(into.log(), one_by_one(robot))
+
+
+def interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+    """The numbers of rows whose forces have been computed."""
+    inner: Callable[..., dict[str, Array]] = MotionColumns.of
+    rows: list[int] = []
+
+    def of(self: MotionColumns, columns: dict[str, Array]) -> dict[str, Array]:
+        rows.append(len(columns["q"]))
+        return inner(self, columns)
+
+    monkeypatch.setattr(MotionColumns, "of", of)
+    yield rows
+
+
+def deferred(robot: Robot) -> Log:
+    into = recorder(robot, deferred=True)
+    into.add_batch(samples_of(robot), SETS)
+    return into.log()
+
+
+def test_deferred_columns_are_computed_when_one_is_read(
+    robot: Robot, counted: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "RELEASED_ROWS", 20)
+    log, samples = deferred(robot), samples_of(robot)
+    np.testing.assert_array_equal(log.nu, samples.nu)
+    np.testing.assert_array_equal(log.base_ref[:, :2], samples.pose[:, :2])
+    log.release()
+    assert counted == []
+    assert log.energy.shape == (COUNT,)
+    assert counted == [20, 20, COUNT - 40]
+    check_same(log, one_by_one(robot))
+    with pytest.raises(AttributeError, match="no 'colour'"):
+        log.colour  # type: ignore[attr-defined]  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [lambda log: pickle.loads(pickle.dumps(log)), copy.deepcopy, dataclasses.replace],
+    ids=["pickle", "deepcopy", "replace"],
+)
+def test_deferred_columns_travel(robot: Robot, kept: Callable[[Log], Log]) -> None:
+    found, wanted = kept(deferred(robot)), one_by_one(robot)
+    np.testing.assert_allclose(found.zmp, wanted.zmp, rtol=1e-12)
+    np.testing.assert_array_equal(found.t, wanted.t)
+
+
+def test_a_spool_gets_all_columns_at_once(
+    robot: Robot, counted: list[int], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    with Spool(tmp_path_factory.mktemp("part") / "run.part") as spool:
+        into = recorder(robot, spool=spool, deferred=True)
+        into.add_batch(samples_of(robot), SETS)
+        assert counted == [COUNT]
+
+
+def test_deferred_columns_that_are_not_finite_are_refused(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    into, samples = recorder(robot, deferred=True), samples_of(robot)
+    samples.nu[31] = 1e200
+    into.add_batch(samples, SETS)
+    with pytest.raises(RpctlError, match=rf"finite numbers at t = {31 * PERIOD:g} s"):
+        into.log().energy  # noqa: B018
+
+
+def test_a_large_deferred_log_lies_in_files(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(columns_module, "IN_MEMORY_BYTES", 256)
+    log = deferred(robot)
+    assert columns_module._mapping(log.energy) is not None
+    log.release()
+    check_same(log, one_by_one(robot))
