@@ -249,7 +249,8 @@ def test_random_choices_are_the_interpreters_to_the_bit() -> None:
             workspace[given][:] = points
             kernel.run(0, 1, workspace, {})
             found.append(np.nan_to_num(workspace[out], nan=7.0))  # a NaN has any sign
-        assert np.array_equal(*(x.view(np.int64) for x in found))
+        compiled, interpreted = (x.view(np.int64) for x in found)
+        assert np.array_equal(compiled, interpreted)
 
 
 def test_lanes_are_as_wide_as_a_register() -> None:
