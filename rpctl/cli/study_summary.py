@@ -121,6 +121,9 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
     out.print(table)
     out.print(f"better in {_percent(Interval(**checked['better']))} of the runs, each with the "
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
+    if not checked["after"]["cost"] < checked["before"]["cost"]:
+        out.print("[yellow]no better[/] on fresh runs: the search met too few to tell; give it "
+                  "more runs, or keep the file's settings")  # fmt: skip
     config = Path(found["config"])
     out.print(f"wrote [bold]{escape(str(config))}[/]: "
               f"{escape(replay_command(command, config))}", soft_wrap=True)  # fmt: skip
