@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -152,10 +152,19 @@ def test_legends_on_paper_are_whole(long_run: Run, column: bool, share: bool) ->
         box = legend.get_window_extent()
         assert -1 <= box.x0 < box.x1 <= width + 1
         assert -1 <= box.y0 < box.y1 <= height + 1
+    outlines = []
     for axes in figure.axes:
         around = axes.get_tightbbox()
         assert around is not None
         assert around.y0 > common.get_window_extent().y1 - 1
+        assert -1 <= around.x0 < around.x1 <= width + 1
+        assert around.y1 <= height + 1
+        ticks = [text.get_window_extent() for text in axes.get_yticklabels() if text.get_text()]
+        assert axes.yaxis.label.get_window_extent().x1 < min(box.x0 for box in ticks)
+        ticks = [text.get_window_extent() for text in axes.get_xticklabels() if text.get_text()]
+        assert axes.xaxis.label.get_window_extent().y1 < min(box.y0 for box in ticks) + 1
+        outlines.append(around)
+    assert not any(one.overlaps(other) for one, other in combinations(outlines, 2))
     title = common.get_title().get_text()
     assert title == ("summit_xl_arm_…_joint" if share else "")
 

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,7 +93,8 @@ def style_axes(axes: Axes, title: str) -> None:
     from matplotlib.ticker import MaxNLocator
 
     axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
-    axes.set_title(title, loc="left", fontsize=TEXT_PT, fontweight="bold", color=INK, pad=4)
+    axes.set_title(title, loc="left", fontsize=TEXT_PT, fontweight="bold", color=INK, pad=4, y=1.0)
+    axes.yaxis.set_offset_position("right")  # a factor such as 1e-5: not where the title is
     axes.set_facecolor(PAPER)
     axes.tick_params(labelsize=SMALL_PT, colors=INK, color=FAINT, length=2.5, pad=2)
     axes.grid(True, which="major", color=FAINT, lw=0.5)
@@ -104,29 +106,27 @@ def style_axes(axes: Axes, title: str) -> None:
         spine.set(visible=side in ("left", "bottom"), color=FAINT, linewidth=0.8)
 
 
-def add_legend(axes: Axes, below: bool = False, title: str = "") -> None:
+def add_legend(axes: Axes, below: float = 0.0, title: str = "") -> int:
     """Add the legend of a panel whose lines have names of their own, in it or below it.
 
     Args:
         axes: The panel's axes.
-        below: Whether it stands below the panel.
+        below: How wide it may be below the panel, inches; 0 where it stands in the panel.
         title: What its names share.
+
+    Returns:
+        Lines of text that stand below the panel.
     """
     axes.minorticks_off()
     handles, names = axes.get_legend_handles_labels()
-    entries = len(handles)
-    if not entries:
-        return
-    place: dict[str, Any] = {}
-    if below:
-        place = {
-            "loc": "upper center",
-            "bbox_to_anchor": (0.5, -0.16),
-            "ncols": 3 if entries <= 6 else 2,
-        }
+    if not handles:
+        return 0
+    folded = [fold(name, MAX_NAME_LENGTH) for name in names]
+    columns = _split(folded, below) if below else []
+    place: dict[str, Any] = {"loc": "upper center", "ncols": len(columns)} if below else {}
     legend = axes.legend(
         handles,
-        [fold(name, MAX_NAME_LENGTH) for name in names],
+        folded,
         **place,
         title=literal(title),
         title_fontsize=LEGEND_PT,
@@ -140,6 +140,17 @@ def add_legend(axes: Axes, below: bool = False, title: str = "") -> None:
         labelspacing=0.25,
     )
     legend.set_zorder(5)
+    lines = [[name.count("\n") + 1 for name in column] for column in columns]
+    return sum(map(max, zip_longest(*lines, fillvalue=0))) + bool(columns and title)
+
+
+def _split(names: Sequence[str], width: float) -> list[list[str]]:
+    """Return the names in as many columns, three at most, as stand side by side in a width."""
+    for count in range(min(3, len(names)), 1, -1):
+        columns = [column.tolist() for column in np.array_split(np.array(names), count)]
+        if sum(max(map(text_width, column)) + COLUMN_GAP_IN for column in columns) <= width:
+            return columns
+    return [list(names)]
 
 
 def legend_columns(labels: Sequence[str], width: float, most: int, size: float = LEGEND_PT) -> int:
@@ -157,10 +168,12 @@ def legend_columns(labels: Sequence[str], width: float, most: int, size: float =
 
 def text_width(text: str, size: float = LEGEND_PT) -> float:
     """Return the width of the widest line of a text of a size (pt), inches."""
-    from matplotlib.textpath import TextPath
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
 
-    lines = [TextPath((0.0, 0.0), line, size=size) for line in literal(text).split("\n") if line]
-    return max((float(line.get_extents().x1) for line in lines), default=0.0) / PT_PER_IN
+    font, lines = FontProperties(size=size), [line for line in literal(text).split("\n") if line]
+    sizes = (text_to_path.get_text_width_height_descent(line, font, ismath=False) for line in lines)
+    return max((float(width) for width, *_ in sizes), default=0.0) / PT_PER_IN
 
 
 def joint_names(joints: Sequence[str]) -> tuple[list[str], str]:
@@ -187,7 +200,8 @@ def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
     if handles:
         figure.legend(
             handles=handles,
-            loc="outside lower center",
+            loc="lower center",
+            borderaxespad=0.0,
             ncols=columns,
             title=literal(title),
             title_fontsize=LEGEND_PT,

@@ -212,6 +212,11 @@ def test_bits_depend_on_no_lanes_and_no_processor(
         assert np.array_equal(got[number].view(np.int64), wanted[number].view(np.int64))
 
 
+def test_lanes_are_as_wide_as_a_register() -> None:
+    for features, lanes in (("", 2), ("+avx,-avx512f", 4), ("+neon", 2), ("+avx,+avx512f", 8)):
+        assert Processor("any", features).lanes == lanes
+
+
 def test_an_infinity_in_the_branch_not_taken_does_no_harm() -> None:
     x = casadi.SX.sym("x", 3)
     both = casadi.if_else(x[0], x[1], x[2])

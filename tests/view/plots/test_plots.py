@@ -37,6 +37,8 @@ def test_figure_is_as_wide_as_a_page(paper_run: Run) -> None:
         assert image.width == pytest.approx(180 / 25.4 * 200, abs=1)
         assert image.info["dpi"] == pytest.approx((200, 200), abs=0.1)
         assert len(np.unique(np.asarray(image.convert("L")))) > 20
+        shades, counts = np.unique(np.asarray(image.convert("RGB")), axis=None, return_counts=True)
+        assert shades[counts.argmax()] == 255  # the paper is white, not nearly
 
 
 def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
