@@ -27,11 +27,11 @@ def main() -> None:
     worst = result.worst[0]
     print(f"the worst, run {worst.run}: {worst.reason}\n  {worst.command}")
 
-    found = optimise(robot, study, folder)
-    for name, each in found["settings"].items():
+    best = optimise(robot, study, folder)
+    for name, each in best["settings"].items():
         print(f"{name}: {each['before']:g} -> {each['after']:.3g}")
     for name in ("before", "after"):
-        value = found["validation"][name]["statistic"]["value"]
+        value = best["validation"][name]["statistic"]["value"]
         print(f"{name}: {1e3 * value:.1f} mm rms: 90 % of fresh runs are nearer")
 
 
