@@ -23,6 +23,7 @@ from rpctl.robot.model import Robot
 from rpctl.study.cluster import DaskExecutor
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.extras import parquet, salib
+from rpctl.study.merits import REFUSED
 from rpctl.study.optimise import optimise
 from rpctl.study.rollout import BACKENDS
 from rpctl.study.store import RUNS_FILE
@@ -132,6 +133,8 @@ def _run(
     with progress_bar("study", f"{len(study.points)} runs") as advance:
         run_study(robot, study, folder, executor, advance, settings.resume)
     result = read_result(folder)
+    if {*result.runs.outcomes} == {REFUSED}:
+        raise RpctlError(f"no run could be made: {result.runs.reasons[0]}")
     content = result.to_dict()
     files = [RUNS_FILE, SUMMARY_FILE]
     write_atomically(folder / SUMMARY_FILE, (to_json(content) + "\n").encode(), follow_links=False)
