@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rpctl.simulation.compiled.law_settings import settings_of
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, UnifiedKinematic
@@ -14,11 +13,12 @@ from rpctl.arrays import Array
 from rpctl.simulation.closed_loop import start_configuration
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
+from rpctl.simulation.compiled.law_settings import settings_of
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.plant import Plant
+from rpctl.study.experiment import Experiment
 from rpctl.study.lane_columns import LaneColumns
-from rpctl.study.rollout import Experiment
 
 NAMES = (
     "plant.masses.*",
@@ -56,7 +56,12 @@ def made(
 
 
 @pytest.mark.parametrize(
-    ("name", "more"), [("paper", "plant.track"), ("swerve", ""), ("mecanum", "plant.track")]
+    ("name", "more"),
+    [
+        ("paper", "plant.track"),
+        pytest.param("swerve", "", marks=pytest.mark.slow),
+        pytest.param("mecanum", "plant.track", marks=pytest.mark.slow),
+    ],
 )
 def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
