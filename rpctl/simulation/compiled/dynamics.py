@@ -35,19 +35,6 @@ from rpctl.simulation.compiled.scalars import (
     transposed,
 )
 
-MAX_DOF = 30  # of a chain: 30 000 operations, 4 s to compile, and growing with dof^2.6
-
-
-def too_large(robot: Robot) -> str | None:
-    """Return why a robot is too large to be compiled, in words, or None if it is not."""
-    if robot.dof <= MAX_DOF:
-        return None
-    return (
-        f"{robot.name} has {robot.dof} degrees of freedom; loops of at most {MAX_DOF} are "
-        "compiled, as that takes seconds there and grows nearly with their cube; --lock joints "
-        "that stand still"
-    )
-
 
 class SymbolicProjection:
     """What rolling makes of velocities and efforts at one configuration, in symbols.
