@@ -1,8 +1,8 @@
-"""How the machine code of the dynamics grows with the arm.
+"""Forward dynamics as machine code: of every drive, and how they grow with the arm.
 
-``python -m tests.bench.compiled_growth`` prints it. Each row is a differential base that carries a
-chain of revolute joints in general frames. The last line fits y = c · dof^k by least squares in
-logarithms, over rows of at least ``FIT_FROM`` dof.
+``python -m tests.bench.compiled_growth`` prints both. Each row of the second table is a base on two
+wheels that carries a chain of revolute joints in general frames. Its last line fits y = c · dof^k
+by least squares in logarithms, over rows of at least ``FIT_FROM`` dof.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+import timeit
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.machine import compile_program
 from rpctl.simulation.compiled.program import Buffer, Call, Program, Repeat
 from tests import urdf
+from tests.bench.test_speed import DRIVES, projected, state_of
 from tests.robots import SET_A, platform, write
 
 SIZES = (4, 6, 8, 12, 16, 20, 25, 30)
@@ -104,15 +106,30 @@ def exponent(dof: Sequence[float], values: Sequence[float]) -> float:
 
 
 def main() -> None:
-    """Print the table."""
-    print(f"{'dof':>4}{'operations':>12}{'graph, s':>10}{'compile, s':>12}{'step, µs':>10}")
+    """Print forward dynamics of every drive, then how those of chains grow."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ["RPCTL_CACHE_DIR"] = folder  # nothing that an earlier run compiled
-        rows = [measure(chain(Path(folder), size - 2)) for size in SIZES]
+        _print_drives()
+        _print_growth([measure(chain(Path(folder), size - 2)) for size in SIZES])
+
+
+def _print_drives() -> None:
+    print("forward dynamics, CPU time, µs: Pinocchio, machine code of 1 lane, of 8 lanes for each")
+    print(f"{'':14}{'dof':>4}{'operations':>12}{'Pinocchio':>11}{'1 lane':>8}{'8 lanes':>9}")
+    for name in DRIVES:
+        robot = rpctl.load(name)
+        times = timeit.repeat(projected(state_of(robot)), timer=time.thread_time, number=REPEATS)
+        one, eight = measure(robot), measure(robot, 8)
+        pinocchio = 1e6 * min(times) / REPEATS
+        print(f"{name:14}{one.dof:4}{one.operations:12}{pinocchio:11.1f}"
+              f"{one.step:8.3f}{eight.step / 8:9.3f}")  # fmt: skip
+
+
+def _print_growth(rows: Sequence[Row]) -> None:
+    print(f"{'dof':>4}{'operations':>12}{'graph, s':>10}{'compile, s':>12}{'step, µs':>10}")
     for row in rows:
-        print(
-            f"{row.dof:4}{row.operations:12}{row.graph:10.2f}{row.compilation:12.2f}{row.step:10.2f}"
-        )
+        print(f"{row.dof:4}{row.operations:12}{row.graph:10.2f}{row.compilation:12.2f}"
+              f"{row.step:10.2f}")  # fmt: skip
     large = [row for row in rows if row.dof >= FIT_FROM]
     fits = [exponent([r.dof for r in large], [r[k] for r in large]) for k in range(1, 5)]
     print(f"dof^{fits[0]:12.2f}{fits[1]:10.2f}{fits[2]:12.2f}{fits[3]:10.2f}")

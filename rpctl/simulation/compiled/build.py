@@ -41,9 +41,11 @@ def build_loop(
         varied: What is a parameter of the simulated robot instead of a constant.
     """
     law = law_fragment(kinematic, dynamic, SymbolicDynamics(known), shape.period)
-    program = loop_program(law, SymbolicDynamics(simulated, varied), shape)
+    plant = SymbolicDynamics(simulated, varied)
+    program = loop_program(law, plant, shape)
     return CompiledLoop(
         simulated,
+        plant,
         program,
         compile_program(program.start, lanes),
         compile_program(program.sample, lanes),

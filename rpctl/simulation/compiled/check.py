@@ -126,6 +126,8 @@ def _by_machine(
         loop.noise: Rows(np.zeros((1, loop.noise.width, compiled.sample.lanes))),
         loop.ring: ring,
     }
+    if loop.fold is not None and loop.fold.tip is not None:
+        rows[loop.fold.tip] = Rows(np.zeros((1, loop.fold.tip.width)))
     log = {s: Rows(np.empty((1, s.width, compiled.sample.lanes))) for s in loop.log.values()}
     compiled.sample.run(0, 1, workspace, {s: {**rows, **log}[s] for s in loop.sample.streams})
     if workspace[loop.law.failed].any():

@@ -11,8 +11,10 @@ from typing import Any
 import casadi
 
 from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import LawFragment
+from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantBuffers, plant_step
 from rpctl.simulation.compiled.program import (
     Buffer,
@@ -29,8 +31,9 @@ from rpctl.simulation.compiled.tracking import reference_entries, symbolic_error
 from rpctl.simulation.noise import Sensors
 from rpctl.simulation.plant import substeps
 
-# Why a lane needs Python: its law has no answer, or its base is far and needs a way up.
-NO_TROUBLE, LAW_FAILED, FAR = 0.0, 1.0, 2.0
+# Why a lane does not go on: its law has no answer, its base is far and needs a way up to the
+# reference, both of which Python has, or its motion left the finite numbers.
+NO_TROUBLE, LAW_FAILED, FAR, DIVERGED = 0.0, 1.0, 2.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class LoopShape:
         delayed: Whether efforts may act some periods late.
         noisy: Whether what is measured is noisy.
         far: When a base needs a way up to its reference; None: never.
-        logged: Whether samples are logged.
+        folded: Whether samples are folded to what merits need, or else logged.
     """
 
     period: float
@@ -64,7 +67,7 @@ class LoopShape:
     delayed: bool = False
     noisy: bool = False
     far: FarBounds | None = None
-    logged: bool = True
+    folded: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +82,9 @@ class LoopProgram:
         bias: Efforts (n_act,) that push besides the controller's.
         acting: Efforts (n_act,) that act from a sample on.
         e: Tracking error (3 + n_joints,).
-        trouble: Why a lane needs Python (1,), from the first sample on at which it does.
+        trouble: Why a lane does not go on (1,), and the number of the sample at which (2,).
         number: Of the sample (1,).
+        energy_before: Work and losses (2,) until the sample, J, where samples are folded.
         back: By how many periods efforts are late (1,).
         search_from: Number of the sample from which on a way up is looked for (1,).
         reference: Rows of a reference table.
@@ -88,6 +92,7 @@ class LoopProgram:
         noise: What is added to what is measured.
         ring: Efforts on their way.
         log: What is written at each sample, by name.
+        fold: What merits need of the samples; None where they are logged.
     """
 
     start: Program
@@ -99,6 +104,7 @@ class LoopProgram:
     e: Buffer
     trouble: Buffer
     number: Buffer
+    energy_before: Buffer
     back: Buffer
     search_from: Buffer
     reference: RowStream
@@ -106,6 +112,7 @@ class LoopProgram:
     noise: RowStream
     ring: RowStream
     log: dict[str, RowStream]
+    fold: MeritFold | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +121,14 @@ class CompiledLoop:
 
     Attributes:
         robot: The simulated robot.
+        dynamics: Its dynamics, in symbols.
         program: Its program.
         start: What is done once before the first sample.
         sample: A sample, and the plant until the next.
     """
 
     robot: Robot
+    dynamics: SymbolicDynamics
     program: LoopProgram
     start: Kernel
     sample: Kernel
@@ -129,7 +138,6 @@ def loop_program(
     law: LawFragment,
     simulated: SymbolicDynamics,
     shape: LoopShape,
-    folded: tuple[Statement, ...] = (),
 ) -> LoopProgram:
     """Return the program of a closed loop.
 
@@ -137,7 +145,6 @@ def loop_program(
         law: The laws on the robot as the controller knows it.
         simulated: Dynamics of the simulated robot.
         shape: What is compiled in.
-        folded: Statements that follow each sample's law and precede the plant's steps.
     """
     robot, dynamics = simulated.robot, simulated
     n_act, n_e, width = len(robot.actuators), law.e.size, law.reference.size
@@ -156,8 +163,9 @@ def loop_program(
         bias=Buffer("bias", n_act),
         acting=Buffer("acting", n_act) if shape.delayed else law.tau,
         e=Buffer("error", n_e) if shape.noisy or shape.far else law.e,
-        trouble=Buffer("trouble", 1),
+        trouble=Buffer("trouble", 2),
         number=Buffer("number", 1),
+        energy_before=Buffer("energy_before", 2),
         back=Buffer("back", 1),
         search_from=Buffer("search_from", 1),
         reference=RowStream("reference", width, laned=False),
@@ -166,19 +174,20 @@ def loop_program(
         ring=RowStream("ring", n_act),
         log={},
     )
-    log = _log(found) if shape.logged else {}
+    fold = _folded(found, dynamics) if shape.folded else None
+    log = _log(found, fold)
     body = (
         *_measured(found, sensors, shape),
         *law.body,
         *law.remember,
         *_judged(found, shape),
         *_acting(found, dynamics, shape),
-        *folded,
+        *(() if fold is None else fold.statements),
         *(Write(buffer, stream) for buffer, stream in log.values()),
         *_pushed(found, dynamics, shape),
     )
     streams = {name: stream for name, (_, stream) in log.items()}
-    return replace(found, sample=Program(body), log=streams)
+    return replace(found, sample=Program(body), log=streams, fold=fold)
 
 
 def _measured(loop: LoopProgram, sensors: Sensors, shape: LoopShape) -> tuple[Statement, ...]:
@@ -198,25 +207,34 @@ def _measured(loop: LoopProgram, sensors: Sensors, shape: LoopShape) -> tuple[St
 
 
 def _judged(loop: LoopProgram, shape: LoopShape) -> tuple[Statement, ...]:
-    """Find out whether a lane needs Python, and count the sample."""
+    """Find out whether a lane goes on, and count the sample."""
     law, sym = loop.law, casadi.SX.sym
-    failed, e, number, since, trouble = (
-        sym("failed"), sym("e", law.e.size), sym("number"), sym("since"), sym("trouble"),
-    )  # fmt: skip
+    failed, e, nu = sym("failed"), sym("e", law.e.size), sym("nu", loop.plant.nu.size)
+    number, since, trouble = sym("number"), sym("since"), sym("trouble", 2)
     found = casadi.if_else(failed != 0.0, LAW_FAILED, NO_TROUBLE)
     if shape.far is not None:
         away = casadi.logic_or(
             e[0] ** 2 + e[1] ** 2 > shape.far.distance**2, casadi.fabs(e[2]) > shape.far.heading
         )
         far = casadi.logic_and(number >= since, away)
-        found = casadi.if_else(failed != 0.0, LAW_FAILED, casadi.if_else(far, FAR, NO_TROUBLE))
-    judge = _function(
-        "judge",
-        [failed, e, number, since, trouble],
-        [casadi.if_else(trouble != 0.0, trouble, found), number + 1.0],
+        found = casadi.if_else(casadi.logic_and(found == NO_TROUBLE, far), FAR, found)
+    for speed in casadi.vertsplit(nu):
+        found = casadi.if_else(casadi.fabs(speed) < DIVERGED_SPEED, found, DIVERGED)
+    known = trouble[0] != NO_TROUBLE
+    after = casadi.vertcat(
+        casadi.if_else(known, trouble[0], found), casadi.if_else(known, trouble[1], number)
     )
-    inputs = law.failed, law.e, loop.number, loop.search_from, loop.trouble
+    judge = _function("judge", [failed, e, nu, number, since, trouble], [after, number + 1.0])
+    inputs = law.failed, law.e, loop.plant.nu, loop.number, loop.search_from, loop.trouble
     return (Call(judge, inputs, (loop.trouble, loop.number)),)
+
+
+def _folded(loop: LoopProgram, dynamics: SymbolicDynamics) -> MeritFold:
+    plant = loop.plant
+    sample = FoldedSample(
+        plant.q, plant.nu, loop.e, loop.acting, loop.law.limits, plant.p, loop.number
+    )
+    return merit_fold(dynamics, sample)
 
 
 def _acting(
@@ -243,13 +261,16 @@ def _pushed(
     tau, bias = (casadi.SX.sym(name, loop.bias.size) for name in ("tau", "bias"))
     push = _function("push", [tau, bias], [tau + bias])
     steps = substeps(shape.period, shape.plant_step)
+    energy = casadi.SX.sym("energy", 2)
+    keep = Call(_function("keep", [energy], [energy]), (loop.plant.energy,), (loop.energy_before,))
     return (
+        *((keep,) if shape.folded else ()),
         Call(push, (loop.acting, loop.bias), (loop.plant.tau,)),
         *plant_step(dynamics, loop.plant, shape.period / steps, steps),
     )
 
 
-def _log(loop: LoopProgram) -> dict[str, tuple[Buffer, RowStream]]:
+def _log(loop: LoopProgram, fold: MeritFold | None) -> dict[str, tuple[Buffer, RowStream]]:
     law, plant = loop.law, loop.plant
     logged = {
         "q": plant.q,
@@ -261,6 +282,8 @@ def _log(loop: LoopProgram) -> dict[str, tuple[Buffer, RowStream]]:
         "limits": law.limits,
         "trouble": loop.trouble,
     }
+    if fold is not None:
+        logged = {"measures": fold.measures}
     return {name: (b, RowStream(f"log of {name}", b.size)) for name, b in logged.items()}
 
 

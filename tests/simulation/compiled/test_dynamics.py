@@ -20,7 +20,7 @@ from rpctl.arrays import Array
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.simulation.compiled.comparison import check
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics, too_large
+from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.rolling import SINGULAR
 from tests import random_vehicles, vehicles
 from tests.grids import cells
@@ -198,15 +198,6 @@ def test_undriven_quasi_velocities_are_named(tmp_path: Path) -> None:
     q, force = casadi.SX.sym("q", robot.nq), casadi.SX.sym("f", robot.dof)
     with pytest.raises(ActuationError, match="steer"):
         SymbolicDynamics(undriven).efforts(q, force)
-
-
-def test_too_large(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert too_large(paper) is None
-    monkeypatch.setattr("rpctl.simulation.compiled.dynamics.MAX_DOF", paper.dof)
-    assert too_large(paper) is None
-    monkeypatch.setattr("rpctl.simulation.compiled.dynamics.MAX_DOF", paper.dof - 1)
-    reason = too_large(paper)
-    assert reason is not None and reason.startswith("paper has 4 degrees of freedom; loops of at")
 
 
 def test_a_platform_without_an_arm(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from rpctl.robot.vary import add_friction, without_losses
 from rpctl.simulation.compiled.comparison import check
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.inertias import MX, XX, YY, ZZ, M, felt, inertias_of
-from rpctl.simulation.compiled.parameters import NOTHING, Varied
+from rpctl.simulation.compiled.parameters import NOTHING, Parameters, Varied
 from rpctl.simulation.compiled.scalars import cleaned
 from tests.grids import cells
 
@@ -81,6 +81,15 @@ def test_what_is_not_varied_has_to_be_the_same(name: str, paper: Robot) -> None:
     dynamics, variant = SymbolicDynamics(paper, NOTHING), CHANGES[name](paper)
     with pytest.raises(RpctlError, match=rf"more than what is varied \({name}\)"):
         dynamics.parameters_of(variant)
+
+
+@pytest.mark.parametrize("change", [-1e-9, 1e-9])
+def test_a_constant_that_differs_either_way_is_refused(change: float) -> None:
+    parameters = Parameters({"x": np.array([1.0, 2.0])}, {"x": np.array([True, False])})
+    assert parameters.scalars()["x"][1] == 2.0
+    assert parameters.values({"x": np.array([[3.0, 2.0], [4.0, 2.0]])}).tolist() == [[3.0], [4.0]]
+    with pytest.raises(RpctlError, match=r"\(x\)"):
+        parameters.values({"x": np.array([1.0, 2.0 + change])})
 
 
 def test_another_robot_is_no_variant(paper: Robot) -> None:
