@@ -20,7 +20,8 @@ def test_angles_and_their_derivatives(
     """A bend tighter than the trail has no steady angle; a place that stands still keeps its."""
     (swivel,) = tricycle.drive.steered
     drive = replace(tricycle.drive, swivels=(replace(swivel, trail=trail),))
-    direction = tuple(casadi.SX.sym(name, 3) for name in ("twist", "once", "twice"))
+    twist, once, twice = (casadi.SX.sym(name, 3) for name in ("twist", "once", "twice"))
+    direction = twist, once, twice
     found = [casadi.vertcat(*angle) for angle in steered_angles(drive, direction)]
     function = casadi.Function("angles", list(direction), found)
     x, y = swivel.pivot
