@@ -22,7 +22,7 @@ from rpctl.simulation.compiled.law_fragment import LimitNames
 from rpctl.simulation.compiled.law_settings import settings_of
 from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
 from rpctl.simulation.compiled.program import Rows, RowStream
-from rpctl.simulation.compiled.starting import prepared
+from rpctl.simulation.compiled.starting import followed_rows, prepared
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
 from rpctl.simulation.recorder import Recorder
@@ -147,12 +147,11 @@ class _LoopRun:
         """
         loop = self._compiled.program
         times = self._config.run.control_period * np.arange(first, first + count, dtype=float)
-        table = read = tabulate(self._robot, self._reference, times)
-        if self._followed is not self._reference:
-            read = tabulate(self._robot, self._followed, times)
+        table = tabulate(self._robot, self._reference, times)
         rows = {loop.reference: Rows(table.rows()), loop.ring: self._ring}
         if loop.followed in loop.sample.streams:
-            rows[loop.followed] = Rows(np.ascontiguousarray(read.rows()[:, :, None]))
+            read = followed_rows(self._robot, self._followed, table)
+            rows[loop.followed] = Rows(read[:, :, None].copy())
         if loop.noise in loop.sample.streams:
             drawn = self._stream.rows(count - len(self._noise)) * self._deviations
             rows[loop.noise] = Rows(np.vstack([self._noise, drawn])[:, :, None].copy())
