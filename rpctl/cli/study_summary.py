@@ -16,10 +16,13 @@ from rpctl.study.statistics import Interval, Quantile
 from rpctl.study.study_result import StudyResult, replay_command
 
 SHOWN = 5  # parameters that are named for a merit
-MEASURES = {  # of a sensitivity: the one that is shown, and what it is
-    "sobol": ("total", "share of its variance, with interactions"),
-    "morris": ("mu_star", "mean size of its change over the range"),
-    "rank-correlation": ("rank_correlation", "rank correlation"),
+MEASURES = {  # of a sensitivity: what is shown
+    "sobol": {"first": "share of variance, alone", "total": "with interactions"},
+    "morris": {"mu_star": "mean size of its change over the range"},
+    "rank-correlation": {
+        "rank_correlation": "rank correlation",
+        "from_middle": "that of the distance from its median",
+    },
 }
 
 
@@ -66,11 +69,14 @@ def _show_statistics(out: Console, result: StudyResult) -> None:
 
 
 def _show_sensitivity(out: Console, found: Sensitivity) -> None:
-    key, words = MEASURES[found.method]
-    table = new_table(f"what matters to {found.merit}", f">{words}", ">95 % interval")
+    shown = MEASURES[found.method]
+    heads = [head for words in shown.values() for head in (f">{words}", ">95 % interval")]
+    table = new_table(f"what matters to {found.merit}", *heads)
     for name in found.ranking[:SHOWN]:
-        each = found.measures[key][found.parameters.index(name)]
-        table.add_row(escape(name), _number(each.value), _within(each))
+        at = found.parameters.index(name)
+        intervals = [found.measures[key][at] for key in shown]
+        cells = [cell for each in intervals for cell in (_number(each.value), _within(each))]
+        table.add_row(escape(name), *cells)
     out.print(table)
 
 
@@ -115,6 +121,9 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
     out.print(table)
     out.print(f"better in {_percent(Interval(**checked['better']))} of the runs, each with the "
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
+    if not checked["after"]["cost"] < checked["before"]["cost"]:
+        out.print("[yellow]no better[/] on fresh runs: the search met too few to tell; give it "
+                  "more runs, or keep the file's settings")  # fmt: skip
     config = Path(found["config"])
     out.print(f"wrote [bold]{escape(str(config))}[/]: "
               f"{escape(replay_command(command, config))}", soft_wrap=True)  # fmt: skip

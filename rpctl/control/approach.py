@@ -102,12 +102,16 @@ class ApproachStage:
     Args:
         settings: When, and how fast.
         radius: Of the plan's arcs, m.
+
+    Attributes:
+        searched_at: When a plan was looked for last, s; −inf before.
+        approaches: How many plans were found.
     """
 
     def __init__(self, settings: Approach, radius: float) -> None:
         self._settings, self._radius = settings, radius
         self._way: WayToReference | None = None
-        self._searched_at = -math.inf
+        self.searched_at = -math.inf
         self.approaches = 0
 
     def __call__(
@@ -133,9 +137,9 @@ class ApproachStage:
                 and meets the reference, in the law's own time.
         """
         read = self.reading(reference)
-        if t - self._searched_at < RETRY_S or not self._far(dynamics.robot, read(t - lag), q):
+        if t - self.searched_at < RETRY_S or not self._far(dynamics.robot, read(t - lag), q):
             return read
-        self._searched_at = t
+        self.searched_at = t
         limits = WayLimits(self._radius, self._settings.haste, _full_speed(dynamics, q))
         plan = plan_approach(dynamics, reference, t - lag, q, nu, limits)
         if plan is None:

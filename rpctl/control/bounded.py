@@ -224,7 +224,8 @@ class BoundedLaw:
         """
         cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))  # (n_act, k)
         size = np.maximum(np.abs(cost), ROUNDING)
-        pull = np.sign(cost) * holding_efforts[:, None]
+        # What is rounding has no sign: an actuator that the joint does not need holds nothing back.
+        pull = np.sign(np.where(size > ROUNDING, cost, 0.0)) * holding_efforts[:, None]
         box = self.effort_limits[:, None]
         return ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
 

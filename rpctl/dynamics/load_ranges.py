@@ -27,7 +27,7 @@ MIN_TRIANGLE_HEIGHT = (
 ZERO_LOAD_N = 1e-100  # N: stands for no load where a force is divided by it, and nothing overflows
 MAX_FORCE_RATIO = 1e50  # a force over a load beyond it is one over none
 MAX_CONTACTS = 50  # contacts: beyond, there are too many triples
-BLOCK_LOADS = 60_000  # loads of corners that are held at once: they stay in the cache
+BLOCK_LOADS = 30_000  # loads of corners that are held at once: they stay in the cache
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,14 @@ class Ranges:
 
 
 class _Instants(NamedTuple):
-    """Reactions at K instants."""
+    """Reactions at K instants, which stand in the last axis: reductions over others are quick."""
 
-    arms: Array  # (K, n, 2) of the contacts about the zero-moment points, m
+    arms: Array  # (n, 2, K) of the contacts about the zero-moment points, m
     total: Array  # (K,) load, N
-    own: Array  # (K, n_wheels) horizontal forces that wheels do not share, N
-    lateral: Array  # (K, n_axles) forces of axles, N
+    own: Array  # (n_wheels, K) horizontal forces that wheels do not share, N
+    lateral: Array  # (n_axles, K) forces of axles, N
     incidence: Array  # (n_wheels, n_axles) which wheels share them, 0 or 1
+    points: Array  # (n, 2, K), or (n, 2, 1) where contacts keep their places, m
 
 
 def find_ranges(contacts: Contacts, reactions: GroundReactions) -> Ranges:
@@ -70,13 +71,15 @@ def find_ranges(contacts: Contacts, reactions: GroundReactions) -> Ranges:
     if not contacts.balanced or n > MAX_CONTACTS:
         return Ranges(np.empty((count, 0)), np.empty((count, 0)))
     size = max(1, BLOCK_LOADS // (n * _triples(n).shape[1]))
-    found = []
+    loads, slips = np.empty((count, n, 2)), np.empty((count, 2))
     for first in range(0, count, size):
-        instants = _instants(contacts, reactions, slice(first, first + size))
+        rows = slice(first, first + size)
+        instants = _instants(contacts, reactions, rows)
         load, admissible = _corner_loads(instants.arms, instants.total)
-        loads = _load_ranges(load, admissible)
-        found.append((loads, _slip_ranges(instants, load, admissible, loads)))
-    loads, slips = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        least, most = _extremes(load, admissible)
+        loads[rows, :, 0], loads[rows, :, 1] = least.T, most.T
+        one = (most - least).max(axis=0) <= LOAD_RESOLUTION * instants.total
+        slips[rows] = _slip_ranges(instants, load, admissible, one).T
     lifted = reactions.force[:, 2] < contacts.floor
     loads[lifted] = slips[lifted] = np.nan
     slips /= contacts.friction
@@ -87,17 +90,20 @@ def find_ranges(contacts: Contacts, reactions: GroundReactions) -> Ranges:
 
 def _instants(contacts: Contacts, reactions: GroundReactions, rows: slice) -> _Instants:
     """Return some of the reactions; the lateral force of a wheel alone on its axle is its own."""
-    along, lateral = np.abs(reactions.longitudinal[rows]), np.abs(reactions.lateral[rows])
+    along, lateral = np.abs(reactions.longitudinal[rows].T), np.abs(reactions.lateral[rows].T)
     total = np.maximum(reactions.force[rows, 2], contacts.floor)
     alone = contacts.incidence.sum(axis=0) == 1.0
-    own = np.hypot(along, lateral @ (contacts.incidence * alone).T)
-    rounding = LOAD_RESOLUTION * total[:, None]
+    own = np.hypot(along, (contacts.incidence * alone) @ lateral)
+    rounding = LOAD_RESOLUTION * total
+    arms = np.ascontiguousarray(reactions.arms[rows].transpose(1, 2, 0))
+    stance = contacts.stance
     return _Instants(
-        arms=reactions.arms[rows],
+        arms=arms,
         total=total,
         own=own * (own > rounding),
         lateral=lateral * (lateral > rounding),
         incidence=contacts.incidence * ~alone,
+        points=arms if stance is None else stance.statics[1:].T[..., None],
     )
 
 
@@ -108,52 +114,60 @@ def _triples(count: int) -> NDArray[np.intp]:
 
 
 def _corner_loads(arms: Array, total: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the loads (K, n, T) that each triple alone would bear, N, and if it can (K, T).
+    """Return the loads (n, T, K) that each triple alone would bear, N, and if it can (T, K).
 
     Contact i bears as much of the load as the triangle of the other two and the zero-moment point
     p is of the triple's own: N_i = f_z |p p_j p_k| / |p_i p_j p_k|.
     """
-    chosen = _triples(arms.shape[1])
-    x, y = (arms[:, chosen, axis] for axis in (0, 1))  # (K, 3, T)
-    (xj, xk), (yj, yk) = ((np.roll(z, -1, axis=1), np.roll(z, -2, axis=1)) for z in (x, y))
-    area = ((xj - x) * (yk - y) - (xk - x) * (yj - y))[:, :1]  # (K, 1, T), twice
-    longest = ((xj - x) ** 2 + (yj - y) ** 2).max(axis=1, keepdims=True)
+    chosen = _triples(len(arms))
+    x, y = arms[:, 0][chosen], arms[:, 1][chosen]  # (3, T, K)
+    (xj, xk), (yj, yk) = ((z[[1, 2, 0]], z[[2, 0, 1]]) for z in (x, y))
+    area = (xj[0] - x[0]) * (yk[0] - y[0]) - (xk[0] - x[0]) * (yj[0] - y[0])  # (T, K), twice
+    longest = ((xj - x) ** 2 + (yj - y) ** 2).max(axis=0)
     wide = np.abs(area) > MIN_TRIANGLE_HEIGHT * longest
     part = (xj * yk - xk * yj) / np.where(wide, area, 1.0)
-    admissible = wide[:, 0] & (part.min(axis=1) >= -LOAD_RESOLUTION)
-    load = np.zeros((*arms.shape[:2], chosen.shape[1]))
-    load[:, chosen, np.arange(chosen.shape[1])] = (
-        part * (part > LOAD_RESOLUTION) * total[:, None, None]
-    )
+    admissible = wide & (part.min(axis=0) >= -LOAD_RESOLUTION)
+    load = np.zeros((len(arms), *area.shape))
+    load[chosen, np.arange(chosen.shape[1])] = part * (part > LOAD_RESOLUTION) * total
     return load, admissible
 
 
-def _load_ranges(load: Array, admissible: NDArray[np.bool_]) -> Array:
-    """Return the least and the largest load of each contact (K, n, 2)."""
-    allowed = np.where(admissible[:, None], load, np.nan)
-    return np.stack([np.fmin.reduce(allowed, axis=2), np.fmax.reduce(allowed, axis=2)], axis=2)
+def _extremes(values: Array, admissible: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the least and the largest (..., K) of values (..., T, K) over admissible triples.
+
+    NaN where there is none.
+    """
+    least = np.where(admissible, values, np.inf).min(axis=-2)
+    most = np.where(admissible, values, -np.inf).max(axis=-2)
+    none = ~admissible.any(axis=0)
+    least[..., none] = most[..., none] = np.nan
+    return least, most
 
 
 def _slip_ranges(
-    instants: _Instants, load: Array, admissible: NDArray[np.bool_], loads: Array
+    instants: _Instants, load: Array, admissible: NDArray[np.bool_], one: NDArray[np.bool_]
 ) -> Array:
-    """Return the least and the largest of the worst wheel's force over load (K, 2).
+    """Return the least and the largest of the worst wheel's force over load (2, K).
 
     A wheel's is s = √(F²/N² + L²/Σ²) with the lateral force L of its axle, whose wheels bear Σ.
     It is convex in the loads, and so is the worst wheel's, whose maximum therefore lies at a
     corner of the polytope. The minimum is :func:`_slip_lower_bound`'s, or the one value there is.
+
+    Args:
+        instants: The reactions.
+        load: Of the corners (n, T, K), N.
+        admissible: Which of them can be (T, K).
+        one: Where all of them are the same (K,).
     """
     own, lateral, incidence = instants.own, instants.lateral, instants.incidence
-    wheels = load[:, : own.shape[1]]
-    sideways = incidence @ (
-        lateral[:, :, None] / (incidence.T @ wheels + ZERO_LOAD_N)
-    )  # (K, n_wheels, T)
-    slip = np.hypot(own[:, :, None] / (wheels + ZERO_LOAD_N), sideways).max(axis=1)
-    most = np.fmax.reduce(np.where(admissible, slip, np.nan), axis=1)
-    inevitable = np.fmin.reduce(np.where(admissible[:, None], sideways, np.nan), axis=2)
-    one = (loads[:, :, 1] - loads[:, :, 0]).max(axis=1) <= LOAD_RESOLUTION * instants.total
+    wheels = load[: len(own)]
+    shared = np.tensordot(incidence, wheels, axes=(0, 0)) + ZERO_LOAD_N  # (n_axles, T, K)
+    sideways = np.tensordot(incidence, lateral[:, None] / shared, axes=1)  # (n_wheels, T, K)
+    slip = np.hypot(own[:, None] / (wheels + ZERO_LOAD_N), sideways).max(axis=0)
+    _, most = _extremes(slip, admissible)
+    inevitable, _ = _extremes(sideways, admissible)
     least = np.where(one, most, np.minimum(_slip_lower_bound(instants, inevitable), most))
-    found = np.stack([least, most], axis=1)
+    found = np.stack([least, most])
     return np.where(found > MAX_FORCE_RATIO, np.inf, found)
 
 
@@ -168,18 +182,20 @@ def _slip_lower_bound(instants: _Instants, sideways: Array) -> Array:
 
     Args:
         instants: The reactions.
-        sideways: l of each wheel (K, n_wheels).
+        sideways: l of each wheel (n_wheels, K).
     """
-    x, y = instants.arms[..., 0], instants.arms[..., 1]
-    cross = x[:, :, None] * y[:, None] - y[:, :, None] * x[:, None]  # of arms a and b (K, n, n)
-    lever = cross[..., None] + cross[:, None] + cross.transpose(0, 2, 1)[:, :, None]  # of k: a to b
-    longest = np.abs(lever).max(axis=3)
-    edge = (lever.min(axis=3) >= -LOAD_RESOLUTION * longest) & (longest > 0.0)
-    edge_moment = np.maximum(cross, LOAD_RESOLUTION * longest) * instants.total[:, None, None]
-    edge_moment = np.where(edge, edge_moment, np.inf)
-    lever = np.maximum(lever[..., : sideways.shape[1]], 0.0)
-    own = instants.own[:, None, :, None]
-    needed = (lever @ own)[..., 0] / edge_moment
-    aside = (lever @ (own * sideways[:, None, :, None] ** 2))[..., 0] / edge_moment
-    bound = needed**2 + aside / (needed + ZERO_LOAD_N)
-    return np.asarray(np.sqrt(np.maximum(bound.max(axis=(1, 2)), sideways.max(axis=1) ** 2)))
+    (x, y), wheels = instants.points.swapaxes(0, 1), len(sideways)
+    cross = x[:, None] * y - y[:, None] * x  # of points a and b (n, n, ...)
+    # Of contact k about the way from a to b (n, n, n, ...); it is the same about any point.
+    lever = cross[:, :, None] + cross[None] + cross.swapaxes(0, 1)[:, None]
+    longest = np.abs(lever).max(axis=2)
+    edge = (lever.min(axis=2) >= -LOAD_RESOLUTION * longest) & (longest > 0.0)
+    a, b = np.nonzero(edge.any(axis=-1))  # what is an edge at no instant needs no more
+    (x, y), edge, longest = instants.arms.swapaxes(0, 1), edge[a, b], longest[a, b]
+    lever = np.maximum(lever[a, b, :wheels], 0.0)  # (edges, n_wheels, ...)
+    moment = np.maximum(x[a] * y[b] - y[a] * x[b], LOAD_RESOLUTION * longest) * instants.total
+    moment = np.where(edge, moment, np.inf)
+    needed = (lever * instants.own).sum(axis=1) / moment
+    aside = (lever * (instants.own * sideways**2)).sum(axis=1) / moment
+    bound = (needed**2 + aside / (needed + ZERO_LOAD_N)).max(axis=0, initial=0.0)
+    return np.asarray(np.sqrt(np.maximum(bound, sideways.max(axis=0) ** 2)))

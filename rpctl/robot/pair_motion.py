@@ -50,14 +50,14 @@ def approach_rates(model: CollisionModel, travel: Array) -> Array:
     shapes = model.shapes
     rates = np.array([_carried(model.robot, shape, travel) for shape in shapes])
     found = rates[model.pairs].sum(axis=1)
-    supports = model.robot.model.supports
-    for row, (first, second) in zip(found, model.pairs.tolist(), strict=True):
-        if shapes[second].joint == WORLD:
-            row[:ROOT_COLUMNS] *= _feels_base(shapes[second])
-            continue
-        above = set(supports[shapes[first].joint]) & set(supports[shapes[second].joint])
-        for joint in above - {WORLD}:
-            row[_columns(joint)] = 0.0
+    joints = np.array([shape.joint for shape in shapes], dtype=np.intp)[model.pairs]
+    for number, shape in enumerate(shapes):
+        if shape.joint == WORLD:
+            found[model.pairs[:, 1] == number, :ROOT_COLUMNS] *= _feels_base(shape)
+    for above in range(ROOT_JOINT, model.robot.model.njoints):
+        carried = np.zeros(model.robot.model.njoints, dtype=bool)
+        carried[list(model.robot.model.subtrees[above])] = True
+        found[carried[joints].all(axis=1), _columns(above)] = 0.0
     return found
 
 

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
 from rpctl.simulation.interface import start_interface
 from rpctl.simulation.noise import MeasuredState
-from rpctl.simulation.recorder import Recorder
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
@@ -43,6 +42,14 @@ class WatchedSample(NamedTuple):
 Watcher = Callable[[WatchedSample], object]
 
 
+class SampleTaker(Protocol):
+    """What is given the samples of a loop."""
+
+    @property
+    def add(self) -> Callable[..., None]:
+        """As :meth:`rpctl.simulation.recorder.Recorder.add`."""
+
+
 @dataclass
 class LoopRecord:
     """What a closed loop leaves beside its log.
@@ -50,20 +57,30 @@ class LoopRecord:
     Attributes:
         controller: What it stepped; None before it began.
         wall_time: s until the last sample, without what watched it.
+        backend: ``"compiled"`` or ``"pinocchio"``: what computed the samples.
+        remarks: What became of the choice of a backend, in sentences.
+        approaches: How many ways up to the reference a compiled loop began with; None where its
+            base needs none.
     """
 
     controller: Controller | None = None
     wall_time: float = 0.0
+    backend: str = "pinocchio"
+    remarks: tuple[str, ...] = ()
+    approaches: int | None = None
 
     @property
     def report(self) -> dict[str, float]:
         """What the kinematic law has counted so far, by name."""
-        return {} if self.controller is None else self.controller.kinematic_report()
+        if self.controller is not None:
+            return self.controller.kinematic_report()
+        return {} if self.approaches is None else {"approaches": self.approaches}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What became of the controller, in sentences."""
-        return () if self.controller is None else self.controller.notes()
+        found = () if self.controller is None else self.controller.notes()
+        return *self.remarks, *found
 
     def known(self) -> dict[str, Any]:
         """Return what is known so far, by the names of a run's entries."""
@@ -75,7 +92,7 @@ def close_loop(
     config: Config,
     reference: Reference,
     steps: int,
-    recorder: Recorder | None,
+    recorder: SampleTaker | None,
     loop: LoopRecord,
     progress: Callable[[int, int], object] | None = None,
     watch: Watcher | None = None,
@@ -97,10 +114,8 @@ def close_loop(
     """
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     simulated = plant.simulated_dynamics(dynamics)
-    first = require_state(robot, reference(0.0), 0.0)
-    q, nu = start_configuration(robot, first, config.run.initial_error), np.zeros(robot.dof)
-    work = lost = 0.0
-    rest = Rest(q, np.asarray(simulated.efforts(q, simulated.bias(q, nu)) - plant.bias(robot)))
+    rest = rest_at_start(simulated, config, reference)
+    q, nu, work, lost = rest.q, np.zeros(robot.dof), 0.0, 0.0
     simulated_time = SimulatedTime(plant.computing_time)
     with in_simulated_time(simulated_time):
         controller = Controller(
@@ -148,6 +163,24 @@ def close_loop(
                 progress(k, steps)
     finally:
         loop.wall_time = time.perf_counter() - started_at
+
+
+def rest_at_start(simulated: ReducedDynamics, config: Config, reference: Reference) -> Rest:
+    """Return where the simulated robot stands before the first sample, and what holds it there.
+
+    Args:
+        simulated: Its dynamics.
+        config: Its start and its plant.
+        reference: What is tracked.
+
+    Raises:
+        RpctlError: The error at the start is none that the robot can have.
+    """
+    robot = simulated.robot
+    first = require_state(robot, reference(0.0), 0.0)
+    q = start_configuration(robot, first, config.run.initial_error)
+    holding = simulated.efforts(q, simulated.bias(q, np.zeros(robot.dof)))
+    return Rest(q, np.asarray(holding - config.plant.bias(robot)))
 
 
 def start_configuration(

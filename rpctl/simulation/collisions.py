@@ -120,6 +120,38 @@ def _of_links(collisions: Sequence[Collision]) -> list[Collision]:
     return list(found.values())
 
 
+class _Block:
+    """The paths of the pairs over some samples: how far each can have approached since the start.
+
+    Args:
+        first: Number of the first sample.
+        start: The paths (n,) before the block, m.
+        rates: Of the pairs per motion of the joints (n, columns).
+        moved: Motion of the joints from before the block to each sample (samples, columns).
+    """
+
+    def __init__(self, first: int, start: Array, rates: Array, moved: Array) -> None:
+        self.first, self.count = first, len(moved)
+        self._start, self._rates, self._moved = start, rates, moved
+        self._rows: dict[int, Array] = {}
+        self.end = self.at(self.count - 1)
+
+    def at(self, k: int) -> Array:
+        """Return the paths (n,) at a sample of the block."""
+        return np.asarray(self._start + self._rates @ self._moved[k])
+
+    def row(self, pair: int) -> Array:
+        """Return the path of a pair (samples,)."""
+        if pair not in self._rows:
+            self._rows[pair] = self._start[pair] + self._moved @ self._rates[pair]
+        return self._rows[pair]
+
+    def take_rows(self, pairs: NDArray[np.intp]) -> None:
+        """Compute the paths of many pairs together."""
+        rows = self._start[pairs, None] + self._rates[pairs] @ self._moved.T
+        self._rows |= dict(zip(pairs.tolist(), rows, strict=True))
+
+
 class _Scan:
     """Follows the pairs along a motion.
 
@@ -133,11 +165,14 @@ class _Scan:
         self._around, self._t, self._q = around, t, q
         self._distances = around.model.distances()
         count, things = len(around.thing), len(around.things)
+        self._thing = around.thing.tolist()
+        self._pairs_of = [np.flatnonzero(around.thing == thing) for thing in range(things)]
         self._resolution, self._looks = RESOLUTION_M, 0
         self._distance = np.zeros(count)  # of each pair when it was looked at last
         self._looked = np.zeros(count)  # its path then, m
+        self._looked_at = [-1] * count  # and the sample
         self._goal = np.zeros(count)  # its path at which it is to be looked at again, m
-        self._least = np.full(things, np.inf)
+        self._least = [np.inf] * things
         self._nearest = [(0, 0)] * things  # sample and pair of the least distance
         self._touching: dict[int, tuple[float, float, float, float]] = {}
         self._instants = np.unique(np.linspace(0, len(t) - 1, INSTANTS).astype(int))
@@ -149,43 +184,57 @@ class _Scan:
         if not count:
             return
         rates = approach_rates(self._around.model, joint_travel(robot, self._q))
-        path = np.zeros((count, 1))
+        path = np.zeros(count)
         for first in range(0, len(self._t), BLOCK):
             last = min(first + BLOCK, len(self._t))
-            moved = joint_motion(robot, self._q[max(first - 1, 0) : last])
-            ways = rates @ np.cumsum(moved, axis=0).T
-            path = path[:, -1:] + (ways if first else np.hstack([np.zeros((count, 1)), ways]))
-            self._follow(first, path)
+            moved = np.cumsum(joint_motion(robot, self._q[max(first - 1, 0) : last]), axis=0)
+            if not first:
+                moved = np.vstack([np.zeros(rates.shape[1]), moved])
+            block = _Block(first, path, rates, moved)
+            self._follow(block)
+            path = block.end
 
-    def _follow(self, first: int, path: Array) -> None:
-        """Look at the pairs wherever they are due in some samples.
+    def _follow(self, block: _Block) -> None:
+        """Look at the pairs wherever they are due in some samples."""
+        active = np.flatnonzero(block.end >= self._goal)
+        block.take_rows(active)
+        due: dict[int, int] = {}  # sample of the block at which a pair is to be looked at
+        waiting: list[list[int]] = [[] for _ in range(block.count)]  # pairs by that sample
 
-        Args:
-            first: The first sample.
-            path: The paths of the pairs from the start (n, samples), m.
-        """
-        due = (path < self._goal[:, None]).sum(axis=1)
-        shown = {int(k) - first for k in self._instants if first <= k < first + path.shape[1]}
-        while (k := min(int(due.min()), *shown, path.shape[1])) < path.shape[1]:
-            self._distances.place(self._q[first + k])
-            pairs = np.flatnonzero(due <= k).tolist()
+        def wait(pair: int, k: int) -> None:
+            row = block.row(pair)
+            due[pair] = k + int(row[k:].searchsorted(self._goal[pair]))
+            if due[pair] < block.count:
+                waiting[due[pair]].append(pair)
+
+        for pair in active.tolist():
+            wait(pair, 0)
+        shown = set((self._instants - block.first).tolist())
+        for k in range(block.count):
+            pairs = sorted(pair for pair in waiting[k] if due[pair] == k)
+            if not pairs and k not in shown:
+                continue
+            self._distances.place(self._q[block.first + k])
             for pair in pairs:
-                self._look(pair, first + k, path[pair, k])
+                self._look(pair, block.first + k, float(block.row(pair)[k]))
             if k in shown:
-                shown.remove(k)
-                pairs += self._show(first + k, path[:, k])
+                pairs += self._show(block.first + k, block.at(k))
             self._plan(pairs)
             for pair in pairs:
-                due[pair] = k + int(np.searchsorted(path[pair, k:], self._goal[pair]))
+                if self._goal[pair] <= block.end[pair]:
+                    wait(pair, k)
+                else:
+                    due[pair] = block.count
 
     def _look(self, pair: int, k: int, path: float) -> None:
         """Compute the distance of a pair at a sample, all shapes placed."""
-        distance, thing = self._distances.distance(pair), self._around.thing[pair]
-        self._distance[pair], self._looked[pair] = distance, path
+        distance, thing = self._distances.distance(pair), self._thing[pair]
+        self._distance[pair], self._looked[pair], self._looked_at[pair] = distance, path, k
         self._looks += 1
         if distance < self._least[thing]:
             self._least[thing], self._nearest[thing] = distance, (k, pair)
-        self._touch(pair, distance, float(self._t[k]))
+        if distance < -TOUCH_M or pair in self._touching:
+            self._touch(pair, distance, float(self._t[k]))
 
     def _touch(self, pair: int, distance: float, t: float) -> None:
         """Keep since when and how deep a pair is in each other: depth, first, since, for how long.
@@ -196,7 +245,7 @@ class _Scan:
         lasted += 0.0 if np.isnan(since) else t - since
         if distance < -TOUCH_M:
             self._touching[pair] = max(depth, -distance), first, t, lasted
-        elif pair in self._touching:
+        else:
             self._touching[pair] = depth, first, np.nan, lasted
 
     def _plan(self, pairs: list[int]) -> None:
@@ -207,24 +256,27 @@ class _Scan:
         """
         if self._looks > BUDGET:
             self._looks, self._resolution = 0, 2.0 * self._resolution
-        least = self._least[self._around.thing[pairs]]
-        threshold = np.maximum(least - self._resolution, -TOUCH_M)
-        step = np.maximum(self._distance[pairs] - threshold, self._resolution)
-        self._goal[pairs] = self._looked[pairs] + step
+        for pair in pairs:
+            threshold = max(self._least[self._thing[pair]] - self._resolution, -TOUCH_M)
+            step = max(float(self._distance[pair]) - threshold, self._resolution)
+            self._goal[pair] = self._looked[pair] + step
 
     def _show(self, k: int, path: Array) -> list[int]:
         """Compute the distance of each thing at a sample; return the pairs that were looked at."""
-        column, looked = int(np.searchsorted(self._instants, k)), []
+        column, looked = int(np.searchsorted(self._instants, k)), list[int]()
         bound = self._distance - (path - self._looked)
-        for thing in range(len(self._around.things)):
-            pairs, least = np.flatnonzero(self._around.thing == thing), np.inf
-            for pair in pairs[np.argsort(bound[pairs])].tolist():
-                if bound[pair] >= least:
+        for thing, pairs in enumerate(self._pairs_of):
+            least, bounds = np.inf, bound[pairs]
+            while len(pairs):
+                nearest = int(bounds.argmin())
+                if bounds[nearest] >= least:
                     break
-                if self._looked[pair] != path[pair]:
-                    self._look(pair, k, path[pair])
+                pair = int(pairs[nearest])
+                if self._looked_at[pair] != k:
+                    self._look(pair, k, float(path[pair]))
                     looked.append(pair)
                 least = min(least, float(self._distance[pair]))
+                bounds[nearest] = np.inf
             self._series[thing, column] = least
         return looked
 

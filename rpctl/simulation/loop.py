@@ -21,8 +21,9 @@ from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
+from rpctl.simulation.backend import run_loop
 from rpctl.simulation.budget import Budget, find_budget
-from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop, start_configuration
+from rpctl.simulation.closed_loop import LoopRecord, Watcher, start_configuration
 from rpctl.simulation.collision_facts import NOT_LOOKED_FOR, CollisionFacts
 from rpctl.simulation.collisions import find_collisions, require_clear_start, surroundings
 from rpctl.simulation.config import Config, RunSettings
@@ -64,6 +65,7 @@ def track(
     retime: bool = RunSettings.retime,
     collisions: bool = True,
     output: str | VelocityOutput = "effort",
+    backend: str = "auto",
 ) -> Run:
     """Simulate a robot that tracks a reference, from rest.
 
@@ -104,6 +106,9 @@ def track(
         output: ``"effort"``; ``"velocity"`` for a robot that takes speeds, or a
             :class:`~rpctl.control.velocity_output.VelocityOutput` that says how it follows them.
             Then no dynamic law counts, and the efforts logged are those that the motion takes.
+        backend: ``"compiled"``: the loop as machine code, where there is any for the laws; it takes
+            a second or so to build, and is kept on disk. ``"pinocchio"``: in Python. ``"auto"``:
+            the quicker one. Their numbers agree to rounding.
 
     Returns:
         What was logged.
@@ -139,11 +144,29 @@ def track(
     )
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     if isinstance(reference, str):
-        return simulate(robot, config, None, certificate, progress, watcher, collisions=collisions)
+        return simulate(
+            robot,
+            config,
+            None,
+            certificate,
+            progress,
+            watcher,
+            collisions=collisions,
+            backend=backend,
+        )
     SizingRequest(size, speed, laps).refuse(
         "the reference is a function, with its own pace", *WISHES
     )
-    return simulate(robot, config, reference, certificate, progress, watcher, collisions=collisions)
+    return simulate(
+        robot,
+        config,
+        reference,
+        certificate,
+        progress,
+        watcher,
+        collisions=collisions,
+        backend=backend,
+    )
 
 
 def simulate(
@@ -156,6 +179,7 @@ def simulate(
     ended: Callable[[Run], object] | None = None,
     spool: Spool | None = None,
     collisions: bool = True,
+    backend: str = "auto",
 ) -> Run:
     """Simulate a robot as a configuration says, from rest.
 
@@ -172,6 +196,7 @@ def simulate(
         spool: Where the samples are written while they are simulated; :meth:`Run.load` reads its
             folder, also after the process was killed. None: nowhere.
         collisions: Whether to look for collisions of its links afterwards.
+        backend: What closes the loop, as of :func:`track`.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -194,7 +219,7 @@ def simulate(
     sentences = law_sentences(known, config.kinematic, dynamic, period)
     speeds = config.output is not None
     recorder = Recorder(derivation, steps, settings.log_every, spool, loop.known, speeds)
-    watching = Watching("what watched the simulation", watch)
+    watching = None if watch is None else Watching("what watched the simulation", watch)
     showing = Watching("what showed its progress", progress)
     obstacles = find_obstacles(config)
     around = surroundings(robot, obstacles) if collisions and obstacles else None
@@ -222,7 +247,7 @@ def simulate(
                 *velocity_note(config),
                 *log_note(settings.log_every, period),
                 *loop.notes,
-                *watching.notes,
+                *(() if watching is None else watching.notes),
                 *showing.notes,
                 *(() if spool is None else spool.notes),
                 *ending,
@@ -241,7 +266,7 @@ def simulate(
     if spool is not None:
         spool.begin(entries_of(run(NO_SAMPLES, steps, notes))[0])
     try:
-        close_loop(dynamics, config, reference, steps, recorder, loop, showing, watching)
+        run_loop(dynamics, config, reference, steps, recorder, loop, showing, watching, backend)
         recorder.derive(ends=True)
         log = recorder.log()
         if looks:
@@ -274,10 +299,13 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
     budget = find_budget(robot, config.run, duration)
     budget.require_within_caps()
     if config.plant.delay > duration:
-        raise RpctlError(
-            f"delay is {config.plant.delay:g} s, longer than the run of {duration:g} s"
-        )
+        raise RpctlError(late(config.plant.delay, duration))
     return budget
+
+
+def late(delay: float, duration: float) -> str:
+    """Return that a delay (s) is longer than the run (s), in words."""
+    return f"delay is {delay:g} s, longer than the run of {duration:g} s"
 
 
 def velocity_note(config: Config) -> tuple[str, ...]:

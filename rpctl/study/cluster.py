@@ -38,6 +38,7 @@ CONNECT_S = 10.0  # s in which a scheduler has to answer
 JOIN_S = 60.0  # s in which a first worker has to join
 CLOSE_S = 10.0  # s that a local cluster may take to end
 KILL_S = 1.0  # s that a worker of an own cluster may take to end
+GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without a scheduler
 GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
 LOOPBACK = "127.0.0.1"
 MAX_SHOWN = 10  # workers that a message names
@@ -74,6 +75,7 @@ class DaskExecutor:
         self._tell = tell or (lambda text: print(text, file=sys.stderr))
         self._cluster: Any = None
         self._client: Any = None
+        self._sent = ""  # name of the work that the workers hold
         try:
             if address is None:
                 self._cluster = _local_cluster(workers)
@@ -103,6 +105,7 @@ class DaskExecutor:
     def close(self) -> None:
         """Leave the scheduler; an own cluster ends, whatever it does."""
         if self._client is not None:
+            self._forget()
             self._client.close()
         if self._cluster is not None:
             with suppress(TimeoutError):
@@ -116,7 +119,7 @@ class DaskExecutor:
 
         If all workers leave, it waits for others.
         """
-        given = _GivenOut(self._client, work, chunks)
+        given = _GivenOut(self._client, self._send(work), chunks)
         lost: list[Chunk] = []
         reason = ""
         try:
@@ -138,6 +141,30 @@ class DaskExecutor:
             given.cancel()
         if lost:
             raise LostChunksError(lost, reason)
+
+    def _send(self, work: Callable[..., Any]) -> str:
+        """Send work to all workers, also those that join later; return its name there.
+
+        No task depends on it: the scheduler would rather wait for a worker that holds it than give
+        a chunk to one that does not.
+        """
+        from rpctl.study.dask_worker import SentWork  # imports Dask
+
+        sent = SentWork(work, installed())
+        name = f"rpctl-{_digest(sent.packed)}"
+        if name != self._sent:
+            self._forget()
+            with _scheduler_there():
+                self._client.register_plugin(sent, name=name)
+            self._sent = name
+        return name
+
+    def _forget(self) -> None:
+        """Have workers forget the work that they hold."""
+        if self._sent:
+            with suppress(*GOING):
+                self._client.unregister_worker_plugin(self._sent)
+        self._sent = ""
 
     def _refuse(self, refused: RefusedWorker) -> None:
         """Have a worker leave that joined with other versions, and say so."""
@@ -163,18 +190,14 @@ class _GivenOut(Generic[Chunk]):
         chunks: By the future of their answer.
     """
 
-    def __init__(self, client: Any, work: Callable[..., Any], chunks: Iterable[Chunk]) -> None:
+    def __init__(self, client: Any, work: str, chunks: Iterable[Chunk]) -> None:
         self.chunks: dict[Any, Chunk] = {}
         self._client, self._left = client, iter(chunks)
         self._ended: SimpleQueue[Any] = SimpleQueue()
-        from rpctl.study.dask_worker import SentWork, run_sent  # imports Dask
+        from rpctl.study.dask_worker import run_sent  # imports Dask
 
-        self._run = run_sent
-        sent = SentWork(work, installed())
-        self._name = f"rpctl-{_digest(sent.packed)}"
+        self._run, self._work = run_sent, work
         self._number = 0  # of the next task
-        # No task depends on it: the scheduler would rather wait for a worker that holds it.
-        client.register_plugin(sent, name=self._name)
         self._looked, self._room = -math.inf, 0
 
     def fill(self) -> None:
@@ -190,9 +213,9 @@ class _GivenOut(Generic[Chunk]):
     def give(self, chunk: Chunk) -> None:
         """Give out a chunk, under a key that is its content's."""
         data = pickle.dumps(chunk, pickle.HIGHEST_PROTOCOL)
-        key = f"{self._name}-{self._number}-{_digest(data)}"
+        key = f"{self._work}-{self._number}-{_digest(data)}"
         self._number += 1
-        future = self._client.submit(self._run, self._name, data, key=key, pure=False)
+        future = self._client.submit(self._run, self._work, data, key=key, pure=False)
         self.chunks[future] = chunk
         future.add_done_callback(self._ended.put)
 
@@ -213,9 +236,8 @@ class _GivenOut(Generic[Chunk]):
 
     def cancel(self) -> None:
         """Forget what was given out."""
-        with suppress(OSError, RuntimeError, ValueError, CancelledError):  # the scheduler has gone
+        with suppress(*GOING):
             self._client.cancel(list(self.chunks))
-            self._client.unregister_worker_plugin(self._name)
 
 
 @contextmanager
@@ -223,7 +245,7 @@ def _scheduler_there() -> Iterator[None]:
     """Say of a connection that breaks what that means."""
     try:
         yield
-    except (OSError, CancelledError):
+    except GOING:
         raise RpctlError(GONE) from None
 
 

@@ -17,6 +17,7 @@ from rpctl.study.statistics import CONFIDENCE, Interval
 
 RESAMPLES = 200  # of SALib's bootstrap
 MAP_BINS = 8  # along each parameter of a map
+RANKS = ("rank_correlation", "from_middle")  # measures where the design has none of its own
 SMALLEST_SPREAD = 1e-12  # of a merit, relative to its size: less is rounding and explains nothing
 
 
@@ -31,8 +32,9 @@ class Sensitivity:
         measures: By name, an interval for each parameter. Of Sobol ``first`` and ``total``: shares
             of the merit's variance that it causes alone, and with all others. Of Morris
             ``mu_star``: mean size of the change of the merit over the parameter's range, in the
-            merit's unit, and ``sigma``: how that change varies. Else ``rank_correlation``, from −1
-            to 1.
+            merit's unit, and ``sigma``: how that change varies. Else from −1 to 1
+            ``rank_correlation``, and ``from_middle``: that of the parameter's distance from its
+            median, as of an initial error that matters on either side.
         replaced: Runs that have no such merit; they count as the worst that has.
     """
 
@@ -45,11 +47,9 @@ class Sensitivity:
     @property
     def ranking(self) -> tuple[str, ...]:
         """The parameters, what matters most first."""
-        key = {"sobol": "total", "morris": "mu_star"}.get(self.method, "rank_correlation")
-        size = [abs(each.value) for each in self.measures[key]]
-        order = np.argsort(
-            [-value if math.isfinite(value) else 0.0 for value in size], kind="stable"
-        )
+        keys = {"sobol": ("total",), "morris": ("mu_star",)}.get(self.method, RANKS)
+        size = np.max([[abs(each.value) for each in self.measures[key]] for key in keys], axis=0)
+        order = np.argsort(-size, kind="stable")
         return tuple(self.parameters[j] for j in order)
 
 
@@ -150,9 +150,13 @@ def _morris(design: Design, points: Array, values: Array, spread: bool) -> Measu
 
 def _rank(_: Design, points: Array, values: Array, spread: bool) -> Measures:
     if not spread:
-        return _nothing(("rank_correlation",), points.shape[1])
-    columns = range(points.shape[1])
-    return {"rank_correlation": tuple(rank_correlation(points[:, j], values) for j in columns)}
+        return _nothing(RANKS, points.shape[1])
+    ranks = library("scipy.stats").rankdata(points, axis=0)
+    distances = np.abs(ranks - ranks.mean(axis=0))
+    return {
+        name: tuple(rank_correlation(column, values) for column in columns.T)
+        for name, columns in zip(RANKS, (ranks, distances), strict=True)
+    }
 
 
 def rank_correlation(x: Array, y: Array, confidence: float = CONFIDENCE) -> Interval:

@@ -28,6 +28,7 @@ from rpctl.study.study import MERIT, Study
 CONFIG_TABLES = (*LAW_REGISTRIES, *TABLES)
 OWN_TABLES = ("study", "scatter", "success", "optimize")
 KIND = "a study file"
+TRIED = 0.25  # the quantile that is tried on the robot: the middle of a scale varies nothing
 Made = TypeVar("Made")
 
 
@@ -274,9 +275,16 @@ def _with_fixed(config: Config, scatter: Scatter) -> tuple[Config, Scatter]:
 
 
 def _require_fit(robot: Robot, config: Config, scatter: Scatter) -> None:
-    """Try the middle of all distributions on the robot."""
-    middle = scatter.values(np.full((1, len(scatter.names)), 0.5))[0]
-    with_values(config, scatter.names, middle).limits.apply(robot)
+    """Refuse what no run could be made with: try a value of each distribution on the robot.
+
+    Raises:
+        RpctlError: A pattern matches no name, or a value is out of range.
+    """
+    shares = np.full((1, len(scatter.names)), TRIED)
+    tried = with_values(config, scatter.names, scatter.values(shares)[0])
+    known = tried.limits.apply(robot)
+    tried.plant.simulated_robot(known)
+    tried.plant.bias(known)
 
 
 def _try(faults: list[str], where: str, make: Callable[[], Made]) -> Made | None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
+from rpctl.study.distributions import distribution_of
 from rpctl.study.merits import MERITS, merits_for
-from rpctl.study.scatter import require_path, scattered_paths
+from rpctl.study.scatter import require_path, scattered_paths, with_values
 
 DESIGN_LINES = """\
 # monte-carlo draws at random (a larger count adds runs), latin-hypercube spreads more evenly, grid
@@ -20,17 +23,32 @@ class Example(NamedTuple):
     """A line of the table ``[scatter]``."""
 
     path: str
-    distribution: str
+    kind: str
+    numbers: list[float]
     comment: str
+
+    @property
+    def line(self) -> str:
+        """What it says, but for the comment."""
+        return f'"{self.path}" = {{ {self.kind} = {self.numbers} }}'
+
+    def fits(self, robot: Robot, config: Config) -> bool:
+        """Return whether the robot has such a thing."""
+        tried = distribution_of({self.kind: self.numbers}, self.path).quantile(np.array([0.25]))
+        try:
+            require_path(config, self.path)
+            with_values(config, (self.path,), tried).plant.simulated_robot(robot)
+        except RpctlError:
+            return False
+        return True
 
 
 def study_template(robot: Robot) -> str:
     """Return a study file for a robot, with comments."""
     config = Config()
-    shown = [each for each in _examples(robot) if _exists(each.path, config)]
-    lines = [(f'"{each.path}" = {each.distribution}', each.comment) for each in shown]
-    width = max(len(line) for line, _ in lines)
-    scatter = "".join(f"{line:{width}}  # {comment}\n" for line, comment in lines)
+    shown = [each for each in _examples(robot) if each.fits(robot, config)]
+    width = max(len(each.line) for each in shown)
+    scatter = "".join(f"{each.line:{width}}  # {each.comment}\n" for each in shown)
     reference = "eight" if robot.drive.base_speeds else "ee-square"
     merits = "".join(
         f"#   {name:26}{MERITS[name].unit:9}{MERITS[name].what}\n" for name in merits_for(robot)
@@ -94,31 +112,22 @@ validation = 100         # fresh runs with what was found, and with the settings
 def _examples(robot: Robot) -> list[Example]:
     """Return lines that a robot may have; those of settings that there are not are left out."""
     wheels = [wheel.joint for wheel in robot.drive.wheels if wheel.driven]
-    found = [
-        Example("plant.masses.*", "{ uniform = [0.9, 1.1] }", "all masses, of the file's"),
-        Example("plant.delay", "{ uniform = [0.0, 0.01] }", "from a sample to its efforts, s"),
-        Example("plant.dropped", "{ uniform = [0.0, 0.05] }", "share of the samples that are lost"),
-    ]
-    if wheels:
-        found.insert(1, Example("plant.track", "{ uniform = [0.98, 1.02] }", "of the file's"))
-        found.append(
-            Example(
-                f"plant.joint_friction.{wheels[0]}",
-                "{ uniform = [0.0, 0.2] }",
-                "dry friction besides the file's, N m",
-            )
+    friction = [
+        Example(
+            f"plant.joint_friction.{wheel}", "uniform", [0.0, 0.2], "dry, besides the file's, N m"
         )
-    if robot.drive.base_speeds:
-        found += [
-            Example("run.initial_error.y", "{ normal = [0.0, 0.05] }", "at the start, m"),
-            Example("run.initial_error.theta", "{ normal = [0.0, 0.1] }", "rad"),
-        ]
-    return found
-
-
-def _exists(path: str, config: Config) -> bool:
-    try:
-        require_path(config, path)
-    except RpctlError:
-        return False
-    return True
+        for wheel in wheels[:1]
+    ]
+    start = [
+        Example("run.initial_error.y", "normal", [0.0, 0.05], "at the start, m"),
+        Example("run.initial_error.theta", "normal", [0.0, 0.1], "rad"),
+    ]
+    return [
+        Example("plant.masses.*", "uniform", [0.9, 1.1], "times those of the file"),
+        Example("plant.track", "uniform", [0.98, 1.02], "likewise"),
+        *friction,
+        Example("plant.delay", "uniform", [0.0, 0.01], "from a sample to its efforts, s"),
+        Example("plant.dropped", "uniform", [0.0, 0.05], "share of the samples that are lost"),
+        Example("plant.noise.position", "fixed", [0.001], "of what is measured, m; in all runs"),
+        *(start if robot.drive.base_speeds else ()),
+    ]

@@ -14,6 +14,7 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.cli.app import app
 from rpctl.cli.options import LoadOptions
+from rpctl.cli.study_summary import show_optimum
 from rpctl.study.study_file import read_study
 from tests.study.fake_rollouts import patch_rollouts
 
@@ -51,7 +52,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_a_study_is_run_written_and_told(file: str, tmp_path: Path) -> None:
     out = str(tmp_path / "out")
-    words = ["paper", file, "--home", "zero", "--workers", "1", "--out", out]
+    words = ["paper", file, "--home", "zero", "--workers", "1", "--no-html", "--out", out]
     shown = run(*words)
     assert shown.exit_code == 0, shown.output
     text = shown.stdout
@@ -74,7 +75,9 @@ def test_a_study_is_run_written_and_told(file: str, tmp_path: Path) -> None:
     assert "holds a study; add --resume" in refused.stderr
 
 
-def test_settings_are_found_and_told(file: str, tmp_path: Path) -> None:
+def test_settings_are_found_and_told(
+    file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = str(tmp_path / "out")
     shown = run("paper", file, "--optimize", "--workers", "1", "--out", out)
     assert shown.exit_code == 0, shown.output
@@ -82,7 +85,12 @@ def test_settings_are_found_and_told(file: str, tmp_path: Path) -> None:
     assert "24 sets of settings were tried" in shown.stdout
     assert f"rpctl track paper --config {out}/optimized.toml --out {out}/optimized" in shown.stdout
     told = run("paper", file, "--optimize", "--workers", "1", "--out", out, "--resume", "--json")
-    assert json.loads(told.stdout)["settings"]["dynamic.gain"]["before"] == 10.0
+    found = json.loads(told.stdout)
+    assert found["settings"]["dynamic.gain"]["before"] == 10.0
+    assert ("no better" in shown.stdout) == (found["validation"]["better"]["value"] < 0.5)
+    found["validation"]["after"]["cost"] = found["validation"]["before"]["cost"] + 1e-6
+    show_optimum(found, "rpctl track paper")
+    assert "no better on fresh runs" in capsys.readouterr().out
 
 
 def test_a_ctrl_c_tells_how_to_go_on(

@@ -41,7 +41,7 @@ def contacts(count: int, axles: Sequence[Sequence[int]], wheels: int) -> Contact
     incidence = np.array([[float(w in axle) for axle in axles] for w in range(wheels)])
     names = tuple(map(str, range(count)))
     return dataclasses.replace(
-        found, names=names, incidence=incidence.reshape(wheels, -1), floor=1e-3 * W
+        found, names=names, incidence=incidence.reshape(wheels, -1), floor=1e-3 * W, stance=None
     )
 
 
@@ -337,6 +337,29 @@ def test_the_least_grip_is_a_linear_program_without_sideways_forces(
         )
         _, (least, _) = ranges(points, at.tolist(), along.tolist())
         assert 1.0 / (least * MU * W) == pytest.approx(-solved.fun, abs=1e-7), (points, at)
+
+
+def test_contacts_that_keep_their_places_have_the_ranges_of_others() -> None:
+    """What does not change of them is computed once; and they do not turn with the load."""
+    rng = np.random.default_rng(8)
+    points = np.vstack([SQUARE, [[0.1, 0.2], [1.3, 0.5]]])
+    moving_ones = contacts(6, ((0, 1), (2,)), 3)
+    resting = dataclasses.replace(moving_ones, stance=make_stance(points))
+    given = together(
+        *(
+            reaction(points, place, along, lateral)
+            for place, along, lateral in zip(
+                rng.normal(0.0, 0.6, (40, 2)),
+                5.0 * rng.normal(size=(40, 3)),
+                9.0 * rng.normal(size=(40, 2)),
+                strict=True,
+            )
+        )
+    )
+    found, wanted = find_ranges(resting, given), find_ranges(moving_ones, given)
+    assert np.isfinite(wanted.slip[:, 0]).any()
+    np.testing.assert_allclose(found.slip, wanted.slip, rtol=1e-12)
+    np.testing.assert_array_equal(found.load, wanted.load)
 
 
 def test_three_contacts_give_what_the_reaction_tells(tmp_path: Path) -> None:

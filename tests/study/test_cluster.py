@@ -246,6 +246,8 @@ def test_an_own_cluster_listens_on_loopback_and_leaves_nothing() -> None:
     with DaskExecutor(workers=2) as executor:
         assert executor.workers == 2
         assert_same(dict(executor.map_chunks(partial(draw, 0.0), chunks)), chunks)
+        loaded = [dict(executor.map_chunks(chunk_works.Loaded(), chunks)) for _ in range(2)]
+        assert {count for each in loaded for _, count in each.values()} == {1}
         with pytest.raises(UnknownNameError, match="did you mean paper") as error:
             list(executor.map_chunks(partial(chunk_works.refuses, 0), chunks))
         assert error.value.__cause__ is None

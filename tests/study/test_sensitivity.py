@@ -63,6 +63,15 @@ def test_ranks_see_any_monotone_dependence_and_its_sign() -> None:
     assert result.ranking[0] == "x2"
 
 
+def test_what_matters_on_either_side_is_seen() -> None:
+    design = Design("latin-hypercube", 200, seed=0)
+    points = design.points(3)
+    result = found(design, np.abs(points[:, 2] - 0.5) + 0.05 * points[:, 0], points)
+    assert abs(result.measures["rank_correlation"][2].value) < 0.2
+    assert result.measures["from_middle"][2].low > 0.95
+    assert result.ranking == ("x3", "x1", "x2")
+
+
 def test_the_rank_correlation_of_a_few_values() -> None:
     # d = (0, 1, -1, 0, 0): rho = 1 - 6·2/(5·24) = .9; Fisher: artanh .9 ± 1.96 √(1.405/2)
     rho = rank_correlation(np.arange(5.0), np.array([1.0, 9.0, 3.0, 10.0, 20.0]))

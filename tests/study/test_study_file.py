@@ -9,10 +9,12 @@ import pytest
 
 import rpctl
 from rpctl import Robot, RpctlError
+from rpctl.robot.catalog import ENTRIES
 from rpctl.study.distributions import Normal, Uniform
 from rpctl.study.study import Study
 from rpctl.study.study_file import read_study
 from rpctl.study.template import study_template
+from tests.grids import cells
 
 WHOLE = """
 [study]
@@ -119,7 +121,10 @@ def test_a_run_of_a_study_is_a_configuration(paper: Robot, tmp_path: Path) -> No
         ("[scatter]\n'plant.dely' = 0.1", "scattered setting 'plant.dely' is not known; did you"),
         ("[scatter]\nplant.delay = {unifrom = [0, 1]}", "'unifrom' is not known; did you mean uni"),
         ("[scatter]\nplant.delay = {uniform = [1, 0]}", "from 1 to 0; give the smaller"),
-        ("[scatter]\nplant.delay = {uniform = [-1, 0.1]}", "scatter: delay is -0.45"),
+        ("[scatter]\nplant.delay = {uniform = [-1, 0.1]}", "scatter: delay is -0.725"),
+        ("[scatter]\n'plant.masses.armm_*' = {uniform = [1, 2]}", "'armm_.' is not known"),
+        ("[scatter]\n'plant.tau_bias.leg' = {uniform = [1, 2]}", "'leg' is not known"),
+        ("[limits.effort]\nleg = 3.0", "'leg' is not known"),
         ("[success]\nrms = 3", "success: merit of paper 'rms' is not known"),
         ("[success]\nwork = true", "success.work: is True; give a number"),
         ("[optimize]\nruns = 3", "there is nothing to optimise"),
@@ -147,10 +152,14 @@ def test_all_faults_are_named_at_once(paper: Robot, tmp_path: Path) -> None:
     assert len(str(caught.value).splitlines()) == 3
 
 
-@pytest.mark.parametrize("name", ["paper", "car"])
+ROBOTS = [entry.name for entry in ENTRIES]
+
+
+@pytest.mark.parametrize("name", cells(ROBOTS, ["paper"], ROBOTS[1:]))
 def test_the_template_fits_the_robot(name: str, tmp_path: Path) -> None:
     robot = rpctl.load(name)
     study = read(study_template(robot), robot, tmp_path)
     assert study.scatter.names
     assert study.optimisation is not None
-    study.config_of(0)
+    for run in range(3):
+        study.config_of(run).plant.simulated_robot(robot)

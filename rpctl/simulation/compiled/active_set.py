@@ -129,8 +129,8 @@ def _shorten(
         casadi.if_else(bad, old / casadi.if_else(bad, old - new, 1.0), 1.0)
         for old, new, bad in zip(before, found, wrong, strict=True)
     ]
-    fraction = ways[0]
-    for way in ways[1:]:
+    fraction = casadi.SX(1.0)
+    for way in ways:
         fraction = casadi.fmin(fraction, way)
     left = [casadi.logic_and(bad, way <= fraction) for bad, way in zip(wrong, ways, strict=True)]
     shortened = [

@@ -17,10 +17,11 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, JointEntry
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.scalars import Rotation, cleaned, exact
+from rpctl.simulation.compiled.scalars import ROUNDING, Rotation, cleaned, exact
 
 STRAIGHT = (1.0, 0.0)
-PARALLEL = 1e-9  # sine of the angle between two axes: below it they are taken as parallel lines
+ON_AXIS_M = 1e-12  # m: an origin so near to an axis is on it
+SLANTED = 0.1  # sine of the angle between two axes: below it they meet, if at all, far away
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +125,9 @@ def _choose_origins(drafts: list[_Draft]) -> None:
         if draft.slides:
             continue
         if draft.child < 0 and draft.parent > 0 and not parent.slides:
-            tilt = math.sin(draft.angles[1])
+            level = math.sin(draft.angles[1])
             ahead = (turn_z(parent.spin).T @ draft.pose[:3, 3])[1]
-            draft.shift[2] = ahead / tilt if abs(tilt) > PARALLEL else 0.0
+            draft.shift[2] = ahead / level if level > SLANTED else 0.0
         elif draft.child > 0 and not drafts[draft.child].slides:
             draft.shift[2] = _origin(drafts, draft.child)[2]
     for draft in drafts[1:]:
@@ -187,15 +188,16 @@ def euler_angles(pose: Array) -> tuple[float, float, float]:
 
     Where both z axes are parallel, the yaw is towards the origin, or 0 where that is on the axis.
     """
-    R = pose[:3, :3]
-    tilt = math.atan2(math.hypot(R[0, 2], R[1, 2]), R[2, 2])
-    if math.sin(tilt) > PARALLEL:
-        return math.atan2(R[0, 2], -R[1, 2]), tilt, math.atan2(R[2, 0], R[2, 1])
-    x, y = pose[:2, 3]
-    yaw = math.atan2(y, x) if math.hypot(x, y) > PARALLEL else 0.0
-    flat = turn_z(yaw).T @ R
-    side = math.copysign(1.0, R[2, 2])
-    return yaw, 0.0 if side > 0.0 else math.pi, math.atan2(side * flat[1, 0], flat[0, 0])
+    R, (x, y) = pose[:3, :3], pose[:2, 3]
+    level = math.hypot(R[0, 2], R[1, 2])
+    tilt = math.atan2(level, R[2, 2])
+    if level > ROUNDING:
+        yaw = math.atan2(R[0, 2], -R[1, 2])
+    else:
+        yaw = math.atan2(y, x) if math.hypot(x, y) > ON_AXIS_M else 0.0
+        tilt = 0.0 if R[2, 2] > 0.0 else math.pi
+    third = rotation(exact(yaw), exact(tilt), STRAIGHT).T @ R  # of nearly parallel axes exact, too
+    return yaw, tilt, math.atan2(third[1, 0] - third[0, 1], third[0, 0] + third[1, 1])
 
 
 def turn_z(angle: float) -> Array:

@@ -11,7 +11,7 @@ from rpctl.control.bounded import BoundedDynamic, BoundedLaw
 from rpctl.control.integral import IntegralDynamic
 from rpctl.simulation.compiled.active_set import BoundedRows, DualState, dual_step
 from rpctl.simulation.compiled.choices import any_nonzero
-from rpctl.simulation.compiled.dynamic_laws import bounded_sample, follow
+from rpctl.simulation.compiled.dynamic_laws import bounded_sample, follow, free_sample
 from rpctl.simulation.compiled.law_fragment import (
     LawFragment,
     LawFrame,
@@ -59,6 +59,7 @@ class _BoundedStatements:
         dof = robot.dof
         self._frame, self._law, self._integral = frame, law, integral
         self._limits = Buffer("law limits", len(robot.actuators) + len(law.joints.names))
+        self._doubtful = new("doubtful", 1)  # whether a limit may bind; then, whether one does
         self._binds, self._going = new("binds", 1), new("going", 1)
         # What is remembered, and what it will be.
         self._dual = new("active before", count), new("multipliers before", count)
@@ -70,7 +71,6 @@ class _BoundedStatements:
 
     def fragment(self) -> LawFragment:
         """Return the fragment."""
-        sampled, layout, terms = self._sampled()
         memory = list(self._dual)
         if self._integral:
             memory += [self._disturbance, *self._before]
@@ -78,42 +78,29 @@ class _BoundedStatements:
         return self._frame.fragment(
             self._limits,
             LimitNames(robot.actuators, self._law.joints.names),
-            body=(sampled, self._search(layout, terms)),
+            body=(self._free(), self._within()),
             start=(self._start(memory),),
             remember=self._remember(),
             memory=tuple(buffer for buffer, _ in memory),
         )
 
-    def _sampled(self) -> tuple[Call, Layout, Buffer]:
-        """Return the call up to where limits bind, and where the terms are that it leaves."""
+    def _free(self) -> Call:
+        """Return the call up to where limits may bind."""
         frame = self._frame
         d = self._advanced() if self._integral else casadi.SX.zeros(frame.known.robot.dof, 1)
-        sample = bounded_sample(self._law, frame.known, frame.sample, d)
-        bounds = sample.bounds
-        layout = Layout(
-            {
-                "M": casadi.tril(sample.M),
-                "push": casadi.densify(sample.push),
-                "acceleration": casadi.densify(sample.acceleration),
-                "lower": casadi.densify(bounds.lower),
-                "upper": casadi.densify(bounds.upper),
-                "by_lower": casadi.densify(bounds.by_lower),
-                "by_upper": casadi.densify(bounds.by_upper),
-            }
-        )
-        terms = Buffer("law terms", layout.size)
+        sample = free_sample(self._law, frame.known, frame.sample, d)
         outputs = [
             *frame.commanded(sample.tau),
             (frame.tau, sample.tau),
             (self._limits, casadi.SX.zeros(self._limits.size, 1)),
-            (self._binds[0], sample.binds),
-            (terms, layout.column),
+            (self._doubtful[0], sample.doubtful),
+            (self._binds[0], casadi.SX(0)),
         ]
         inputs = list(frame.inputs)
         if self._integral:
             inputs += [self._disturbance, *self._before, self._elapsed]
             outputs += [(self._disturbance_now[0], d), (self._nu_dot[0], sample.nu_dot)]
-        return statement("law_sample", inputs, outputs), layout, terms
+        return statement("law_free", inputs, outputs)
 
     def _advanced(self) -> Any:
         """Return the disturbance (dof, 1) after the time since the last sample."""
@@ -125,35 +112,56 @@ class _BoundedStatements:
         learnt = casadi.fmin(gain, 1.0 / elapsed) * (frame.sample.nu - nu - elapsed * nu_dot)
         return casadi.if_else(sampled, d + learnt, d)
 
-    def _search(self, layout: Layout, terms: Buffer) -> When:
-        """Return the search for the limits that bind, where one does.
+    def _within(self) -> When:
+        """Return what is done where a limit may bind in any lane."""
+        frame, law, known = self._frame, self._law, self._frame.known
+        tau = frame.tau, casadi.SX.sym("tau", frame.tau.size)
+        sample = bounded_sample(law, known, frame.later, tau[1])
+        layout = Layout(
+            {
+                "M": casadi.tril(sample.M),
+                "push": casadi.densify(sample.push),
+                "acceleration": casadi.densify(sample.acceleration),
+                **{name: casadi.densify(each) for name, each in vars(sample.bounds).items()},
+            }
+        )
+        terms = new("terms", layout.size)
+        # A lane is what it is alone, also where another one's doubt brings it here.
+        binds = casadi.logic_and(self._doubtful[1], sample.binds)
+        judge = statement(
+            "law_bounds",
+            [*frame.later_inputs, tau, self._doubtful],
+            [(terms[0], layout.column), (self._binds[0], binds)],
+        )
+        parts = layout.parts(terms[1])
+        search = self._search(parts, [*frame.later_inputs, tau, terms])
+        return When(self._doubtful[0], (judge, When(self._binds[0], search)))
+
+    def _search(self, parts: Mapping[str, Any], inputs: list[Place]) -> tuple[Statement, ...]:
+        """Return the search for the limits that bind.
 
         Args:
-            layout: Of the terms that the sample leaves.
-            terms: Where they are.
+            parts: Terms of the sample.
+            inputs: Buffers and symbols of these, and of the sample.
         """
-        frame, known = self._frame, (terms, casadi.SX.sym("terms", layout.size))
-        parts = layout.parts(known[1])
-        tau = frame.tau, casadi.SX.sym("tau", frame.tau.size)
-        program = effort_rows(self._law, frame.known, frame.later, tau[1], parts)
+        frame, tau = self._frame, dict(inputs)[self._frame.tau]
+        program = effort_rows(self._law, frame.known, frame.later, tau, parts)
         rows = Layout(program)
         place, x = new("rows", rows.size), new("x", program["E"].shape[1])
         begin = statement(
             "law_rows",
-            [*frame.later_inputs, tau, known, self._binds, *self._dual],
+            [*inputs, self._binds, *self._dual],
             [
                 (place[0], rows.column),
-                *(
-                    (after[0], before[1])
-                    for after, before in zip(self._next, self._dual, strict=True)
-                ),
+                (self._next[0][0], self._dual[0][1]),
+                (self._next[1][0], self._dual[1][1]),
                 (self._going[0], self._binds[1]),
             ],
         )
         found = rows.parts(place[1])
         step = self._step(found, place, x)
-        end = self._end(found["E"] @ x[1], parts, [*frame.later_inputs, tau, known, place, x])
-        return When(self._binds[0], (begin, Until(self._going[0], MAX_STEPS, (step,)), end))
+        end = self._end(found["E"] @ x[1], parts, [*inputs, place, x])
+        return begin, Until(self._going[0], MAX_STEPS, (step,)), end
 
     def _step(self, parts: Mapping[str, Any], place: Place, x: Place) -> Call:
         """Return one step of the search.
@@ -183,8 +191,7 @@ class _BoundedStatements:
         """
         frame, law, binds = self._frame, self._law, self._binds[1]
         active, failed = self._next[0], (frame.failed, casadi.SX.sym("failed"))
-        symbols = dict(inputs)
-        tau = limited_efforts(law, symbols[frame.tau], change, binds)
+        tau = limited_efforts(law, dict(inputs)[frame.tau], change, binds)
         codes = limit_codes(law, active[1], parts, binds)
         unsolved = casadi.logic_and(binds, self._going[1])
         outputs = [

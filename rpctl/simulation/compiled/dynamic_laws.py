@@ -1,7 +1,7 @@
 """The dynamic laws in CasADi's symbols, up to where limits bind; see :mod:`rpctl.control.bounded`.
 
-M and h are those of the middle of the period. They are worked out once, for the efforts, for how
-these grow with ν̇, and for what the robot does where limits keep them from being what is asked for.
+M and h are those of the middle of the period. Where a limit may bind they are worked out once, for
+how the efforts grow with ν̇, and for what the robot does where these are not what is asked for.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import casadi
 
+from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedLaw
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.joint_bounds import SymbolicBounds, SymbolicJointLimits
@@ -74,32 +75,24 @@ def paper_efforts(dynamics: SymbolicDynamics, sample: LawSample, period: float) 
 
 
 @dataclass(frozen=True, eq=False)
-class BoundedSample:
-    """What the law within limits makes of a sample before any limit is taken account of.
+class FreeSample:
+    """What the law within limits makes of a sample if no limit binds.
 
     Attributes:
         nu_dot: ν̇* (dof, 1).
         tau: Efforts of ν̇* (n_act, 1).
-        M: Inertia in the middle of the period (dof, dof).
-        push: ℓ − h there (dof, 1): M ν̇ = B τ + push.
-        acceleration: ẍ of the limited joints under ν̇* (k, 1).
-        bounds: On ẍ.
-        binds: Whether a limit binds (1, 1).
+        doubtful: Whether a limit may bind (1, 1).
     """
 
     nu_dot: Any
     tau: Any
-    M: Any
-    push: Any
-    acceleration: Any
-    bounds: SymbolicBounds
-    binds: Any
+    doubtful: Any
 
 
-def bounded_sample(
+def free_sample(
     law: BoundedLaw, dynamics: SymbolicDynamics, sample: LawSample, disturbance: Any
-) -> BoundedSample:
-    """Return the terms of :class:`rpctl.control.bounded.BoundedLaw` at a sample.
+) -> FreeSample:
+    """Return the terms of :class:`rpctl.control.bounded.BoundedLaw` that every sample needs.
 
     Args:
         law: The law on the robot.
@@ -111,25 +104,62 @@ def bounded_sample(
     limits = SymbolicJointLimits(law.joints, sample.s["horizon_dyn"])
     rows, drift = limits.rows(dynamics, sample.q, sample.nu)
     at = middle(dynamics, sample, law.held_for)
+    force = dynamics.inverse(at.q, at.nu, nu_dot - disturbance, at.nu_d)
+    tau = dynamics.efforts(at.q, force)
+    doubtful = limits.doubtful(sample.q, rows @ sample.nu, rows @ nu_dot + drift)
+    return FreeSample(nu_dot, tau, casadi.logic_or(doubtful, beyond(law.effort_limits, tau)))
+
+
+def beyond(limits: Array, tau: Any) -> Any:
+    """Return whether efforts (n_act, 1) are beyond their limits (n_act,)."""
+    found = casadi.SX(0)
+    for k, limit in enumerate(limits.tolist()):
+        found = casadi.logic_or(found, casadi.fabs(tau[k]) > limit)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedSample:
+    """What the law within limits needs to know of a sample where a limit may bind.
+
+    Attributes:
+        M: Inertia in the middle of the period (dof, dof).
+        push: ℓ − h there (dof, 1): M ν̇ = B τ + push.
+        acceleration: ẍ of the limited joints under ν̇* (k, 1).
+        bounds: On ẍ.
+        binds: Whether a limit binds (1, 1).
+    """
+
+    M: Any
+    push: Any
+    acceleration: Any
+    bounds: SymbolicBounds
+    binds: Any
+
+
+def bounded_sample(
+    law: BoundedLaw, dynamics: SymbolicDynamics, sample: LawSample, tau: Any
+) -> BoundedSample:
+    """Return the terms of :class:`rpctl.control.bounded.BoundedLaw` that limits need.
+
+    Args:
+        law: The law on the robot.
+        dynamics: The robot's dynamics, as far as the controller knows them.
+        sample: The sample.
+        tau: Efforts of ν̇* (n_act, 1).
+    """
+    nu_dot = desired_acceleration(dynamics, sample)
+    limits = SymbolicJointLimits(law.joints, sample.s["horizon_dyn"])
+    rows, drift = limits.rows(dynamics, sample.q, sample.nu)
+    at = middle(dynamics, sample, law.held_for)
     M, minus_h = dynamics.lossless(at.q, at.nu, casadi.SX.zeros(len(dynamics.robot.actuators), 1))
-    lost = dynamics.losses(at.q, at.nu_d)
-    tau = dynamics.efforts(at.q, M @ (nu_dot - disturbance) - minus_h - lost)
     gain = effort_gain(dynamics, at.q, M)
-    brakes = limits.brakes(dynamics.robot.effort_limits, tau - gain @ nu_dot, gain, rows)
+    brakes = limits.brakes(law.effort_limits, tau - gain @ nu_dot, gain, rows)
     bounds = limits.bounds(sample.q, rows @ sample.nu, brakes)
     acceleration = rows @ nu_dot + drift
-    binds = limits.broken(acceleration, bounds)
-    for k, limit in enumerate(dynamics.robot.effort_limits.tolist()):
-        binds = casadi.logic_or(binds, casadi.fabs(tau[k]) > limit)
-    return BoundedSample(
-        nu_dot,
-        tau,
-        M,
-        minus_h + dynamics.losses(at.q, at.nu),
-        acceleration,
-        bounds,
-        binds,
-    )
+    binds = casadi.logic_or(limits.broken(acceleration, bounds), beyond(law.effort_limits, tau))
+    push = minus_h + dynamics.losses(at.q, at.nu)
+    return BoundedSample(M, push, acceleration, bounds, binds)
 
 
 def effort_gain(dynamics: SymbolicDynamics, q: Any, M: Any) -> Any:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
@@ -19,7 +21,7 @@ from rpctl.simulation.compiled.bodies import moving_bodies
 from rpctl.simulation.compiled.configuration import SymbolicConfiguration, integrated
 from rpctl.simulation.compiled.linear import solve_positive
 from rpctl.simulation.compiled.parameters import NOTHING, Parameters, Varied
-from rpctl.simulation.compiled.rigid_body import MovingTree, crba, moving_tree, rnea
+from rpctl.simulation.compiled.rigid_body import MovingTree, crba, joint_motions, moving_tree, rnea
 from rpctl.simulation.compiled.robot_numbers import RobotNumbers
 from rpctl.simulation.compiled.rolling import SymbolicBasis
 from rpctl.simulation.compiled.scalars import (
@@ -34,6 +36,8 @@ from rpctl.simulation.compiled.scalars import (
     total,
     transposed,
 )
+
+NO_NUMBERS: Mapping[str, Array] = MappingProxyType({})
 
 
 class SymbolicProjection:
@@ -85,6 +89,14 @@ class SymbolicProjection:
         return self._basis.drift(product(self.rows, nu))
 
 
+class _AtConfiguration(NamedTuple):
+    """What is known at one configuration."""
+
+    configuration: SymbolicConfiguration
+    projection: SymbolicProjection
+    tree: MovingTree
+
+
 class SymbolicDynamics:
     """``ReducedDynamics`` over ``casadi.SX`` columns: the same names, quantities and orders.
 
@@ -110,7 +122,7 @@ class SymbolicDynamics:
         self._gravity = -float(robot.model.gravity.linear[2])
         self.actuated = [robot.velocity_index(name) for name in robot.actuators]
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
-        self._last: tuple[Any, SymbolicProjection, MovingTree] | None = None
+        self._last: _AtConfiguration | None = None
 
     def parameters_of(self, variant: Robot) -> Array:
         """Return the numbers (n_p,) that stand for ``p`` in another robot of the same structure.
@@ -120,18 +132,22 @@ class SymbolicDynamics:
         """
         return self._parameters.values(self._numbers.of(variant))
 
-    def parameters(self, variant: Robot, inertias: Array) -> Array:
+    def parameters(
+        self, variant: Robot, inertias: Array, numbers: Mapping[str, Array] = NO_NUMBERS
+    ) -> Array:
         """Return the numbers (..., n_p) for robots that differ from a variant in inertias.
 
         Args:
             variant: What they have in common.
             inertias: Pseudo-inertias of the bodies (..., n, 4, 4), as of
                 :meth:`rpctl.robot.link_inertias.LinkInertias.bodies`.
+            numbers: What else they differ in, in stacks: ``damping`` and ``friction`` (..., nv),
+                and what :func:`rpctl.simulation.compiled.rolling_numbers.rolling_numbers` names.
 
         Raises:
             RpctlError: They differ in more than what is varied.
         """
-        return self._parameters.values(self._numbers.of(variant, inertias))
+        return self._parameters.values({**self._numbers.of(variant, inertias), **numbers})
 
     @property
     def constant(self) -> bool:
@@ -145,15 +161,14 @@ class SymbolicDynamics:
 
     def at(self, q: Any) -> SymbolicProjection:
         """Return the projection at q (nq, 1)."""
-        return self._at(q)[1]
+        return self._at(q).projection
 
-    def _at(self, q: Any) -> tuple[Any, SymbolicProjection, MovingTree]:
-        if self._last is None or self._last[0] is not q:
-            configuration = SymbolicConfiguration(q)
-            basis = SymbolicBasis(self._projector, self._known, configuration, self._swivels)
-            projection = SymbolicProjection(self, basis)
-            tree = moving_tree(self._bodies, self._known["inertia"], self._gravity, configuration)
-            self._last = q, projection, tree
+    def _at(self, q: Any) -> _AtConfiguration:
+        if self._last is None or self._last.configuration.q is not q:
+            at = SymbolicConfiguration(q)
+            basis = SymbolicBasis(self._projector, self._known, at, self._swivels)
+            tree = moving_tree(self._bodies, self._known["inertia"], self._gravity, at)
+            self._last = _AtConfiguration(at, SymbolicProjection(self, basis), tree)
         return self._last
 
     def rank_margin(self, q: Any) -> Any:
@@ -254,16 +269,26 @@ class SymbolicDynamics:
         return column(self.allocated(self.at(q), entries(force)))
 
     def allocated(self, at: SymbolicProjection, force: list[Scalar]) -> list[Scalar]:
-        """Return the entries of :meth:`efforts` at a projection."""
+        """Return the entries of :meth:`efforts` at a projection.
+
+        Raises:
+            ActuationError: Actuators do not drive all quasi-velocities.
+        """
         if self._projector.constant is not None and not self.varied.rolling:
             allocation = self._projector.constant.allocation.tolist()
             return product(allocation, force)
+        self._require_actuation()
         limits = self.robot.effort_limits
         squares = (np.where(np.isfinite(limits), limits, 1.0) ** 2).tolist()
         B = at.actuation
         weighted = [[times(b, square) for b, square in zip(row, squares, strict=True)] for row in B]
         gram = [[dot(a, b) for b in B] for a in weighted]
         return product(transposed(weighted), solve_positive(gram, force))
+
+    def _require_actuation(self) -> None:
+        """Raise unless the actuators drive all quasi-velocities at a regular steering."""
+        q = self.robot.random_configuration(np.random.default_rng(0))
+        _ = self._projector.at(q).allocation
 
     def integrate(self, q: Any, v: Any) -> Any:
         """Return q (nq, 1) moved along v (nv, 1) for a time of 1, as ``pinocchio.integrate``."""
@@ -285,7 +310,7 @@ class SymbolicDynamics:
         """Return a joint's position (rad or m) at q (nq, 1), or where it is locked."""
         if joint in self.robot.locked:
             return casadi.SX(self.robot.locked[joint])
-        return casadi.SX(SymbolicConfiguration(q).position(self.robot.entries[joint]))
+        return casadi.SX(self._at(q).configuration.position(self.robot.entries[joint]))
 
     def placement(self, q: Any, frame: str) -> tuple[Any, Any]:
         """Return the axes (3, 3) and the origin (3, 1) of a link's frame in the world."""
@@ -296,7 +321,7 @@ class SymbolicDynamics:
         body = found.parentJoint - ROOT_JOINT
         pose = np.linalg.inv(self._bodies[body].frame) @ found.placement.homogeneous
         R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
-        tree = self._at(q)[2]
+        tree = MovingTree(joint_motions(self._bodies, self._at(q).configuration), (), 0.0)
         for joint in tree.before(tree.joints[body - 1]) if body else ():
             R, p = [joint.inwards(x) for x in R], plus(joint.inwards(p), joint.p)
         x, y, cos, sin = entries(q)[:4]

@@ -73,10 +73,11 @@ class SymbolicJointLimits:
             down, up = casadi.SX(math.inf), casadi.SX(math.inf)
             for k, limit in enumerate(box.tolist()):
                 if math.isfinite(limit):
-                    ease = 1.0 / casadi.fmax(casadi.fabs(cost[k]), ROUNDING)
-                    pull = casadi.sign(cost[k]) * holding[k]
-                    down = casadi.fmin(down, (limit + pull) * ease)
-                    up = casadi.fmin(up, (limit - pull) * ease)
+                    size = casadi.fmax(casadi.fabs(cost[k]), ROUNDING)
+                    ease = 1.0 / casadi.copysign(size, cost[k])
+                    room = limit * casadi.fabs(ease)
+                    pull = casadi.if_else(size > ROUNDING, holding[k] * ease, 0.0)
+                    down, up = casadi.fmin(down, room + pull), casadi.fmin(up, room - pull)
             found.append((down, up))
         return found
 
@@ -130,6 +131,28 @@ class SymbolicJointLimits:
         root = casadi.sqrt(2.0 * brake * casadi.fmax(gap - half, half))
         rate = casadi.if_else(gap < straight, gap / self._horizon, root)
         return casadi.fmin(rate, fastest), rate < fastest
+
+    def doubtful(self, q: Any, rate: Any, acceleration: Any) -> Any:
+        """Return whether bounds may be broken, (1, 1), with what is known without M.
+
+        No joint brakes less than MIN_BRAKE, and none of its bounds is tighter than with that.
+
+        Args:
+            q: Configuration (nq, 1).
+            rate: ẋ (k, 1), rad/s or m/s.
+            acceleration: ẍ (k, 1).
+        """
+        limits, found = self._limits, casadi.SX(0)
+        for j, fastest in enumerate(limits.fastest.tolist()):
+            for time in limits.times.ravel().tolist():
+                place, moved = (
+                    q[limits.entries[j]] + time * rate[j],
+                    rate[j] + time * acceleration[j],
+                )
+                for limit, sign in ((limits.upper[j], 1.0), (-limits.lower[j], -1.0)):
+                    most, _ = self._stop(float(limit), sign * place, MIN_BRAKE, fastest)
+                    found = casadi.logic_or(found, sign * moved > most)
+        return found
 
     def broken(self, acceleration: Any, bounds: SymbolicBounds) -> Any:
         """Return whether an acceleration (k, 1) is out of bounds, (1, 1).

@@ -21,8 +21,9 @@ from rpctl.simulation.compiled.program import (
 from rpctl.simulation.compiled.stepping import STREAM_FIELDS, StepLines
 from rpctl.simulation.compiled.target import Loaded, object_code, this_processor
 
-ATTRIBUTES = (
-    'attributes #0 = {{ nounwind "prefer-vector-width"="{0}" "min-legal-vector-width"="{0}" }}'
+ATTRIBUTES = (  # the stack is aligned so that no spilled vector lies in two cache lines
+    'attributes #0 = {{ nounwind "stackrealign"'
+    ' "prefer-vector-width"="{0}" "min-legal-vector-width"="{0}" }}'
 )
 
 
@@ -31,7 +32,9 @@ def compile_program(program: Program, lanes: int) -> MachineCode:
 
     Args:
         program: The program.
-        lanes: How many runs go side by side, a power of two.
+        lanes: How many runs go side by side, a power of two. A run among :func:`native_lanes` is
+            done soonest; with more, numbers no longer fit the registers, and it is slower to build
+            and to run.
 
     Raises:
         RpctlError: There is no machine code for an operation of one of its functions.
@@ -40,6 +43,11 @@ def compile_program(program: Program, lanes: int) -> MachineCode:
     key = code_key(program, lanes, processor)
     code = cached(key, lambda: object_code(module_text(program, lanes), processor))
     return MachineCode(program, lanes, code)
+
+
+def native_lanes() -> int:
+    """Return how many runs one register of this processor holds: 8, 4 or 2."""
+    return this_processor().lanes
 
 
 def module_text(program: Program, lanes: int) -> str:

@@ -159,7 +159,24 @@ def moving_tree(
         gravity: m/s², downwards.
         at: The configuration.
     """
-    return MovingTree(tuple(_joint_motion(body, at) for body in bodies[1:]), numbers, gravity)
+    carriers = {body.parent for body in bodies}
+    joints = list(joint_motions(bodies, at))
+    for k, body in enumerate(bodies[1:], start=1):
+        if k not in carriers and not body.slides and _is_round(numbers[k]):
+            joints[k - 1] = JointMotion(body, 1.0, 0.0, body.p.tolist())  # any angle will do
+    return MovingTree(tuple(joints), numbers, gravity)
+
+
+def joint_motions(
+    bodies: Sequence[MovingBody], at: SymbolicConfiguration
+) -> tuple[JointMotion, ...]:
+    """Return the motion across the joint of each body but the first."""
+    return tuple(_joint_motion(body, at) for body in bodies[1:])
+
+
+def _is_round(numbers: Vector) -> bool:
+    """Return whether a body looks the same at all angles of the joint that turns it."""
+    return all(is_zero(number) for k, number in enumerate(numbers) if k != ZZ)
 
 
 def _joint_motion(body: MovingBody, at: SymbolicConfiguration) -> JointMotion:

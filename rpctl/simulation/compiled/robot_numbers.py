@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import UnknownNameError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE, Losses
 from rpctl.robot.model import Robot
@@ -51,7 +51,12 @@ class RobotNumbers:
             robot: The robot.
             inertias: Pseudo-inertias of the bodies (..., n, 4, 4) in the axes of Pinocchio's
                 joints, in stacks; None: the robot's own.
+
+        Raises:
+            RpctlError: It has other joints.
         """
+        if list(robot.model.names) != list(self.robot.model.names):
+            raise RpctlError(f"{robot.name} is no variant of {self.robot.name}: its joints differ")
         places = _places(robot)
         moved = not np.array_equal(places, self._places)
         bodies = moving_bodies(robot) if moved else self.bodies
@@ -64,7 +69,10 @@ class RobotNumbers:
             losses = Losses(still, still, rate)
         found = {"inertia": felt(bodies, own), "place": places}
         found |= {"damping": losses.damping, "friction": losses.friction, "rate": losses.rate}
-        found["armature"] = robot.armature
+        found |= {
+            "armature": robot.armature,
+            "point": np.array([*robot.drive.point, robot.drive.heading]),
+        }
         return found | rolling_numbers(robot, self._rows)
 
     def varied(self, varied: Varied) -> dict[str, NDArray[np.bool_]]:

@@ -25,6 +25,12 @@ class Processor:
     name: str
     features: str
 
+    @property
+    def lanes(self) -> int:
+        """How many doubles a vector register holds."""
+        features = self.features.split(",")
+        return 8 if "+avx512f" in features else 4 if "+avx" in features else 2
+
 
 @cache
 def this_processor() -> Processor:

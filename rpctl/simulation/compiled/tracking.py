@@ -79,11 +79,7 @@ def symbolic_tracking(
         q: Configuration (nq, 1).
         nu: Quasi-velocities (dof, 1).
     """
-    robot = dynamics.robot
-    e = casadi.vertcat(
-        _base_error(reference.pose, dynamics.base_pose(q)),
-        _joint_errors(robot, reference.joints - dynamics.joint_positions(q)),
-    )
+    robot, e = dynamics.robot, symbolic_error(dynamics, reference, q)
     cos, sin = casadi.cos(e[2]), casadi.sin(e[2])
     vx, vy, omega = casadi.vertsplit(dynamics.twist(q, nu))
     vx_r, vy_r, omega_r = casadi.vertsplit(reference.twist)
@@ -95,6 +91,20 @@ def symbolic_tracking(
         reference.joint_rates - rates,
     )
     return SymbolicTracking(e, e_dot)
+
+
+def symbolic_error(dynamics: SymbolicDynamics, reference: ReferenceEntries, q: Any) -> Any:
+    """Return the tracking error (3 + n_joints, 1), as ``tracking_error``.
+
+    Args:
+        dynamics: The robot's dynamics.
+        reference: The reference.
+        q: Configuration (nq, 1).
+    """
+    return casadi.vertcat(
+        _base_error(reference.pose, dynamics.base_pose(q)),
+        _joint_errors(dynamics.robot, reference.joints - dynamics.joint_positions(q)),
+    )
 
 
 def _base_error(wanted: Any, pose: Any) -> Any:

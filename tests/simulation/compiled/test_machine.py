@@ -9,7 +9,7 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.simulation.compiled.interpreted import Interpreted
-from rpctl.simulation.compiled.machine import compile_program
+from rpctl.simulation.compiled.machine import compile_program, module_text
 from rpctl.simulation.compiled.program import (
     Buffer,
     Call,
@@ -138,6 +138,32 @@ def test_rows_and_buffers_that_do_not_fit_are_refused() -> None:
         workspace = {**kernel.workspace(), case.y: strange}
         with pytest.raises(ValueError, match="y: not of this kernel's workspace"):
             kernel.run(0, 4, workspace, good)
+
+
+def test_calls_and_functions_that_cannot_be_compiled_are_refused() -> None:
+    two, one, other = Buffer("two", 2), Buffer("one", 1), Buffer("other", 2)
+    free = casadi.Function("free", [X], [X + Y], {"allow_free": True})
+    sparse = casadi.Function("sparse", [X], [casadi.SX(casadi.Sparsity(2, 1))])
+    graph = casadi.MX.sym("x", 2)
+    wide = casadi.Function("wide", [casadi.SX.sym("x", 1, 2)], [X[0] * 0.0])
+    cases: list[tuple[casadi.Function, tuple[Buffer, ...], tuple[Buffer, ...], str]] = [
+        (SWAP_ADD, (two, other), (two, two, one), "two outputs have one buffer"),
+        (SWAP_ADD, (two, one), (two, other, one), "not of its columns' sizes"),
+        (
+            casadi.Function("graph", [graph], [graph]),
+            (two,),
+            (two,),
+            "only a casadi.Function of SX",
+        ),
+        (free, (two,), (two,), "free symbols"),
+        (sparse, (two,), (Buffer("none", 2),), "dense columns"),
+        (wide, (two,), (one,), "dense columns"),
+    ]
+    for function, inputs, outputs, message in cases:
+        with pytest.raises((RpctlError, ValueError), match=message):
+            module_text(Program((Call(function, inputs, outputs),)), 2)
+    with pytest.raises(ValueError, match="3 lanes"):
+        module_text(Program(()), 3)
 
 
 def test_what_has_no_machine_code_is_named() -> None:

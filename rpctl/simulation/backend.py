@@ -1,0 +1,163 @@
+"""Which backend closes a loop: machine code where it can and where that pays, else Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
+from rpctl.simulation.config import Config
+from rpctl.simulation.recorder import Recorder
+
+BACKENDS = ("auto", "compiled", "pinocchio")
+# s: what a sample takes in Python, and what a loop takes to build, by quasi-velocities. Half of
+# the latter counts: the next run finds the code on disk.
+MOST_DOF = 30  # quasi-velocities; beyond them a loop takes minutes to build
+SAMPLE_S, BUILD_S, BUILD_EXPONENT = 3e-4, 2e-3, 2.7
+
+
+def run_loop(
+    dynamics: ReducedDynamics,
+    config: Config,
+    reference: Reference,
+    steps: int,
+    recorder: Recorder | None,
+    record: LoopRecord,
+    progress: Callable[[int, int], object] | None = None,
+    watch: Watcher | None = None,
+    backend: str = "auto",
+) -> None:
+    """Close the loop for a number of control periods, by one backend or the other.
+
+    The numbers of both agree to rounding. What machine code cannot do is done in Python, and said.
+
+    Args:
+        dynamics: Of the simulated robot, without what the plant adds.
+        config: Laws, circumstances and plant; its limits are the robot's already.
+        reference: What is tracked.
+        steps: Number of control periods.
+        recorder: Gets every sample; None keeps no log.
+        record: Filled when the loop ends, early or not.
+        progress: Called with the samples done and their total.
+        watch: Called with every sample, which only Python's loop does.
+        backend: ``"auto"``, ``"compiled"`` or ``"pinocchio"``.
+
+    Raises:
+        DivergedError: The motion left the finite numbers.
+        UnknownNameError: There is no such backend.
+    """
+    require_backend(backend)
+    python = backend == "pinocchio" or (backend == "auto" and not pays(dynamics.robot, steps))
+    reason = None if python else refusal(dynamics.robot, config, watch is not None)
+    recorded = 0
+    if not python and reason is None:
+        reason, recorded = _compiled(dynamics, config, reference, steps, recorder, record, progress)
+        if reason is None:
+            return
+    if reason is not None and (backend == "compiled" or recorded):
+        record.remarks = (f"the loop was closed in Python: {reason}",)
+    later = recorder if recorder is None or not recorded else _LaterSamples(recorder, recorded)
+    close_loop(dynamics, config, reference, steps, later, record, progress, watch)
+
+
+def require_backend(name: str) -> None:
+    """Refuse what is no backend.
+
+    Raises:
+        UnknownNameError: Those that there are are named.
+    """
+    if name not in BACKENDS:
+        raise UnknownNameError("backend", name, BACKENDS)
+
+
+def pays(robot: Robot, steps: int) -> bool:
+    """Return whether so many samples are worth the time that building the loop takes.
+
+    Args:
+        robot: The robot.
+        steps: Number of control periods.
+    """
+    return SAMPLE_S * steps >= 0.5 * BUILD_S * robot.dof**BUILD_EXPONENT
+
+
+def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
+    """Return why machine code cannot close a loop, a clause; None if it can.
+
+    Args:
+        robot: The robot.
+        config: Laws and plant.
+        watched: Whether somebody sees every sample when it is computed.
+    """
+    from rpctl.simulation.compiled.laws import unsupported
+
+    plant = config.plant
+    if watched:
+        return "every sample is watched when it is computed"
+    if config.output is not None:
+        return "the robot takes speeds"
+    if plant.computing_time:
+        return "computing takes simulated time"
+    if plant.dropped:
+        return "samples are dropped"
+    if plant.lag is not None or plant.lags or plant.dead_time is not None:
+        return "the plant has a lag or a dead time"
+    if robot.dof > MOST_DOF:
+        return (
+            f"it has {robot.dof} quasi-velocities, and beyond {MOST_DOF} a loop takes long to build"
+        )
+    return unsupported(config.kinematic, config.dynamic, robot)
+
+
+def _compiled(
+    dynamics: ReducedDynamics,
+    config: Config,
+    reference: Reference,
+    steps: int,
+    recorder: Recorder | None,
+    record: LoopRecord,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[str | None, int]:
+    """Close the loop as machine code; return why not to the end, and the samples recorded.
+
+    Args:
+        dynamics: Of the simulated robot, without what the plant adds.
+        config: Laws, circumstances and plant.
+        reference: What is tracked.
+        steps: Number of control periods.
+        recorder: Gets every sample.
+        record: Filled when the loop ends.
+        progress: Called with the samples done and their total.
+    """
+    from rpctl.simulation.compiled.check import DiffersError
+    from rpctl.simulation.compiled.tracking_loop import NeedsPython, close_compiled_loop
+
+    try:
+        close_compiled_loop(dynamics, config, reference, steps, recorder, record, progress)
+    except DiffersError as error:
+        return str(error), 0
+    except NeedsPython as error:
+        return error.reason, error.samples
+    return None, steps + 1
+
+
+class _LaterSamples:
+    """A recorder of a loop that begins anew: it lets the samples pass that are recorded already.
+
+    Args:
+        recorder: Gets those that follow.
+        recorded: How many it has.
+    """
+
+    def __init__(self, recorder: Recorder, recorded: int) -> None:
+        self._recorder, self._left = recorder, recorded
+
+    def add(self, *sample: Any, **named: Any) -> None:
+        """Add a sample, or let it pass."""
+        if self._left:
+            self._left -= 1
+        else:
+            self._recorder.add(*sample, **named)

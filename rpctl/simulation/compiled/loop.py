@@ -1,0 +1,292 @@
+"""The closed loop as a program: reference → law → delay → plant, and what is logged of it.
+
+The order of a sample is that of `simulation/closed_loop.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi
+
+from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import DIVERGED_SPEED
+from rpctl.simulation.compiled.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.law_fragment import LawFragment
+from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
+from rpctl.simulation.compiled.plant import PlantBuffers, plant_step
+from rpctl.simulation.compiled.program import (
+    Buffer,
+    Call,
+    Kernel,
+    Program,
+    Read,
+    ReadBack,
+    RowStream,
+    Statement,
+    Write,
+)
+from rpctl.simulation.compiled.tracking import reference_entries, symbolic_error
+from rpctl.simulation.noise import Sensors
+from rpctl.simulation.plant import substeps
+
+# Why a lane does not go on: its law has no answer, its base is far and needs a way up to the
+# reference, both of which Python has, or its motion left the finite numbers.
+NO_TROUBLE, LAW_FAILED, FAR, DIVERGED = 0.0, 1.0, 2.0, 3.0
+
+
+@dataclass(frozen=True)
+class FarBounds:
+    """Errors from which on a base needs a way up to its reference; see ``Approach``.
+
+    Attributes:
+        distance: m.
+        heading: rad.
+    """
+
+    distance: float
+    heading: float
+
+
+@dataclass(frozen=True)
+class LoopShape:
+    """What is compiled into a loop, besides robot and laws: another shape is compiled anew.
+
+    Attributes:
+        period: Control period, s.
+        plant_step: Longest step of the plant, s.
+        delayed: Whether efforts may act some periods late.
+        noisy: Whether what is measured is noisy.
+        far: When a base needs a way up to its reference; None: never.
+        folded: Whether samples are folded to what merits need, or else logged.
+    """
+
+    period: float
+    plant_step: float
+    delayed: bool = False
+    noisy: bool = False
+    far: FarBounds | None = None
+    folded: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class LoopProgram:
+    """A closed loop in lanes.
+
+    Attributes:
+        start: Done once, before the first sample: what the laws remember of the robot at rest.
+        sample: A sample, and the plant until the next.
+        law: The laws.
+        plant: What the plant works on.
+        bias: Efforts (n_act,) that push besides the controller's.
+        acting: Efforts (n_act,) that act from a sample on.
+        e: Tracking error (3 + n_joints,).
+        trouble: Why a lane does not go on (1,), and the number of the sample at which (2,).
+        number: Of the sample (1,).
+        energy_before: Work and losses (2,) until the sample, J, where samples are folded.
+        back: By how many periods efforts are late (1,).
+        search_from: Number of the sample from which on a way up is looked for (1,).
+        reference: Rows of a reference table.
+        followed: The same of what the laws are given, lane by lane, where that may differ.
+        noise: What is added to what is measured.
+        ring: Efforts on their way.
+        log: What is written at each sample, by name.
+        fold: What merits need of the samples; None where they are logged.
+    """
+
+    start: Program
+    sample: Program
+    law: LawFragment
+    plant: PlantBuffers
+    bias: Buffer
+    acting: Buffer
+    e: Buffer
+    trouble: Buffer
+    number: Buffer
+    energy_before: Buffer
+    back: Buffer
+    search_from: Buffer
+    reference: RowStream
+    followed: RowStream
+    noise: RowStream
+    ring: RowStream
+    log: dict[str, RowStream]
+    fold: MeritFold | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledLoop:
+    """A closed loop as machine code.
+
+    Attributes:
+        robot: The simulated robot.
+        dynamics: Its dynamics, in symbols.
+        program: Its program.
+        start: What is done once before the first sample.
+        sample: A sample, and the plant until the next.
+    """
+
+    robot: Robot
+    dynamics: SymbolicDynamics
+    program: LoopProgram
+    start: Kernel
+    sample: Kernel
+
+
+def loop_program(
+    law: LawFragment,
+    simulated: SymbolicDynamics,
+    shape: LoopShape,
+) -> LoopProgram:
+    """Return the program of a closed loop.
+
+    Args:
+        law: The laws on the robot as the controller knows it.
+        simulated: Dynamics of the simulated robot.
+        shape: What is compiled in.
+    """
+    robot, dynamics = simulated.robot, simulated
+    n_act, n_e, width = len(robot.actuators), law.e.size, law.reference.size
+    sensors = Sensors(robot)
+    q, nu = law.q, law.nu
+    if shape.noisy:
+        q, nu = Buffer("q", robot.nq), Buffer("nu", robot.dof)
+    plant = PlantBuffers(
+        q, nu, Buffer("pushing", n_act), Buffer("energy", 2), Buffer("p", dynamics.p.numel())
+    )
+    found = LoopProgram(
+        start=Program(law.start),
+        sample=Program(()),
+        law=law,
+        plant=plant,
+        bias=Buffer("bias", n_act),
+        acting=Buffer("acting", n_act) if shape.delayed else law.tau,
+        e=Buffer("error", n_e) if shape.noisy or shape.far else law.e,
+        trouble=Buffer("trouble", 2),
+        number=Buffer("number", 1),
+        energy_before=Buffer("energy_before", 2),
+        back=Buffer("back", 1),
+        search_from=Buffer("search_from", 1),
+        reference=RowStream("reference", width, laned=False),
+        followed=RowStream("followed", width),
+        noise=RowStream("noise", sensors.width),
+        ring=RowStream("ring", n_act),
+        log={},
+    )
+    fold = _folded(found, dynamics) if shape.folded else None
+    log = _log(found, fold)
+    body = (
+        *_measured(found, sensors, shape),
+        *law.body,
+        *law.remember,
+        *_judged(found, shape),
+        *_acting(found, dynamics, shape),
+        *(() if fold is None else fold.statements),
+        *(Write(buffer, stream) for buffer, stream in log.values()),
+        *_pushed(found, dynamics, shape),
+    )
+    streams = {name: stream for name, (_, stream) in log.items()}
+    return replace(found, sample=Program(body), log=streams, fold=fold)
+
+
+def _measured(loop: LoopProgram, sensors: Sensors, shape: LoopShape) -> tuple[Statement, ...]:
+    """Give the laws what they are to follow, and what is measured."""
+    law, plant = loop.law, loop.plant
+    body: list[Statement] = [Read(loop.followed if shape.far else loop.reference, law.reference)]
+    if shape.noisy:
+        sym = casadi.SX.sym
+        q, nu, row = sym("q", plant.q.size), sym("nu", plant.nu.size), sym("row", sensors.width)
+        noise = Buffer("noise", sensors.width)
+        measured = _function("measured", [q, nu, row], [*sensors.symbolic(q, nu, row)])
+        body += [
+            Read(loop.noise, noise),
+            Call(measured, (plant.q, plant.nu, noise), (law.q, law.nu)),
+        ]
+    return tuple(body)
+
+
+def _judged(loop: LoopProgram, shape: LoopShape) -> tuple[Statement, ...]:
+    """Find out whether a lane goes on, and count the sample."""
+    law, sym = loop.law, casadi.SX.sym
+    failed, e, nu = sym("failed"), sym("e", law.e.size), sym("nu", loop.plant.nu.size)
+    number, since, trouble = sym("number"), sym("since"), sym("trouble", 2)
+    found = casadi.if_else(failed != 0.0, LAW_FAILED, NO_TROUBLE)
+    if shape.far is not None:
+        away = casadi.logic_or(
+            e[0] ** 2 + e[1] ** 2 > shape.far.distance**2, casadi.fabs(e[2]) > shape.far.heading
+        )
+        far = casadi.logic_and(number >= since, away)
+        found = casadi.if_else(casadi.logic_and(found == NO_TROUBLE, far), FAR, found)
+    for speed in casadi.vertsplit(nu):
+        found = casadi.if_else(casadi.fabs(speed) < DIVERGED_SPEED, found, DIVERGED)
+    known = trouble[0] != NO_TROUBLE
+    after = casadi.vertcat(
+        casadi.if_else(known, trouble[0], found), casadi.if_else(known, trouble[1], number)
+    )
+    judge = _function("judge", [failed, e, nu, number, since, trouble], [after, number + 1.0])
+    inputs = law.failed, law.e, loop.plant.nu, loop.number, loop.search_from, loop.trouble
+    return (Call(judge, inputs, (loop.trouble, loop.number)),)
+
+
+def _folded(loop: LoopProgram, dynamics: SymbolicDynamics) -> MeritFold:
+    plant = loop.plant
+    sample = FoldedSample(
+        plant.q, plant.nu, loop.e, loop.acting, loop.law.limits, plant.p, loop.number
+    )
+    return merit_fold(dynamics, sample)
+
+
+def _acting(
+    loop: LoopProgram, dynamics: SymbolicDynamics, shape: LoopShape
+) -> tuple[Statement, ...]:
+    """Find the efforts that act from now on, and the error of the robot as it is."""
+    body: list[Statement] = []
+    if shape.delayed:
+        body += [Write(loop.law.tau, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
+    if loop.e is not loop.law.e:
+        robot, row = dynamics.robot, casadi.SX.sym("row", loop.law.reference.size)
+        q = casadi.SX.sym("q", robot.nq)
+        reference = reference_entries(row, len(robot.joints))
+        error = _function("error", [q, row], [symbolic_error(dynamics, reference, q)])
+        place = Buffer("reference", row.numel())
+        body += [Read(loop.reference, place), Call(error, (loop.plant.q, place), (loop.e,))]
+    return tuple(body)
+
+
+def _pushed(
+    loop: LoopProgram, dynamics: SymbolicDynamics, shape: LoopShape
+) -> tuple[Statement, ...]:
+    """Push the robot until the next sample."""
+    tau, bias = (casadi.SX.sym(name, loop.bias.size) for name in ("tau", "bias"))
+    push = _function("push", [tau, bias], [tau + bias])
+    steps = substeps(shape.period, shape.plant_step)
+    energy = casadi.SX.sym("energy", 2)
+    keep = Call(_function("keep", [energy], [energy]), (loop.plant.energy,), (loop.energy_before,))
+    return (
+        *((keep,) if shape.folded else ()),
+        Call(push, (loop.acting, loop.bias), (loop.plant.tau,)),
+        *plant_step(dynamics, loop.plant, shape.period / steps, steps),
+    )
+
+
+def _log(loop: LoopProgram, fold: MeritFold | None) -> dict[str, tuple[Buffer, RowStream]]:
+    law, plant = loop.law, loop.plant
+    logged = {
+        "q": plant.q,
+        "nu": plant.nu,
+        "tau": loop.acting,
+        "nu_d": law.nu_d,
+        "e": loop.e,
+        "energy": plant.energy,
+        "limits": law.limits,
+        "trouble": loop.trouble,
+    }
+    if fold is not None:
+        logged = {"measures": fold.measures}
+    return {name: (b, RowStream(f"log of {name}", b.size)) for name, b in logged.items()}
+
+
+def _function(name: str, inputs: list[Any], outputs: list[Any]) -> Any:
+    """Return a CasADi function with dense columns."""
+    return casadi.Function(name, inputs, [casadi.densify(casadi.SX(x)) for x in outputs])
