@@ -163,7 +163,8 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
 
 
 def deferred(robot: Robot) -> Log:
-    into = recorder(robot, deferred=True)
+    into = recorder(robot)
+    into.defer()
     into.add_batch(samples_of(robot), SETS)
     return into.log()
 
@@ -199,7 +200,8 @@ def test_a_spool_gets_all_columns_at_once(
     robot: Robot, counted: list[int], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     with Spool(tmp_path_factory.mktemp("part") / "run.part") as spool:
-        into = recorder(robot, spool=spool, deferred=True)
+        into = recorder(robot, spool=spool)
+        into.defer()
         into.add_batch(samples_of(robot), SETS)
         assert counted == [COUNT]
 
@@ -207,7 +209,8 @@ def test_a_spool_gets_all_columns_at_once(
 def test_deferred_columns_that_are_not_finite_are_refused(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    into, samples = recorder(robot, deferred=True), samples_of(robot)
+    into, samples = recorder(robot), samples_of(robot)
+    into.defer()
     samples.nu[31] = 1e200
     into.add_batch(samples, SETS)
     with pytest.raises(RpctlError, match=rf"finite numbers at t = {31 * PERIOD:g} s"):

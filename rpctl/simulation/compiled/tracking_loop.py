@@ -10,10 +10,10 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.approach import ApproachStage
-from rpctl.control.law import Command, Rest, as_law
+from rpctl.control.law import Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import Reference
 from rpctl.reference.table import ReferenceTable, tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED, LoopRecord, rest_at_start
@@ -26,6 +26,7 @@ from rpctl.simulation.compiled.starting import followed_rows, prepared
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
 from rpctl.simulation.recorder import Recorder
+from rpctl.simulation.samples import Samples
 
 CHUNK = 1024  # samples that are computed at a time
 TROUBLES = {
@@ -77,6 +78,8 @@ def close_compiled_loop(
     known = ReducedDynamics(config.plant.known_robot(robot))
     rest = rest_at_start(simulated, config, reference)
     compiled = compiled_loop(known, simulated, config)
+    if recorder is not None:
+        recorder.defer()  # what the log derives of the states takes longer than the loop
     began = time.perf_counter()
     try:
         run = _LoopRun(compiled, robot, config, reference)
@@ -219,18 +222,27 @@ def add_samples(
         table: The reference at its samples.
         count: How many of them.
     """
-    sets, which = np.unique(log["limits"][:count], axis=0, return_inverse=True)
-    bound = [names(row) for row in sets]
-    still, none = np.zeros(0), np.empty(0)
-    for k in range(count):
-        direction = table.direction[k]
-        state = ReferenceState(
-            table.pose[k], table.twist[k], table.twist_dot[k], table.joints[k],
-            table.joint_rates[k], table.joint_accelerations[k],
-            None if np.isnan(direction[0, 0]) else direction,
-        )  # fmt: skip
-        work, lost = log["energy"][k].tolist()
-        recorder.add(
-            table.t[k], log["q"][k], log["nu"][k], log["tau"][k], log["e"][k], state,
-            Command(log["nu_d"][k], still), work, bound[which[k]], lost, none,
-        )  # fmt: skip
+    if not count:
+        return
+    rows = slice(count)
+    sets, which = np.unique(log["limits"][rows], axis=0, return_inverse=True)
+    work, lost = log["energy"][rows].T
+    samples = Samples(
+        t=table.t[rows],
+        work=work,
+        lost=lost,
+        limits=which.ravel().astype(float),
+        q=log["q"][rows],
+        nu=log["nu"][rows],
+        tau=log["tau"][rows],
+        nu_d=log["nu_d"][rows],
+        nu_cmd=np.empty((count, 0)),
+        e=log["e"][rows],
+        pose=table.pose[rows],
+        twist=table.twist[rows],
+        twist_dot=table.twist_dot[rows],
+        joints=table.joints[rows],
+        joint_rates=table.joint_rates[rows],
+        direction=table.direction[rows].reshape(count, -1),
+    )
+    recorder.add_batch(samples, [names(row) for row in sets])
