@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rpctl.simulation.compiled.law_settings import settings_of
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, UnifiedKinematic
@@ -14,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.simulation.closed_loop import start_configuration
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
+from rpctl.simulation.compiled.law_settings import settings_of
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.plant import Plant

@@ -30,6 +30,8 @@ from rpctl.simulation.compiled.lanes import Lanes, Value
 from rpctl.simulation.compiled.remainders import length, modulus, remainder
 from rpctl.simulation.compiled.trigonometric import sine_cosine
 
+TURNS = ("SIN", "COS", "TAN")  # of one angle, by name, made together
+
 
 class LaneOperations:
     """Appends operations to the lines of one function.
@@ -59,7 +61,7 @@ class LaneOperations:
         Raises:
             RpctlError: There is no machine code for the operation.
         """
-        if op in ("SIN", "COS", "TAN"):
+        if op in TURNS:
             if x not in self._angles:
                 self._angles[x] = sine_cosine(self.b, x)
             sine, cosine = self._angles[x]
