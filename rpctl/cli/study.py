@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from shlex import join
 from typing import Annotated
@@ -21,12 +20,12 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
+from rpctl.simulation.backend import BACKENDS
 from rpctl.study.cluster import DaskExecutor
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.extras import parquet, salib
 from rpctl.study.merits import REFUSED
 from rpctl.study.optimise import optimise
-from rpctl.study.rollout import BACKENDS
 from rpctl.study.store import RUNS_FILE
 from rpctl.study.study import Study, run_study
 from rpctl.study.study_file import read_study
@@ -140,7 +139,7 @@ def _run(
     files = [RUNS_FILE, SUMMARY_FILE]
     write_atomically(folder / SUMMARY_FILE, (to_json(content) + "\n").encode(), follow_links=False)
     if settings.html:
-        files += _write_report(folder)
+        files += _write_report(folder, robot)
     if as_json:
         print_json(content)
         return
@@ -167,11 +166,10 @@ def _optimise(
         show_optimum(found, study.command)
 
 
-def _write_report(folder: Path) -> list[str]:
-    """Write the report, where this rpctl has its page; return the names of its files."""
-    if find_spec(PAGE) is None:
-        return []
-    return [Path(library(PAGE).write_study_report(folder)).name]
+def _write_report(folder: Path, robot: Robot) -> list[str]:
+    """Write the report and the picture; return their names."""
+    page = library(PAGE)  # imports Matplotlib and the scene
+    return [page.write_study_report(folder, robot).name, page.PICTURE_FILE]
 
 
 @contextmanager

@@ -102,7 +102,7 @@ def _simulate(
             with progress_bar("simulate", task.budget.brief) as advance:
                 run = simulate(
                     task.robot, task.config, task.reference, task.certificate,
-                    advance, page, ended.append, spool, results.collisions,
+                    advance, page, ended.append, spool, results.collisions, results.backend,
                 )  # fmt: skip
         except BaseException:
             if ended:

@@ -23,6 +23,7 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.reference.pose_goal import goal_of_words
 from rpctl.reference.smooth_wish import read_smoothing
+from rpctl.simulation.backend import BACKENDS, require_backend
 from rpctl.simulation.config import Config, read_config
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.run import Run
@@ -206,6 +207,14 @@ class ResultOptions:
             "about a third as long as the simulation of a long arm."
         ),
     ] = True
+    backend: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(BACKENDS),
+            help="What closes the loop: machine code, built in a second or two and kept on disk, "
+            "Pinocchio in Python, or what takes less time. The numbers agree to rounding.",
+        ),
+    ] = BACKENDS[0]
 
     def perturbs(self, config: Config) -> bool:
         """Return whether to tell what to expect: not where the user has set a plant himself."""
@@ -215,10 +224,12 @@ class ResultOptions:
         """Refuse what could not be written or drawn, before the simulation.
 
         Raises:
-            RpctlError: The folder cannot be written to, or there is no browser for a picture.
+            RpctlError: The folder cannot be written to, there is no browser for a picture, or no
+                such backend.
         """
         from rpctl.view.run_folder import FIGURE_FILE, REPORT_FILE, RUN_FILE, SUMMARY_FILE
 
+        require_backend(self.backend)
         for name in (RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE):
             require_writable(folder / name, makes_folder=True)
         if self.png:

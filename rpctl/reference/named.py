@@ -206,4 +206,4 @@ def _least_size(shape: NamedPath, radius: float) -> float:
 def _directions(path: paths.Path) -> Array:
     """Return the size of the direction of travel (CURVATURE_SAMPLES, 3) along a lap."""
     places = np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES)
-    return np.abs([path(float(s)).direction[0] for s in places])
+    return np.abs(path(places).direction[:, 0])

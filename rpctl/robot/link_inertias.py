@@ -38,8 +38,11 @@ class LinkInertias:
         self._centres = np.array([link.com for link in links]).reshape(-1, 3)
         spread = np.array([_about_centre(link) for link in links]).reshape(-1, 4, 4)
         self._spread = poses @ spread @ np.swapaxes(poses, 1, 2)
+        local = np.hstack([self._centres, np.ones((len(links), 1))])
+        self._places = np.einsum("lij,lj->li", poses, local)
+        self._points = (self._places[:, :, None] * self._places[:, None]).reshape(-1, 16)
         self.nominal = np.array([pseudo_inertia(i) for i in list(model.inertias)[ROOT_JOINT:]])
-        self._own = self._sums(np.ones((1, len(links))), np.zeros((1, len(links), 3)), None)
+        self._own = self._sums(np.ones((1, len(links))), None, None)
 
     def bodies(
         self, masses: Array, centres: Array | None = None, inertias: Array | None = None
@@ -51,22 +54,22 @@ class LinkInertias:
             centres: Offsets of their centres of mass in their own frames (K, L, 3), m; None: none.
             inertias: Further scales of their inertias about these centres (K, L); None: ones.
         """
-        offsets = np.zeros((*masses.shape, 3)) if centres is None else centres
-        return np.asarray(self.nominal + (self._sums(masses, offsets, inertias) - self._own))
+        return np.asarray(self.nominal + (self._sums(masses, centres, inertias) - self._own))
 
-    def _sums(self, masses: Array, offsets: Array, inertias: Array | None) -> Array:
+    def _sums(self, masses: Array, offsets: Array | None, inertias: Array | None) -> Array:
         """Return what the links alone make of the bodies; :meth:`bodies` has the arguments."""
-        local = np.ones((*masses.shape, 4))
-        local[..., :3] = self._centres + offsets
-        places = np.einsum("lij,klj->kli", self._poses, local)
         weights = masses * self._masses
         scales = masses if inertias is None else masses * inertias
-        found = np.zeros((len(masses), len(self.nominal), 4, 4))
-        for link, body in enumerate(self.body.tolist()):
-            place = places[:, link]
-            found[:, body] += scales[:, link, None, None] * self._spread[link]
-            found[:, body] += weights[:, link, None, None] * (place[:, :, None] * place[:, None])
-        return found
+        found = np.zeros((len(masses), len(self.nominal), 16))
+        for link, body in enumerate(self.body.tolist()):  # no matrix product: robots are alone
+            point: Array = self._points[link]
+            if offsets is not None and (own := offsets[:, link]).any():
+                R = self._poses[link, :, :3]
+                place = self._places[link] + sum(own[:, k, None] * R[:, k] for k in range(3))
+                point = (place[:, :, None] * place[:, None]).reshape(-1, 16)
+            found[:, body] += scales[:, link, None] * self._spread[link].ravel()
+            found[:, body] += weights[:, link, None] * point
+        return found.reshape(*found.shape[:2], 4, 4)
 
 
 def pseudo_inertia(inertia: pin.Inertia) -> Array:

@@ -24,8 +24,22 @@ def by_pattern(given: Mapping[str, Value], names: Sequence[str], kind: str) -> d
     """
     found: dict[str, Value] = {}
     for pattern, value in given.items():
-        matching = [name for name in names if fnmatchcase(name, pattern)]
-        if not matching:
-            raise UnknownNameError(kind, pattern, names)
-        found.update(dict.fromkeys(matching, value))
+        found.update(dict.fromkeys(matching(pattern, names, kind), value))
+    return found
+
+
+def matching(pattern: str, names: Sequence[str], kind: str) -> list[str]:
+    """Return the names that a pattern matches.
+
+    Args:
+        pattern: The pattern.
+        names: The names that there are.
+        kind: What they are the names of, for messages.
+
+    Raises:
+        UnknownNameError: It matches none of them.
+    """
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        raise UnknownNameError(kind, pattern, names)
     return found

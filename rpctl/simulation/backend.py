@@ -50,8 +50,7 @@ def run_loop(
         DivergedError: The motion left the finite numbers.
         UnknownNameError: There is no such backend.
     """
-    if backend not in BACKENDS:
-        raise UnknownNameError("backend", backend, BACKENDS)
+    require_backend(backend)
     python = backend == "pinocchio" or (backend == "auto" and not pays(dynamics.robot, steps))
     reason = None if python else refusal(dynamics.robot, config, watch is not None)
     recorded = 0
@@ -63,6 +62,16 @@ def run_loop(
         record.remarks = (f"the loop was closed in Python: {reason}",)
     later = recorder if recorder is None or not recorded else _LaterSamples(recorder, recorded)
     close_loop(dynamics, config, reference, steps, later, record, progress, watch)
+
+
+def require_backend(name: str) -> None:
+    """Refuse what is no backend.
+
+    Raises:
+        UnknownNameError: Those that there are are named.
+    """
+    if name not in BACKENDS:
+        raise UnknownNameError("backend", name, BACKENDS)
 
 
 def pays(robot: Robot, steps: int) -> bool:

@@ -299,10 +299,13 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
     budget = find_budget(robot, config.run, duration)
     budget.require_within_caps()
     if config.plant.delay > duration:
-        raise RpctlError(
-            f"delay is {config.plant.delay:g} s, longer than the run of {duration:g} s"
-        )
+        raise RpctlError(late(config.plant.delay, duration))
     return budget
+
+
+def late(delay: float, duration: float) -> str:
+    """Return that a delay (s) is longer than the run (s), in words."""
+    return f"delay is {delay:g} s, longer than the run of {duration:g} s"
 
 
 def velocity_note(config: Config) -> tuple[str, ...]:

@@ -43,8 +43,6 @@ class Recorder:
         spool: Gets what is logged, on disk; None: nothing does.
         known: Returns what is known of the run besides its samples, for the spool.
         speeds: Whether the controller sends speeds, not efforts.
-        deferred: Whether the columns that follow from the states alone are computed when one of
-            them is read. With a spool none is.
     """
 
     def __init__(
@@ -55,10 +53,9 @@ class Recorder:
         spool: Spool | None = None,
         known: Callable[[], Mapping[str, Any]] = dict,
         speeds: bool = False,
-        deferred: bool = False,
     ) -> None:
         self._derivation, self._every = derivation, every
-        self._deferred = deferred and spool is None
+        self._deferred = False
         self._steps, self._spool, self._known = steps, spool, known
         self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1), speeds)
         self._count, self._done = 0, _Done()
@@ -75,6 +72,13 @@ class Recorder:
     def steps(self) -> int:
         """How many control periods the log covers."""
         return self._done.samples - 1
+
+    def defer(self) -> None:
+        """Compute the columns that follow from the states alone when one of them is read.
+
+        With a spool, which writes them, and with samples behind it, it changes nothing.
+        """
+        self._deferred = self._spool is None and not self._count
 
     def add(
         self,

@@ -64,10 +64,10 @@ class ChunkWorker:
         """Have it run a chunk, as soon as it has started.
 
         Args:
-            work: What runs it, pickled; sent where it is another object than the last.
+            work: What runs it, pickled; sent where it is another than the last.
             chunk: The chunk.
         """
-        news = None if work is self._known else work
+        news = None if work == self._known else work
         self._known = work
         self._message = pickle.dumps((news, chunk), pickle.HIGHEST_PROTOCOL)
         if self.has_started:

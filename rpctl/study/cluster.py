@@ -1,14 +1,65 @@
-"""Chunks of work on Dask distributed: other machines, or processes of this one."""
+"""Chunks of work on Dask distributed: other machines, or processes of this one.
+
+Start ``dask scheduler`` on one machine and ``dask worker ADDRESS --nthreads 1 --nworkers -1`` on
+each, before a study or while it runs, and give the study the scheduler's address. A worker that
+dies loses nothing: its chunk is given to another one. One that joins gets chunks within a second.
+All have to have the Python, the libraries and the rpctl of the process that asks, to the last line;
+others are refused before the first chunk, and those that join later are sent away.
+
+**What is sent.** Once to each worker: the study's configuration, the robot's URDF after xacro with
+its drive and how it was loaded, and the file of its reference. Meshes are not: dynamics need none.
+No disk has to be shared. For each chunk: numbers of runs and their settings; back come merits,
+outcomes and the kept samples of the errors.
+
+**Who may ask.** What is sent is Python's pickle: who reaches a scheduler or a worker runs any code
+on all of them. An own cluster listens on loopback only, which other users of this machine reach,
+too; processes that talk by pipes (:class:`rpctl.study.executor.ProcessExecutor`) are reached by
+nobody. A scheduler on a network needs Dask's TLS: start all parts with ``--tls-ca-file``,
+``--tls-cert`` and ``--tls-key``, give the address as ``tls://HOST:PORT``, and the same files as
+``security`` or in the environment (``DASK_DISTRIBUTED__COMM__TLS__CA_FILE``,
+``...__CLIENT__CERT``, ``...__CLIENT__KEY``).
+
+**What a chunk costs.** As ``python -m tests.bench.test_cluster`` found on a virtual machine of two
+shared cores, Python 3.11, distributed 2026.8 (processor time):
+
+====================================================  =========  ======  ======
+of a chunk                                            scheduler  client  worker
+====================================================  =========  ======  ======
+ms, whatever it holds                                    2.2       1.8     2.7
+ms for each MB of its result                             2.2       1.3     3.3
+====================================================  =========  ======  ======
+
+TIAGo is 16 kB, sent once, and takes .4 s to load; importing what simulates it takes 1.2 s. 256 runs
+are 10 kB out and 750 kB back (200 samples of each error; ``samples`` in the study's file). Results
+pass through the scheduler to the client. So the workers (cores) that are kept busy are the least of
+
+    chunk / (2.2 ms + 2.2 ms/MB · result)   and   chunk · bandwidth / result
+
+=========  ===========  =================  ==================
+a chunk    its result   scheduler feeds    1 Gbit/s brings
+=========  ===========  =================  ==================
+1 s        10 kB              460               12500
+1 s        600 kB             290                 210
+10 s       600 kB            2900                2100
+60 s       600 kB           17000               12500
+=========  ===========  =================  ==================
+
+**100 machines** of 8 cores need chunks of 4 s or more, **1000 machines** chunks of 40 s: larger
+ones (``chunk`` in the study's file) or fewer samples. Where chunks are as large as a study allows,
+it stops scaling: with less than some ten chunks a worker, the last ones leave the others idle, so
+that n runs of s seconds each are worth about n · s / 400 s workers at chunks of 40 s. Beyond 8000
+workers it is the scheduler that stops it, one Python process; then several schedulers take studies
+of different seeds. A worker that starts spends 2 s before its first chunk, more where its loop has
+to be compiled.
+"""
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import math
 import pickle
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from hashlib import sha256
@@ -18,29 +69,23 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rpctl.errors import RpctlError
-from rpctl.libraries import library
-from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker, for_children
+from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker
+from rpctl.study.dask_client import (
+    check_workers,
+    connect,
+    kill_workers,
+    local_cluster,
+    worker_fault,
+)
 from rpctl.study.executor import LostChunksError
 from rpctl.study.versions import (
-    ABSENT,
-    CODE,
-    PACKAGES,
-    PYTHON,
-    code_digest,
-    differences,
     installed,
-    minor,
 )
 
-INSTALL = "pip install 'rpctl[cluster]'"
 LOOK_S = 1.0  # s after which workers that have joined are looked for
-CONNECT_S = 10.0  # s in which a scheduler has to answer
-JOIN_S = 60.0  # s in which a first worker has to join
 CLOSE_S = 10.0  # s that a local cluster may take to end
-KILL_S = 1.0  # s that a worker of an own cluster may take to end
+GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without a scheduler
 GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
-LOOPBACK = "127.0.0.1"
-MAX_SHOWN = 10  # workers that a message names
 
 Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")
@@ -74,11 +119,12 @@ class DaskExecutor:
         self._tell = tell or (lambda text: print(text, file=sys.stderr))
         self._cluster: Any = None
         self._client: Any = None
+        self._sent = ""  # name of the work that the workers hold
         try:
             if address is None:
-                self._cluster = _local_cluster(workers)
+                self._cluster = local_cluster(workers)
                 address = self._cluster.scheduler_address
-            self._client = _connect(address, security)
+            self._client = connect(address, security)
             check_workers(self._client)
         except BaseException:
             self.close()
@@ -103,11 +149,13 @@ class DaskExecutor:
     def close(self) -> None:
         """Leave the scheduler; an own cluster ends, whatever it does."""
         if self._client is not None:
+            self._forget()
             self._client.close()
         if self._cluster is not None:
+            with suppress(TimeoutError):  # of a busy machine; they end with this process, too
+                self._cluster.sync(kill_workers, self._cluster)
             with suppress(TimeoutError):
-                self._cluster.sync(_kill_workers, self._cluster)
-            self._cluster.close(CLOSE_S)
+                self._cluster.close(CLOSE_S)
 
     def map_chunks(
         self, work: Callable[[Chunk], Result], chunks: Iterable[Chunk]
@@ -116,7 +164,7 @@ class DaskExecutor:
 
         If all workers leave, it waits for others.
         """
-        given = _GivenOut(self._client, work, chunks)
+        given = _GivenOut(self._client, self._send(work), chunks)
         lost: list[Chunk] = []
         reason = ""
         try:
@@ -139,10 +187,34 @@ class DaskExecutor:
         if lost:
             raise LostChunksError(lost, reason)
 
+    def _send(self, work: Callable[..., Any]) -> str:
+        """Send work to all workers, also those that join later; return its name there.
+
+        No task depends on it: the scheduler would rather wait for a worker that holds it than give
+        a chunk to one that does not.
+        """
+        from rpctl.study.dask_worker import SentWork  # imports Dask
+
+        sent = SentWork(work, installed())
+        name = f"rpctl-{_digest(sent.packed)}"
+        if name != self._sent:
+            self._forget()
+            with _scheduler_there():
+                self._client.register_plugin(sent, name=name)
+            self._sent = name
+        return name
+
+    def _forget(self) -> None:
+        """Have workers forget the work that they hold."""
+        if self._sent:
+            with suppress(*GOING):
+                self._client.unregister_worker_plugin(self._sent)
+        self._sent = ""
+
     def _refuse(self, refused: RefusedWorker) -> None:
         """Have a worker leave that joined with other versions, and say so."""
         self._client.retire_workers([refused.address])
-        self._tell(f"{_fault(refused.address, refused.differences)}; it was sent away")
+        self._tell(f"{worker_fault(refused.address, refused.differences)}; it was sent away")
 
 
 class _Lost(NamedTuple):
@@ -163,18 +235,14 @@ class _GivenOut(Generic[Chunk]):
         chunks: By the future of their answer.
     """
 
-    def __init__(self, client: Any, work: Callable[..., Any], chunks: Iterable[Chunk]) -> None:
+    def __init__(self, client: Any, work: str, chunks: Iterable[Chunk]) -> None:
         self.chunks: dict[Any, Chunk] = {}
         self._client, self._left = client, iter(chunks)
         self._ended: SimpleQueue[Any] = SimpleQueue()
-        from rpctl.study.dask_worker import SentWork, run_sent  # imports Dask
+        from rpctl.study.dask_worker import run_sent  # imports Dask
 
-        self._run = run_sent
-        sent = SentWork(work, installed())
-        self._name = f"rpctl-{_digest(sent.packed)}"
+        self._run, self._work = run_sent, work
         self._number = 0  # of the next task
-        # No task depends on it: the scheduler would rather wait for a worker that holds it.
-        client.register_plugin(sent, name=self._name)
         self._looked, self._room = -math.inf, 0
 
     def fill(self) -> None:
@@ -190,9 +258,9 @@ class _GivenOut(Generic[Chunk]):
     def give(self, chunk: Chunk) -> None:
         """Give out a chunk, under a key that is its content's."""
         data = pickle.dumps(chunk, pickle.HIGHEST_PROTOCOL)
-        key = f"{self._name}-{self._number}-{_digest(data)}"
+        key = f"{self._work}-{self._number}-{_digest(data)}"
         self._number += 1
-        future = self._client.submit(self._run, self._name, data, key=key, pure=False)
+        future = self._client.submit(self._run, self._work, data, key=key, pure=False)
         self.chunks[future] = chunk
         future.add_done_callback(self._ended.put)
 
@@ -213,9 +281,8 @@ class _GivenOut(Generic[Chunk]):
 
     def cancel(self) -> None:
         """Forget what was given out."""
-        with suppress(OSError, RuntimeError, ValueError, CancelledError):  # the scheduler has gone
+        with suppress(*GOING):
             self._client.cancel(list(self.chunks))
-            self._client.unregister_worker_plugin(self._name)
 
 
 @contextmanager
@@ -223,7 +290,7 @@ def _scheduler_there() -> Iterator[None]:
     """Say of a connection that breaks what that means."""
     try:
         yield
-    except (OSError, CancelledError):
+    except GOING:
         raise RpctlError(GONE) from None
 
 
@@ -241,99 +308,3 @@ def _failure(future: Any) -> _Answer:
 
 def _digest(data: bytes) -> str:
     return sha256(data).hexdigest()[:16]
-
-
-def check_workers(client: Any) -> None:
-    """Refuse workers that compute with other versions than this process.
-
-    Args:
-        client: ``distributed.Client``.
-
-    Raises:
-        RpctlError: Naming the workers, the packages and both versions.
-    """
-    here = installed()
-    faults = []
-    for address, found in client.get_versions(packages=list(PACKAGES))["workers"].items():
-        packages = {name: found["packages"][name] or ABSENT for name in PACKAGES}
-        there = {PYTHON: minor(found["host"]["python"]), **packages}
-        wrong = differences(there, here)
-        faults += [_fault(address, wrong)] if wrong else []
-    if not faults:
-        for address, code in client.run(code_digest, on_error="return").items():
-            wrong = differences({CODE: str(code)}, here)
-            faults += [_fault(address, wrong)] if wrong else []
-    if faults:
-        more = [f"and {len(faults) - MAX_SHOWN} more workers"] if len(faults) > MAX_SHOWN else []
-        raise RpctlError("\n".join([*faults[:MAX_SHOWN], *more]))
-
-
-def _fault(address: str, wrong: Sequence[str]) -> str:
-    return f"worker {address} has {'; '.join(wrong)}; install the same versions on all machines"
-
-
-def _local_cluster(workers: int) -> Any:
-    """Return a cluster of processes of one thread each that listens on loopback only."""
-    distributed = _distributed()
-    with for_children():  # a thread that it starts now starts them
-        return distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",
-            silence_logs=logging.ERROR,  # what it says of a worker is said by LostChunksError
-        )
-
-
-async def _kill_workers(cluster: Any) -> None:
-    """End the processes of a cluster, at work or not."""
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-    await asyncio.gather(*(nanny.kill(timeout=KILL_S) for nanny in cluster.workers.values()))
-
-
-def _connect(address: str, security: Any) -> Any:
-    """Return a client of a scheduler that has at least one worker.
-
-    Args:
-        address: Of the scheduler.
-        security: What authenticates this process, or None.
-
-    Raises:
-        RpctlError: No scheduler answers, or no worker joins.
-    """
-    distributed = _distributed()
-    try:
-        client = distributed.Client(
-            address, timeout=CONNECT_S, security=security, set_as_default=False
-        )
-    except (OSError, ValueError, TypeError) as error:
-        reason = str(error).partition("\n")[0]
-        raise RpctlError(
-            f"{address}: no scheduler answers ({reason}); start one with `dask scheduler`, and "
-            "give its address as tcp://HOST:PORT"
-        ) from None
-    try:
-        client.wait_for_workers(1, timeout=JOIN_S)
-    except TimeoutError:
-        client.close()
-        raise RpctlError(
-            f"{address}: no worker has joined in {JOIN_S:g} s; start some with "
-            f"`dask worker {address} --nthreads 1`"
-        ) from None
-    return client
-
-
-def _distributed() -> Any:
-    """Return Dask's library.
-
-    Raises:
-        RpctlError: It is not installed.
-    """
-    try:
-        return library("distributed")
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise RpctlError(f"more machines need distributed; {INSTALL}") from None

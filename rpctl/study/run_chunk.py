@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,10 @@ from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import RobotFacts, robot_facts
 from rpctl.simulation.reload import load_robot
+from rpctl.study.experiment import Experiment, RolloutTable
 from rpctl.study.identity import model_digest
 from rpctl.study.merits import SUCCESS
-from rpctl.study.rollout import Experiment, RolloutTable, run_rows
+from rpctl.study.rollout import run_rows
 from rpctl.study.store import RunTable
 
 
@@ -48,11 +50,14 @@ class RunTask:
         robot: How to load the robot.
         model: Digest of the model that this has to lead to.
         experiment: What all runs have in common.
+        reference: Content of the reference's file, which other machines need not have; None where
+            it is none.
     """
 
     robot: RobotFacts
     model: str
     experiment: Experiment
+    reference: bytes | None = None
 
 
 def task_of(robot: Robot, experiment: Experiment) -> RunTask:
@@ -62,7 +67,16 @@ def task_of(robot: Robot, experiment: Experiment) -> RunTask:
         robot: The robot, as it was loaded.
         experiment: The experiment.
     """
-    return RunTask(robot_facts(robot), model_digest(robot), experiment)
+    content = None if experiment.reference else _content(experiment.config.run.reference)
+    return RunTask(robot_facts(robot), model_digest(robot), experiment, content)
+
+
+def _content(name: str) -> bytes | None:
+    """Return what is in a file; None if there is none of that name."""
+    try:
+        return Path(name).read_bytes()
+    except (OSError, ValueError):
+        return None
 
 
 def run_chunk(task: RunTask, chunk: RunChunk) -> RunTable:
@@ -75,8 +89,8 @@ def run_chunk(task: RunTask, chunk: RunChunk) -> RunTable:
     Raises:
         RpctlError: The robot cannot be loaded here, or is another one here.
     """
-    found = run_rows(_loaded(_RobotKey(task)), task.experiment, chunk.values, chunk.indices)
-    return _table(task.experiment, chunk, found)
+    robot, experiment = _loaded(_RobotKey(task)), _with_reference(_TaskKey(task))
+    return _table(experiment, chunk, run_rows(robot, experiment, chunk.values, chunk.indices))
 
 
 def _table(experiment: Experiment, chunk: RunChunk, found: RolloutTable) -> RunTable:
@@ -118,3 +132,31 @@ def _loaded(key: _RobotKey) -> Robot:
             "that was changed in Python cannot be sent: scatter its plant, or change its file"
         )
     return robot
+
+
+class _TaskKey:
+    """A task as the key of a cache: the same if it is one object."""
+
+    def __init__(self, task: RunTask) -> None:
+        self.task = task
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _TaskKey) and other.task is self.task
+
+    def __hash__(self) -> int:
+        return id(self.task)
+
+
+@lru_cache(maxsize=2)
+def _with_reference(key: _TaskKey) -> Experiment:
+    """Return a task's experiment, with its reference where that is a file that is not here."""
+    task, config = key.task, key.task.experiment.config
+    name = config.run.reference
+    if task.reference is None or _content(name) == task.reference:
+        return task.experiment
+    with TemporaryDirectory() as folder:
+        path = Path(folder, Path(name).name)
+        path.write_bytes(task.reference)
+        settings = replace(config.run, reference=str(path))
+        robot = config.limits.apply(_loaded(_RobotKey(task)))
+        return replace(task.experiment, reference=settings.load_reference(robot))

@@ -53,7 +53,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_a_study_is_run_written_and_told(file: str, tmp_path: Path) -> None:
     out = str(tmp_path / "out")
-    words = ["paper", file, "--home", "zero", "--workers", "1", "--out", out]
+    words = ["paper", file, "--home", "zero", "--workers", "1", "--no-html", "--out", out]
     shown = run(*words)
     assert shown.exit_code == 0, shown.output
     text = shown.stdout

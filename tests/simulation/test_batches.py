@@ -19,6 +19,7 @@ from rpctl.reference.named import reference_by_name
 from rpctl.reference.table import tabulate
 from rpctl.simulation import columns as columns_module
 from rpctl.simulation import recorder as recorder_module
+from rpctl.simulation.compiled.tracking_loop import _distinct
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.log import Log
 from rpctl.simulation.motion_columns import MotionColumns
@@ -121,6 +122,14 @@ def test_sets_of_limits_keep_their_numbers(robot: Robot) -> None:
     check_same(into.log(), one_by_one(robot))
 
 
+def test_rows_that_repeat_are_found_once() -> None:
+    """The compiled loop tells by a row of flags which limits bind at a sample."""
+    rows = (np.random.default_rng(0).random((200, 5)) < 0.1).astype(float)
+    distinct, numbers = _distinct(rows)
+    assert len({row.tobytes() for row in distinct}) == len(distinct) > 5
+    np.testing.assert_array_equal(np.array(distinct)[numbers.astype(int)], rows)
+
+
 def test_what_is_no_motion_ends_the_log_before_it(robot: Robot) -> None:
     into, samples = recorder(robot), samples_of(robot)
     samples.nu[29, 0] = np.nan
@@ -163,7 +172,8 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
 
 
 def deferred(robot: Robot) -> Log:
-    into = recorder(robot, deferred=True)
+    into = recorder(robot)
+    into.defer()
     into.add_batch(samples_of(robot), SETS)
     return into.log()
 
@@ -199,7 +209,8 @@ def test_a_spool_gets_all_columns_at_once(
     robot: Robot, counted: list[int], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     with Spool(tmp_path_factory.mktemp("part") / "run.part") as spool:
-        into = recorder(robot, spool=spool, deferred=True)
+        into = recorder(robot, spool=spool)
+        into.defer()
         into.add_batch(samples_of(robot), SETS)
         assert counted == [COUNT]
 
@@ -207,7 +218,8 @@ def test_a_spool_gets_all_columns_at_once(
 def test_deferred_columns_that_are_not_finite_are_refused(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    into, samples = recorder(robot, deferred=True), samples_of(robot)
+    into, samples = recorder(robot), samples_of(robot)
+    into.defer()
     samples.nu[31] = 1e200
     into.add_batch(samples, SETS)
     with pytest.raises(RpctlError, match=rf"finite numbers at t = {31 * PERIOD:g} s"):

@@ -18,11 +18,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rpctl import load
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.study import cluster
-from rpctl.study.cluster import DaskExecutor, check_workers
+from rpctl.study import dask_client
+from rpctl.study.cluster import DaskExecutor
+from rpctl.study.dask_client import check_workers
 from rpctl.study.dask_worker import SentWork
 from rpctl.study.executor import LostChunksError
+from rpctl.study.study import run_study
+from rpctl.study.study_file import read_study
 from rpctl.study.versions import CODE, PACKAGES, code_digest, differences, installed, minor
 from tests.study import chunk_works
 from tests.study.chunk_works import Runs, chunks_of, draw
@@ -74,8 +78,8 @@ def test_not_every_worker_of_a_thousand_is_named() -> None:
     with pytest.raises(RpctlError) as error:
         check_workers(client)
     lines = str(error.value).splitlines()
-    assert len(lines) == cluster.MAX_SHOWN + 1
-    assert lines[-1] == f"and {1000 - cluster.MAX_SHOWN} more workers"
+    assert len(lines) == dask_client.MAX_SHOWN + 1
+    assert lines[-1] == f"and {1000 - dask_client.MAX_SHOWN} more workers"
 
 
 def test_versions_of_this_process() -> None:
@@ -98,7 +102,7 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
     def absent(name: str) -> Any:
         raise ModuleNotFoundError(name=name)
 
-    monkeypatch.setattr(cluster, "library", absent)
+    monkeypatch.setattr(dask_client, "library", absent)
     with pytest.raises(RpctlError, match=r"pip install 'rpctl\[cluster\]'"):
         DaskExecutor()
 
@@ -111,7 +115,7 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
 def test_an_address_without_a_scheduler(
     address: str, found: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    monkeypatch.setattr(dask_client, "CONNECT_S", 1.0)
     with pytest.raises(RpctlError, match=found) as error:
         DaskExecutor(address)
     assert "\n" not in str(error.value)
@@ -173,6 +177,41 @@ def test_a_chunk_that_ends_each_worker_is_named(dask: DaskProcesses, tmp_path: P
             found[chunk] = result  # noqa: PERF403 - the last of them raises
     assert lost.value.chunks == (chunks[1],)
     assert_same(found, [chunks[0], *chunks[2:]])
+
+
+STUDY = """
+[study]
+count = 12
+duration = 0.1
+chunk = 2
+
+[run]
+reference = "way.csv"
+
+[scatter]
+"run.initial_error.y" = { normal = [0.0, 0.05] }
+"""
+
+
+@pytest.mark.slow
+def test_a_study_needs_no_file_of_the_other_machines(
+    dask: DaskProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot's file is gone, and the reference's lies where workers do not look."""
+    monkeypatch.chdir(tmp_path.parent)
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(load("paper").description.path.read_text())
+    rows = (f"{t},{0.3 * t},0,0\n" for t in np.arange(0.0, 1.0, 0.01))
+    Path("way.csv").write_text("t,x,y,theta\n" + "".join(rows))
+    Path("study.toml").write_text(STUDY)
+    robot = load(urdf)
+    study = read_study("study.toml", robot)
+    alone = run_study(robot, study, tmp_path / "alone").read_bytes()
+    urdf.unlink()
+    dask.start_worker()
+    with DaskExecutor(dask.address) as executor:
+        shared = run_study(robot, study, tmp_path / "shared", executor)
+    assert shared.read_bytes() == alone
 
 
 def planted(folder: Path, package: str, version: str) -> Path:
@@ -246,6 +285,8 @@ def test_an_own_cluster_listens_on_loopback_and_leaves_nothing() -> None:
     with DaskExecutor(workers=2) as executor:
         assert executor.workers == 2
         assert_same(dict(executor.map_chunks(partial(draw, 0.0), chunks)), chunks)
+        loaded = [dict(executor.map_chunks(chunk_works.Loaded(), chunks)) for _ in range(2)]
+        assert {count for each in loaded for _, count in each.values()} == {1}
         with pytest.raises(UnknownNameError, match="did you mean paper") as error:
             list(executor.map_chunks(partial(chunk_works.refuses, 0), chunks))
         assert error.value.__cause__ is None

@@ -25,6 +25,7 @@ from typing import Any
 import casadi
 
 from rpctl.control.soft_bound_qp import PRIMAL_TOLERANCE
+from rpctl.simulation.compiled.linear import reciprocal
 
 CORRECTIONS = 2  # of x; with H of condition 1e14 it is then right to 1e-10
 
@@ -74,7 +75,7 @@ def dual_step(rows: BoundedRows, state: DualState) -> DualState:
     """
     count = len(rows.slack)
     signs = [state.active[i] for i in range(count)]
-    counts = [sign != 0.0 for sign in signs]
+    counts = [sign * sign for sign in signs]
     solve = _Factors(rows.H, counts)
     b = [
         _if(sign > 0.0, rows.upper[i]) + _if(sign < 0.0, rows.lower[i])
@@ -89,7 +90,7 @@ def dual_step(rows: BoundedRows, state: DualState) -> DualState:
         x -= rows.G.T @ casadi.vertcat(*correction)
         z = [a - w**2 * c for a, w, c in zip(z, rows.slack, correction, strict=True)]
         values = rows.G @ x
-        missed = [_if(counts[i], values[i] + z[i] - b[i]) for i in range(count)]
+        missed = [counts[i] * (values[i] + z[i] - b[i]) for i in range(count)]
     before = [state.multipliers[i] for i in range(count)]
     wrong = [sign * new < 0.0 for sign, new in zip(signs, found, strict=True)]
     shortened, left = _shorten(before, found, wrong)
@@ -146,7 +147,7 @@ def _most_broken(rows: BoundedRows, values: Any, counts: Sequence[Any]) -> tuple
     Args:
         rows: The rows.
         values: G x (n_rows, 1).
-        counts: Which rows are active.
+        counts: 1 of each active row, 0 of others.
     """
     sides, squares = [], []
     for i, active in enumerate(counts):
@@ -185,23 +186,21 @@ class _Factors:
 
     Args:
         H: Symmetric (n, n), its lower half.
-        counts: Which rows count.
+        counts: 1 of each row that counts, 0 of others.
     """
 
     def __init__(self, H: Any, counts: Sequence[Any]) -> None:
         n, zero = len(counts), casadi.SX(0)
         rows: list[dict[int, Any]] = []
-        for i in range(n):
-            filled = (j for j in range(i + 1) if H.sparsity().has_nz(i, j))
-            rows.append({j: _if(counts[i], H[i, j]) for j in filled})
-            rows[i][i] = casadi.if_else(counts[i], H[i, i], 1.0)
-            for j in rows[i]:
-                if j < i:
-                    rows[i][j] = _if(counts[j], rows[i][j])
+        # Factors rather than choices: CasADi would take these apart again in every product.
+        for i, own in enumerate(counts):
+            filled = (j for j in range(i) if H.sparsity().has_nz(i, j))
+            rows.append({j: own * counts[j] * H[i, j] for j in filled})
+            rows[i][i] = own * H[i, i] + (1.0 - own)
         self.over: list[Any] = []
         self.L: list[dict[int, Any]] = [{} for _ in range(n)]
         for k in range(n):
-            self.over.append(1.0 / rows[k][k])
+            self.over.append(reciprocal(rows[k][k]))
             below = {i: rows[i][k] for i in range(k + 1, n) if k in rows[i]}
             for i, entry in below.items():
                 factor = self.L[i][k] = entry * self.over[k]

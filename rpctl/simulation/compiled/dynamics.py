@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import casadi
@@ -34,6 +36,8 @@ from rpctl.simulation.compiled.scalars import (
     total,
     transposed,
 )
+
+NO_NUMBERS: Mapping[str, Array] = MappingProxyType({})
 
 
 class SymbolicProjection:
@@ -128,18 +132,22 @@ class SymbolicDynamics:
         """
         return self._parameters.values(self._numbers.of(variant))
 
-    def parameters(self, variant: Robot, inertias: Array) -> Array:
+    def parameters(
+        self, variant: Robot, inertias: Array, numbers: Mapping[str, Array] = NO_NUMBERS
+    ) -> Array:
         """Return the numbers (..., n_p) for robots that differ from a variant in inertias.
 
         Args:
             variant: What they have in common.
             inertias: Pseudo-inertias of the bodies (..., n, 4, 4), as of
                 :meth:`rpctl.robot.link_inertias.LinkInertias.bodies`.
+            numbers: What else they differ in, in stacks: ``damping`` and ``friction`` (..., nv),
+                and what :func:`rpctl.simulation.compiled.rolling_numbers.rolling_numbers` names.
 
         Raises:
             RpctlError: They differ in more than what is varied.
         """
-        return self._parameters.values(self._numbers.of(variant, inertias))
+        return self._parameters.values({**self._numbers.of(variant, inertias), **numbers})
 
     @property
     def constant(self) -> bool:

@@ -61,8 +61,8 @@ def read_function(function: Any) -> StraightLine:
     if not all(x.is_dense() and x.size2() <= 1 for x in (*inputs, *outputs)):
         raise RpctlError(f"{name}: all inputs and outputs must be dense columns")
     return StraightLine(
-        tuple(x.size1() * x.size2() for x in inputs),
-        tuple(x.size1() * x.size2() for x in outputs),
+        tuple(x.numel() for x in inputs),
+        tuple(x.numel() for x in outputs),
         tuple(_instructions(function)),
     )
 

@@ -19,6 +19,7 @@ from rpctl.control.joint_limits import (
 )
 from rpctl.simulation.compiled.choices import clipped
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.linear import reciprocal
 
 # A joint without position limits may have any rate below this one (rad/s or m/s), wherever it is,
 # at any h1 up to 1000 s: √(2 · 0.1 · ½ · 10⁶) = 316.
@@ -74,9 +75,9 @@ class SymbolicJointLimits:
             for k, limit in enumerate(box.tolist()):
                 if math.isfinite(limit):
                     size = casadi.fmax(casadi.fabs(cost[k]), ROUNDING)
-                    ease = 1.0 / casadi.copysign(size, cost[k])
-                    room = limit * casadi.fabs(ease)
-                    pull = casadi.if_else(size > ROUNDING, holding[k] * ease, 0.0)
+                    ease = reciprocal(size)
+                    room, pull = limit * ease, holding[k] * casadi.copysign(ease, cost[k])
+                    pull = casadi.if_else(size > ROUNDING, pull, 0.0)
                     down, up = casadi.fmin(down, room + pull), casadi.fmin(up, room - pull)
             found.append((down, up))
         return found

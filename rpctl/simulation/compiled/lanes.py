@@ -99,10 +99,6 @@ class Lanes:
         """
         return self.emit(f"select {self.flag} {flag}, {self.real} {x}, {self.real} {y}")
 
-    def number(self, flag: Value) -> Value:
-        """Return 1 where a flag is set, 0 elsewhere."""
-        return self.select(flag, self.constant(1.0), self.constant(0.0))
-
     def logic(self, how: str, x: Value, y: Value) -> Value:
         """Return two flags as one.
 

@@ -15,7 +15,8 @@ from rpctl.simulation.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import LawFragment
 from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
-from rpctl.simulation.compiled.plant import PlantBuffers, plant_step
+from rpctl.simulation.compiled.plant import PlantBuffers
+from rpctl.simulation.compiled.plant_step import plant_step
 from rpctl.simulation.compiled.program import (
     Buffer,
     Call,

@@ -7,10 +7,13 @@ from collections.abc import Mapping
 
 from rpctl.simulation.compiled.instructions import StraightLine, read_function
 from rpctl.simulation.compiled.lanes import Lanes, Value
-from rpctl.simulation.compiled.operations import LaneOperations
+from rpctl.simulation.compiled.operations import TURNS, LaneOperations
 from rpctl.simulation.compiled.program import Buffer, Call, Program
 
 ALIGNMENT = 64  # bytes; of the workspace and of each buffer in it
+# Of a block. Inputs are loaded again in each: kept for longer, they would only crowd the registers.
+# Blocks of 300 to 3000 lines build a fourth sooner than one, and run some per cent faster.
+BLOCK_LINES = 1000
 
 
 def offsets(program: Program, lanes: int) -> dict[Buffer, int]:
@@ -101,6 +104,9 @@ class _Body:
         late: set[int],
     ) -> None:
         self.b, self.straight, self.bases, self.late = b, straight, bases, late
+        self._first: dict[int, Value] = {}
+        self._loaded: dict[int, Value] = {}  # in this block
+        self._block_end = BLOCK_LINES
 
     def write(self) -> None:
         """Append all lines."""
@@ -109,22 +115,44 @@ class _Body:
         operations = LaneOperations(self.b)
         n_in = len(self.straight.inputs)
         for x in self.straight.instructions:
+            if len(self.b.lines) >= self._block_end:
+                self._begin_block()
             value = ""
-            if x.op == "INPUT":
-                value = self._load(x.first, x.second)
-            elif x.op == "CONST":
+            if x.op == "CONST":
                 value = self.b.constant(x.constant)
             elif x.op == "OUTPUT":
-                stored = n_in + x.first, x.second, values[x.stored]
+                stored = n_in + x.first, x.second, self._operand(values, x.stored)
                 if x.first in self.late:
                     kept.append(stored)
                 else:
                     self._store(*stored)
-            else:
-                value = operations.apply(x.op, values[x.first], values[x.second])
+            elif x.op != "INPUT":
+                again = x.op not in TURNS
+                operands = (self._operand(values, k, again) for k in (x.first, x.second))
+                value = operations.apply(x.op, *operands)
             values.append(value)
         for stored in kept:
             self._store(*stored)
+
+    def _operand(self, values: list[Value], number: int, again: bool = True) -> Value:
+        """Return a value; an input is loaded again in each block, but for what is kept by name."""
+        if number < 0:
+            return ""
+        x = self.straight.instructions[number]
+        if x.op != "INPUT":
+            return values[number]
+        if not again and number in self._first:
+            return self._first[number]
+        if number not in self._loaded:
+            self._loaded[number] = self._load(x.first, x.second)
+            self._first.setdefault(number, self._loaded[number])
+        return self._loaded[number]
+
+    def _begin_block(self) -> None:
+        name = f"block_{len(self.b.lines)}"
+        self.b.lines += [f"br label %{name}", f"{name}:"]
+        self._loaded.clear()
+        self._block_end = len(self.b.lines) + BLOCK_LINES
 
     def _place(self, column: int, entry: int) -> Value:
         base, step = self.bases[column], 8 * self.b.lanes * entry

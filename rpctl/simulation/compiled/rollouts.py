@@ -22,7 +22,7 @@ from rpctl.simulation.compiled.loop import CompiledLoop, LoopShape
 from rpctl.simulation.compiled.merit_fold import FIRST, spans_of
 from rpctl.simulation.compiled.parameters import Varied
 from rpctl.simulation.compiled.program import Buffer, Rows
-from rpctl.simulation.compiled.starting import fill, search_from
+from rpctl.simulation.compiled.starting import fill, followed_rows, search_from
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
 
@@ -87,9 +87,9 @@ class LaneRunner:
         laws = config.kinematic, config.dynamic
         self._loop = build_loop(known, simulated, *laws, shape, LANES, varied)
         require_equal(self._loop, self._known, ReducedDynamics(simulated), config)
-        self._times = run.control_period * np.arange(count, dtype=float)
-        table = tabulate(known, reference, self._times)
-        self._rows, self._tips = table.rows(), table.end_effector
+        times = run.control_period * np.arange(count, dtype=float)
+        self._table = tabulate(known, reference, times)
+        self._rows, self._tips = self._table.rows(), self._table.end_effector
         self._sensors = Sensors(known)
 
     @property
@@ -176,7 +176,7 @@ class LaneRunner:
             q, nu = self._sensors.measured(inputs.q[lane], still, measured[:, lane])
             way = stage(self._known, self._reference, 0.0, q, nu)
             if way is not self._reference:
-                found[:, :, lane] = tabulate(self._known.robot, way, self._times).rows()
+                found[:, :, lane] = followed_rows(self._known.robot, way, self._table)
         return found
 
     def _workspace(

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.approach import RETRY_S, ApproachStage
+from rpctl.control.approach import RETRY_S, ApproachStage, WayToReference
 from rpctl.control.law import Rest
+from rpctl.reference.motion import Reference
+from rpctl.reference.table import ReferenceTable, tabulate
+from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.loop import CompiledLoop
 from rpctl.simulation.compiled.program import Buffer, Rows
 from rpctl.simulation.config import Config
@@ -68,3 +71,18 @@ def search_from(stage: ApproachStage | None, period: float) -> float:
     if stage is None or stage.searched_at < 0.0:
         return 0.0
     return float(math.ceil(RETRY_S / period - 1e-9))
+
+
+def followed_rows(robot: Robot, followed: Reference, table: ReferenceTable) -> Array:
+    """Return the rows of what a law is given at the times of a reference's table.
+
+    Args:
+        robot: The robot.
+        followed: The reference itself, or a way up to it.
+        table: The reference's.
+    """
+    rows = table.rows()
+    if isinstance(followed, WayToReference):
+        before = table.t < followed.plan.joins_at
+        rows[before] = tabulate(robot, followed, table.t[before]).rows()
+    return rows

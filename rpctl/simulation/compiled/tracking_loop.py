@@ -10,10 +10,10 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.approach import ApproachStage
-from rpctl.control.law import Command, Rest, as_law
+from rpctl.control.law import Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import Reference
 from rpctl.reference.table import ReferenceTable, tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED, LoopRecord, rest_at_start
@@ -22,10 +22,11 @@ from rpctl.simulation.compiled.law_fragment import LimitNames
 from rpctl.simulation.compiled.law_settings import settings_of
 from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
 from rpctl.simulation.compiled.program import Rows, RowStream
-from rpctl.simulation.compiled.starting import prepared
+from rpctl.simulation.compiled.starting import followed_rows, prepared
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
 from rpctl.simulation.recorder import Recorder
+from rpctl.simulation.samples import Samples
 
 CHUNK = 1024  # samples that are computed at a time
 TROUBLES = {
@@ -77,6 +78,8 @@ def close_compiled_loop(
     known = ReducedDynamics(config.plant.known_robot(robot))
     rest = rest_at_start(simulated, config, reference)
     compiled = compiled_loop(known, simulated, config)
+    if recorder is not None:
+        recorder.defer()  # what the log derives of the states takes longer than the loop
     began = time.perf_counter()
     try:
         run = _LoopRun(compiled, robot, config, reference)
@@ -147,12 +150,11 @@ class _LoopRun:
         """
         loop = self._compiled.program
         times = self._config.run.control_period * np.arange(first, first + count, dtype=float)
-        table = read = tabulate(self._robot, self._reference, times)
-        if self._followed is not self._reference:
-            read = tabulate(self._robot, self._followed, times)
+        table = tabulate(self._robot, self._reference, times)
         rows = {loop.reference: Rows(table.rows()), loop.ring: self._ring}
         if loop.followed in loop.sample.streams:
-            rows[loop.followed] = Rows(np.ascontiguousarray(read.rows()[:, :, None]))
+            read = followed_rows(self._robot, self._followed, table)
+            rows[loop.followed] = Rows(read[:, :, None].copy())
         if loop.noise in loop.sample.streams:
             drawn = self._stream.rows(count - len(self._noise)) * self._deviations
             rows[loop.noise] = Rows(np.vstack([self._noise, drawn])[:, :, None].copy())
@@ -220,18 +222,41 @@ def add_samples(
         table: The reference at its samples.
         count: How many of them.
     """
-    sets, which = np.unique(log["limits"][:count], axis=0, return_inverse=True)
-    bound = [names(row) for row in sets]
-    still, none = np.zeros(0), np.empty(0)
-    for k in range(count):
-        direction = table.direction[k]
-        state = ReferenceState(
-            table.pose[k], table.twist[k], table.twist_dot[k], table.joints[k],
-            table.joint_rates[k], table.joint_accelerations[k],
-            None if np.isnan(direction[0, 0]) else direction,
-        )  # fmt: skip
-        work, lost = log["energy"][k].tolist()
-        recorder.add(
-            table.t[k], log["q"][k], log["nu"][k], log["tau"][k], log["e"][k], state,
-            Command(log["nu_d"][k], still), work, bound[which[k]], lost, none,
-        )  # fmt: skip
+    if not count:
+        return
+    rows = slice(count)
+    sets, which = _distinct(log["limits"][rows])
+    work, lost = log["energy"][rows].T
+    samples = Samples(
+        t=table.t[rows],
+        work=work,
+        lost=lost,
+        limits=which,
+        q=log["q"][rows],
+        nu=log["nu"][rows],
+        tau=log["tau"][rows],
+        nu_d=log["nu_d"][rows],
+        nu_cmd=np.empty((count, 0)),
+        e=log["e"][rows],
+        pose=table.pose[rows],
+        twist=table.twist[rows],
+        twist_dot=table.twist_dot[rows],
+        joints=table.joints[rows],
+        joint_rates=table.joint_rates[rows],
+        direction=table.direction[rows].reshape(count, -1),
+    )
+    recorder.add_batch(samples, [names(row) for row in sets])
+
+
+def _distinct(rows: Array) -> tuple[list[Array], Array]:
+    """Return the distinct ones of rows (K, n), K > 0, and the number (K,) of each row's.
+
+    Most rows are the one before.
+    """
+    changes = (rows[1:] != rows[:-1]).any(axis=1)
+    starts = np.concatenate([[0], 1 + np.flatnonzero(changes)])
+    known: dict[bytes, int] = {}
+    numbers = [known.setdefault(rows[k].tobytes(), len(known)) for k in starts]
+    lasting = np.diff(np.append(starts, len(rows)))
+    distinct = [np.frombuffer(row, dtype=float) for row in known]
+    return distinct, np.repeat(np.array(numbers, dtype=float), lasting)

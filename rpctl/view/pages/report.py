@@ -146,7 +146,12 @@ def report_head(digest: str) -> bytes:
         digest: Of the run's file.
     """
     head, mark, _ = asset("template.html").partition(MARK_TAG)
-    return Template(head + mark).substitute(policy=policy(*_scripts()), run=escape(digest)).encode()
+    return Template(head + mark).substitute(policy=report_policy(), run=escape(digest)).encode()
+
+
+def report_policy() -> str:
+    """Return the policy of the page of a run, which a page that holds it needs, too."""
+    return policy(*_scripts())
 
 
 def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> Page:

@@ -8,8 +8,9 @@ import pytest
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.simulation.compiled import lowering
 from rpctl.simulation.compiled.interpreted import Interpreted
-from rpctl.simulation.compiled.machine import compile_program
+from rpctl.simulation.compiled.machine import MachineCode, compile_program, module_text
 from rpctl.simulation.compiled.program import (
     Buffer,
     Call,
@@ -26,6 +27,7 @@ from rpctl.simulation.compiled.program import (
     When,
     Write,
 )
+from rpctl.simulation.compiled.target import object_code, this_processor
 
 X, Y = casadi.SX.sym("x", 2), casadi.SX.sym("y", 2)
 SWAP_ADD = casadi.Function("swap_add", [X, Y], [Y + X, X, X[0] * Y[1] - 0.3])
@@ -106,6 +108,30 @@ def test_a_lane_has_the_same_bits_alone_and_beside_others() -> None:
                 assert alone.tobytes() == np.ascontiguousarray(among[..., part]).tobytes()
 
 
+def test_many_blocks_are_one_function(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = EveryStatement()
+    whole = case.run(compile_program(case.program, 2), slice(2))
+    text = module_text(case.program, 2)
+    monkeypatch.setattr(lowering, "BLOCK_LINES", 5)
+    assert module_text(case.program, 2).count("\nblock_") > text.count("\nblock_") + 10
+    cut = MachineCode(case.program, 2, object_code(module_text(case.program, 2), this_processor()))
+    for one, other in zip(whole, case.run(cut, slice(2)), strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+def test_a_sine_and_cosine_of_one_angle_are_made_together() -> None:
+    x, two = Buffer("x", 1), Buffer("two", 2)
+    angle = casadi.SX.sym("x")
+    many = casadi.SX(angle)
+    for _ in range(2 * lowering.BLOCK_LINES):
+        many = many * angle
+    turned = casadi.vertcat(casadi.sin(angle), many + casadi.cos(angle))
+    call = Call(casadi.Function("turned", [angle], [turned]), (x,), (two,))
+    text = module_text(Program((call,)), 2)
+    assert text.count("\nblock_") >= 2
+    assert text.count(" = fcmp ole ") == 1  # of the largest angle
+
+
 def test_a_flag_leaves_the_loop_and_the_step_is_not_counted() -> None:
     x, flag = Buffer("x", 2), Buffer("flag", 1)
     body = (Call(COUNT, (x,), (x,)), Repeat(2, (Call(BELOW, (x,), (flag,)), Leave(flag))))
@@ -138,6 +164,32 @@ def test_rows_and_buffers_that_do_not_fit_are_refused() -> None:
         workspace = {**kernel.workspace(), case.y: strange}
         with pytest.raises(ValueError, match="y: not of this kernel's workspace"):
             kernel.run(0, 4, workspace, good)
+
+
+def test_calls_and_functions_that_cannot_be_compiled_are_refused() -> None:
+    two, one, other = Buffer("two", 2), Buffer("one", 1), Buffer("other", 2)
+    free = casadi.Function("free", [X], [X + Y], {"allow_free": True})
+    sparse = casadi.Function("sparse", [X], [casadi.SX(casadi.Sparsity(2, 1))])
+    graph = casadi.MX.sym("x", 2)
+    wide = casadi.Function("wide", [casadi.SX.sym("x", 1, 2)], [X[0] * 0.0])
+    cases: list[tuple[casadi.Function, tuple[Buffer, ...], tuple[Buffer, ...], str]] = [
+        (SWAP_ADD, (two, other), (two, two, one), "two outputs have one buffer"),
+        (SWAP_ADD, (two, one), (two, other, one), "not of its columns' sizes"),
+        (
+            casadi.Function("graph", [graph], [graph]),
+            (two,),
+            (two,),
+            "only a casadi.Function of SX",
+        ),
+        (free, (two,), (two,), "free symbols"),
+        (sparse, (two,), (Buffer("none", 2),), "dense columns"),
+        (wide, (two,), (one,), "dense columns"),
+    ]
+    for function, inputs, outputs, message in cases:
+        with pytest.raises((RpctlError, ValueError), match=message):
+            module_text(Program((Call(function, inputs, outputs),)), 2)
+    with pytest.raises(ValueError, match="3 lanes"):
+        module_text(Program(()), 3)
 
 
 def test_what_has_no_machine_code_is_named() -> None:

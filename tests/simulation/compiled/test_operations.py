@@ -16,7 +16,7 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.simulation.compiled.interpreted import Interpreted
 from rpctl.simulation.compiled.machine import MachineCode, compile_program, module_text
-from rpctl.simulation.compiled.operations import BINARY, UNARY
+from rpctl.simulation.compiled.operations import BINARY, COMPARISONS, UNARY
 from rpctl.simulation.compiled.program import Buffer, Call, Program, Read, Rows, RowStream, Write
 from rpctl.simulation.compiled.target import Processor, object_code, this_processor
 
@@ -144,7 +144,8 @@ def test_every_operation_has_a_case(everything: Everything) -> None:
     function = call.function
     names = {getattr(casadi, x): x[3:] for x in dir(casadi) if x.startswith("OP_")}
     met = {names[function.instruction_id(k)] for k in range(function.n_instructions())}
-    assert met >= {*UNARY, *BINARY} - {"ASSIGN", "LIFT"}
+    wanted = {*UNARY, *BINARY, *COMPARISONS, "SIN", "COS", "TAN", "NOT", "AND", "OR"}
+    assert met >= wanted - {"ASSIGN", "LIFT"} | {"IF_ELSE_ZERO"}
 
 
 def test_figures_and_special_cases(everything: Everything, points: tuple[Array, Array]) -> None:
@@ -210,6 +211,46 @@ def test_bits_depend_on_no_lanes_and_no_processor(
         number = ~np.isnan(wanted)
         assert np.array_equal(np.isnan(got), ~number)
         assert np.array_equal(got[number].view(np.int64), wanted[number].view(np.int64))
+
+
+def _random_choices(rng: np.random.Generator) -> casadi.Function:
+    """Return a function of comparisons, conditions and choices, at random."""
+    x = casadi.SX.sym("x", 6)
+    numbers: list[Any] = [x[k] for k in range(6)] + [casadi.SX(0.0), casadi.SX(-1.5)]
+    flags: list[Any] = [x[0] < x[1], x[2]]  # a number is a condition, too
+    for _ in range(60):
+        a, b, c = (numbers[k] for k in rng.integers(0, len(numbers), 3))
+        f, g = (flags[k] for k in rng.integers(0, len(flags), 2))
+        flags.append(
+            (a <= b, a == b, a != c, casadi.logic_and(f, g), casadi.logic_or(f, g),
+             casadi.logic_not(f), casadi.if_else(f, g, a))[rng.integers(0, 7)]
+        )  # fmt: skip
+        numbers.append(
+            (casadi.if_else(f, a, b), casadi.if_else(f, a, 0.0), f + a,
+             casadi.if_else(f, a, 0.0) + casadi.if_else(g, b, 0.0),
+             casadi.if_else(f, a, b) - casadi.if_else(casadi.logic_not(f), a, b),
+             casadi.copysign(a, b))[rng.integers(0, 6)]
+        )  # fmt: skip
+    return casadi.Function("choices", [x], [casadi.vertcat(*numbers, *flags)])
+
+
+def test_random_choices_are_the_interpreters_to_the_bit() -> None:
+    rng = np.random.default_rng(2)
+    values = np.array([0.0, -0.0, 1.0, -1.5, 2.0, math.nan, math.inf, -math.inf])
+    for _ in range(5):
+        function = _random_choices(rng)
+        given, out = Buffer("x", 6), Buffer("y", function.numel_out(0))
+        program = Program((Call(function, (given,), (out,)),))
+        found = []
+        points = rng.choice(values, (6, 8))
+        points[:, :4] = rng.choice(values[1:5], (6, 4))
+        for kernel in (compile_program(program, 8), Interpreted(program, 8)):
+            workspace = kernel.workspace()
+            workspace[given][:] = points
+            kernel.run(0, 1, workspace, {})
+            found.append(np.nan_to_num(workspace[out], nan=7.0))  # a NaN has any sign
+        compiled, interpreted = (x.view(np.int64) for x in found)
+        assert np.array_equal(compiled, interpreted)
 
 
 def test_lanes_are_as_wide_as_a_register() -> None:

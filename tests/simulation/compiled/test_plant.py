@@ -11,7 +11,8 @@ from rpctl.robot.model import Robot
 from rpctl.robot.vary import add_friction
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.interpreted import Interpreted
-from rpctl.simulation.compiled.plant import plant_buffers, plant_step
+from rpctl.simulation.compiled.plant import plant_buffers
+from rpctl.simulation.compiled.plant_step import plant_step
 from rpctl.simulation.compiled.program import Program
 
 LANES, DT, STEPS = 3, 0.002, 2

@@ -1,0 +1,128 @@
+"""Runs side by side: each is what it would be alone, and what Python makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import start_configuration
+from rpctl.simulation.compiled.lane_inputs import LaneInputs
+from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.loop import FAR
+from rpctl.simulation.compiled.parameters import NOTHING
+from rpctl.simulation.compiled.rollouts import LANES, LaneResults, LaneRunner
+from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.loop import simulate
+from rpctl.simulation.merits import Totals, fold, measures
+from rpctl.simulation.noise import Sensors
+
+STRIDE = 7
+SAME = 1e-9
+
+
+def runner(robot: Robot, config: Config) -> LaneRunner:
+    count = round((config.run.duration or 0.0) / config.run.control_period) + 1
+    reference = config.run.load_reference(robot)
+    return LaneRunner(
+        robot, robot, NOTHING, config, reference, count, STRIDE, noisy=True, delayed=True
+    )
+
+
+def inputs(
+    robot: Robot, config: Config, errors: Sequence[tuple[float, float, float]]
+) -> LaneInputs:
+    dynamics, still = rpctl.ReducedDynamics(robot), np.zeros(robot.dof)
+    state = config.run.load_reference(robot)(0.0)
+    q = np.array([start_configuration(robot, state, error) for error in errors])
+    rest = np.array([dynamics.efforts(each, dynamics.bias(each, still)) for each in q])
+    kinematic: Any = config.kinematic
+    dynamic: Any = config.dynamic
+    settings = settings_of(kinematic, dynamic, dynamics, config.run.control_period)[1]
+    count = len(errors)
+    return LaneInputs(
+        q,
+        np.array(errors),
+        rest,
+        np.zeros_like(rest),
+        np.zeros((count, 0)),
+        np.tile(settings, (count, 1)),
+        np.zeros(count, dtype=np.int64),
+        np.zeros((count, Sensors(robot).width)),
+        tuple(range(count)),
+    )
+
+
+def equal(one: LaneResults, other: LaneResults, rows: Sequence[int]) -> bool:
+    return all(
+        np.array_equal(getattr(one, name)[list(rows)], getattr(other, name), equal_nan=True)
+        for name in ("totals", "energy", "measures", "trouble", "trouble_at")
+    )
+
+
+@pytest.fixture(scope="module")
+def config() -> Config:
+    return Config(run=RunSettings("eight", 0.3))
+
+
+@pytest.fixture(scope="module")
+def lanes(paper: Robot, config: Config) -> LaneRunner:
+    return runner(paper, config)
+
+
+def test_a_run_is_the_same_whichever_run_beside_it(
+    paper: Robot, config: Config, lanes: LaneRunner
+) -> None:
+    drawn = np.random.default_rng(0).uniform(-0.4, 0.4, (LANES + 3, 3))
+    drawn[2] *= 1e8  # one goes astray
+    errors = [tuple(row) for row in drawn.tolist()]
+    given = inputs(paper, config, errors)
+    together = lanes.run(given)
+    order = np.random.default_rng(1).permutation(len(errors))
+    assert equal(together, lanes.run(given.rows(order)), order.tolist())
+    assert equal(together, lanes.run(given.rows(slice(4, 5))), [4])
+
+
+def test_a_run_is_what_python_makes_of_it(paper: Robot, config: Config, lanes: LaneRunner) -> None:
+    errors = [(0.1, -0.1, 0.1), (0.4, 0.3, -0.5)]
+    results = lanes.run(inputs(paper, config, errors))
+    for row, error in enumerate(errors):
+        run = simulate(
+            paper, config.with_run(initial_error=error), collisions=False, backend="pinocchio"
+        )
+        expected = fold(measures(run), len(run.t))
+        for name, value in zip(Totals._fields, results.totals[row], strict=True):
+            assert value == pytest.approx(float(getattr(expected, name)), rel=SAME, abs=SAME), name
+        assert results.energy[row, 0] == pytest.approx(run.log.work[-1], abs=SAME)
+        shown = np.array(measures(run)).T[::STRIDE]
+        assert np.abs(results.measures[row] - shown).max() < SAME
+    assert not results.trouble.any()
+
+
+def test_a_run_that_goes_astray_is_told_from_those_beside_it(
+    paper: Robot, config: Config, lanes: LaneRunner
+) -> None:
+    given = inputs(paper, config, [(0.1, 0.0, 0.0)] * 3)
+    given.settings[1] = np.nan
+    results = lanes.run(given)
+    assert results.trouble[1] != 0.0
+    assert results.trouble[[0, 2]].tolist() == [0.0, 0.0]
+    assert np.isfinite(results.totals[[0, 2]]).all()
+
+
+@pytest.mark.slow
+def test_a_base_that_gets_far_again_is_left_to_python() -> None:
+    robot = rpctl.load("car")
+    config = Config(run=RunSettings("eight", 2.0))
+    given = inputs(robot, config, [(0.0, 0.0, 0.0), (0.8, -0.6, 1.2)])
+    lanes = runner(robot, config)
+    results = lanes.run(given)
+    assert results.trouble.tolist() == [0.0, 0.0]  # the way up brings the second there
+    given.bias[0] = 300.0
+    results = lanes.run(given)
+    assert results.trouble.tolist() == [FAR, 0.0]
+    assert results.trouble_at[0] > 0

@@ -1,0 +1,268 @@
+"""The report of a study: what its charts and tables say is what the runs were."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl.arrays import Array
+from rpctl.study.design import Design
+from rpctl.study.sensitivity import ParameterMap, Sensitivity, parameter_map
+from rpctl.study.statistics import Interval, describe, share
+from rpctl.study.store import RunTable
+from rpctl.study.study import run_study
+from rpctl.study.study_file import read_study
+from rpctl.study.study_result import StudyResult, WorstRun
+from rpctl.view.pages import study
+from rpctl.view.pages.report import report_policy
+from rpctl.view.pages.study_charts import (
+    SIDE,
+    ChartAxis,
+    Unit,
+    axis_over,
+    band,
+    envelope_chart,
+    histogram,
+    interval_bars,
+    line,
+    number,
+    unit_of,
+)
+from rpctl.view.pages.study_map import RAMP, map_chart, ramp_colour
+from rpctl.view.plots.study_runs import MeasuredBar, study_runs_figure
+from tests.view.chromium import chromium
+
+HOSTILE = "plant.<script>alert(1)</script>"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.01234, Unit(1e3, "mm"), "12.3 mm"),
+        (-2.0, Unit(1.0, ""), "−2"),
+        (123456.0, Unit(1.0, "J"), "123456 J"),
+        (math.inf, Unit(1e3, "mm"), "∞"),
+        (math.nan, Unit(1e3, "mm"), "–"),
+    ],
+)
+def test_numbers(value: float, unit: Unit, text: str) -> None:
+    assert number(value, unit) == text
+
+
+def test_short_lengths_are_in_millimetres() -> None:
+    assert unit_of("m", 0.5) == (1e3, "mm")
+    assert unit_of("m", 1.5) == (1.0, "m")
+    assert unit_of("rad", 0.5) == (1.0, "rad")
+
+
+def test_axes() -> None:
+    linear = ChartAxis(0.0, 2.0)
+    np.testing.assert_allclose(linear.at(np.array([-1.0, 0.5, 2.0, np.inf])), [0, 0.25, 1, 1])
+    np.testing.assert_allclose(linear.ticks(), [0.0, 0.5, 1.0, 1.5, 2.0])
+    log = ChartAxis(1.0, 100.0, log=True)
+    np.testing.assert_allclose(log.at(np.array([0.0, 1.0, 10.0, 1e3])), [0, 0, 0.5, 1])
+    np.testing.assert_allclose(log.ticks(), [1.0, 3.0, 10.0, 30.0, 100.0])
+
+
+def test_an_axis_is_logarithmic_over_decades_only() -> None:
+    assert axis_over(np.array([0.0, 1.0, 1000.0])).log
+    assert not axis_over(np.array([1.0, 2.0, np.inf])).log
+    assert axis_over(np.array([1.0, 2.0])).low == 0.0
+    negative = axis_over(np.array([-3.0, 2.0]))
+    assert negative.low < -3.0 < 2.0 < negative.high
+
+
+def test_lines_and_bands_go_through_their_points() -> None:
+    x = np.array([0.0, 1.0])
+    assert line(x, np.array([0.0, 0.25])) == f"M0.0 {SIDE}.0L{SIDE}.0 750.0"
+    around = band(x, np.array([0.0, 0.0]), np.array([1.0, 0.5]))
+    assert around == f"M0.0 0.0L{SIDE}.0 500.0L{SIDE}.0 {SIDE}.0L0.0 {SIDE}.0Z"
+
+
+def test_envelopes_draw_runs_that_ended_at_the_top() -> None:
+    quantiles = np.array([[0.1], [0.2], [0.3], [0.4], [np.inf]]) * np.ones(3)
+    drawn = envelope_chart(np.array([0.0, 1.0, 2.0]), quantiles, "m", "errors")
+    assert "error (mm)" in drawn
+    top = ChartAxis(0.0, 416.0)
+    at = f"{SIDE * (1 - 300.0 / top.high):.1f}"
+    assert f'class="median" d="M0.0 {at}' in drawn
+    assert 'class="outer" d="M0.0 0.0L500.0 0.0' in drawn
+
+
+def heights(drawn: str, kind: str) -> list[float]:
+    path = re.search(rf'class="{kind}" d="([^"]*)"', drawn)
+    assert path is not None
+    return [float(a) - float(b) for a, b in re.findall(r"M[\d.]+ ([\d.]+)V([\d.]+)", path[1])]
+
+
+def test_histograms_stack_runs_that_failed_on_those_that_did_not() -> None:
+    values = np.array([1.0, 1.0, 1.0, 2.0, np.inf])
+    good = np.array([True, True, False, False, False])
+    drawn = histogram(values, good, "J", bins=2)
+    one = SIDE / (1.05 * 3)  # the height of a run
+    np.testing.assert_allclose(heights(drawn, "done"), [2 * one], atol=0.2)
+    np.testing.assert_allclose(heights(drawn, "failed"), [one, one], atol=0.2)
+    assert "Distribution over 4 runs, median 1 J" in drawn
+
+
+def test_a_merit_that_all_runs_share_is_a_sentence() -> None:
+    good = np.array([True, False])
+    assert "−0.18 rad in 2 of 2 runs" in histogram(np.array([-0.18, -0.18]), good, "rad")
+    assert "No run has it" in histogram(np.array([np.inf, np.nan]), good, "rad")
+
+
+def test_bars_and_their_intervals() -> None:
+    bars = [MeasuredBar("a<b", -0.5, -0.75, 0.0), MeasuredBar("c", 0.5, math.nan, math.nan)]
+    drawn = interval_bars(bars, True, Unit(1.0, ""), "what matters")
+    assert "a&lt;b" in drawn
+    assert 'class="bar" style="left:25.00%;width:25.00%"' in drawn
+    assert 'class="whisker" style="left:12.50%;width:37.50%"' in drawn
+    assert drawn.count("whisker") == 1
+    unsigned = interval_bars([MeasuredBar("c", 0.2, 0.1, 0.4)], False, Unit(1.0, ""), "")
+    assert 'class="bar" style="left:0.00%;width:50.00%"' in unsigned
+
+
+def test_the_ramp_grows_lighter() -> None:
+    def luminance(colour: str) -> float:
+        red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+    assert (ramp_colour(0.0), ramp_colour(1.0), ramp_colour(2.0)) == (RAMP[0], RAMP[-1], RAMP[-1])
+    shades = [luminance(ramp_colour(share)) for share in np.linspace(0.0, 1.0, 40)]
+    assert np.all(np.diff(shades) > 0.0)
+
+
+def test_a_map_says_what_each_cell_holds() -> None:
+    found = ParameterMap(
+        "rms_base_error", "p", "q", np.array([0.0, 1.0, 3.0]), np.array([0.0, 1.0]),
+        np.array([[0.01, np.inf]]), np.array([[7, 9]]),
+    )  # fmt: skip
+    drawn = map_chart(found, "m")
+    assert "p 0 to 1, q 0 to 1: 10 mm, 7 runs" in drawn
+    assert "p 1 to 3, q 0 to 1: ∞, 9 runs" in drawn
+    boxes = re.findall(r'<rect x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"', drawn)
+    np.testing.assert_allclose(
+        np.array(boxes, float), [[0, 0, 333.3, 1000], [333.3, 0, 666.7, 1000]], atol=0.1
+    )
+
+
+RUNS, TIMES = 40, 5
+
+
+def result(folder: Path = Path(), **changes: Any) -> StudyResult:
+    """Return a study of 40 runs, of which 30 succeed and one has no merit."""
+    rng = np.random.default_rng(5)
+    parameters: Mapping[str, Array] = {HOSTILE: rng.uniform(size=RUNS), "b": rng.normal(size=RUNS)}
+    values = np.append(np.linspace(0.01, 0.4, RUNS - 1), np.inf)
+    good = np.arange(RUNS) < 30
+    series = np.outer(values, np.linspace(1.0, 0.1, TIMES)).astype(np.float32)
+    runs = RunTable(
+        np.arange(RUNS), parameters, {"rms_base_error": values}, {"base_error": series},
+        np.linspace(0.0, 1.0, TIMES), tuple(np.where(good, "tracked", "away").tolist()),
+        ("",) * RUNS,
+    )  # fmt: skip
+    intervals = (Interval(0.8, 0.7, 0.9), Interval(-0.1, -0.4, 0.2))
+    other = (Interval(0.3, 0.1, 0.4), Interval(0.6, 0.5, 0.7))
+    found = Sensitivity("rms_base_error", "rank-correlation", tuple(parameters),
+                        {"rank_correlation": intervals, "from_middle": other}, 1)  # fmt: skip
+    x, y = parameters.values()
+    made = StudyResult(
+        folder, "a <robot>", runs, good, "rms_base_error", {"rms_base_error": "m"},
+        Design("monte-carlo", RUNS, 3), {HOSTILE: {"normal": [0.0, 1.0, -math.inf, math.inf]}},
+        share(30, RUNS), (describe("rms_base_error", values),), (found,),
+        (parameter_map("rms_base_error", (HOSTILE, "b"), x, y, values, 2),),
+        (WorstRun(39, math.inf, "diverging", "it <left>", "worst-1.toml", "rpctl track x"),),
+        None, {"identity": {"versions": {"numpy": "1"}}},
+    )  # fmt: skip
+    return replace(made, **changes)
+
+
+def test_the_page_says_what_the_study_found() -> None:
+    page = study.study_page(result()).decode()
+    found = result().statistics[0].quantiles
+    for text in (
+        "75.0%",
+        f"{result().success.low:.1%} to {result().success.high:.1%}",
+        number(found[2].value, Unit(1e3, "mm")),
+        "40 runs · 1 settings differ · monte-carlo, seed 3",
+        "<b>Run 39</b>",
+        "<code>rpctl track x</code>",
+        ">0.8<",
+        "b: distance from its median</span>",
+        ">0.6<",
+        "normal 0.0, 1.0<",
+    ):
+        assert text in page, text
+    assert "<script" not in page
+    assert "it &lt;left&gt;" in page
+    assert "script-src 'none'" in page
+    assert "&lt;script&gt;" in page
+
+
+def test_the_page_shows_settings_that_were_found() -> None:
+    optimum = {"settings": {"kinematic.horizon": 0.25}}
+    page = study.study_page(result(optimum=optimum)).decode()
+    assert "<th>kinematic.horizon</th><td>0.25</td>" in page
+
+
+def test_a_study_of_one_setting_and_one_kind_of_run_has_a_page() -> None:
+    bare = result(maps=(), sensitivities=(), worst=())
+    page = study.study_page(bare).decode()
+    assert "What matters" not in page
+    assert "Worst runs" not in page
+
+
+def test_the_worst_run_is_animated_in_a_frame_that_may_run_its_scripts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(study, "worst_scene", lambda worst, robot: '<iframe srcdoc=""></iframe>')
+    page = study.study_page(result(), robot=object()).decode()  # type: ignore[arg-type]
+    policies = re.findall(r'content="(default-src[^"]*)"', page)
+    assert policies == [report_policy()]
+    assert page.count("<iframe") == 1
+
+
+@pytest.mark.slow
+def test_the_picture_has_a_panel_for_each_thing_that_was_found() -> None:
+    titles = [axes.get_title(loc="left") for axes in study_runs_figure(result()).axes]
+    assert [title.partition(":")[0] for title in titles if title] == [
+        "base error",
+        "distribution of rms_base_error",
+        "what matters to rms_base_error",
+        "median of rms_base_error",
+    ]
+
+
+@pytest.mark.slow
+def test_a_browser_plays_the_worst_run_of_a_study(tmp_path: Path) -> None:
+    """Under the policies of both pages: nothing is refused, and nothing is wider than the page."""
+    robot = rpctl.load("paper")
+    file = tmp_path / "study.toml"
+    file.write_text(
+        "[study]\ncount = 6\nduration = 0.2\n[scatter]\n"
+        '"run.initial_error.y" = { normal = [0.0, 0.05] }\n'
+    )
+    folder = tmp_path / "out"
+    run_study(robot, read_study(file, robot), folder)
+    page_file = study.write_study_report(folder, robot)
+    assert (folder / study.PICTURE_FILE).read_bytes().startswith(b"\x89PNG")
+    faults: list[str] = []
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 390, "height": 800})
+        page.on("console", lambda message: faults.append(message.text))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.goto(page_file.as_uri())
+        page.locator("iframe").scroll_into_view_if_needed()
+        frame = page.frame_locator("iframe")
+        frame.locator("#scene canvas").wait_for()
+        frame.locator("#plots canvas").first.wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") == 390
+    assert [fault for fault in faults if "GL Driver" not in fault and "WebGL" not in fault] == []
