@@ -1,6 +1,6 @@
 """Chunks of work on Dask distributed: other machines, or processes of this one.
 
-Start ``dask scheduler`` on one machine and ``dask worker ADDRESS --nthreads 1 --nworkers auto`` on
+Start ``dask scheduler`` on one machine and ``dask worker ADDRESS --nthreads 1 --nworkers -1`` on
 each, before a study or while it runs, and give the study the scheduler's address. A worker that
 dies loses nothing: its chunk is given to another one. One that joins gets chunks within a second.
 All have to have the Python, the libraries and the rpctl of the process that asks, to the last line;
@@ -55,13 +55,11 @@ to be compiled.
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import math
 import pickle
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from hashlib import sha256
@@ -71,30 +69,23 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from rpctl.errors import RpctlError
-from rpctl.libraries import library
-from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker, for_children
+from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker
+from rpctl.study.dask_client import (
+    check_workers,
+    connect,
+    kill_workers,
+    local_cluster,
+    worker_fault,
+)
 from rpctl.study.executor import LostChunksError
 from rpctl.study.versions import (
-    ABSENT,
-    CODE,
-    PACKAGES,
-    PYTHON,
-    code_digest,
-    differences,
     installed,
-    minor,
 )
 
-INSTALL = "pip install 'rpctl[cluster]'"
 LOOK_S = 1.0  # s after which workers that have joined are looked for
-CONNECT_S = 10.0  # s in which a scheduler has to answer
-JOIN_S = 60.0  # s in which a first worker has to join
 CLOSE_S = 10.0  # s that a local cluster may take to end
-KILL_S = 1.0  # s that a worker of an own cluster may take to end
 GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without a scheduler
 GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
-LOOPBACK = "127.0.0.1"
-MAX_SHOWN = 10  # workers that a message names
 
 Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")
@@ -131,9 +122,9 @@ class DaskExecutor:
         self._sent = ""  # name of the work that the workers hold
         try:
             if address is None:
-                self._cluster = _local_cluster(workers)
+                self._cluster = local_cluster(workers)
                 address = self._cluster.scheduler_address
-            self._client = _connect(address, security)
+            self._client = connect(address, security)
             check_workers(self._client)
         except BaseException:
             self.close()
@@ -162,7 +153,7 @@ class DaskExecutor:
             self._client.close()
         if self._cluster is not None:
             with suppress(TimeoutError):  # of a busy machine; they end with this process, too
-                self._cluster.sync(_kill_workers, self._cluster)
+                self._cluster.sync(kill_workers, self._cluster)
             with suppress(TimeoutError):
                 self._cluster.close(CLOSE_S)
 
@@ -223,7 +214,7 @@ class DaskExecutor:
     def _refuse(self, refused: RefusedWorker) -> None:
         """Have a worker leave that joined with other versions, and say so."""
         self._client.retire_workers([refused.address])
-        self._tell(f"{_fault(refused.address, refused.differences)}; it was sent away")
+        self._tell(f"{worker_fault(refused.address, refused.differences)}; it was sent away")
 
 
 class _Lost(NamedTuple):
@@ -317,99 +308,3 @@ def _failure(future: Any) -> _Answer:
 
 def _digest(data: bytes) -> str:
     return sha256(data).hexdigest()[:16]
-
-
-def check_workers(client: Any) -> None:
-    """Refuse workers that compute with other versions than this process.
-
-    Args:
-        client: ``distributed.Client``.
-
-    Raises:
-        RpctlError: Naming the workers, the packages and both versions.
-    """
-    here = installed()
-    faults = []
-    for address, found in client.get_versions(packages=list(PACKAGES))["workers"].items():
-        packages = {name: found["packages"][name] or ABSENT for name in PACKAGES}
-        there = {PYTHON: minor(found["host"]["python"]), **packages}
-        wrong = differences(there, here)
-        faults += [_fault(address, wrong)] if wrong else []
-    if not faults:
-        for address, code in client.run(code_digest, on_error="return").items():
-            wrong = differences({CODE: str(code)}, here)
-            faults += [_fault(address, wrong)] if wrong else []
-    if faults:
-        more = [f"and {len(faults) - MAX_SHOWN} more workers"] if len(faults) > MAX_SHOWN else []
-        raise RpctlError("\n".join([*faults[:MAX_SHOWN], *more]))
-
-
-def _fault(address: str, wrong: Sequence[str]) -> str:
-    return f"worker {address} has {'; '.join(wrong)}; install the same versions on all machines"
-
-
-def _local_cluster(workers: int) -> Any:
-    """Return a cluster of processes of one thread each that listens on loopback only."""
-    distributed = _distributed()
-    with for_children():  # a thread that it starts now starts them
-        return distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",
-            silence_logs=logging.ERROR,  # what it says of a worker is said by LostChunksError
-        )
-
-
-async def _kill_workers(cluster: Any) -> None:
-    """End the processes of a cluster, at work or not."""
-    for nanny in cluster.workers.values():
-        nanny.auto_restart = False
-    await asyncio.gather(*(nanny.kill(timeout=KILL_S) for nanny in cluster.workers.values()))
-
-
-def _connect(address: str, security: Any) -> Any:
-    """Return a client of a scheduler that has at least one worker.
-
-    Args:
-        address: Of the scheduler.
-        security: What authenticates this process, or None.
-
-    Raises:
-        RpctlError: No scheduler answers, or no worker joins.
-    """
-    distributed = _distributed()
-    try:
-        client = distributed.Client(
-            address, timeout=CONNECT_S, security=security, set_as_default=False
-        )
-    except (OSError, ValueError, TypeError) as error:
-        reason = str(error).partition("\n")[0]
-        raise RpctlError(
-            f"{address}: no scheduler answers ({reason}); start one with `dask scheduler`, and "
-            "give its address as tcp://HOST:PORT"
-        ) from None
-    try:
-        client.wait_for_workers(1, timeout=JOIN_S)
-    except TimeoutError:
-        client.close()
-        raise RpctlError(
-            f"{address}: no worker has joined in {JOIN_S:g} s; start some with "
-            f"`dask worker {address} --nthreads 1`"
-        ) from None
-    return client
-
-
-def _distributed() -> Any:
-    """Return Dask's library.
-
-    Raises:
-        RpctlError: It is not installed.
-    """
-    try:
-        return library("distributed")
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise RpctlError(f"more machines need distributed; {INSTALL}") from None

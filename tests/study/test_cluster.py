@@ -20,8 +20,9 @@ import pytest
 
 from rpctl import load
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.study import cluster
-from rpctl.study.cluster import DaskExecutor, check_workers
+from rpctl.study import dask_client
+from rpctl.study.cluster import DaskExecutor
+from rpctl.study.dask_client import check_workers
 from rpctl.study.dask_worker import SentWork
 from rpctl.study.executor import LostChunksError
 from rpctl.study.study import run_study
@@ -77,8 +78,8 @@ def test_not_every_worker_of_a_thousand_is_named() -> None:
     with pytest.raises(RpctlError) as error:
         check_workers(client)
     lines = str(error.value).splitlines()
-    assert len(lines) == cluster.MAX_SHOWN + 1
-    assert lines[-1] == f"and {1000 - cluster.MAX_SHOWN} more workers"
+    assert len(lines) == dask_client.MAX_SHOWN + 1
+    assert lines[-1] == f"and {1000 - dask_client.MAX_SHOWN} more workers"
 
 
 def test_versions_of_this_process() -> None:
@@ -101,7 +102,7 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
     def absent(name: str) -> Any:
         raise ModuleNotFoundError(name=name)
 
-    monkeypatch.setattr(cluster, "library", absent)
+    monkeypatch.setattr(dask_client, "library", absent)
     with pytest.raises(RpctlError, match=r"pip install 'rpctl\[cluster\]'"):
         DaskExecutor()
 
@@ -114,7 +115,7 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
 def test_an_address_without_a_scheduler(
     address: str, found: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    monkeypatch.setattr(dask_client, "CONNECT_S", 1.0)
     with pytest.raises(RpctlError, match=found) as error:
         DaskExecutor(address)
     assert "\n" not in str(error.value)

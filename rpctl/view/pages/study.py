@@ -2,51 +2,45 @@
 
 from __future__ import annotations
 
-import html
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import read_config
-from rpctl.simulation.loop import simulate
-from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
 from rpctl.study.merits import MERITS
 from rpctl.study.sensitivity import Sensitivity
-from rpctl.study.statistics import LEVELS, Interval, MeritStatistics, envelope
-from rpctl.study.study_result import StudyResult, WorstRun, read_result
+from rpctl.study.statistics import LEVELS, MeritStatistics, envelope
+from rpctl.study.study_result import StudyResult, read_result
 from rpctl.view.pages.page import asset, badge, escape, policy, section
-from rpctl.view.pages.report import report_page, report_policy
+from rpctl.view.pages.report import report_policy
 from rpctl.view.pages.study_charts import (
-    MeasuredBar,
     Unit,
     envelope_chart,
     histogram,
     interval_bars,
     number,
     unit_of,
+    words,
 )
 from rpctl.view.pages.study_map import map_chart
-from rpctl.view.plots.study_runs import study_picture
-from rpctl.view.scene.scene import build_scene
+from rpctl.view.pages.study_worst import worst_scene, worst_section
+from rpctl.view.plots.study_runs import measured_bars, study_picture
 
 REPORT_FILE, PICTURE_FILE = "study.html", "study.png"
 MOST_BARS = 12  # parameters that are shown of a sensitivity
 GOOD_SHARE = 0.95  # of runs that succeed: a green badge
-MAIN_MEASURES = {"sobol": "total", "morris": "mu_star", "rank-correlation": "rank_correlation"}
 METHODS = {
     "sobol": "Share of the variance that a parameter causes, with all that it acts together with "
     "(total Sobol index), and its 95 % interval.",
     "morris": "Mean size of the change over a parameter's range (μ* of Morris), and its 95 % "
     "interval.",
-    "rank-correlation": "Rank correlation of a parameter with the merit, and its 95 % interval: 1 "
-    "if the merit grows wherever the parameter does, −1 if it falls.",
+    "rank-correlation": "Rank correlation of a parameter, or of its distance from its median where "
+    "that is larger, with the merit, and its 95 % interval: 1 if the merit grows wherever it does, "
+    "−1 if it falls.",
 }
 PAGE = """<!doctype html>
 <html lang="en">
@@ -111,7 +105,7 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
                 _envelopes(result),
                 _importance(result),
                 *(_map(result, k) for k in range(len(result.maps))),
-                _worst(result, scene),
+                worst_section(result, scene),
                 _optimum(result),
                 _quantiles(result),
                 _distributions(result),
@@ -120,11 +114,6 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
         ),
     )
     return page.encode("utf-8", "backslashreplace")
-
-
-def words(name: str) -> str:
-    """Return a merit's name as it is read: ``rms_base_error`` is ``rms base error``."""
-    return name.replace("_", " ")
 
 
 def _subtitle(result: StudyResult) -> str:
@@ -198,9 +187,7 @@ def _importance(result: StudyResult) -> str:
 
 
 def _bars(result: StudyResult, found: Sensitivity) -> str:
-    measures = found.measures[MAIN_MEASURES[found.method]]
-    by_name: Mapping[str, Interval] = dict(zip(found.parameters, measures, strict=True))
-    bars = [MeasuredBar(name, *by_name[name]) for name in found.ranking[:MOST_BARS]]
+    bars = measured_bars(found, MOST_BARS)
     unit = Unit(1.0, "")
     if found.method == "morris":
         largest = max((abs(each.value) for each in bars), default=0.0)
@@ -223,58 +210,6 @@ def _map(result: StudyResult, k: int) -> str:
     title = f"{words(found.merit)} over {found.x} and {found.y}"
     body = f'<figure class="map">{drawn}</figure><p class="quiet">{note}</p>'
     return section(escape(title[0].upper() + title[1:]), body)
-
-
-def _worst(result: StudyResult, scene: str) -> str:
-    """Return the worst runs, what replays them, and the worst one animated."""
-    if not result.worst:
-        return ""
-    unit = unit_of(result.units.get(result.merit, ""), max(each.value for each in result.worst))
-    rows = "".join(
-        f'<li><b>Run {each.run}</b> <span class="value">{number(each.value, unit)}</span> '
-        f"{badge(each.outcome == 'tracked', each.outcome)}"
-        f'<p class="quiet">{escape(each.reason)}</p>'
-        + (f"<code>{escape(each.command)}</code>" if each.command else "")
-        + "</li>"
-        for each in result.worst
-    )
-    title = f"Worst runs by {words(result.merit)}"
-    return section(escape(title), f'<ol class="worst">{rows}</ol>{scene}')
-
-
-def worst_scene(worst: Sequence[WorstRun], robot: Robot) -> str:
-    """Return the report of the worst run that can be simulated, as a frame of a page.
-
-    Args:
-        worst: The worst runs, the worst first.
-        robot: Their robot.
-    """
-    for each in worst:
-        if each.command:
-            run = replayed(Path(each.config), robot)
-            if isinstance(run, Run):
-                page = report_page(run, robot, build_scene(robot, run), summarize(run))
-                text = html.escape(page.decode("utf-8"))
-                title = f"Run {each.run}, as rpctl track reports it"
-                return (
-                    f'<p class="scene-name">{title}</p>'
-                    f'<iframe title="{title}" loading="lazy" srcdoc="{text}"></iframe>'
-                )
-    return ""
-
-
-def replayed(config: Path, robot: Robot) -> Run | RpctlError:
-    """Return the run of a configuration; of one that diverges, what comes before.
-
-    Args:
-        config: The file.
-        robot: The robot, before the configuration's limits.
-    """
-    kept: list[Run] = []
-    try:
-        return simulate(robot, read_config(config), ended=kept.append)
-    except RpctlError as error:
-        return kept[0] if kept else error
 
 
 def _optimum(result: StudyResult) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.view.pages.page import escape
+from rpctl.view.plots.study_runs import MeasuredBar
 
 SIDE = 1000  # of the SVG's box, which is stretched
 MM_BELOW_M = 1.0  # lengths below are shown in mm
@@ -56,6 +57,11 @@ def number(value: float, unit: Unit | None = None) -> str:
     shown = value * factor
     text = f"{shown:.0f}" if 1e3 <= abs(shown) < 1e6 else f"{shown:.3g}"
     return f"{text} {name}".strip().replace("-", "−")
+
+
+def words(name: str) -> str:
+    """Return a merit's name as it is read: ``rms_base_error`` is ``rms base error``."""
+    return name.replace("_", " ")
 
 
 @dataclass(frozen=True)
@@ -223,15 +229,6 @@ def _bars(edges: Array, low: Array, high: Array, kind: str) -> str:
         if top > bottom
     ]
     return f'<path class="{kind}" d="{"".join(boxes)}"/>'
-
-
-class MeasuredBar(NamedTuple):
-    """A parameter's bar: how much it matters, and within which interval."""
-
-    name: str
-    value: float
-    low: float
-    high: float
 
 
 def interval_bars(bars: Sequence[MeasuredBar], signed: bool, unit: Unit, summary: str) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rpctl.study.sensitivity import RANKS, Sensitivity
 from rpctl.study.statistics import LEVELS, envelope
 from rpctl.view.labels import literal
 from rpctl.view.plots import style
@@ -26,8 +27,39 @@ COLOURS = {"base_error": style.BASE, "end_effector_error": style.TIP}
 MEASURES = {
     "sobol": ("total", "total Sobol index"),
     "morris": ("mu_star", "μ* of Morris"),
-    "rank-correlation": ("rank_correlation", "rank correlation"),
+    "rank-correlation": (RANKS[0], "rank correlation"),
 }
+EITHER_SIDE = "distance from its median"
+
+
+class MeasuredBar(NamedTuple):
+    """How much a parameter matters, and within which interval."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+
+
+def measured_bars(found: Sensitivity, most: int) -> list[MeasuredBar]:
+    """Return how much parameters matter, what matters most first.
+
+    Where that of a parameter's distance from its median is larger, it is shown and named so.
+
+    Args:
+        found: What was found.
+        most: Number of parameters that are shown.
+    """
+    bars = []
+    for name in found.ranking[:most]:
+        j = found.parameters.index(name)
+        bar = MeasuredBar(name, *found.measures[MEASURES[found.method][0]][j])
+        if found.method == "rank-correlation":
+            other = found.measures[RANKS[1]][j]
+            if abs(other.value) > abs(bar.value):
+                bar = MeasuredBar(f"{name}: {EITHER_SIDE}", *other)
+        bars.append(bar)
+    return bars
 
 
 def study_picture(result: StudyResult) -> bytes:
@@ -101,17 +133,15 @@ def _distribution(axes: Axes, result: StudyResult) -> None:
 def _importance(axes: Axes, result: StudyResult) -> None:
     found = result.sensitivity_of(result.merit)
     assert found is not None
-    key, label = MEASURES[found.method]
-    by_name = dict(zip(found.parameters, found.measures[key], strict=True))
-    names: Sequence[str] = found.ranking[:MOST_BARS][::-1]
-    bars = [by_name[name] for name in names]
+    _, label = MEASURES[found.method]
+    bars = measured_bars(found, MOST_BARS)[::-1]
     values = np.array([each.value for each in bars])
     ends = np.array([(each.value - each.low, each.high - each.value) for each in bars])
     whiskers = np.where(np.isfinite(ends), np.maximum(ends, 0.0), 0.0).T
     options: dict[str, Any] = {"ecolor": style.INK, "error_kw": {"lw": 0.8}}
     axes.barh(range(len(bars)), values, xerr=whiskers, color=style.BASE, height=0.6, **options)
     style_axes(axes, literal(f"what matters to {result.merit}"))
-    axes.set_yticks(range(len(bars)), [literal(name) for name in names], fontsize=SMALL_PT)
+    axes.set_yticks(range(len(bars)), [literal(each.name) for each in bars], fontsize=SMALL_PT)
     axes.set_xlabel(label)
 
 

@@ -26,7 +26,6 @@ from rpctl.view.pages.report import report_policy
 from rpctl.view.pages.study_charts import (
     SIDE,
     ChartAxis,
-    MeasuredBar,
     Unit,
     axis_over,
     band,
@@ -38,7 +37,7 @@ from rpctl.view.pages.study_charts import (
     unit_of,
 )
 from rpctl.view.pages.study_map import RAMP, map_chart, ramp_colour
-from rpctl.view.plots.study_runs import study_runs_figure
+from rpctl.view.plots.study_runs import MeasuredBar, study_runs_figure
 from tests.view.chromium import chromium
 
 HOSTILE = "plant.<script>alert(1)</script>"
@@ -171,8 +170,9 @@ def result(folder: Path = Path(), **changes: Any) -> StudyResult:
         ("",) * RUNS,
     )  # fmt: skip
     intervals = (Interval(0.8, 0.7, 0.9), Interval(-0.1, -0.4, 0.2))
+    other = (Interval(0.3, 0.1, 0.4), Interval(0.6, 0.5, 0.7))
     found = Sensitivity("rms_base_error", "rank-correlation", tuple(parameters),
-                        {"rank_correlation": intervals}, 1)  # fmt: skip
+                        {"rank_correlation": intervals, "from_middle": other}, 1)  # fmt: skip
     x, y = parameters.values()
     made = StudyResult(
         folder, "a <robot>", runs, good, "rms_base_error", {"rms_base_error": "m"},
@@ -196,6 +196,8 @@ def test_the_page_says_what_the_study_found() -> None:
         "<b>Run 39</b>",
         "<code>rpctl track x</code>",
         ">0.8<",
+        "b: distance from its median</span>",
+        ">0.6<",
         "normal 0.0, 1.0<",
     ):
         assert text in page, text
