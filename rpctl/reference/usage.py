@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Swivel
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import configuration_along, reference_rates
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.quasi_velocities import (
+    configuration_along,
+    configurations,
+    reference_rates,
+)
 from rpctl.robot.model import Robot
 
 
@@ -44,14 +48,23 @@ class Usage(NamedTuple):
         return f"{self.joint}'s {self.limit:.3g} {units[self.quantity][straight]}"
 
 
-def sample(robot: Robot, reference: Reference, times: Iterable[float]) -> list[MotionSample]:
+def sample(
+    robot: Robot, reference: Reference, times: Sequence[float] | Array
+) -> list[MotionSample]:
     """Return the motion that a reference asks for.
 
     Args:
         robot: The robot.
-        reference: The reference.
+        reference: The reference; at several times it takes them as an array.
         times: When, s.
     """
+    if len(times) > 1 and not (robot.drive.steered or robot.drive.powered_casters):
+        at_once: Any = reference
+        state: ReferenceState = at_once(np.array(times))
+        q = configurations(robot, state.pose, state.joints)
+        twists = state.twist @ robot.root_velocity.T
+        rows = zip(q, *reference_rates(robot, state), twists, strict=True)
+        return [MotionSample(*row) for row in rows]
     found = []
     for t in times:
         state = reference(float(t))

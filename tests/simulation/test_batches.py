@@ -19,6 +19,7 @@ from rpctl.reference.named import reference_by_name
 from rpctl.reference.table import tabulate
 from rpctl.simulation import columns as columns_module
 from rpctl.simulation import recorder as recorder_module
+from rpctl.simulation.compiled.tracking_loop import _distinct
 from rpctl.simulation.derived import Derivation
 from rpctl.simulation.log import Log
 from rpctl.simulation.motion_columns import MotionColumns
@@ -119,6 +120,14 @@ def test_sets_of_limits_keep_their_numbers(robot: Robot) -> None:
     later = samples.rows(slice(10, COUNT))
     into.add_batch(later._replace(limits=2.0 - later.limits), SETS[::-1])
     check_same(into.log(), one_by_one(robot))
+
+
+def test_rows_that_repeat_are_found_once() -> None:
+    """The compiled loop tells by a row of flags which limits bind at a sample."""
+    rows = (np.random.default_rng(0).random((200, 5)) < 0.1).astype(float)
+    distinct, numbers = _distinct(rows)
+    assert len({row.tobytes() for row in distinct}) == len(distinct) > 5
+    np.testing.assert_array_equal(np.array(distinct)[numbers.astype(int)], rows)
 
 
 def test_what_is_no_motion_ends_the_log_before_it(robot: Robot) -> None:

@@ -225,13 +225,13 @@ def add_samples(
     if not count:
         return
     rows = slice(count)
-    sets, which = np.unique(log["limits"][rows], axis=0, return_inverse=True)
+    sets, which = _distinct(log["limits"][rows])
     work, lost = log["energy"][rows].T
     samples = Samples(
         t=table.t[rows],
         work=work,
         lost=lost,
-        limits=which.ravel().astype(float),
+        limits=which,
         q=log["q"][rows],
         nu=log["nu"][rows],
         tau=log["tau"][rows],
@@ -246,3 +246,17 @@ def add_samples(
         direction=table.direction[rows].reshape(count, -1),
     )
     recorder.add_batch(samples, [names(row) for row in sets])
+
+
+def _distinct(rows: Array) -> tuple[list[Array], Array]:
+    """Return the distinct ones of rows (K, n), K > 0, and the number (K,) of each row's.
+
+    Most rows are the one before.
+    """
+    changes = (rows[1:] != rows[:-1]).any(axis=1)
+    starts = np.concatenate([[0], 1 + np.flatnonzero(changes)])
+    known: dict[bytes, int] = {}
+    numbers = [known.setdefault(rows[k].tobytes(), len(known)) for k in starts]
+    lasting = np.diff(np.append(starts, len(rows)))
+    distinct = [np.frombuffer(row, dtype=float) for row in known]
+    return distinct, np.repeat(np.array(numbers, dtype=float), lasting)

@@ -19,7 +19,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError, UnknownNameError
 from rpctl.robot import catalog
-from rpctl.simulation.compiled.comparison import check
+from rpctl.simulation.compiled.comparison import EQUAL, Evaluate, check
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.rolling import SINGULAR
 from tests import random_vehicles, vehicles
@@ -78,19 +78,33 @@ FAULTS = (
 )
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_the_check_finds_each_quantity_that_is_off(name: str, paper: Robot) -> None:
-    def off(function: Any) -> Callable[..., Sequence[Any]]:
+def off(name: str, relative: float) -> Evaluate:
+    """Return an evaluation whose largest entry of a quantity is off by a share of itself."""
+
+    def evaluate(function: Any) -> Callable[..., Sequence[Any]]:
         def call(*state: Array) -> Sequence[Any]:
             found = [np.array(value) for value in function(*state)]
             one = found[function.name_out().index(name)]
-            one.flat[int(np.abs(one).argmax())] += 1e-8 * (np.abs(one).max() or 1.0)
+            one.flat[int(np.abs(one).argmax())] += relative * (np.abs(one).max() or 1.0)
             return found
 
         return call
 
+    return evaluate
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_check_finds_each_quantity_that_is_off(name: str, paper: Robot) -> None:
     with pytest.raises(RpctlError, match=rf"paper: the compiled {name} differs from Pin"):
-        check(SymbolicDynamics(paper), samples=1, evaluate=off)
+        check(SymbolicDynamics(paper), samples=1, evaluate=off(name, 1e-8))
+
+
+@pytest.mark.parametrize("name", ["inertia", "efforts"])  # of about 40 and .3
+def test_the_check_measures_by_the_largest_entry(name: str, paper: Robot) -> None:
+    dynamics = SymbolicDynamics(paper)
+    check(dynamics, samples=1, evaluate=off(name, 0.5 * EQUAL))
+    with pytest.raises(RpctlError, match=rf"{name} differs from Pinocchio's by 2e-10 of its"):
+        check(dynamics, samples=1, evaluate=off(name, 2.0 * EQUAL))
 
 
 def test_the_check_takes_no_number_for_equal(paper: Robot) -> None:
