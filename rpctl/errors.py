@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, TypeGuard
@@ -142,6 +142,12 @@ def one_line(text: str) -> str:
         half = MAX_MESSAGE // 2
         text = f"{text[:half]} ... {text[-half:]}"
     return printable(text)
+
+
+def listed(names: Collection[str], most: int) -> str:
+    """Return names in words: the first ``most`` of them, the others counted."""
+    more = len(names) - most
+    return ", ".join([*names][:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def printable(text: str, keep: str = "", escape: Callable[[str], str] | None = None) -> str:

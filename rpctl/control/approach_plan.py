@@ -14,6 +14,7 @@ from rpctl.control.smooth_path import SmoothPath, smooth_path
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.quasi_velocities import direction
+from rpctl.reference.smooth_step import smooth_step
 
 LOOK_AHEAD_S = 120.0  # s: a reference that cannot be met by then is not
 STRIDE_S = 0.5  # s between the instants at which a meeting is looked at
@@ -54,9 +55,10 @@ class Pace:
         for step, begins in ((cruise - first, 0.0), (last - cruise, self.duration - self.ramp)):
             u = (t - begins) / self.ramp
             v = min(max(u, 0.0), 1.0)
-            way += step * self.ramp * (v**4 * (2.5 - 3.0 * v + v**2) + max(u - 1.0, 0.0))
-            speed += step * v**3 * (10.0 - 15.0 * v + 6.0 * v**2)
-            change += step * 30.0 * v**2 * (1.0 - v) ** 2 / self.ramp
+            rise = smooth_step(v)
+            way += step * self.ramp * (rise.area + max(u - 1.0, 0.0))
+            speed += step * rise.value
+            change += step * rise.slope / self.ramp
         return way, speed, change
 
 

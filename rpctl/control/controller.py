@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.braking import Braking
 from rpctl.control.defaults import default_laws
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
 from rpctl.control.guarded import GuardedLaw
 from rpctl.control.law import (
     Command,
@@ -131,10 +131,12 @@ class Controller:
         kinematic, dynamic = (
             law.start(self._dynamics, self.period, self._rest) for law in self._laws
         )
-        self._kinematic = GuardedLaw(kinematic, UnifiedKinematic(), partial(require_command, robot))
+        unified = UnifiedKinematic(approach=None).start(self._dynamics, self.period, self._rest)
+        paper = PaperDynamic().start(self._dynamics, self.period, self._rest)
+        self._kinematic = GuardedLaw(kinematic, unified, partial(require_command, robot))
         # What makes efforts or speeds of the kinematic law's command.
         self._dynamic: GuardedLaw[Efforts] | GuardedLaw[Speeds] = GuardedLaw(
-            dynamic, _paper_within_limits, partial(require_efforts, robot)
+            dynamic, partial(_within_limits, paper), partial(require_efforts, robot)
         )
         self._speeds: VelocityController | None = None
         if self._output is not None:
@@ -274,12 +276,11 @@ class Controller:
         return self._time + self.period if math.isfinite(self._time) else 0.0
 
 
-def _paper_within_limits(
-    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
+def _within_limits(
+    law: PaperDynamicController, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
 ) -> Efforts:
     """Return the efforts of the paper's law, cut off at their limits: what always can be had."""
-    robot = dynamics.robot
-    tau = PaperDynamic()(dynamics, q, nu, command)
+    robot, tau = dynamics.robot, law(dynamics, q, nu, command)
     cut = np.clip(tau, -robot.effort_limits, robot.effort_limits)
     names = (robot.actuators[i] for i in np.flatnonzero(cut != tau))
     return Efforts(cut, tuple(Limit(name, "effort") for name in names))

@@ -12,6 +12,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.dubins import Bends, shortest_paths
 from rpctl.control.error import wrap
+from rpctl.reference.smooth_step import smooth_step
 
 GRID_M = 0.05  # m between the stored points of a path, of a bend of 1 m; less of sharper ones
 GAUSS = np.polynomial.legendre.leggauss(4)  # exact to rounding on so short a piece
@@ -68,19 +69,16 @@ class SmoothPath:
         at = min(max(int(s / grid[1]), 0), len(grid) - 2)
         x, y = points[at] + self._move(grid[at : at + 1], np.array([s]))[0]
         u = (s - self.places) / self.transition
-        inside = np.clip(u, 0.0, 1.0)
-        value = inside**3 * (10.0 - 15.0 * inside + 6.0 * inside**2)
-        slope = 30.0 * inside**2 * (1.0 - inside) ** 2 / self.transition
-        bend = 60.0 * inside * (1.0 - inside) * (1.0 - 2.0 * inside) / self.transition**2
-        kappa = self.steps @ np.column_stack([value, slope, bend])
+        rise = smooth_step(np.clip(u, 0.0, 1.0))
+        slope, bend = rise.slope / self.transition, rise.bend / self.transition**2
+        kappa = self.steps @ np.column_stack([rise.value, slope, bend])
         kappa[0] += self.curvature
         return SmoothPathPoint(np.array([x, y, self.heading(np.array([s]))[0]]), kappa)
 
     def heading(self, s: Array) -> Array:
         """Return the headings (n,), rad, at lengths ``s`` (n,) from the start."""
         u = (s[:, None] - self.places) / self.transition
-        v = np.clip(u, 0.0, 1.0)
-        area = v**4 * (2.5 - 3.0 * v + v**2) + np.maximum(u - 1.0, 0.0)
+        area = smooth_step(np.clip(u, 0.0, 1.0)).area + np.maximum(u - 1.0, 0.0)
         return np.asarray(self.start[2] + self.curvature * s + self.transition * area @ self.steps)
 
     @property

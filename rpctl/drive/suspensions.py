@@ -12,7 +12,7 @@ from rpctl.drive.plugins import SimulatorTags
 from rpctl.drive.roller_joints import rollers_of
 from rpctl.drive.wheel_like import WheelLike, moved_below, wheel_like
 from rpctl.drive.wheels import turns_like_wheel
-from rpctl.errors import Finding
+from rpctl.errors import Finding, listed
 
 MAX_ROCKER_RANGE = 0.5 * math.pi  # rad; what tilts further may be an arm
 MAX_STRUT_RADII = 2.0  # of its wheel's radius; what slides further may be a lift
@@ -133,7 +133,8 @@ def held_findings(held: tuple[HeldJoint, ...]) -> tuple[Finding, ...]:
         if each.what == "suspension":
             unit = "m" if each.joint.kind == "prismatic" else "rad"
             text = (
-                f'"{each.joint.name}" is a passive suspension of {_listed(each.wheels)}; '
+                f'"{each.joint.name}" is a passive suspension of '
+                f"{listed(each.wheels, MAX_LISTED)}; "
                 f"the planar model holds it at rest ({each.position:g} {unit}), "
                 f"--lock {each.joint.name}=POSITION holds it elsewhere"
             )
@@ -142,16 +143,11 @@ def held_findings(held: tuple[HeldJoint, ...]) -> tuple[Finding, ...]:
     if rollers:
         wheels = tuple(dict.fromkeys(name for each in rollers for name in each.wheels))
         text = (
-            f"{len(rollers)} rollers of {_listed(wheels)} are held: how they roll is in the "
-            "drive's constraints"
+            f"{len(rollers)} rollers of {listed(wheels, MAX_LISTED)} are held: how they roll is "
+            "in the drive's constraints"
         )
         findings.append(Finding("info", rollers[0].joint.line, text))
     return tuple(findings)
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    more = len(names) - MAX_LISTED
-    return ", ".join(names[:MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _carriers(tree: FrozenTree, wheel: WheelLike) -> list[Joint]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.pointwise import Numbers, choose, functions, matrix, vector
+from rpctl.reference.smooth_step import smooth_step
 
 
 class PathPoint(NamedTuple):
@@ -148,12 +149,7 @@ def ramped_time(t: Numbers, rate: float, ramp: float) -> PathTime:
         return PathTime(rate * (t - 0.5 * ramp), rate, 0.0)
 
     def rising(t: Numbers) -> PathTime:
-        u = t / ramp
-        square = u * u
-        return PathTime(
-            s=rate * ramp * square * square * (2.5 + u * (u - 3.0)),
-            rate=rate * square * u * (10.0 + u * (6.0 * u - 15.0)),
-            acceleration=rate / ramp * 30.0 * square * (1.0 - u) ** 2,
-        )
+        step = smooth_step(t / ramp)
+        return PathTime(rate * ramp * step.area, rate * step.value, rate / ramp * step.slope)
 
     return choose(t >= ramp, t, steadily, rising)

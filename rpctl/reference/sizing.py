@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError, listed, require_positive
 from rpctl.reference.usage import Usage
 from rpctl.robot.model import Robot
 
@@ -127,13 +127,10 @@ def assumptions(robot: Robot) -> str:
         for quantity in ("velocity", "effort")
     }
     lacking = " and ".join(
-        f"no {quantity} limit of {_listed(names)}" for quantity, names in missing.items() if names
+        f"no {quantity} limit of {listed(names, MAX_LISTED)}"
+        for quantity, names in missing.items()
+        if names
     )
     if not lacking:
         return ""
     return f"the URDF has {lacking}; there, size alone sets the pace"
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - MAX_LISTED
-    return ", ".join(names[:MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -17,6 +17,7 @@ from rpctl.description.mesh_hulls import Hull, convex_hull
 from rpctl.description.mesh_paths import MeshError
 from rpctl.description.mesh_service import start_hulls, start_reader
 from rpctl.description.records import Shape
+from rpctl.errors import listed
 from rpctl.robot.boxes import mass_box
 from rpctl.robot.model import Robot
 
@@ -168,6 +169,4 @@ def _convex(vertices: Array, faces: NDArray[np.int64]) -> Any:
 
 def _listed(names: list[str]) -> str:
     """Return names in words, each once; more than ``NAMED`` are counted."""
-    names = list(dict.fromkeys(names))
-    more = len(names) - NAMED
-    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
+    return listed(dict.fromkeys(names), NAMED)

@@ -47,10 +47,9 @@ speed = st.floats(-3.0, 3.0)
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-2.6, 2.6), st.floats(0.35, 0.95), st.tuples(speed, speed, speed, speed))
 def test_the_closed_form_of_the_paper_robot(
-    theta1: float, eta: float, speeds: tuple[float, ...]
+    paper: Robot, theta1: float, eta: float, speeds: tuple[float, ...]
 ) -> None:
-    robot = rpctl.load("paper")
-    dynamics, nu = ReducedDynamics(robot), np.array(speeds)
+    robot, dynamics, nu = paper, ReducedDynamics(paper), np.array(speeds)
     positions = {"arm_revolute_joint": theta1, "arm_prismatic_joint": eta}
     q = robot.configuration(0.3, 0.1, -1.0, positions)
     M, h = closed_form.inertia(theta1, eta), closed_form.bias(theta1, eta, nu)

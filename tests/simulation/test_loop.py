@@ -39,6 +39,10 @@ from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)
+COARSE: dict[str, Any] = {
+    "control_period": 0.01,
+    "plant_step": 0.01,
+}  # s; where no rounding is looked for
 TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
 QUICK_TURNS = {("paper", "spin"), ("mixed_chain", "circle")}
 TURNS_IN_CI = {("tiago_dual", "eight")}
@@ -47,7 +51,7 @@ PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 @pytest.fixture(scope="module")
 def eight(tiago: Robot) -> Run:
-    return track(tiago, "eight", 20.0, OFF)
+    return track(tiago, "eight", 14.0, OFF)
 
 
 def test_tiago_ends_within_a_millimetre(eight: Run) -> None:
@@ -169,7 +173,7 @@ def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, referenc
 def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
     """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
     ours, theirs = (
-        summarize(track(paper, reference, 15.0, (0.3, 0.5, 0.8), law, control_period=0.01))
+        summarize(track(paper, reference, 15.0, (0.3, 0.5, 0.8), law, **COARSE))
         for law in (None, PaperKinematic())
     )
     assert ours.rms_base_error < theirs.rms_base_error
@@ -180,7 +184,7 @@ def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, refer
 def test_a_reference_with_an_end_is_tracked_to_it(paper: Robot, tmp_path: Path) -> None:
     path = tmp_path / "way.toml"
     path.write_text("waypoints = [[0, 0, 0], [1, 0.3], [2, 0]]")
-    run = track(paper, str(path))
+    run = track(paper, str(path), **COARSE)
     assert 5.0 < run.t[-1] < 9.0
     np.testing.assert_allclose(run.log.base[-1, :2], [2.0, 0.0], atol=1e-3)
     assert run.config.run.reference == str(path)
@@ -211,20 +215,21 @@ def test_a_duration_that_nobody_asked_for_says_nothing(paper: Robot, tmp_path: P
 
 
 def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:
-    figures = summarize(track(paper, "eight", 10.0))
+    figures = summarize(track(paper, "eight", 3.0))
     assert figures.rms_base_error < 2e-4
 
 
 def test_a_fixed_base_moves_its_arm_only() -> None:
-    run = track(rpctl.load("panda"), "eight", 3.0)
+    panda = rpctl.load("panda")
+    run = track(panda, "eight", 1.0)
     assert not np.abs(run.log.e[:, :3]).any()
     assert (summarize(run).final_end_effector_error or np.inf) < 2e-3
     with pytest.raises(RpctlError, match="fixed base"):
-        track(rpctl.load("panda"), "eight", 3.0, OFF)
+        track(panda, "eight", 3.0, OFF)
 
 
 def test_a_platform_without_an_arm(tmp_path: Path) -> None:
-    run = track(rpctl.load(write(tmp_path, platform(SET_A))), "circle", 8.0, OFF)
+    run = track(rpctl.load(write(tmp_path, platform(SET_A))), "circle", 8.0, OFF, **COARSE)
     figures = summarize(run)
     assert figures.final_base_error < 1e-3
     assert figures.final_end_effector_error is None

@@ -27,6 +27,7 @@ from rpctl.view.pages.page import definitions, escape, section
 from rpctl.view.scene.stand_ins import StandIn, label, note
 
 JOINTS = "joints: "  # how the sentence on the joints' gains begins
+JOINTS_LABEL = "Joints"  # of that sentence, too long for a row
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
 SHOWN_WITHIN = ("leash", "approach", "joint_horizon", "joint_horizon_dyn", "midpoint")
 SETTING_LABELS = {
@@ -224,7 +225,10 @@ def residual(check: Mapping[str, Any]) -> str:
 
 
 def _settings(run: Run) -> str:
-    return section("Settings", definitions(setting_texts(run).items()))
+    rows = setting_texts(run)
+    joints = rows.pop(JOINTS_LABEL, "")
+    sentence = f'<p class="quiet">{escape(JOINTS_LABEL)}: {escape(joints)}</p>' if joints else ""
+    return section("Settings", definitions(rows.items()) + sentence)
 
 
 def setting_texts(run: Run) -> dict[str, str]:
@@ -274,8 +278,9 @@ def _setting_groups(run: Run) -> Iterator[tuple[str, Sequence[tuple[str, object]
     biases = [(f"bias of {name}", bias) for name, bias in plant.tau_bias.items()]
     biases += [(f"friction of {name}", each) for name, each in plant.joint_friction.items()]
     late = [("lag", plant.lag), *((f"lag of {name}", lag) for name, lag in plant.lags.items())]
-    late += [("dead_time", plant.dead_time), ("delay", plant.delay)]
-    late += [(name, getattr(plant, name) or None) for name in ("dropped", "computing_time")]
+    late.append(("dead_time", plant.dead_time))
+    names = ("delay", "dropped", "computing_time")
+    late += [(name, getattr(plant, name) or None) for name in names]
     yield "plant", [*biases, *late, ("believed", run.controller_model)]
     yield "kinematic_report", [*run.kinematic_report.items()]
 

@@ -13,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.description.mesh_files import Surface
 from rpctl.description.mesh_paths import MeshError
 from rpctl.description.records import Link
+from rpctl.errors import listed
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
 from rpctl.view.scene.placed_shapes import (
@@ -131,8 +132,7 @@ def note(stand_ins: Iterable[StandIn], most: int = NAMED_LINKS) -> str:
     for each in stand_ins:
         links.setdefault(each.kind, []).append(each.link)
     parts = [
-        SENTENCES[kind][len(names) > 1].format(_listed(names, most))
-        for kind, names in links.items()
+        SENTENCES[kind][len(names) > 1].format(listed(names, most)) for kind, names in links.items()
     ]
     return f"hatched, in the place of missing meshes: {'; '.join(parts)}" if parts else ""
 
@@ -143,11 +143,6 @@ def label(stand_ins: Iterable[StandIn]) -> str:
     if not count:
         return ""
     return f"Mesh missing: {count} link{'s' if count > 1 else ''}, hatched"
-
-
-def _listed(names: list[str], most: int) -> str:
-    more = len(names) - most
-    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def _box(robot: Robot, link: Link, edges: Array, axes: Array) -> PlacedSurface:

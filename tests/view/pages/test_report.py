@@ -261,6 +261,13 @@ def test_settings_as_text() -> None:
     assert setting_text("/home/someone/path.csv") == "path.csv"
 
 
+def test_a_sentence_on_the_joints_stands_below_the_settings(paper_run: Run) -> None:
+    said = replace(paper_run, law_sentences=("joints: 5 Hz <b>",))
+    text = panel(said, summarize(said), ())
+    assert '</dl><p class="quiet">Joints: 5 Hz &lt;b&gt;</p>' in text
+    assert "<dt>Joints</dt>" not in text
+
+
 def test_laws_within_laws_are_named(paper_run: Run) -> None:
     config = Config(EndEffector(), IntegralDynamic())
     rows = setting_texts(replace(paper_run, config=config))
@@ -272,20 +279,21 @@ def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) ->
     plain = setting_texts(replace(paper_run, config=Config(), law_sentences=()))
     assert (plain["Leash (m, rad)"], plain["Approach from (m, rad)"]) == ("0.3, 1", "0.5, 0.8")
     assert plain["M, h of the period's middle"] == "yes"
-    absent = {"Joints", "Samples dropped, of 1", "Computing time, s", "Reference retimed"}
+    absent = {"Joints", "Delay, s", "Samples dropped, of 1", "Computing time, s"}
+    absent |= {"Reference retimed"}
     assert not absent & plain.keys()
     config = Config(
         UnifiedKinematic(joint_horizon=0.3, leash=None),
         IntegralDynamic(joint_gain=7.0),
         RunSettings(smooth=0.01, retime=True),
-        plant=Plant(dropped=0.3, computing_time=0.006),
+        plant=Plant(delay=0.004, dropped=0.3, computing_time=0.006),
     )
     rows = setting_texts(replace(paper_run, config=config, law_sentences=("joints: 5 Hz", "x")))
     assert "Leash (m, rad)" not in rows
     told = {
         "Joints' horizon h, s": "0.3", "Joints' gain k, 1/s": "7", "Joints": "5 Hz",
         "Reference smoothed by, m": "0.01", "Reference retimed": "yes",
-        "Samples dropped, of 1": "0.3", "Computing time, s": "0.006",
+        "Delay, s": "0.004", "Samples dropped, of 1": "0.3", "Computing time, s": "0.006",
     }  # fmt: skip
     assert {label: rows.get(label) for label in told} == told
 
