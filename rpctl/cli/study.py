@@ -20,12 +20,12 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
+from rpctl.simulation.backend import BACKENDS
 from rpctl.study.cluster import DaskExecutor
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.extras import parquet, salib
 from rpctl.study.merits import REFUSED
 from rpctl.study.optimise import optimise
-from rpctl.study.rollout import BACKENDS
 from rpctl.study.store import RUNS_FILE
 from rpctl.study.study import Study, run_study
 from rpctl.study.study_file import read_study

@@ -60,22 +60,16 @@ class LinkInertias:
         """Return what the links alone make of the bodies; :meth:`bodies` has the arguments."""
         weights = masses * self._masses
         scales = masses if inertias is None else masses * inertias
-        moved = np.zeros(len(self.names), bool)
-        if offsets is not None:
-            moved |= np.asarray(offsets.any(axis=(0, 2)))
-        found = np.zeros((len(masses), len(self.nominal), 4, 4))
-        for body in range(len(self.nominal)):
-            links = np.flatnonzero(self.body == body)
-            held = links[~moved[links]]
-            about = scales[:, links] @ self._spread[links].reshape(-1, 16)
-            found[:, body] = (about + weights[:, held] @ self._points[held]).reshape(-1, 4, 4)
-        if offsets is None:
-            return found
-        for link in np.flatnonzero(moved).tolist():
-            place = self._places[link] + offsets[:, link] @ self._poses[link, :, :3].T
-            point = place[:, :, None] * place[:, None]
-            found[:, self.body[link]] += weights[:, link, None, None] * point
-        return found
+        found = np.zeros((len(masses), len(self.nominal), 16))
+        for link, body in enumerate(self.body.tolist()):  # no matrix product: robots are alone
+            point: Array = self._points[link]
+            if offsets is not None and (own := offsets[:, link]).any():
+                R = self._poses[link, :, :3]
+                place = self._places[link] + sum(own[:, k, None] * R[:, k] for k in range(3))
+                point = (place[:, :, None] * place[:, None]).reshape(-1, 16)
+            found[:, body] += scales[:, link, None] * self._spread[link].ravel()
+            found[:, body] += weights[:, link, None] * point
+        return found.reshape(*found.shape[:2], 4, 4)
 
 
 def pseudo_inertia(inertia: pin.Inertia) -> Array:

@@ -16,7 +16,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import config_tables
 from rpctl.study.design import Design
 from rpctl.study.distributions import distribution_table
-from rpctl.study.rollout import Experiment
+from rpctl.study.experiment import Experiment
 from rpctl.study.scatter import Scatter
 from rpctl.study.versions import installed
 

@@ -6,6 +6,7 @@ What a run of its own would find, by way of a `Plant` and a `Robot` (`simulation
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cached_property
@@ -24,6 +25,7 @@ from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.link_inertias import LinkInertias
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import matching
+from rpctl.robot.vary import add_friction
 from rpctl.simulation.closed_loop import start_configuration
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs, holding
@@ -33,12 +35,14 @@ from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, solved_ro
 from rpctl.simulation.loop import late
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.periods import delay_periods
-from rpctl.study.rollout import Experiment, run_seed
+from rpctl.study.experiment import Experiment, run_seed
 from rpctl.study.scatter import TUPLES, with_values
 
 LINKS = "link with a mass"
 POSITIVE = ("masses", "inertias", "radii", "track")
 NOT_NEGATIVE = ("damping", "joint_friction", "delay", "noise", "dropped")
+OFFSET = 1e-3  # m, of centres of the robot that stands for all
+FRICTION = 0.01  # N·m or N, of a robot that stands for those that lose something
 USUAL = (1e-9, 1e2)  # sizes of settings; runs with other ones are looked at one by one
 
 
@@ -52,7 +56,7 @@ class LaneColumns:
         duration: Of a run, s.
 
     Attributes:
-        simulated: The robot with what no run changes of the plant.
+        simulated: The robot with what no run changes of the plant, and with losses if any has.
         varied: What differs from run to run.
     """
 
@@ -60,12 +64,18 @@ class LaneColumns:
         self, robot: Robot, experiment: Experiment, start: ReferenceState, duration: float
     ) -> None:
         self.robot, self.experiment, self._duration = robot, experiment, duration
-        plant = experiment.config.plant
-        self.simulated = plant.simulated_robot(robot)
+        # Centres that differ are off the axles of the robot that stands for all: wheels are not
+        # taken for round then.
+        centres = tuple(name for name in experiment.names if name.startswith("plant.centres."))
+        stands = with_values(experiment.config, centres, np.full(len(centres), OFFSET))
+        simulated = stands.plant.simulated_robot(robot)
         self._links = LinkInertias(robot)
         self._start = start
         self._keys = {name: k for k, name in enumerate(experiment.names)}
+        self.simulated = simulated
         self.varied = self._varied()
+        if self.varied.losses and simulated.losses is None:  # robots that lose step otherwise
+            self.simulated = add_friction(simulated, dict.fromkeys(self.varied.losses, FRICTION))
 
     def _scattered(self, field: str) -> dict[str, int]:
         """Return the columns of the settings of a field of the plant, by what follows its name."""
@@ -171,6 +181,17 @@ class LaneColumns:
         """The columns of settings of laws."""
         return [k for name, k in self._keys.items() if name.startswith(("kinematic.", "dynamic."))]
 
+    def lossless(self, values: Array) -> NDArray[np.bool_]:
+        """Return which runs (K,) lose nothing although others do: they take other steps.
+
+        Args:
+            values: Settings (K, n).
+        """
+        if not self.varied.losses:
+            return np.zeros(len(values), bool)
+        lost = self._losses(values).values()
+        return np.logical_not(np.any([each.any(axis=1) for each in lost], axis=0))
+
     def inputs(
         self, dynamics: SymbolicDynamics, values: Array, indices: NDArray[np.int64]
     ) -> LaneInputs:
@@ -248,11 +269,11 @@ class LaneColumns:
         robot, pose = self.robot, self._start.pose
         q = np.tile(start_configuration(robot, self._start, (0.0, 0.0, 0.0)), (len(errors), 1))
         theta = pose[2] - errors[:, 2]
-        cos, sin = np.cos(theta), np.sin(theta)
+        cos, sin = _waves(theta)
         x = pose[0] - cos * errors[:, 0] + sin * errors[:, 1]
         y = pose[1] - sin * errors[:, 0] - cos * errors[:, 1]
         turned = theta - robot.drive.heading
-        cos, sin = np.cos(turned), np.sin(turned)
+        cos, sin = _waves(turned)
         px, py = robot.drive.point
         q[:, 0], q[:, 1] = x - cos * px + sin * py, y - sin * px - cos * py
         q[:, 2], q[:, 3] = cos, sin
@@ -368,3 +389,9 @@ class LaneColumns:
     def _settings_of(self, kinematic: Any, dynamic: Any, known: ReducedDynamics) -> Array:
         period = self.experiment.config.run.control_period
         return settings_of(kinematic, dynamic, known, period)[1]
+
+
+def _waves(angles: Array) -> tuple[Array, Array]:
+    """Return cosines and sines of angles (K,), each as if it were alone."""
+    cosines, sines = ([wave(x) for x in angles.tolist()] for wave in (math.cos, math.sin))
+    return np.array(cosines), np.array(sines)

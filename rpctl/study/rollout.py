@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,94 +13,27 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.defaults import default_laws
 from rpctl.control.law import DynamicLaw, KinematicLaw
-from rpctl.errors import DivergedError, RpctlError, UnknownNameError, require_positive
+from rpctl.errors import DivergedError, RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
+from rpctl.simulation.backend import pays, refusal
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.merits import measures
-from rpctl.simulation.outcome import DIVERGING, ON_PATH_M, TRACKED
+from rpctl.simulation.outcome import DIVERGING, TRACKED
 from rpctl.simulation.periods import whole_periods
 from rpctl.simulation.run import Run
+from rpctl.study.experiment import Experiment, RolloutTable
 from rpctl.study.merits import REFUSED, RunVerdict, merits_for, of_failed, run_merits
-from rpctl.study.scatter import Scatter, scatter_of, with_values
+from rpctl.study.scatter import Scatter, scatter_of
 
-BACKENDS = ("auto", "compiled", "pinocchio")
+if TYPE_CHECKING:
+    from rpctl.study.lane_rows import LaneRows
+
 SERIES = ("base_error", "lateral_error", "end_effector_error")  # over time, m
 STREAM = (0, 1)  # spawn key of the parameters' draws: the runs' own random numbers have keys (i,)
+RUNS = 10  # that a loop is built for, at least: whether it pays depends on no one's chunks
 CHUNK = 256  # runs that are done at a time, and after which progress is told
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """What all runs of a rollout have in common; a pure value.
-
-    Attributes:
-        config: What no run changes.
-        names: Paths of the settings that each run has its own of, see
-            :mod:`rpctl.study.scatter`.
-        seed: Of all that is random.
-        merits: Names of the merits that are wanted; None: all that the robot has.
-        samples: How many samples over time are kept of a run, at most.
-        tolerance: How far from its reference a run that succeeds may end, m.
-        backend: ``"compiled"``, ``"pinocchio"``, or ``"auto"``: the first that can do it.
-        reference: What the configuration's reference is; None loads it by its name.
-    """
-
-    config: Config
-    names: tuple[str, ...] = ()
-    seed: int = 0
-    merits: tuple[str, ...] | None = None
-    samples: int = 200
-    tolerance: float = ON_PATH_M
-    backend: str = "auto"
-    reference: Reference | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse what is out of range."""
-        if self.backend not in BACKENDS:
-            raise UnknownNameError("backend", self.backend, BACKENDS)
-        if self.samples < 2:
-            raise RpctlError(f"samples is {self.samples}; give a whole number, 2 or more")
-        if self.seed < 0:
-            raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
-        require_positive("tolerance", self.tolerance)
-
-    def config_of(self, values: Array, index: int) -> Config:
-        """Return the configuration of a run, which ``rpctl track --config`` replays.
-
-        Args:
-            values: Its settings (n,), in the order of the names.
-            index: Its number.
-
-        Raises:
-            RpctlError: A setting is out of range.
-        """
-        config = with_values(self.config, self.names, values)
-        plant = replace(config.plant, seed=run_seed(self.seed, index))
-        return replace(config, plant=plant)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RolloutTable:
-    """Some runs of a rollout, a row each; K runs, T samples over time.
-
-    Attributes:
-        indices: Numbers of the runs (K,).
-        merits: By name (K,), in the units of :data:`rpctl.study.merits.MERITS`; of a run that came
-            to no end each is inf. ``success`` is among them, 1 or 0.
-        t: Times of the samples (T,), s.
-        series: By name (K, T), m; NaN after a run has ended.
-        outcomes: What became of each run, in a word of :data:`rpctl.study.merits.RUN_OUTCOMES`.
-        reasons: Why, in words.
-    """
-
-    indices: NDArray[np.int64]
-    merits: Mapping[str, Array]
-    t: Array
-    series: Mapping[str, Array]
-    outcomes: tuple[str, ...]
-    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +46,7 @@ class _Prepared:
     series: tuple[str, ...]
     count: int  # samples of a run
     stride: int  # of those that are kept over time
+    lanes: LaneRows | None  # machine code; None: Python does the runs
 
     @property
     def kept(self) -> slice:
@@ -146,7 +80,49 @@ def _prepared(key: _Key) -> _Prepared:
     count = whole_periods(duration, config.run.control_period) + 1
     series = SERIES if robot.end_effector is not None else SERIES[:2]
     names = merits_for(robot, experiment.merits)
-    return _Prepared(robot, reference, names, series, count, -(-count // experiment.samples))
+    stride = -(-count // experiment.samples)
+    lanes = _lanes(config.limits.apply(robot), experiment, reference, count, stride)
+    return _Prepared(robot, reference, names, series, count, stride, lanes)
+
+
+def why_not(robot: Robot, experiment: Experiment, count: int) -> str | None:
+    """Return why an experiment's runs are not done by machine code, a clause; None if they are.
+
+    Args:
+        robot: The robot.
+        experiment: What the runs have in common.
+        count: Samples of a run.
+    """
+    if experiment.backend == "pinocchio":
+        return "Pinocchio is asked for"
+    if "plant.dropped" in experiment.names:
+        return "samples are dropped"
+    reason = refusal(robot, experiment.config)
+    if reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count):
+        return "runs are too short for that"
+    return reason
+
+
+def _lanes(
+    robot: Robot, experiment: Experiment, reference: Reference, count: int, stride: int
+) -> LaneRows | None:
+    """Return what runs an experiment as machine code; None where Python does.
+
+    Raises:
+        RpctlError: Machine code is asked for and cannot do it.
+    """
+    reason = why_not(robot, experiment, count)
+    if reason is None:
+        from rpctl.simulation.compiled.check import DiffersError
+        from rpctl.study.lane_rows import LaneRows
+
+        try:
+            return LaneRows(robot, experiment, reference, count, stride)
+        except DiffersError as error:
+            reason = str(error)
+    if experiment.backend == "compiled":
+        raise RpctlError(f'these runs cannot be compiled: {reason}; take backend "auto"')
+    return None
 
 
 def run_rows(
@@ -174,14 +150,27 @@ def run_rows(
     numbers = np.asarray(indices, dtype=np.int64)
     found = _prepared(_Key(robot, experiment))
     table = _empty_table(found, experiment, numbers)
-    outcomes, reasons = [], []
-    for row, (settings, index) in enumerate(zip(values, numbers.tolist(), strict=True)):
-        verdict = _run_row(found, experiment, table, row, settings, index)
-        outcomes.append(verdict.outcome)
-        reasons.append(verdict.reason)
-        if progress is not None:
-            progress(row + 1, len(numbers))
-    return replace(table, outcomes=tuple(outcomes), reasons=tuple(reasons))
+    verdicts: dict[int, RunVerdict] = {}
+    lanes = found.lanes
+    for first in range(0, len(numbers), CHUNK):
+        rows = slice(first, min(first + CHUNK, len(numbers)))
+
+        def told(done: int, _: int, first: int = first) -> None:
+            if progress is not None:
+                progress(first + done, len(numbers))
+
+        if lanes is not None:
+            verdicts |= lanes.fill(table, rows, values[rows], told)
+        for row in range(rows.start, rows.stop):
+            if row not in verdicts:
+                verdicts[row] = _run_row(found, experiment, table, row, values[row])
+            told(row + 1 - first, 0)
+    ordered = [verdicts[row] for row in range(len(numbers))]
+    return replace(
+        table,
+        outcomes=tuple(verdict.outcome for verdict in ordered),
+        reasons=tuple(verdict.reason for verdict in ordered),
+    )
 
 
 def _empty_table(
@@ -208,7 +197,6 @@ def _run_row(
     table: RolloutTable,
     row: int,
     settings: Array,
-    index: int,
 ) -> RunVerdict:
     """Simulate a run, fill its row, and return what became of it."""
 
@@ -219,8 +207,15 @@ def _run_row(
             table.series[name][row, : len(shown)] = shown
 
     try:
-        config = experiment.config_of(settings, index)
-        run = simulate(found.robot, config, found.reference, ended=keep, collisions=False)
+        config = experiment.config_of(settings, int(table.indices[row]))
+        run = simulate(
+            found.robot,
+            config,
+            found.reference,
+            ended=keep,
+            collisions=False,
+            backend="pinocchio",
+        )
     except DivergedError as error:
         return RunVerdict(DIVERGING, str(error))
     except RpctlError as error:
@@ -231,17 +226,6 @@ def _run_row(
         table.merits[name][row] = merits[name]
     table.merits["success"][row] = verdict.outcome == TRACKED
     return verdict
-
-
-def run_seed(seed: int, index: int) -> int:
-    """Return the seed of a run's plant, which follows from that of the study and its number.
-
-    Args:
-        seed: Of the study.
-        index: Number of the run.
-    """
-    state = np.random.SeedSequence(seed, spawn_key=(index,)).generate_state(1, np.uint64)
-    return int(state[0] >> np.uint64(1))  # TOML's whole numbers have 63 bits
 
 
 def draw(scatter: Scatter, count: int, seed: int) -> Array:

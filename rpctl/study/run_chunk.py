@@ -15,9 +15,10 @@ from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import RobotFacts, robot_facts
 from rpctl.simulation.reload import load_robot
+from rpctl.study.experiment import Experiment, RolloutTable
 from rpctl.study.identity import model_digest
 from rpctl.study.merits import SUCCESS
-from rpctl.study.rollout import Experiment, RolloutTable, run_rows
+from rpctl.study.rollout import run_rows
 from rpctl.study.store import RunTable
 
 

@@ -20,10 +20,10 @@ from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.outcome import TRACKED
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor, SerialExecutor
+from rpctl.study.experiment import Experiment
 from rpctl.study.identity import code_identity, experiment_identity, robot_identity
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.optimisation import Optimisation
-from rpctl.study.rollout import Experiment
 from rpctl.study.run_chunk import RunChunk, run_chunk, task_of
 from rpctl.study.scatter import Scatter
 from rpctl.study.statistics import worst_rows

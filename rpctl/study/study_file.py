@@ -19,9 +19,9 @@ from rpctl.simulation.config import LAW_REGISTRIES, TABLES, Config, config_from_
 from rpctl.simulation.outcome import ON_PATH_M
 from rpctl.study.design import Design
 from rpctl.study.distributions import DISTRIBUTIONS, Fixed
+from rpctl.study.experiment import Experiment
 from rpctl.study.merits import merits_for
 from rpctl.study.optimisation import Optimisation
-from rpctl.study.rollout import Experiment
 from rpctl.study.scatter import Scatter, scatter_of, with_values
 from rpctl.study.study import MERIT, Study
 

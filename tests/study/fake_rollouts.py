@@ -12,9 +12,9 @@ import pytest
 from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.study.executor import SerialExecutor
+from rpctl.study.experiment import Experiment, RolloutTable
 from rpctl.study.gain_search import setting
 from rpctl.study.merits import SUCCESS, merits_for
-from rpctl.study.rollout import Experiment, RolloutTable
 
 T = 3
 Merit = Callable[..., Array]  # of the settings by the last word of their path, and the numbers

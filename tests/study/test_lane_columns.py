@@ -17,8 +17,8 @@ from rpctl.simulation.compiled.law_settings import settings_of
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.plant import Plant
+from rpctl.study.experiment import Experiment
 from rpctl.study.lane_columns import LaneColumns
-from rpctl.study.rollout import Experiment
 
 NAMES = (
     "plant.masses.*",
@@ -56,7 +56,12 @@ def made(
 
 
 @pytest.mark.parametrize(
-    ("name", "more"), [("paper", "plant.track"), ("swerve", ""), ("mecanum", "plant.track")]
+    ("name", "more"),
+    [
+        ("paper", "plant.track"),
+        pytest.param("swerve", "", marks=pytest.mark.slow),
+        pytest.param("mecanum", "plant.track", marks=pytest.mark.slow),
+    ],
 )
 def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,9 @@ from rpctl import PaperDynamic, Robot, RpctlError
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.simulation.loop import simulate
 from rpctl.study.distributions import Normal, Uniform
+from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
-from rpctl.study.rollout import Experiment, Rollouts, draw, rollout, run_rows
+from rpctl.study.rollout import Rollouts, draw, rollout, run_rows
 from rpctl.study.scatter import scatter_of
 
 SCATTER = {
@@ -27,7 +29,7 @@ SHORT: dict[str, Any] = {"duration": 0.1, "control_period": 0.01, "plant_step": 
 
 @pytest.fixture(scope="module")
 def runs(paper: Robot) -> Rollouts:
-    return rollout(paper, "eight", SCATTER, count=4, seed=3, samples=4, **SHORT)
+    return rollout(paper, "eight", SCATTER, 4, seed=3, samples=4, backend="pinocchio", **SHORT)
 
 
 def test_a_row_is_replayed_by_its_configuration_file(
@@ -55,6 +57,78 @@ def test_a_row_is_the_same_whichever_run_beside_it(runs: Rollouts, paper: Robot)
         assert np.array_equal(series, runs.results.series[name][[3, 1]]), name
 
 
+EVERYTHING: dict[str, Any] = {
+    "plant.masses.*": Uniform(0.9, 1.1),
+    "plant.centres.*.x": Normal(0.0, 0.01),
+    "plant.inertias.base_link": Uniform(0.9, 1.1),
+    "plant.joint_friction.*": Uniform(0.0, 0.05),
+    "plant.damping.wheel_*": Uniform(0.0, 0.05),
+    "plant.tau_bias.wheel_left_joint": Normal(0.0, 0.1),
+    "plant.radii.*": Normal(1.0, 0.01),
+    "plant.track": Normal(1.0, 0.01),
+    "plant.delay": Uniform(0.0, 0.03),
+    "plant.noise.heading": Uniform(0.0, 0.005),
+    "run.initial_error.y": Normal(0.0, 0.1),
+    "kinematic.horizon": Uniform(0.3, 0.5),
+}
+
+
+@pytest.fixture(scope="module")
+def compiled(paper: Robot) -> Rollouts:
+    return rollout(
+        paper, "eight", EVERYTHING, 3, seed=3, samples=7, backend="compiled",
+        duration=0.3, control_period=0.01, plant_step=0.01,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_machine_code_gives_what_its_configuration_gives(compiled: Rollouts, paper: Robot) -> None:
+    for i in range(3):
+        merits, judged = run_merits(
+            simulate(paper, compiled.config(i), collisions=False, backend="pinocchio")
+        )
+        found = {name: float(compiled.merits[name][i]) for name in merits}
+        assert found == pytest.approx(merits, rel=1e-9, abs=1e-12)
+        assert compiled.outcomes[i] == judged.outcome
+    python = run_rows(
+        paper, dataclasses.replace(compiled.experiment, backend="pinocchio"),
+        compiled.parameters, [0, 1, 2],
+    )  # fmt: skip
+    assert np.array_equal(compiled.t, python.t)
+    for name, series in python.series.items():
+        np.testing.assert_allclose(compiled.results.series[name], series, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_lanes_do_not_know_of_each_other(compiled: Rollouts, paper: Robot) -> None:
+    """Bit for bit, alone and in any order, and beside refused and lossless runs."""
+    experiment, values = compiled.experiment, compiled.parameters
+    odd = values[[0, 0]].copy()
+    names = list(compiled.names)
+    odd[0, names.index("plant.masses.*")] = -1.0
+    odd[1, [names.index("plant.joint_friction.*"), names.index("plant.damping.wheel_*")]] = 0.0
+    table = run_rows(paper, experiment, np.vstack([odd, values[[2, 0]]]), [7, 8, 2, 0])
+    assert table.outcomes[0] == "refused"
+    assert "masses of * is -1" in table.reasons[0]
+    assert table.outcomes[2:] == (compiled.outcomes[2], compiled.outcomes[0])
+    for name, found in table.merits.items():
+        assert found[2:].tolist() == compiled.merits[name][[2, 0]].tolist(), name
+    for name, series in table.series.items():
+        assert np.array_equal(series[2:], compiled.results.series[name][[2, 0]]), name
+    merits, _ = run_merits(
+        simulate(paper, experiment.config_of(odd[1], 8), collisions=False, backend="pinocchio")
+    )
+    assert table.merits["work"][1] == merits["work"]
+    assert table.merits["lost"][1] == 0.0
+
+
+def test_machine_code_that_cannot_be_is_refused(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match=r"cannot be compiled: samples are dropped; take"):
+        rollout(paper, scatter={"plant.dropped": 0.1}, count=1, backend="compiled", **SHORT)
+    with pytest.raises(RpctlError, match="backend 'fast' is not known"):
+        rollout(paper, count=1, backend="fast", **SHORT)
+
+
 def test_more_runs_are_added_behind() -> None:
     scatter = scatter_of(SCATTER, Config())
     assert np.array_equal(draw(scatter, 7, 5)[:4], draw(scatter, 4, 5))
@@ -67,9 +141,10 @@ def test_runs_have_seeds_of_their_own(runs: Rollouts) -> None:
     assert runs.config(0).plant.seed == runs.experiment.config_of(runs.parameters[0], 0).plant.seed
 
 
-def test_a_run_that_fails_is_a_row(paper: Robot) -> None:
+@pytest.mark.parametrize("backend", ["pinocchio", "compiled"])
+def test_a_run_that_fails_is_a_row(paper: Robot, backend: str) -> None:
     config = Config(dynamic=PaperDynamic(), run=RunSettings(**SHORT))
-    experiment = Experiment(config, ("kinematic.horizon", "run.initial_error.y"))
+    experiment = Experiment(config, ("kinematic.horizon", "run.initial_error.y"), backend=backend)
     values = np.array([[-1.0, 0.0], [0.4, 0.01], [1e-6, 1.0]])
     table = run_rows(paper, experiment, values, [0, 1, 2])
     assert table.outcomes == ("refused", "tracked", "diverging")
