@@ -37,7 +37,7 @@ class LimitNames:
         self._joints = [[Limit(name, kind) for kind in LIMIT_KINDS] for name in joints]
 
     def __call__(self, row: Array) -> tuple[Limit, ...]:
-        """Return the limits that bind by a row (n_act + n_limited,) of the log, in the order of the law."""
+        """Return the limits that bind by a row of ``limits``, in the order of the law."""
         if not row.any():
             return ()
         count = len(self._efforts)
