@@ -37,7 +37,7 @@ def test_bounds_and_where_they_may_be_broken(name: str, rng: np.random.Generator
         wanted = limits.bounds(at, v, (brakes[0], brakes[1]))
         *found, doubtful = (each.full().ravel() for each in function(at, v, a, *brakes))
         for mine, theirs in zip(found, wanted, strict=True):
-            np.testing.assert_allclose(mine, theirs, rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(mine, np.asarray(theirs, float), rtol=1e-12, atol=1e-12)
         beyond = bool(((a < wanted.lower) | (a > wanted.upper)).any())
         assert doubtful[0] or not beyond
         broken, doubts = broken + beyond, doubts + int(doubtful[0])
