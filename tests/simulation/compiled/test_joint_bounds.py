@@ -14,7 +14,7 @@ from rpctl.simulation.compiled.joint_bounds import SymbolicJointLimits
 HORIZON, PERIOD = 0.15, 0.002
 
 
-@pytest.mark.parametrize("name", ["paper", "car"])
+@pytest.mark.parametrize("name", ["paper", pytest.param("car", marks=pytest.mark.slow)])
 def test_bounds_and_where_they_may_be_broken(name: str, rng: np.random.Generator) -> None:
     """No acceleration is beyond a bound where there is no doubt; mostly, there is no doubt."""
     robot = rpctl.load(name)
