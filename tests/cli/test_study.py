@@ -21,6 +21,7 @@ from tests.study.fake_rollouts import patch_rollouts
 STUDY = """
 [study]
 count = 30
+chunk = 15
 worst = 2
 [scatter]
 "plant.delay" = { uniform = [0.0, 0.9] }

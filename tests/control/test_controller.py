@@ -12,6 +12,8 @@ import pytest
 import rpctl
 from rpctl import Controller, ControllerOutput, Robot
 from rpctl.arrays import Array
+from rpctl.control import twist_law
+from rpctl.control.bandwidth import joint_gains
 from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.motion import rk4_step
@@ -203,6 +205,29 @@ def test_substitutes_keep_the_limits(paper: Robot) -> None:
     assert output.status == "fallback"
     assert np.abs(output.efforts[:2]).max() == 0.5
     assert {limit.kind for limit in output.limits} == {"effort"}
+
+
+def test_substitutes_derive_their_gains_once(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At each sample it would take longer than the law that failed."""
+    asked: list[None] = []
+
+    def counted(*arguments: Any) -> Any:
+        asked.append(None)
+        return joint_gains(*arguments)
+
+    monkeypatch.setattr(twist_law, "joint_gains", counted)
+    fails = iter([False, True, True])
+
+    def kinematic(*sample: Any) -> Any:
+        if next(fails):
+            raise SolverError("no solution")
+        return rpctl.PaperKinematic()(*sample)
+
+    robot = Simulated(Controller(paper, "circle", kinematic, "paper"))
+    begun = len(asked)
+    robot.run(0.006)
+    assert robot.controller.report()["fallbacks"] == 2
+    assert begun == len(asked) == 1
 
 
 def test_a_run_tells_that_a_law_failed(paper: Robot) -> None:

@@ -144,9 +144,13 @@ def test_a_whole_file_counts_as_done(tmp_path: Path) -> None:
     made.write(rows(9, 10))
     assert read_runs(made.merge(11, judge))[0].index.tolist() == list(range(11))
     data = made.runs_file.read_bytes()
-    made.runs_file.write_bytes(data[:-9])
-    with pytest.raises(RpctlError, match="is damaged; remove it"):
-        made.done()
+    column = pq.ParquetFile(made.runs_file).metadata.row_group(0).column(0)
+    inside = column.data_page_offset + column.total_compressed_size - 1
+    flipped = data[:inside] + bytes([data[inside] ^ 1]) + data[inside + 1 :]
+    for damaged in (data[:-9], flipped):
+        made.runs_file.write_bytes(damaged)
+        with pytest.raises(RpctlError, match="is damaged; remove it"):
+            made.done()
 
 
 def test_what_is_no_file_of_runs_is_refused(tmp_path: Path) -> None:

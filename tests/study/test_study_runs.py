@@ -18,19 +18,21 @@ from rpctl.arrays import Array
 from rpctl.simulation.config import read_config
 from rpctl.simulation.loop import simulate
 from rpctl.simulation.summary import summarize
+from rpctl.study.design import DESIGNS
 from rpctl.study.executor import ProcessExecutor, SerialExecutor
 from rpctl.study.store import RunTable, read_runs
-from rpctl.study.study import Study, chunk_size, run_study
+from rpctl.study.study import Study, chunk_size, run_study, succeeded
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, read_result
 from rpctl.study.versions import installed
+from tests.grids import cells
 from tests.study.fake_rollouts import OddExecutor, patch_rollouts
 
 SHORT = """
 [study]
 count = 5
-duration = 0.2
-samples = 5
+duration = 0.1
+samples = 3
 seed = 3
 [run]
 reference = "circle"
@@ -46,6 +48,7 @@ plant_step = 0.02
 FAKE = """
 [study]
 count = 40
+chunk = 20
 design = "DESIGN"
 [scatter]
 "plant.delay" = { uniform = [0.0, 1.0] }
@@ -154,19 +157,18 @@ def test_more_runs_extend_a_study(paper: Robot, tmp_path: Path) -> None:
     assert path.read_bytes() == fresh.read_bytes()
 
 
+CHANGES = [
+    ("count = 40", "count = 40\nseed = 4", r"design\.seed: 0 there, 4 here"),
+    ("count = 40", "count = 40\nsamples = 9", r"experiment\.samples: 200 there, 9 here"),
+    ("[0.0, 0.5]", "[0.0, 0.4]", r"dropped\.uniform: \[0.0, 0.5\] there, \[0.0, 0.4\] here"),
+    ("count = 40", "count = 41", r"design\.count: 40 there, 41 here"),
+    ("[scatter]", "[kinematic]\nlaw = 'paper'\n[scatter]",
+     r"experiment\.config\.kinematic\.law: unified there, paper here"),
+]  # fmt: skip
+
+
 @pytest.mark.usefixtures("fake")
-@pytest.mark.parametrize(
-    ("old", "new", "difference"),
-    [
-        ("count = 40", "count = 40\nseed = 4", "design.seed: 0 there, 4 here"),
-        ("count = 40", "count = 40\nsamples = 9", "experiment.samples: 200 there, 9 here"),
-        ("[0.0, 0.5]", "[0.0, 0.4]",
-         r"experiment.scatter.plant.dropped.uniform: \[0.0, 0.5\] there, \[0.0, 0.4\] here"),
-        ("count = 40", "count = 41", "design.count: 40 there, 41 here"),
-        ("[scatter]", "[kinematic]\nlaw = 'paper'\n[scatter]",
-         "experiment.config.kinematic.law: unified there, paper here"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "difference"), cells(CHANGES, CHANGES[2:3], CHANGES[3:]))
 def test_another_study_is_refused(
     paper: Robot, tmp_path: Path, old: str, new: str, difference: str
 ) -> None:
@@ -219,7 +221,9 @@ def test_success_is_judged_anew(paper: Robot, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("fake")
-@pytest.mark.parametrize("kind", ["monte-carlo", "grid", "latin-hypercube", "sobol", "morris"])
+@pytest.mark.parametrize(
+    "kind", cells(DESIGNS, ["grid", "morris"], {*DESIGNS} - {"grid", "morris"})
+)
 def test_a_result_says_what_matters(paper: Robot, tmp_path: Path, kind: str) -> None:
     text = FAKE.replace("DESIGN", kind).replace("count = 40", "count = 64\nworst = 2")
     run_study(paper, study_of(paper, tmp_path, text), tmp_path / "out")
@@ -265,6 +269,14 @@ def test_a_library_that_is_missing_is_named(
     with pytest.raises(RpctlError, match=rf"needs {package}; pip install 'rpctl\[study\]'"):
         run_study(paper, study, tmp_path / "out")
     assert not (tmp_path / "out" / "runs.parquet").exists()
+
+
+def test_a_threshold_may_be_reached() -> None:
+    merits = {"work": np.array([1.0, 2.0, np.inf]), "lost": np.array([0.0, 0.1, 0.0])}
+    outcomes = ("tracked", "away", "tracked")
+    assert succeeded(merits, outcomes, {}).tolist() == [True, False, True]
+    assert succeeded(merits, outcomes, {"work": 2.0}).tolist() == [True, True, False]
+    assert succeeded(merits, outcomes, {"work": 2.0, "lost": 0.0}).tolist() == [True, False, False]
 
 
 def test_chunks_suit_the_workers() -> None:

@@ -139,7 +139,7 @@ def test_page_of_a_robot_says_once_what_its_names_share(tmp_path: Path, long: bo
     assert "<small>wheels: summit_xl_…_joint</small>" in page
 
 
-@pytest.mark.parametrize(("column", "share"), every(4, product((False, True), repeat=2)))
+@pytest.mark.parametrize(("column", "share"), every(4, product((True, False), repeat=2)))
 def test_legends_on_paper_are_whole(long_run: Run, column: bool, share: bool) -> None:
     longest = [f"{letter}_name_that_{60 * 'n'}" for letter in "abcde"]
     run = long_run if share else renamed(long_run, longest)

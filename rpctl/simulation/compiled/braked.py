@@ -12,10 +12,14 @@ from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import Place, statement
+from rpctl.simulation.compiled.layout import Layout
+from rpctl.simulation.compiled.linear import PositiveFactors, factored, solve_factored
 from rpctl.simulation.compiled.plant import places
-from rpctl.simulation.compiled.program import Statement, Until
+from rpctl.simulation.compiled.program import Statement, Until, When
+from rpctl.simulation.compiled.scalars import Scalar, column, entries
 
-NEWTON, SURE = 0.0, 1.0  # which step is next
+CHORD_CONVERGED = 1e-2 * CONVERGED  # its error is not the square of the last step, but a share
+NEWTON, CHORD, SURE = 0.0, 1.0, 2.0  # which step is next
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +29,7 @@ class BrakedPlaces:
     Attributes:
         p: Parameters of the simulated robot.
         place: Configuration at which S is taken (nq,).
-        M: Inertia there (dof · dof,).
+        M: Inertia there, as :func:`inertia_layout` lays it out.
         free: ν₀, the speeds without losses (dof,).
         found: In the guess, out ν (dof,).
     """
@@ -37,78 +41,139 @@ class BrakedPlaces:
     found: Place
 
 
+def inertia_layout(dynamics: SymbolicDynamics) -> Layout:
+    """Return where the entries of M stand in a column: those of its lower half."""
+    q = casadi.SX.sym("q", dynamics.robot.nq)
+    return Layout({"M": lower_half(dynamics.inertia(q))})
+
+
+def lower_half(M: Any) -> Any:
+    """Return the lower half of a symmetric matrix, sparse where it is constantly 0."""
+    return casadi.sparsify(casadi.tril(M))
+
+
 def braked(dynamics: SymbolicDynamics, at: BrakedPlaces, weight: float) -> tuple[Statement, ...]:
     """Return the statements that find the ν of M (ν − ν₀) = w ℓ(ν).
 
-    A trip of the loop tries one step: Newton's, or the sure one where the last trip's Newton step
-    went too far. A lane that has converged stays as it is.
+    A trip tries one step. After Newton's step the next one is taken with the same curvature, a
+    chord's, which costs a fraction: mostly it is so small that its end is the solution. Where a
+    step went too far, it is tried again, a chord's as Newton's and Newton's as the sure one. A lane
+    that has converged stays as it is.
 
     Args:
         dynamics: Of the simulated robot.
         at: What they work on.
         weight: w, s.
     """
-    flags = places("newton", kind=1, trips=1, going=1)
-    kind, trips, going = (symbol for _, symbol in flags.values())
-    step = _TriedStep(dynamics, at, weight, kind == SURE)
-    done, newton = going == 0.0, kind == NEWTON
-    small = casadi.logic_and(newton, step.small)
-    overshot = casadi.logic_or(trips >= NEWTON_STEPS, step.overshoots)
-    again = casadi.logic_and(newton, casadi.logic_and(casadi.logic_not(small), overshot))
-    stays = casadi.logic_or(again, done)
-    following = {
-        "kind": casadi.if_else(again, SURE, NEWTON),
-        "trips": trips + casadi.if_else(again, 0.0, 1.0),
-        "going": casadi.if_else(casadi.logic_or(done, small), 0.0, 1.0),
-    }
-    outputs = [(flags[name][0], value) for name, value in following.items()]
-    outputs.append((at.found[0], casadi.if_else(stays, at.found[1], step.ahead)))
-    inputs = [at.place, at.M, at.free, at.found, at.p, *flags.values()]
-    trip = statement("trip", inputs, outputs)
-    first = {"kind": NEWTON, "trips": 0.0, "going": 1.0}
-    begin = statement("begin", [], [(flags[name][0], x) for name, x in first.items()])
-    return begin, Until(flags["going"][0], 2 * (NEWTON_STEPS + SURE_STEPS), (trip,))
+    search = _Search(dynamics, at, weight)
+    trip = (*search.factoring(), search.trip())
+    return *search.begin(), Until(search.going[0], 3 * (NEWTON_STEPS + SURE_STEPS), trip)
 
 
-class _TriedStep:
-    """One step from the speeds found so far.
+class _Search:
+    """The search for one ν.
 
     Args:
         dynamics: Of the simulated robot.
         at: What it works on.
         weight: w, s.
-        sure: Whether it is the sure step.
-
-    Attributes:
-        ahead: Speeds after it (dof, 1).
-        small: Whether a Newton step is so small that its end is the solution.
-        overshoots: Whether it ends where the slope along it is too large.
     """
 
-    def __init__(
-        self, dynamics: SymbolicDynamics, at: BrakedPlaces, weight: float, sure: Any
-    ) -> None:
-        n = dynamics.robot.dof
-        M, free, found = casadi.reshape(at.M[1], n, n), at.free[1], at.found[1]
-        S = dynamics.at(at.place[1]).S
-        lossy = _lossy(dynamics)
-        rows = S[lossy, :]
+    def __init__(self, dynamics: SymbolicDynamics, at: BrakedPlaces, weight: float) -> None:
+        n, nv = dynamics.robot.dof, dynamics.robot.nv
+        self._dynamics, self._at, self._weight = dynamics, at, weight
+        self._M = casadi.tril2symm(inertia_layout(dynamics).parts(at.M[1])["M"])
+        self._S = dynamics.at(at.place[1]).S
+        self._lossy = _lossy(dynamics)
+        self._flags = places("search", kind=1, trips=1, going=1, stale=1)
+        self._state = places("search", gradient=n, v=nv)
+        self.going = self._flags["going"]
+        self._factors = self._factored()
+        self._kept = places("factors", numbers=len(self._numbers(self._factors)))["numbers"]
 
-        def gradient(nu: Any, v: Any) -> Any:
-            return M @ (nu - free) - weight * (S.T @ dynamics.loss_force(v))
+    def _gradient(self, nu: Any, v: Any) -> Any:
+        """Return the slope of the potential (dof, 1) at ν (dof, 1) and v = S ν."""
+        force = self._S.T @ self._dynamics.loss_force(v)
+        return self._M @ (nu - self._at.free[1]) - self._weight * force
 
-        v = S @ found
-        slope, secant = (each[lossy] for each in (dynamics.loss_slope(v), dynamics.loss_secant(v)))
-        curvature = casadi.diag(weight * casadi.if_else(sure, secant, slope))
-        step = dynamics.solve_positive(M + rows.T @ curvature @ rows, -gradient(found, v))
-        self.ahead = found + step
-        v_ahead = S @ self.ahead
-        size = _least_rate(dynamics.robot) + casadi.mmax(casadi.fabs(v))
-        self.small = casadi.mmax(casadi.fabs(v_ahead - v)) <= CONVERGED * size
-        end, begin = (
-            casadi.dot(g, step) for g in (gradient(self.ahead, v_ahead), gradient(found, v))
+    def begin(self) -> tuple[Statement, ...]:
+        """Return what is done before the first trip."""
+        at, found = self._at, self._at.found[1]
+        v = self._S @ found
+        values = {"kind": NEWTON, "trips": 0.0, "going": 1.0, "stale": 1.0}
+        outputs = [(self._flags[name][0], value) for name, value in values.items()]
+        outputs += [
+            (self._state["gradient"][0], self._gradient(found, v)),
+            (self._state["v"][0], v),
+        ]
+        return (statement("search", [at.place, at.M, at.free, at.found, at.p], outputs),)
+
+    def factoring(self) -> tuple[Statement, ...]:
+        """Return what factors the curvature in the lanes where it is another one."""
+        at, stale = self._at, self._flags["stale"]
+        numbers = casadi.vertcat(*self._numbers(self._factors))
+        kept = casadi.if_else(stale[1], numbers, self._kept[1])
+        inputs = [at.place, at.M, self._state["v"], self._flags["kind"], stale, at.p, self._kept]
+        return (When(stale[0], (statement("factor", inputs, [(self._kept[0], kept)]),)),)
+
+    def _factored(self) -> PositiveFactors:
+        v, lossy = self._state["v"][1], self._lossy
+        slope, secant = (
+            each[lossy] for each in (self._dynamics.loss_slope(v), self._dynamics.loss_secant(v))
         )
-        self.overshoots = casadi.fabs(end) > OVERSHOOT * casadi.fabs(begin)
+        sure = self._flags["kind"][1] == SURE
+        rows = self._S[lossy, :]
+        curvature = casadi.diag(self._weight * casadi.if_else(sure, secant, slope))
+        H = casadi.sparsify(self._M + rows.T @ curvature @ rows)
+        n = H.shape[0]
+        has = H.sparsity().has_nz
+        return factored([[H[i, j] if has(i, j) else 0.0 for j in range(n)] for i in range(n)])
+
+    def _numbers(self, factors: PositiveFactors) -> list[Scalar]:
+        return [*factors.over, *(each for row in factors.L for each in row.values())]
+
+    def _restored(self) -> PositiveFactors:
+        """Return the factors as symbols of the buffer that keeps them."""
+        symbols = iter(entries(self._kept[1]))
+        over = [next(symbols) for _ in self._factors.over]
+        return PositiveFactors([{i: next(symbols) for i in row} for row in self._factors.L], over)
+
+    def trip(self) -> Statement:
+        """Return the call that tries a step."""
+        at, found = self._at, self._at.found[1]
+        kind, trips, going = (self._flags[name][1] for name in ("kind", "trips", "going"))
+        gradient, v = self._state["gradient"][1], self._state["v"][1]
+        step = column(solve_factored(self._restored(), entries(-gradient)))
+        ahead = found + step
+        v_ahead = self._S @ ahead
+        slope_ahead = self._gradient(ahead, v_ahead)
+        size = _least_rate(self._dynamics.robot) + casadi.mmax(casadi.fabs(v))
+        limit = casadi.if_else(kind == CHORD, CHORD_CONVERGED, CONVERGED)
+        tiny = casadi.mmax(casadi.fabs(v_ahead - v)) <= limit * size
+        small = casadi.logic_and(kind != SURE, tiny)
+        far = casadi.fabs(casadi.dot(slope_ahead, step)) > OVERSHOOT * casadi.fabs(
+            casadi.dot(gradient, step)
+        )
+        far = casadi.logic_or(far, casadi.logic_and(kind == NEWTON, trips >= NEWTON_STEPS))
+        again = casadi.logic_and(kind != SURE, casadi.logic_and(casadi.logic_not(small), far))
+        done = going == 0.0
+        stays = casadi.logic_or(again, done)
+        follows = casadi.if_else(kind == NEWTON, CHORD, NEWTON)
+        retried = casadi.if_else(kind == NEWTON, SURE, NEWTON)
+        following = casadi.if_else(again, retried, follows)
+        goes_on = casadi.logic_not(casadi.logic_or(done, small))
+        outputs = [
+            (self._flags["kind"][0], following),
+            (self._flags["trips"][0], trips + casadi.if_else(again, 0.0, 1.0)),
+            (self.going[0], goes_on),
+            (self._flags["stale"][0], casadi.logic_and(goes_on, following != CHORD)),
+            (at.found[0], casadi.if_else(stays, found, ahead)),
+            (self._state["gradient"][0], casadi.if_else(stays, gradient, slope_ahead)),
+            (self._state["v"][0], casadi.if_else(stays, v, v_ahead)),
+        ]
+        inputs = [at.place, at.M, at.free, at.found, at.p, self._kept]
+        flags = [self._flags[name] for name in ("kind", "trips", "going")]
+        return statement("trip", [*inputs, *flags, *self._state.values()], outputs)
 
 
 def _lossy(dynamics: SymbolicDynamics) -> list[int]:

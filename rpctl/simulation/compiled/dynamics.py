@@ -21,15 +21,18 @@ from rpctl.simulation.compiled.bodies import moving_bodies
 from rpctl.simulation.compiled.configuration import SymbolicConfiguration, integrated
 from rpctl.simulation.compiled.linear import solve_positive
 from rpctl.simulation.compiled.parameters import NOTHING, Parameters, Varied
+from rpctl.simulation.compiled.projection import SymbolicProjection
 from rpctl.simulation.compiled.rigid_body import MovingTree, crba, joint_motions, moving_tree, rnea
 from rpctl.simulation.compiled.robot_numbers import RobotNumbers
 from rpctl.simulation.compiled.rolling import SymbolicBasis
 from rpctl.simulation.compiled.scalars import (
     Scalar,
+    as_scalar,
     cleaned,
     column,
     dot,
     entries,
+    matrix,
     plus,
     product,
     times,
@@ -38,55 +41,6 @@ from rpctl.simulation.compiled.scalars import (
 )
 
 NO_NUMBERS: Mapping[str, Array] = MappingProxyType({})
-
-
-class SymbolicProjection:
-    """What rolling makes of velocities and efforts at one configuration, in symbols.
-
-    Attributes:
-        S: Basis ``casadi.SX`` (nv, dof), sparse where it is constantly 0.
-        B: Actuation map ``casadi.SX`` (dof, n_act), likewise.
-        margin: 1 where S is constant, else how far the steering is from a singular one, of 1.
-    """
-
-    def __init__(self, dynamics: SymbolicDynamics, basis: SymbolicBasis) -> None:
-        self._dynamics, self._basis = dynamics, basis
-        self.rows = basis.S
-        self.columns = transposed(basis.S)
-
-    @cached_property
-    def S(self) -> Any:
-        """Basis (nv, dof)."""
-        return _matrix(self.rows)
-
-    @cached_property
-    def B(self) -> Any:
-        """Actuation map (dof, n_act)."""
-        return _matrix(self.actuation)
-
-    @cached_property
-    def actuation(self) -> list[list[Scalar]]:
-        """Rows of B."""
-        return transposed([self.rows[i] for i in self._dynamics.actuated])
-
-    @property
-    def margin(self) -> Any:
-        """How far the steering is from a singular one."""
-        return casadi.SX(self._basis.margin)
-
-    @cached_property
-    def allocation(self) -> Any:
-        """Right inverse of B (n_act, dof) of least efforts relative to their limits."""
-        units = np.eye(self._dynamics.robot.dof).tolist()
-        return _matrix(transposed([self._dynamics.allocated(self, unit) for unit in units]))
-
-    def drift(self, nu: Any) -> Any:
-        """Return Ṡν (nv, 1)."""
-        return column(self.drifting(entries(nu)))
-
-    def drifting(self, nu: list[Scalar]) -> list[Scalar]:
-        """Return the entries of Ṡν."""
-        return self._basis.drift(product(self.rows, nu))
 
 
 class _AtConfiguration(NamedTuple):
@@ -120,7 +74,6 @@ class SymbolicDynamics:
         self.p = self._parameters.symbols
         self._known = self._parameters.scalars()
         self._gravity = -float(robot.model.gravity.linear[2])
-        self.actuated = [robot.velocity_index(name) for name in robot.actuators]
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
         self._last: _AtConfiguration | None = None
 
@@ -167,8 +120,9 @@ class SymbolicDynamics:
         if self._last is None or self._last.configuration.q is not q:
             at = SymbolicConfiguration(q)
             basis = SymbolicBasis(self._projector, self._known, at, self._swivels)
+            projection = SymbolicProjection(self._projector, basis, self.varied.rolling)
             tree = moving_tree(self._bodies, self._known["inertia"], self._gravity, at)
-            self._last = _AtConfiguration(at, SymbolicProjection(self, basis), tree)
+            self._last = _AtConfiguration(at, projection, tree)
         return self._last
 
     def rank_margin(self, q: Any) -> Any:
@@ -186,7 +140,7 @@ class SymbolicDynamics:
 
     def inertia(self, q: Any) -> Any:
         """Return M (dof, dof) at q (nq, 1), symmetric to the bit."""
-        return _matrix(self._inertia(q), dense=True)
+        return matrix(self._inertia(q), dense=True)
 
     def _inertia(self, q: Any) -> list[list[Scalar]]:
         _, projection, tree = self._at(q)
@@ -261,34 +215,12 @@ class SymbolicDynamics:
     def solve_positive(self, M: Any, b: Any) -> Any:
         """Return M⁻¹ b (n, 1) of a symmetric positive definite M (n, n), without pivots."""
         n = M.shape[0]
-        rows = [[_entry(M[i, j]) for j in range(n)] for i in range(n)]
+        rows = [[as_scalar(M[i, j]) for j in range(n)] for i in range(n)]
         return column(solve_positive(rows, entries(b)))
 
     def efforts(self, q: Any, force: Any) -> Any:
         """Return τ (n_act, 1) of least effort relative to the limits with B τ = ``force``."""
-        return column(self.allocated(self.at(q), entries(force)))
-
-    def allocated(self, at: SymbolicProjection, force: list[Scalar]) -> list[Scalar]:
-        """Return the entries of :meth:`efforts` at a projection.
-
-        Raises:
-            ActuationError: Actuators do not drive all quasi-velocities.
-        """
-        if self._projector.constant is not None and not self.varied.rolling:
-            allocation = self._projector.constant.allocation.tolist()
-            return product(allocation, force)
-        self._require_actuation()
-        limits = self.robot.effort_limits
-        squares = (np.where(np.isfinite(limits), limits, 1.0) ** 2).tolist()
-        B = at.actuation
-        weighted = [[times(b, square) for b, square in zip(row, squares, strict=True)] for row in B]
-        gram = [[dot(a, b) for b in B] for a in weighted]
-        return product(transposed(weighted), solve_positive(gram, force))
-
-    def _require_actuation(self) -> None:
-        """Raise unless the actuators drive all quasi-velocities at a regular steering."""
-        q = self.robot.random_configuration(np.random.default_rng(0))
-        _ = self._projector.at(q).allocation
+        return column(self.at(q).allocated(entries(force)))
 
     def integrate(self, q: Any, v: Any) -> Any:
         """Return q (nq, 1) moved along v (nv, 1) for a time of 1, as ``pinocchio.integrate``."""
@@ -327,7 +259,7 @@ class SymbolicDynamics:
         x, y, cos, sin = entries(q)[:4]
         to_world = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
         R, p = [product(to_world, x) for x in R], plus(product(to_world, p), [x, y, 0.0])
-        return _matrix(transposed(R), dense=True), column(p)
+        return matrix(transposed(R), dense=True), column(p)
 
     def loss_force(self, v: Any) -> Any:
         """Return the generalised force (nv, 1) of damping and friction at v (nv, 1)."""
@@ -349,12 +281,3 @@ class SymbolicDynamics:
         names = "damping", "friction", "rate"
         d, f, rate = (column(self._known[name]) for name in names)
         return d, f, rate * rate
-
-
-def _matrix(rows: Any, dense: bool = False) -> Any:
-    found = casadi.vertcat(*(casadi.horzcat(*(casadi.SX(x) for x in row)) for row in rows))
-    return casadi.densify(found) if dense else casadi.sparsify(found)
-
-
-def _entry(value: Any) -> Scalar:
-    return float(value) if value.is_constant() else value

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import casadi
 
 from rpctl.dynamics.motion import DELTA, GAMMA
-from rpctl.simulation.compiled.braked import BrakedPlaces, braked
+from rpctl.simulation.compiled.braked import BrakedPlaces, braked, inertia_layout, lower_half
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import Place, statement
 from rpctl.simulation.compiled.plant import (
     PlantBuffers,
-    PlantPlaces,
     dexpinv,
     places,
     plant_places,
@@ -18,117 +20,116 @@ from rpctl.simulation.compiled.plant import (
 from rpctl.simulation.compiled.program import Statement
 
 
-def implicit_step(dynamics: SymbolicDynamics, at: PlantBuffers, dt: float) -> tuple[Statement, ...]:
-    """Return the statements of a step: two explicit parts, each followed by an implicit one.
+class ImplicitStep:
+    """A step in two explicit parts, each followed by an implicit one.
 
     Args:
         dynamics: Of the simulated robot.
-        at: What they work on.
+        at: What it works on.
         dt: Length of the step, s.
+
+    Attributes:
+        inertia: M at the state (n_M,), which the end of a step leaves for the next.
     """
-    n, nv, nq = dynamics.robot.dof, dynamics.robot.nv, dynamics.robot.nq
-    plant = plant_places(dynamics, at)
-    b = places("ars", place=nq, v=nv, a=n, power=1, M=n * n, free=n, found=n, impulse=nv)
-    newton = braked(
-        dynamics,
-        BrakedPlaces(plant.p, b["place"], b["M"], b["free"], b["found"]),
-        GAMMA * dt,
-    )
-    return (
-        _start(dynamics, plant, b, dt),
-        *newton,
-        _middle(dynamics, plant, b, dt),
-        *newton,
-        _end(dynamics, plant, b, dt),
-    )
 
+    def __init__(self, dynamics: SymbolicDynamics, at: PlantBuffers, dt: float) -> None:
+        n, nv, nq = dynamics.robot.dof, dynamics.robot.nv, dynamics.robot.nq
+        self._dynamics, self._dt = dynamics, dt
+        self._layout = inertia_layout(dynamics)
+        self._plant = plant_places(dynamics, at)
+        size = self._layout.size
+        self._parts = places(
+            "ars", place=nq, v=nv, a=n, power=1, M=size, free=n, found=n, impulse=nv
+        )
+        self.inertia = self._parts["M"][0]
 
-def _start(
-    dynamics: SymbolicDynamics, plant: PlantPlaces, b: dict[str, Place], dt: float
-) -> Statement:
-    """Go to the middle without losses.
+    def start(self) -> tuple[Statement, ...]:
+        """Return what is done before the first step."""
+        plant = self._plant
+        inertia = (self.inertia, self._inertia(plant.q[1]))
+        return (statement("inertia", [plant.q, plant.p], [inertia]),)
 
-    Args:
-        dynamics: Of the simulated robot.
-        plant: Its state.
-        b: What the parts of the step hand on.
-        dt: Length of the step, s.
-    """
-    q, nu, tau, own = plant.q[1], plant.nu[1], plant.tau[1], GAMMA * dt
-    projection = dynamics.at(q)
-    v = projection.S @ nu
-    M, push = dynamics.lossless(q, nu, tau)
-    a = dynamics.solve_positive(M, push)
-    place = dynamics.integrate(q, own * v)
-    found = {
-        "v": v,
-        "a": a,
-        "power": casadi.dot(projection.B @ tau, nu),
-        "place": place,
-        "M": casadi.vec(dynamics.inertia(place)),
-        "free": nu + own * a,
-        "found": nu,
-    }
-    inputs = [plant.q, plant.nu, plant.tau, plant.p]
-    return statement("start", inputs, [(b[name][0], value) for name, value in found.items()])
+    def statements(self) -> tuple[Statement, ...]:
+        """Return the statements of a step."""
+        names = ("place", "M", "free", "found")
+        at = BrakedPlaces(self._plant.p, *(self._parts[name] for name in names))
+        newton = braked(self._dynamics, at, GAMMA * self._dt)
+        return self._begin(), *newton, self._middle(), *newton, self._end()
 
+    def _inertia(self, q: Any) -> Any:
+        """Return M at q (nq, 1) as the buffer has it."""
+        return lower_half(self._dynamics.inertia(q)).nz[:]
 
-def _middle(
-    dynamics: SymbolicDynamics, plant: PlantPlaces, b: dict[str, Place], dt: float
-) -> Statement:
-    """Go from the middle to the end, but for the losses there.
+    def _solved(self, right: Any) -> Any:
+        """Return M⁻¹ right (dof, 1), M that of the buffer."""
+        M = casadi.tril2symm(self._layout.parts(self._parts["M"][1])["M"])
+        return self._dynamics.solve_positive(M, right)
 
-    Args:
-        dynamics: Of the simulated robot.
-        plant: Its state.
-        b: What the parts of the step hand on.
-        dt: Length of the step, s.
-    """
-    q, nu, tau, n = plant.q[1], plant.nu[1], plant.tau[1], dynamics.robot.dof
-    place, middle, v, a = (b[name][1] for name in ("place", "found", "v", "a"))
-    S = dynamics.at(place).S
-    v_middle = S @ middle
-    brake = dynamics.loss_force(v_middle)
-    _, push = dynamics.lossless(place, middle, tau)
-    right = (1.0 - DELTA) * push + (1.0 - GAMMA) * (S.T @ brake)
-    later = dynamics.solve_positive(casadi.reshape(b["M"][1], n, n), right)
-    slide = GAMMA * dt * v
-    end = dynamics.integrate(q, dt * (DELTA * v + (1.0 - DELTA) * dexpinv(slide, v_middle)))
-    found = {
-        "place": end,
-        "M": casadi.vec(dynamics.inertia(end)),
-        "free": nu + dt * (DELTA * a + later),
-        "impulse": dt * (1.0 - GAMMA) * brake,
-    }
-    inputs = [plant.q, plant.nu, plant.tau, plant.p]
-    inputs += [b[name] for name in ("place", "M", "found", "v", "a")]
-    return statement("middle", inputs, [(b[name][0], value) for name, value in found.items()])
+    def _push(self, q: Any, nu: Any) -> Any:
+        """Return B τ − h (dof, 1)."""
+        pushing = self._dynamics.at(q).B @ self._plant.tau[1]
+        return pushing - self._dynamics.bias(q, nu)
 
+    def _outputs(self, found: Mapping[str, Any]) -> list[Place]:
+        return [(self._parts[name][0], value) for name, value in found.items()]
 
-def _end(
-    dynamics: SymbolicDynamics, plant: PlantPlaces, b: dict[str, Place], dt: float
-) -> Statement:
-    """Take the state at the end, and the energies of the step.
+    def _inputs(self, *names: str) -> list[Place]:
+        return [self._parts[name] for name in names]
 
-    Args:
-        dynamics: Of the simulated robot.
-        plant: Its state.
-        b: What the parts of the step hand on.
-        dt: Length of the step, s.
-    """
-    place, after, v, power, impulse = (
-        b[name][1] for name in ("place", "found", "v", "power", "impulse")
-    )
-    projection = dynamics.at(place)
-    v_end = projection.S @ after
-    whole = impulse + dt * GAMMA * dynamics.loss_force(v_end)
-    work = 0.5 * dt * (power + casadi.dot(projection.B @ plant.tau[1], after))
-    lost = -0.5 * casadi.dot(whole, v + v_end)
-    results = [
-        (plant.q[0], place),
-        (plant.nu[0], after),
-        (plant.energy[0], plant.energy[1] + casadi.vertcat(work, lost)),
-    ]
-    inputs = [plant.tau, plant.p, plant.energy]
-    inputs += [b[name] for name in ("place", "found", "v", "power", "impulse")]
-    return statement("finish", inputs, results)
+    def _begin(self) -> Statement:
+        """Go to the middle, without losses."""
+        dynamics, plant, own = self._dynamics, self._plant, GAMMA * self._dt
+        q, nu = plant.q[1], plant.nu[1]
+        projection = dynamics.at(q)
+        v, a = projection.S @ nu, self._solved(self._push(q, nu))
+        place = dynamics.integrate(q, own * v)
+        found = {
+            "v": v,
+            "a": a,
+            "power": casadi.dot(projection.B @ plant.tau[1], nu),
+            "place": place,
+            "M": self._inertia(place),
+            "free": nu + own * a,
+            "found": nu,
+        }
+        inputs = [plant.q, plant.nu, plant.tau, plant.p, *self._inputs("M")]
+        return statement("explicit", inputs, self._outputs(found))
+
+    def _middle(self) -> Statement:
+        """Go from the middle to the end, but for the losses there."""
+        dynamics, plant, dt = self._dynamics, self._plant, self._dt
+        place, middle, v, a = (self._parts[name][1] for name in ("place", "found", "v", "a"))
+        S = dynamics.at(place).S
+        v_middle = S @ middle
+        brake = dynamics.loss_force(v_middle)
+        right = (1.0 - DELTA) * self._push(place, middle) + (1.0 - GAMMA) * (S.T @ brake)
+        slide = GAMMA * dt * v
+        way = DELTA * v + (1.0 - DELTA) * dexpinv(slide, v_middle)
+        end = dynamics.integrate(plant.q[1], dt * way)
+        found = {
+            "place": end,
+            "M": self._inertia(end),
+            "free": plant.nu[1] + dt * (DELTA * a + self._solved(right)),
+            "impulse": dt * (1.0 - GAMMA) * brake,
+        }
+        inputs = [plant.q, plant.nu, plant.tau, plant.p]
+        inputs += self._inputs("place", "M", "found", "v", "a")
+        return statement("middle", inputs, self._outputs(found))
+
+    def _end(self) -> Statement:
+        """Take the state at the end, and the energies of the step."""
+        dynamics, plant, dt = self._dynamics, self._plant, self._dt
+        names = ("place", "found", "v", "power", "impulse")
+        place, after, v, power, impulse = (self._parts[name][1] for name in names)
+        projection = dynamics.at(place)
+        v_end = projection.S @ after
+        whole = impulse + dt * GAMMA * dynamics.loss_force(v_end)
+        work = 0.5 * dt * (power + casadi.dot(projection.B @ plant.tau[1], after))
+        lost = -0.5 * casadi.dot(whole, v + v_end)
+        results = [
+            (plant.q[0], place),
+            (plant.nu[0], after),
+            (plant.energy[0], plant.energy[1] + casadi.vertcat(work, lost)),
+        ]
+        inputs = [plant.tau, plant.p, plant.energy, *self._inputs(*names)]
+        return statement("finish", inputs, results)

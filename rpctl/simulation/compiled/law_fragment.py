@@ -33,12 +33,11 @@ class LimitNames:
     """
 
     def __init__(self, actuators: Sequence[str], joints: Sequence[str]) -> None:
-        self.size = len(actuators) + len(joints)
         self._efforts = [Limit(name, "effort") for name in actuators]
         self._joints = [[Limit(name, kind) for kind in LIMIT_KINDS] for name in joints]
 
     def __call__(self, row: Array) -> tuple[Limit, ...]:
-        """Return the limits that bind by a row (size,) of the log, in the order of the law."""
+        """Return the limits that bind by a row of ``limits``, in the order of the law."""
         if not row.any():
             return ()
         count = len(self._efforts)

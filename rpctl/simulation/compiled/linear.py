@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import casadi
 import numpy as np
@@ -12,17 +13,30 @@ from rpctl.simulation.compiled.scalars import Scalar, dot, is_zero, times, total
 
 
 def solve_positive(M: Sequence[Sequence[Scalar]], b: Sequence[Scalar]) -> list[Scalar]:
-    """Return M⁻¹ b (n,) of a symmetric positive definite M (n, n), by M = Lᵀ D L.
-
-    Rows are eliminated from the last to the first: the joints at the ends of a tree fill in nothing
-    between its branches ([F08, Ch. 6]). None of D vanishes, so no pivot has to be looked for.
+    """Return M⁻¹ b (n,) of a symmetric positive definite M (n, n).
 
     Args:
         M: Its lower half is read.
         b: Right side.
     """
-    n = len(b)
-    rows, found = [list(row) for row in M], list(b)
+    return solve_factored(factored(M), b)
+
+
+class PositiveFactors(NamedTuple):
+    """A symmetric positive definite M = Lᵀ D L."""
+
+    L: list[dict[int, Scalar]]  # row by row, below the diagonal of ones
+    over: list[Scalar]  # D⁻¹
+
+
+def factored(M: Sequence[Sequence[Scalar]]) -> PositiveFactors:
+    """Return the factors of a symmetric positive definite M (n, n), whose lower half is read.
+
+    Rows are eliminated from the last to the first: the joints at the ends of a tree fill in nothing
+    between its branches ([F08, Ch. 6]). None of D vanishes, so no pivot has to be looked for.
+    """
+    n = len(M)
+    rows = [list(row) for row in M]
     over: list[Scalar] = [0.0] * n
     L: list[dict[int, Scalar]] = [{} for _ in range(n)]
     for k in reversed(range(n)):
@@ -32,10 +46,24 @@ def solve_positive(M: Sequence[Sequence[Scalar]], b: Sequence[Scalar]) -> list[S
             for j in L[k]:
                 if j <= i:
                     rows[i][j] = total((rows[i][j], -times(factor, row[j])))
+    return PositiveFactors(L, over)
+
+
+def solve_factored(factors: PositiveFactors, b: Sequence[Scalar]) -> list[Scalar]:
+    """Return M⁻¹ b (n,).
+
+    Args:
+        factors: Of M.
+        b: Right side.
+    """
+    L, over = factors
+    found = list(b)
+    for k in reversed(range(len(b))):
+        for i, factor in L[k].items():
             found[i] = total((found[i], -times(factor, found[k])))
     solved: list[Scalar] = []
-    for k in range(n):
-        rest = (-times(factor, solved[i]) for i, factor in L[k].items())
+    for k, row in enumerate(L):
+        rest = (-times(factor, solved[i]) for i, factor in row.items())
         solved.append(total((times(found[k], over[k]), *rest)))
     return solved
 

@@ -16,7 +16,7 @@ from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import LawFragment
 from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantBuffers
-from rpctl.simulation.compiled.plant_step import plant_step
+from rpctl.simulation.compiled.plant_step import PlantFragment, plant_fragment
 from rpctl.simulation.compiled.program import (
     Buffer,
     Call,
@@ -76,8 +76,9 @@ class LoopProgram:
     """A closed loop in lanes.
 
     Attributes:
-        start: Done once, before the first sample: what the laws remember of the robot at rest.
+        start: Done once, before the first sample: what laws and plant remember at rest.
         sample: A sample, and the plant until the next.
+        memory: What both have in common: the start leaves it to the first sample.
         law: The laws.
         plant: What the plant works on.
         bias: Efforts (n_act,) that push besides the controller's.
@@ -98,6 +99,7 @@ class LoopProgram:
 
     start: Program
     sample: Program
+    memory: tuple[Buffer, ...]
     law: LawFragment
     plant: PlantBuffers
     bias: Buffer
@@ -157,8 +159,9 @@ def loop_program(
         q, nu, Buffer("pushing", n_act), Buffer("energy", 2), Buffer("p", dynamics.p.numel())
     )
     found = LoopProgram(
-        start=Program(law.start),
+        start=Program(()),
         sample=Program(()),
+        memory=(),
         law=law,
         plant=plant,
         bias=Buffer("bias", n_act),
@@ -177,6 +180,8 @@ def loop_program(
     )
     fold = _folded(found, dynamics) if shape.folded else None
     log = _log(found, fold)
+    steps = substeps(shape.period, shape.plant_step)
+    moving = plant_fragment(dynamics, plant, shape.period / steps, steps)
     body = (
         *_measured(found, sensors, shape),
         *law.body,
@@ -185,10 +190,17 @@ def loop_program(
         *_acting(found, dynamics, shape),
         *(() if fold is None else fold.statements),
         *(Write(buffer, stream) for buffer, stream in log.values()),
-        *_pushed(found, dynamics, shape),
+        *_pushed(found, moving, shape),
     )
     streams = {name: stream for name, (_, stream) in log.items()}
-    return replace(found, sample=Program(body), log=streams, fold=fold)
+    return replace(
+        found,
+        start=Program((*law.start, *moving.start)),
+        sample=Program(body),
+        memory=(*law.memory, *moving.memory),
+        log=streams,
+        fold=fold,
+    )
 
 
 def _measured(loop: LoopProgram, sensors: Sensors, shape: LoopShape) -> tuple[Statement, ...]:
@@ -255,19 +267,16 @@ def _acting(
     return tuple(body)
 
 
-def _pushed(
-    loop: LoopProgram, dynamics: SymbolicDynamics, shape: LoopShape
-) -> tuple[Statement, ...]:
+def _pushed(loop: LoopProgram, moving: PlantFragment, shape: LoopShape) -> tuple[Statement, ...]:
     """Push the robot until the next sample."""
     tau, bias = (casadi.SX.sym(name, loop.bias.size) for name in ("tau", "bias"))
     push = _function("push", [tau, bias], [tau + bias])
-    steps = substeps(shape.period, shape.plant_step)
     energy = casadi.SX.sym("energy", 2)
     keep = Call(_function("keep", [energy], [energy]), (loop.plant.energy,), (loop.energy_before,))
     return (
         *((keep,) if shape.folded else ()),
         Call(push, (loop.acting, loop.bias), (loop.plant.tau,)),
-        *plant_step(dynamics, loop.plant, shape.period / steps, steps),
+        *moving.steps,
     )
 
 

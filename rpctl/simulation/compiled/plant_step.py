@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.explicit_step import explicit_step
-from rpctl.simulation.compiled.implicit_step import implicit_step
+from rpctl.simulation.compiled.implicit_step import ImplicitStep
 from rpctl.simulation.compiled.plant import PlantBuffers
-from rpctl.simulation.compiled.program import Repeat, Statement
+from rpctl.simulation.compiled.program import Buffer, Repeat, Statement
 
 
-def plant_step(
+@dataclass(frozen=True, eq=False)
+class PlantFragment:
+    """A plant as statements.
+
+    Attributes:
+        start: What is done once, before the first step.
+        steps: What advances the plant.
+        memory: What it remembers from step to step, besides its state.
+    """
+
+    start: tuple[Statement, ...]
+    steps: tuple[Statement, ...]
+    memory: tuple[Buffer, ...]
+
+
+def plant_fragment(
     dynamics: SymbolicDynamics, at: PlantBuffers, dt: float, steps: int
-) -> tuple[Statement, ...]:
+) -> PlantFragment:
     """Return the statements that advance a plant by some steps.
 
     Args:
@@ -20,5 +37,7 @@ def plant_step(
         dt: Length of a step, s.
         steps: How many.
     """
-    step = implicit_step if dynamics.lossy else explicit_step
-    return (Repeat(steps, step(dynamics, at, dt)),)
+    if not dynamics.lossy:
+        return PlantFragment((), (Repeat(steps, explicit_step(dynamics, at, dt)),), ())
+    step = ImplicitStep(dynamics, at, dt)
+    return PlantFragment(step.start(), (Repeat(steps, step.statements()),), (step.inertia,))

@@ -191,10 +191,17 @@ class LaneRunner:
         program, period = self._loop.program, self._config.run.control_period
         law, fold = program.law, program.fold
         begins = self._loop.start.workspace()
-        fill(begins, {law.q: inputs.q.T, law.tau: inputs.rest.T, law.settings: inputs.settings.T})
+        at_rest = {
+            law.q: inputs.q.T,
+            program.plant.q: inputs.q.T,
+            program.plant.p: inputs.p.T,
+            law.tau: inputs.rest.T,
+            law.settings: inputs.settings.T,
+        }
+        fill(begins, at_rest)
         self._loop.start.run(0, 1, begins, {})
         workspace = self._loop.sample.workspace()
-        fill(workspace, {buffer: begins[buffer] for buffer in law.memory})
+        fill(workspace, {buffer: begins[buffer] for buffer in program.memory})
         searched = [search_from(stage, period) for stage in stages]
         values = {
             program.plant.q: inputs.q.T,

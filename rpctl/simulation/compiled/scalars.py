@@ -80,6 +80,12 @@ def column(entries: Iterable[Scalar]) -> Any:
     return casadi.vertcat(*(casadi.SX(entry) for entry in entries), casadi.SX(0, 1))
 
 
+def matrix(rows: Iterable[Iterable[Scalar]], dense: bool = False) -> Any:
+    """Return a ``casadi.SX``; unless it shall be dense, what is constantly 0 is left out."""
+    found = casadi.vertcat(*(casadi.horzcat(*(casadi.SX(x) for x in row)) for row in rows))
+    return casadi.densify(found) if dense else casadi.sparsify(found)
+
+
 def entries(vector: Any) -> list[Scalar]:
     """Return the entries of a ``casadi.SX`` (n, 1), constants as floats."""
     return [as_scalar(vector[i]) for i in range(vector.numel())]

@@ -38,14 +38,16 @@ def prepared(
     """
     loop, period = compiled.program, config.run.control_period
     law, late = loop.law, delay_periods(config.plant.delay, period)
+    parameters = compiled.dynamics.parameters_of(compiled.robot)
     begins = compiled.start.workspace()
-    fill(begins, {law.q: rest.q, law.tau: rest.tau, law.settings: settings})
+    at_rest = {law.q: rest.q, loop.plant.q: rest.q, loop.plant.p: parameters}
+    fill(begins, {**at_rest, law.tau: rest.tau, law.settings: settings})
     compiled.start.run(0, 1, begins, {})
     workspace = compiled.sample.workspace()
-    fill(workspace, {buffer: begins[buffer] for buffer in law.memory})
+    fill(workspace, {buffer: begins[buffer] for buffer in loop.memory})
     values = {
         loop.plant.q: rest.q,
-        loop.plant.p: compiled.dynamics.parameters_of(compiled.robot),
+        loop.plant.p: parameters,
         law.settings: settings,
         law.elapsed: [period],
         loop.bias: config.plant.bias(compiled.robot),

@@ -268,3 +268,22 @@ def test_another_process_finds_the_same_key_and_takes_the_code(folder: Path) -> 
         "assert values.tolist() == [[64.0, 64.0]]\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, cwd=Path(__file__).parents[3])
+
+
+@pytest.mark.slow
+def test_two_processes_that_write_at_once_leave_one_whole_file(folder: Path) -> None:
+    script = (
+        "from tests.simulation.compiled.test_cache import *\n"
+        "content = bytes(range(256)) * 4000\n"
+        "for _ in range(50):\n"
+        "    cache.keep(cache.cache_folder() / 'code' / f'{KEY.hex()}.code', KEY, content)\n"
+        "    assert cache.cached(KEY, Maker(content)) == content\n"
+    )
+    fetch(OTHER_KEY)
+    command = [sys.executable, "-c", script]
+    both = [subprocess.Popen(command, cwd=Path(__file__).parents[3]) for _ in range(2)]
+    assert [process.wait() for process in both] == [0, 0]
+    make = Maker()
+    assert cache.cached(KEY, make) == bytes(range(256)) * 4000
+    assert not make.made
+    assert len(list(folder.iterdir())) == 2

@@ -31,7 +31,7 @@ ROBOTS += ["arm", "omni", "bicycle", "twin_casters", "mixed_chain"]
 GRID = [(robot, law) for robot in ROBOTS for law in LAWS]
 QUICK = {("paper", "paper"), ("paper", "paper in the middle"), ("paper", "bounded at the sample")}
 QUICK |= {("paper", "integral"), ("mecanum", "integral by bandwidth")}
-LANES, COUNT = 4, 16
+LANES, COUNT = 4, 10
 ROUNDING = 1e-9  # of efforts and their limits: what DAQP and the steps here may differ by
 
 

@@ -56,7 +56,7 @@ def compiled(law: Any, robot: Robot) -> Any:
     return lambda state, *at: [x.full().ravel() for x in function(row_of(robot, state), *at)]
 
 
-def compare(law: Any, robot: Robot, rng: np.random.Generator, count: int = 42) -> None:
+def compare(law: Any, robot: Robot, rng: np.random.Generator, count: int = 30) -> None:
     """Compare a law in symbols with Python's."""
     dynamics, function = ReducedDynamics(robot), compiled(law, robot)
     started = law.start(dynamics, PERIOD)

@@ -94,7 +94,7 @@ def changed(law: Any) -> Any:
     "laws",
     [
         (UnifiedKinematic(), IntegralDynamic()),
-        (Kanayama(leash=None), BoundedDynamic()),
+        pytest.param((Kanayama(leash=None), BoundedDynamic()), marks=pytest.mark.slow),
         (PaperKinematic(smoothing=0.1), PaperDynamic()),
     ],
 )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import casadi
 import numpy as np
 import pytest
@@ -140,6 +143,28 @@ def test_a_flag_leaves_the_loop_and_the_step_is_not_counted() -> None:
     rows = Rows(np.array([[[2.0, 2.0], [1.0, 1.0]]] * 3 + [[[2.0, 1.0], [1.0, 2.0]]] * 2))
     assert kernel.run(0, 5, kernel.workspace(), {log: rows}) == 3
     assert rows.values[:, 0, 0].tolist() == [3.0, 3.0, 3.0, 2.0, 2.0]
+
+
+def test_kernels_run_beside_python_and_each_other() -> None:
+    x, y = Buffer("x", 2), Buffer("y", 2)
+    kernel = compile_program(Program((Call(STEP, (x, y), (y,)),)), 8)
+
+    def run(start: float) -> tuple[Array, float, float]:
+        workspace = kernel.workspace()
+        workspace[x][:] = start
+        begun = time.perf_counter()
+        kernel.run(0, 300_000, workspace, {})
+        return workspace[y].copy(), begun, time.perf_counter()
+
+    starts, ticks = (0.1, 0.2), []
+    with ThreadPoolExecutor(2) as pool:
+        runs = [pool.submit(run, start) for start in starts]
+        while not all(x.done() for x in runs):
+            ticks.append(time.perf_counter())
+    for start, (found, begun, ended) in zip(starts, (x.result() for x in runs), strict=True):
+        late, last = (begun + part * (ended - begun) for part in (0.5, 0.9))
+        assert any(late < tick < last for tick in ticks)  # Python went on while it ran
+        assert np.array_equal(found, run(start)[0])
 
 
 def test_rows_and_buffers_that_do_not_fit_are_refused() -> None:
