@@ -164,7 +164,9 @@ def run_rows(
         for row in range(rows.start, rows.stop):
             if row not in verdicts:
                 verdicts[row] = _run_row(found, experiment, table, row, values[row])
-            told(row + 1 - first, 0)
+            if lanes is None:
+                told(row + 1 - first, 0)
+        told(rows.stop - first, 0)
     ordered = [verdicts[row] for row in range(len(numbers))]
     return replace(
         table,

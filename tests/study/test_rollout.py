@@ -174,6 +174,21 @@ def test_quantiles_and_worst_count_failures_last(runs: Rollouts) -> None:
         made.quantile("wrk", 0.5)
 
 
+@pytest.mark.parametrize("backend", ["pinocchio", "compiled"])
+def test_progress_never_goes_back(paper: Robot, backend: str) -> None:
+    told: list[tuple[int, int]] = []
+    rollout(
+        paper,
+        count=3,
+        backend=backend,
+        progress=lambda done, count: told.append((done, count)),
+        dynamic=PaperDynamic(),
+        **SHORT,
+    )
+    assert told == sorted(told)
+    assert told[-1] == (3, 3)
+
+
 def test_the_table_has_a_column_of_each(runs: Rollouts) -> None:
     table = runs.table()
     assert table["run"].tolist() == [0, 1, 2, 3]
