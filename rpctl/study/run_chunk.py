@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.files.opening import read_input
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import RobotFacts, robot_facts
 from rpctl.simulation.reload import load_robot
@@ -74,8 +75,8 @@ def task_of(robot: Robot, experiment: Experiment) -> RunTask:
 def _content(name: str) -> bytes | None:
     """Return what is in a file; None if there is none of that name."""
     try:
-        return Path(name).read_bytes()
-    except (OSError, ValueError):
+        return read_input(name, "MAX_SHOWN_BYTES", "a reference")
+    except RpctlError:
         return None
 
 

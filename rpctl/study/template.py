@@ -127,7 +127,6 @@ def _examples(robot: Robot) -> list[Example]:
         Example("plant.track", "uniform", [0.98, 1.02], "likewise"),
         *friction,
         Example("plant.delay", "uniform", [0.0, 0.01], "from a sample to its efforts, s"),
-        Example("plant.dropped", "uniform", [0.0, 0.05], "share of the samples that are lost"),
         Example("plant.noise.position", "fixed", [0.001], "of what is measured, m; in all runs"),
         *(start if robot.drive.base_speeds else ()),
     ]
