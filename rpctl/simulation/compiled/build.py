@@ -6,6 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.check import require_equal
@@ -13,6 +15,7 @@ from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.laws import law_fragment
 from rpctl.simulation.compiled.loop import CompiledLoop, FarBounds, LoopShape, loop_program
 from rpctl.simulation.compiled.machine import compile_program
+from rpctl.simulation.compiled.stored_loop import LoopCode, loop_key, stored_loop
 from rpctl.simulation.compiled.parameters import NOTHING, Varied
 from rpctl.simulation.config import Config
 from rpctl.simulation.periods import delay_periods
@@ -45,7 +48,7 @@ def build_loop(
     program = loop_program(law, plant, shape)
     return CompiledLoop(
         simulated,
-        plant,
+        plant.parameters_of(simulated),
         program,
         compile_program(program.start, lanes),
         compile_program(program.sample, lanes),
@@ -84,10 +87,22 @@ def compiled_loop(
         same = kept.known is known.robot and kept.simulated is simulated.robot
         if same and kept.structure == structure:
             return kept.loop
-    found = build_loop(known.robot, simulated.robot, config.kinematic, config.dynamic, shape)
+    found = _stored(known.robot, simulated.robot, config, shape)
     require_equal(found, known, simulated, config)
     _kept.append(_BuiltLoop(known.robot, simulated.robot, structure, found))
     return found
+
+
+def _stored(known: Robot, simulated: Robot, config: Config, shape: LoopShape) -> CompiledLoop:
+    """Return the loop of one lane, from disk if it was ever built."""
+    laws = config.kinematic, config.dynamic
+    key = loop_key(known, simulated, laws, shape)
+
+    def build() -> LoopCode:
+        loop = build_loop(known, simulated, *laws, shape)
+        return LoopCode(loop.program, loop.start, loop.sample)
+
+    return CompiledLoop(simulated, np.zeros(0), *stored_loop(key, 1, build))
 
 
 def shape_of(known: ReducedDynamics, config: Config) -> LoopShape:
