@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-
 from rpctl.errors import RpctlError
 from rpctl.files.opening import read_input
 from rpctl.simulation.config import config_tables

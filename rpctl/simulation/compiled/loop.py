@@ -10,11 +10,11 @@ from typing import Any
 
 import casadi
 
+from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import LawFragment
-from rpctl.arrays import Array
 from rpctl.simulation.compiled.machine import MachineCode
 from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantBuffers

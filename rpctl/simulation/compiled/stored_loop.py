@@ -22,7 +22,7 @@ from rpctl.simulation.compiled.loop import LoopProgram, LoopShape
 from rpctl.simulation.compiled.machine import MachineCode
 from rpctl.simulation.compiled.target import compiler_version, this_processor
 
-OWN_MODULES = ("rpctl.", "builtins", "collections")  # of what a stored loop consists of
+OWN_MODULES = "rpctl.simulation.compiled.", "rpctl.control.law"  # of what a loop consists of
 
 
 class LoopCode(NamedTuple):
@@ -59,7 +59,9 @@ def stored_loop(key: bytes, lanes: int, build: Callable[[], LoopCode]) -> LoopCo
         return built[0]
     program, start, sample = _Unpickler(io.BytesIO(data)).load()
     return LoopCode(
-        program, MachineCode(program.start, lanes, start), MachineCode(program.sample, lanes, sample)
+        program,
+        MachineCode(program.start, lanes, start),
+        MachineCode(program.sample, lanes, sample),
     )
 
 
@@ -107,7 +109,7 @@ class _Unpickler(pickle.Unpickler):
         """Return nothing in the place of a function."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return a class of rpctl's."""
+        """Return a class that a loop has."""
         if not module.startswith(OWN_MODULES):
             raise pickle.UnpicklingError(f"a loop has no {module}.{name}")
         return super().find_class(module, name)
