@@ -77,7 +77,7 @@ class LaneRows:
         own = set(np.flatnonzero(self._columns.lossless(values)).tolist()) | refused.keys()
         sound = np.array([row for row in range(len(values)) if row not in own], dtype=np.intp)
         if len(sound):
-            dynamics = self._runner.loop.dynamics
+            dynamics = self._runner.dynamics
             indices = table.indices[rows][sound]
             inputs = self._columns.inputs(dynamics, values[sound], indices)
             results = self._runner.run(inputs, progress)

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
+from rpctl.robot.identity import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.outcome import TRACKED
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor, SerialExecutor
 from rpctl.study.experiment import Experiment
-from rpctl.study.identity import code_identity, experiment_identity, robot_identity
+from rpctl.study.identity import code_identity, experiment_identity
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.optimisation import Optimisation
 from rpctl.study.run_chunk import RunChunk, run_chunk, task_of

@@ -10,17 +10,18 @@ from typing import Any
 
 import casadi
 
+from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_fragment import LawFragment
+from rpctl.simulation.compiled.machine import MachineCode
 from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantBuffers
 from rpctl.simulation.compiled.plant_step import PlantFragment, plant_fragment
 from rpctl.simulation.compiled.program import (
     Buffer,
     Call,
-    Kernel,
     Program,
     Read,
     ReadBack,
@@ -124,17 +125,17 @@ class CompiledLoop:
 
     Attributes:
         robot: The simulated robot.
-        dynamics: Its dynamics, in symbols.
+        p: Its own parameters (n_p,).
         program: Its program.
         start: What is done once before the first sample.
         sample: A sample, and the plant until the next.
     """
 
     robot: Robot
-    dynamics: SymbolicDynamics
+    p: Array
     program: LoopProgram
-    start: Kernel
-    sample: Kernel
+    start: MachineCode
+    sample: MachineCode
 
 
 def loop_program(

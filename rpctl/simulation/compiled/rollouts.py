@@ -17,8 +17,9 @@ from rpctl.reference.table import tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.build import build_loop, shape_of
 from rpctl.simulation.compiled.check import require_equal
+from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
-from rpctl.simulation.compiled.loop import CompiledLoop, LoopShape
+from rpctl.simulation.compiled.loop import LoopShape
 from rpctl.simulation.compiled.merit_fold import FIRST, spans_of
 from rpctl.simulation.compiled.parameters import Varied
 from rpctl.simulation.compiled.program import Buffer, Rows
@@ -63,6 +64,9 @@ class LaneRunner:
         noisy: Whether any run's measurements are noisy.
         delayed: Whether any run's efforts come late.
 
+    Attributes:
+        dynamics: Of the simulated robot, with parameters of what is varied.
+
     Raises:
         DiffersError: The loop's numbers are not Python's.
     """
@@ -85,17 +89,13 @@ class LaneRunner:
         run = config.run
         shape = LoopShape(run.control_period, run.plant_step, delayed, noisy, far, folded=True)
         laws = config.kinematic, config.dynamic
-        self._loop = build_loop(known, simulated, *laws, shape, LANES, varied)
+        self.dynamics = SymbolicDynamics(simulated, varied)
+        self._loop = build_loop(known, self.dynamics, *laws, shape, LANES)
         require_equal(self._loop, self._known, ReducedDynamics(simulated), config)
         times = run.control_period * np.arange(count, dtype=float)
         self._table = tabulate(known, reference, times)
         self._rows, self._tips = self._table.rows(), self._table.end_effector
         self._sensors = Sensors(known)
-
-    @property
-    def loop(self) -> CompiledLoop:
-        """The loop that is run."""
-        return self._loop
 
     def run(
         self, inputs: LaneInputs, progress: Callable[[int, int], object] | None = None
