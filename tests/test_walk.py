@@ -38,7 +38,7 @@ ROBOTS = {  # quasi-velocities, drive
     "ur5": (6, "fixed"),
 }
 OWN = tuple(entry.name for entry in ENTRIES if entry.own)
-QUICK_WALKS = {"paper", "panda"}
+QUICK_WALKS = {"paper", "arm"}
 ON_AXLES = [name for name in OWN if ROBOTS[name][1] in ("car-like", "tricycle", "bicycle")]
 PAIRS = [
     (name, reference)

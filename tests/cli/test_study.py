@@ -23,6 +23,7 @@ STUDY = """
 count = 30
 chunk = 15
 worst = 2
+duration = 1.0  # of the worst run, which the report simulates
 [scatter]
 "plant.delay" = { uniform = [0.0, 0.9] }
 "plant.dropped" = { uniform = [0.0, 0.5] }
@@ -111,6 +112,7 @@ def test_a_ctrl_c_tells_how_to_go_on(
     assert not Path(tmp_path, "out", "study.json").exists()
     patch_rollouts(monkeypatch, error, "dynamic.gain")
     assert run(*words, "--resume").exit_code == 0
+    assert "srcdoc=" in Path(tmp_path, "out", "study.html").read_text()
 
 
 def test_the_template_is_a_study(tmp_path: Path) -> None:

@@ -307,7 +307,7 @@ def test_grip_of_carts_over_sampled_splits(
 def test_grip_of_wheels_that_may_bear_nothing(
     rng: np.random.Generator, axles: tuple[tuple[int, ...], ...]
 ) -> None:
-    for points, at in stances(rng, 20):
+    for points, at in stances(rng, 8):
         corners = corner_loads(points, at, rng)
         along, lateral = 10.0 * rng.normal(size=4), 10.0 * rng.normal(size=len(axles))
         _, (least, most) = ranges(points, at.tolist(), along.tolist(), lateral.tolist(), axles)
@@ -322,7 +322,7 @@ def test_the_least_grip_is_a_linear_program_without_sideways_forces(
     rng: np.random.Generator,
 ) -> None:
     """Largest t with N ≥ t |F|: the worst wheel needs 1/(t μ) at least, and some split no more."""
-    for points, at in stances(rng, 60):
+    for points, at in stances(rng, 24):
         along = 10.0 * rng.normal(size=4)
         n = len(points)
         G = np.vstack([np.ones(n), points.T])
