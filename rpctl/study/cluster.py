@@ -119,6 +119,8 @@ class DaskExecutor:
         self._tell = tell or (lambda text: print(text, file=sys.stderr))
         self._cluster: Any = None
         self._client: Any = None
+        self._at_work = False
+        self._refused: set[str] = set()  # addresses of workers that were sent away
         self._sent = ""  # name of the work that the workers hold
         try:
             if address is None:
@@ -153,7 +155,8 @@ class DaskExecutor:
             self._client.close()
         if self._cluster is not None:
             with suppress(TimeoutError):  # of a busy machine; they end with this process, too
-                self._cluster.sync(kill_workers, self._cluster)
+                if self._at_work:
+                    self._cluster.sync(kill_workers, self._cluster)
             with suppress(TimeoutError):
                 self._cluster.close(CLOSE_S)
 
@@ -165,6 +168,7 @@ class DaskExecutor:
         If all workers leave, it waits for others.
         """
         given = _GivenOut(self._client, self._send(work), chunks)
+        self._at_work = True
         lost: list[Chunk] = []
         reason = ""
         try:
@@ -183,6 +187,7 @@ class DaskExecutor:
                     else:
                         raise answer
         finally:
+            self._at_work = bool(given.chunks)
             given.cancel()
         if lost:
             raise LostChunksError(lost, reason)
@@ -212,7 +217,10 @@ class DaskExecutor:
         self._sent = ""
 
     def _refuse(self, refused: RefusedWorker) -> None:
-        """Have a worker leave that joined with other versions, and say so."""
+        """Have a worker leave that joined with other versions, and say so once."""
+        if refused.address in self._refused:  # it had another chunk before it left
+            return
+        self._refused.add(refused.address)
         self._client.retire_workers([refused.address])
         self._tell(f"{worker_fault(refused.address, refused.differences)}; it was sent away")
 

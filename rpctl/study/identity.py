@@ -8,11 +8,8 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-
 from rpctl.errors import RpctlError
 from rpctl.files.opening import read_input
-from rpctl.robot.model import Robot
 from rpctl.simulation.config import config_tables
 from rpctl.study.design import Design
 from rpctl.study.distributions import distribution_table
@@ -27,35 +24,6 @@ def code_identity(design: Design) -> dict[str, str]:
     """Return the versions of what computes the runs of a design, and draws its points."""
     packages = ("scipy", *((DRAWN_BY[design.kind],) if design.kind in DRAWN_BY else ()))
     return {**installed(), **{name: version(name) for name in packages}}
-
-
-def robot_identity(robot: Robot) -> dict[str, Any]:
-    """Return what tells a robot from another: its file, how it was loaded, its model's numbers."""
-    return {
-        "name": robot.name,
-        "urdf": robot.description.sha256,
-        "locked": dict(robot.locked),
-        "home": dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
-        "end_effector": robot.end_effector,
-        "drive": _digest(repr(robot.drive).encode()),
-        "model": model_digest(robot),
-    }
-
-
-def model_digest(robot: Robot) -> str:
-    """Return a digest of all numbers of a robot's model: inertias, places, limits, losses."""
-    model = robot.model
-    parts = [
-        *(inertia.toDynamicParameters() for inertia in model.inertias),
-        *(place.homogeneous for place in model.jointPlacements),
-        model.armature,
-        robot.effort_limits,
-        robot.velocity_limits,
-        [(joint.lower, joint.upper) for joint in robot.joints],
-    ]
-    if robot.losses is not None:
-        parts += [robot.losses.damping, robot.losses.friction]
-    return _digest(b"".join(np.ascontiguousarray(part, float).tobytes() for part in parts))
 
 
 def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, Any]:

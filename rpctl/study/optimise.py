@@ -14,23 +14,23 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
+from rpctl.robot.identity import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor, SerialExecutor
 from rpctl.study.gain_search import GainSearch, SearchLog, point_key, range_table, setting
-from rpctl.study.identity import code_identity, experiment_identity, robot_identity
+from rpctl.study.identity import code_identity, experiment_identity
 from rpctl.study.merits import merits_for
 from rpctl.study.optimum import AFTER, BEFORE, CONFIG_FILE, write_optimum
 from rpctl.study.run_chunk import RunChunk, RunTask, run_chunk, task_of
-from rpctl.study.scatter import Scatter
+from rpctl.study.scatter import Scatter, settings_at
 from rpctl.study.store import RunTable, Store, read_runs
 from rpctl.study.study import (
     Progress,
     Study,
     chunk_size,
     run_study,
-    settings_at,
     succeeded,
 )
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.opening import read_input
+from rpctl.robot.identity import model_digest
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import RobotFacts, robot_facts
 from rpctl.simulation.reload import load_robot
 from rpctl.study.experiment import Experiment, RolloutTable
-from rpctl.study.identity import model_digest
 from rpctl.study.merits import SUCCESS
-from rpctl.study.rollout import run_rows
+from rpctl.study.run_rows import run_rows
 from rpctl.study.store import RunTable
 
 

@@ -16,7 +16,9 @@ from rpctl.simulation.loop import simulate
 from rpctl.study.distributions import Normal, Uniform
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
-from rpctl.study.rollout import Rollouts, draw, rollout, run_rows
+from rpctl.study.rollout import draw, rollout
+from rpctl.study.rollouts import Rollouts
+from rpctl.study.run_rows import run_rows
 from rpctl.study.scatter import scatter_of
 
 SCATTER = {
@@ -172,6 +174,21 @@ def test_quantiles_and_worst_count_failures_last(runs: Rollouts) -> None:
     assert made.worst("work", 3).tolist() == [1, 0, 3]
     with pytest.raises(RpctlError, match="merit 'wrk' is not known; did you mean work"):
         made.quantile("wrk", 0.5)
+
+
+@pytest.mark.parametrize("backend", ["pinocchio", "compiled"])
+def test_progress_never_goes_back(paper: Robot, backend: str) -> None:
+    told: list[tuple[int, int]] = []
+    rollout(
+        paper,
+        count=3,
+        backend=backend,
+        progress=lambda done, count: told.append((done, count)),
+        dynamic=PaperDynamic(),
+        **SHORT,
+    )
+    assert told == sorted(told)
+    assert told[-1] == (3, 3)
 
 
 def test_the_table_has_a_column_of_each(runs: Rollouts) -> None:

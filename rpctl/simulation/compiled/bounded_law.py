@@ -12,17 +12,11 @@ from rpctl.control.integral import IntegralDynamic
 from rpctl.simulation.compiled.active_set import BoundedRows, DualState, dual_step
 from rpctl.simulation.compiled.choices import any_nonzero
 from rpctl.simulation.compiled.dynamic_laws import bounded_sample, follow, free_sample
-from rpctl.simulation.compiled.law_fragment import (
-    LawFragment,
-    LawFrame,
-    LimitNames,
-    Place,
-    new,
-    statement,
-)
+from rpctl.simulation.compiled.law_fragment import LawFragment, LawFrame, LimitNames, new
 from rpctl.simulation.compiled.law_settings import by_name
 from rpctl.simulation.compiled.layout import Layout
 from rpctl.simulation.compiled.program import Buffer, Call, Statement, Until, When
+from rpctl.simulation.compiled.statements import Place, statement
 from rpctl.simulation.compiled.within_limits import (
     effort_rows,
     limit_codes,

@@ -11,12 +11,12 @@ from rpctl.dynamics.losses import CONVERGED, NEWTON_STEPS, OVERSHOOT, SURE_STEPS
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import Place, statement
 from rpctl.simulation.compiled.layout import Layout
 from rpctl.simulation.compiled.linear import PositiveFactors, factored, solve_factored
 from rpctl.simulation.compiled.plant import places
 from rpctl.simulation.compiled.program import Statement, Until, When
 from rpctl.simulation.compiled.scalars import Scalar, column, entries
+from rpctl.simulation.compiled.statements import Place, statement
 
 CHORD_CONVERGED = 1e-2 * CONVERGED  # its error is not the square of the last step, but a share
 NEWTON, CHORD, SURE = 0.0, 1.0, 2.0  # which step is next

@@ -6,6 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.check import require_equal
@@ -13,7 +15,7 @@ from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.laws import law_fragment
 from rpctl.simulation.compiled.loop import CompiledLoop, FarBounds, LoopShape, loop_program
 from rpctl.simulation.compiled.machine import compile_program
-from rpctl.simulation.compiled.parameters import NOTHING, Varied
+from rpctl.simulation.compiled.stored_loop import LoopCode, loop_key, stored_loop
 from rpctl.simulation.config import Config
 from rpctl.simulation.periods import delay_periods
 
@@ -22,30 +24,27 @@ MOST_KEPT = 8  # loops of a process: each takes some MB
 
 def build_loop(
     known: Robot,
-    simulated: Robot,
+    simulated: SymbolicDynamics,
     kinematic: Any,
     dynamic: Any,
     shape: LoopShape,
     lanes: int = 1,
-    varied: Varied = NOTHING,
 ) -> CompiledLoop:
     """Return a closed loop as machine code.
 
     Args:
         known: The robot that the controller computes with.
-        simulated: The simulated robot.
+        simulated: Dynamics of the simulated robot.
         kinematic: The kinematic law.
         dynamic: The dynamic law.
         shape: What else is compiled in.
         lanes: How many runs go side by side.
-        varied: What is a parameter of the simulated robot instead of a constant.
     """
     law = law_fragment(kinematic, dynamic, SymbolicDynamics(known), shape.period)
-    plant = SymbolicDynamics(simulated, varied)
-    program = loop_program(law, plant, shape)
+    program = loop_program(law, simulated, shape)
     return CompiledLoop(
-        simulated,
-        plant,
+        simulated.robot,
+        simulated.parameters_of(simulated.robot),
         program,
         compile_program(program.start, lanes),
         compile_program(program.sample, lanes),
@@ -84,10 +83,22 @@ def compiled_loop(
         same = kept.known is known.robot and kept.simulated is simulated.robot
         if same and kept.structure == structure:
             return kept.loop
-    found = build_loop(known.robot, simulated.robot, config.kinematic, config.dynamic, shape)
+    found = _stored(known.robot, simulated.robot, config, shape)
     require_equal(found, known, simulated, config)
     _kept.append(_BuiltLoop(known.robot, simulated.robot, structure, found))
     return found
+
+
+def _stored(known: Robot, simulated: Robot, config: Config, shape: LoopShape) -> CompiledLoop:
+    """Return the loop of one lane, from disk if it was ever built."""
+    laws = config.kinematic, config.dynamic
+    key = loop_key(known, simulated, laws, shape)
+
+    def build() -> LoopCode:
+        loop = build_loop(known, SymbolicDynamics(simulated), *laws, shape)
+        return LoopCode(loop.program, loop.start, loop.sample)
+
+    return CompiledLoop(simulated, np.zeros(0), *stored_loop(key, 1, build))
 
 
 def shape_of(known: ReducedDynamics, config: Config) -> LoopShape:

@@ -7,9 +7,9 @@ from typing import Any
 import casadi
 
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import Place, statement
 from rpctl.simulation.compiled.plant import PlantBuffers, dexpinv, places, plant_places
 from rpctl.simulation.compiled.program import Statement
+from rpctl.simulation.compiled.statements import Place, statement
 
 STAGES = ((0.5, 1.0), (0.5, 2.0), (1.0, 2.0))  # how far ahead the next is; the weight of this one
 

@@ -10,7 +10,6 @@ import casadi
 from rpctl.dynamics.motion import DELTA, GAMMA
 from rpctl.simulation.compiled.braked import BrakedPlaces, braked, inertia_layout, lower_half
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import Place, statement
 from rpctl.simulation.compiled.plant import (
     PlantBuffers,
     dexpinv,
@@ -18,6 +17,7 @@ from rpctl.simulation.compiled.plant import (
     plant_places,
 )
 from rpctl.simulation.compiled.program import Statement
+from rpctl.simulation.compiled.statements import Place, statement
 
 
 class ImplicitStep:

@@ -16,10 +16,11 @@ from rpctl.simulation.compiled.command import symbolic_command
 from rpctl.simulation.compiled.dynamic_laws import LawSample
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.law_settings import ClosedFormDynamic, settings_of, symbols_of
-from rpctl.simulation.compiled.program import Buffer, Call, Statement
+from rpctl.simulation.compiled.program import Buffer, Statement
+from rpctl.simulation.compiled.rolling import SINGULAR
+from rpctl.simulation.compiled.statements import Place, symbolic
 from rpctl.simulation.compiled.tracking import reference_width
 
-SINGULAR = 1e-6  # steering nearer than that to a singular one is left to the Python law
 TOO_LARGE = 1e300  # a square from which on numbers are not finite, or soon will not be
 LIMIT_KINDS = ("", "velocity", "lower", "upper")  # of joints, as the buffer of limits counts them
 
@@ -88,22 +89,6 @@ class LawFragment:
     memory: tuple[Buffer, ...]
     setting_names: tuple[str, ...]
     limit_names: LimitNames
-
-
-Place = tuple[Buffer, Any]  # a buffer, and the symbols or the expression that belong to it
-
-
-def statement(name: str, inputs: Sequence[Place], outputs: Sequence[Place]) -> Call:
-    """Return the call of a new function.
-
-    Args:
-        name: The function's.
-        inputs: Buffers, and the symbols that stand for what is in them.
-        outputs: Buffers, and what goes into them, ``casadi.SX`` columns.
-    """
-    found = casadi.cse([casadi.densify(casadi.SX(expression)) for _, expression in outputs])
-    function = casadi.Function(name, [symbols for _, symbols in inputs], found)
-    return Call(function, tuple(b for b, _ in inputs), tuple(b for b, _ in outputs))
 
 
 class LawFrame:
@@ -214,7 +199,7 @@ def new(name: str, size: int) -> Place:
     """Return a buffer of the laws, and symbols for what is in it.
 
     Args:
-        name: Of both.
+        name: The buffer's.
         size: Of both.
     """
-    return Buffer(f"law {name}", size), casadi.SX.sym(name, size)
+    return symbolic(Buffer(f"law {name}", size))

@@ -20,9 +20,10 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.bounded_law import bounded_fragment
 from rpctl.simulation.compiled.dynamic_laws import paper_efforts
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import LawFragment, LawFrame, LimitNames, statement
+from rpctl.simulation.compiled.law_fragment import LawFragment, LawFrame, LimitNames
 from rpctl.simulation.compiled.law_settings import ClosedFormDynamic
 from rpctl.simulation.compiled.program import Buffer
+from rpctl.simulation.compiled.statements import statement
 
 KINEMATIC = (PaperKinematic, UnifiedKinematic, Kanayama, FeedbackLinearization)
 DYNAMIC = (PaperDynamic, BoundedDynamic, IntegralDynamic)

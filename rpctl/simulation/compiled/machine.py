@@ -74,7 +74,7 @@ class MachineCode:
     """
 
     def __init__(self, program: Program, lanes: int, code: bytes) -> None:
-        self.program, self.lanes = program, lanes
+        self.program, self.lanes, self.code = program, lanes, code
         self._offsets = offsets(program, lanes)
         self._written = {x.stream for x in program.statements() if isinstance(x, Write)}
         self._loaded = Loaded(code)

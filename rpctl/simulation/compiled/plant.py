@@ -12,8 +12,8 @@ from typing import Any
 import casadi
 
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import Place
 from rpctl.simulation.compiled.program import Buffer
+from rpctl.simulation.compiled.statements import Place, symbolic
 
 ROOT_NV = 3  # velocities of the planar root
 
@@ -67,7 +67,7 @@ def plant_places(dynamics: SymbolicDynamics, at: PlantBuffers) -> PlantPlaces:
         dynamics: Of the simulated robot, whose parameters have symbols already.
         at: The buffers.
     """
-    q, nu, tau, energy = (_symbolic(buffer) for buffer in (at.q, at.nu, at.tau, at.energy))
+    q, nu, tau, energy = (symbolic(buffer) for buffer in (at.q, at.nu, at.tau, at.energy))
     return PlantPlaces(q, nu, tau, energy, (at.p, dynamics.p))
 
 
@@ -78,11 +78,7 @@ def places(prefix: str, **sizes: int) -> dict[str, Place]:
         prefix: Of the buffers' names.
         sizes: Their sizes by name.
     """
-    return {name: _symbolic(Buffer(f"{prefix} {name}", size)) for name, size in sizes.items()}
-
-
-def _symbolic(buffer: Buffer) -> Place:
-    return buffer, casadi.SX.sym(buffer.name, buffer.size)
+    return {name: symbolic(Buffer(f"{prefix} {name}", size)) for name, size in sizes.items()}
 
 
 def dexpinv(slide: Any, v: Any) -> Any:

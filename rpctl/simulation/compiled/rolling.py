@@ -15,7 +15,7 @@ from rpctl.simulation.compiled.configuration import SymbolicConfiguration
 from rpctl.simulation.compiled.linear import BlockSolver
 from rpctl.simulation.compiled.scalars import Scalar, Vector, dot, product, times, total
 
-SINGULAR = 1e-6  # a smaller margin is for :class:`ReducedDynamics` to judge, which refuses at 1e-9
+SINGULAR = 1e-6  # a smaller margin is left to Python: :class:`ReducedDynamics` refuses at 1e-9
 Matrix = Sequence[Vector]
 
 

@@ -38,16 +38,15 @@ def prepared(
     """
     loop, period = compiled.program, config.run.control_period
     law, late = loop.law, delay_periods(config.plant.delay, period)
-    parameters = compiled.dynamics.parameters_of(compiled.robot)
     begins = compiled.start.workspace()
-    at_rest = {law.q: rest.q, loop.plant.q: rest.q, loop.plant.p: parameters}
+    at_rest = {law.q: rest.q, loop.plant.q: rest.q, loop.plant.p: compiled.p}
     fill(begins, {**at_rest, law.tau: rest.tau, law.settings: settings})
     compiled.start.run(0, 1, begins, {})
     workspace = compiled.sample.workspace()
     fill(workspace, {buffer: begins[buffer] for buffer in loop.memory})
     values = {
         loop.plant.q: rest.q,
-        loop.plant.p: parameters,
+        loop.plant.p: compiled.p,
         law.settings: settings,
         law.elapsed: [period],
         loop.bias: config.plant.bias(compiled.robot),

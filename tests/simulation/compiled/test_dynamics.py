@@ -19,6 +19,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError, UnknownNameError
 from rpctl.robot import catalog
+from rpctl.robot.vary import without_losses
 from rpctl.simulation.compiled.comparison import EQUAL, Evaluate, check
 from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.rolling import SINGULAR
@@ -157,6 +158,7 @@ def test_losses_and_their_slopes(tiago: Robot, rng: np.random.Generator) -> None
     assert tiago.losses is not None
     v = casadi.SX.sym("v", tiago.nv)
     dynamics = SymbolicDynamics(tiago)
+    assert dynamics.lossy and not SymbolicDynamics(without_losses(tiago)).lossy
     methods = dynamics.loss_force, dynamics.loss_slope, dynamics.loss_secant
     function = casadi.Function("losses", [v], [method(v) for method in methods])
     for size in (0.0, 1e-3, 1.0):
