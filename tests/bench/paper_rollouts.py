@@ -17,7 +17,8 @@ import rpctl
 from rpctl.control.defaults import default_laws
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.study.experiment import Experiment
-from rpctl.study.rollout import draw, run_rows
+from rpctl.study.rollout import draw
+from rpctl.study.run_rows import run_rows
 from rpctl.study.scatter import scatter_of
 from tests.bench.sections.rollouts import SCATTER, SECONDS
 

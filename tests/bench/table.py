@@ -16,7 +16,7 @@ import platform
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.metadata import distributions
 from pathlib import Path
@@ -28,30 +28,28 @@ SECTIONS = (
     "closed_loop",
     "rollouts",
     "horizon",
-    "growth",
-    "memory",
     "startup",
+    "memory",
+    "growth",
     "workers",
 )
 PEERS = ("pin", "casadi", "numpy", "mujoco", "drake")  # packages
 OUT = Path("runs/bench")
 
 
-def measured(names: Sequence[str], quick: bool) -> list[Section]:
-    """Return the sections of some names; nothing that an earlier run compiled is found.
+def measured(names: Sequence[str], quick: bool) -> Iterator[Section]:
+    """Yield the sections of some names; nothing that an earlier run compiled is found.
 
     Args:
         names: Modules of ``tests.bench.sections``.
         quick: Whether to measure less.
     """
-    found = []
     with tempfile.TemporaryDirectory() as folder:
         os.environ["RPCTL_CACHE_DIR"] = folder
         for name in names:
             began = time.perf_counter()
-            found.append(import_module(f"tests.bench.sections.{name}").section(quick))
+            yield import_module(f"tests.bench.sections.{name}").section(quick)
             print(f"{name}: {time.perf_counter() - began:.0f} s", file=sys.stderr)
-    return found
 
 
 def circumstances(quick: bool) -> str:
@@ -111,8 +109,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         rewrite(read(asked.out))
         return
-    sections = measured(asked.only or SECTIONS, asked.quick)
-    write(asked.out, sections, circumstances(asked.quick))
+    sections: list[Section] = []
+    for section in measured(asked.only or SECTIONS, asked.quick):
+        sections.append(section)
+        write(asked.out, sections, circumstances(asked.quick))  # what a later one cannot undo
     print((asked.out / "speed.md").read_text(encoding="utf-8"))
 
 
