@@ -93,7 +93,7 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         config: Laws and plant.
         watched: Whether somebody sees every sample when it is computed.
     """
-    from rpctl.simulation.compiled.laws import unsupported
+    from rpctl.simulation.compiled.laws.supported import unsupported
 
     plant = config.plant
     if watched:

@@ -27,11 +27,11 @@ from rpctl.robot.model import Robot
 from rpctl.robot.patterns import matching
 from rpctl.robot.vary import add_friction
 from rpctl.simulation.closed_loop import start_configuration
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs, holding
-from rpctl.simulation.compiled.law_settings import settings_of
-from rpctl.simulation.compiled.parameters import Varied
-from rpctl.simulation.compiled.rolling_numbers import rolling_numbers, solved_rows
+from rpctl.simulation.compiled.laws.law_settings import settings_of
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.symbols.parameters import Varied
+from rpctl.simulation.compiled.symbols.rolling_numbers import rolling_numbers, solved_rows
 from rpctl.simulation.loop import late
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.periods import delay_periods

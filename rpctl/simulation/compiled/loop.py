@@ -12,13 +12,10 @@ import casadi
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import LawFragment
-from rpctl.simulation.compiled.machine import MachineCode
-from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
-from rpctl.simulation.compiled.plant import PlantBuffers
-from rpctl.simulation.compiled.plant_step import PlantFragment, plant_fragment
-from rpctl.simulation.compiled.program import (
+from rpctl.simulation.compiled.laws.law_fragment import LawFragment
+from rpctl.simulation.compiled.laws.tracking import reference_entries, symbolic_error
+from rpctl.simulation.compiled.machine.code import MachineCode
+from rpctl.simulation.compiled.machine.program import (
     Buffer,
     Program,
     Read,
@@ -27,8 +24,11 @@ from rpctl.simulation.compiled.program import (
     Statement,
     Write,
 )
-from rpctl.simulation.compiled.statements import statement, symbolic
-from rpctl.simulation.compiled.tracking import reference_entries, symbolic_error
+from rpctl.simulation.compiled.machine.statements import statement, symbolic
+from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
+from rpctl.simulation.compiled.plant.buffers import PlantBuffers
+from rpctl.simulation.compiled.plant.step import PlantFragment, plant_fragment
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.noise import Sensors
 from rpctl.simulation.plant import substeps
 

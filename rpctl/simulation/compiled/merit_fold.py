@@ -11,9 +11,9 @@ import casadi
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.program import Buffer, Call, Read, RowStream, Statement
-from rpctl.simulation.compiled.statements import dense_function, statement, symbolic
+from rpctl.simulation.compiled.machine.program import Buffer, Call, Read, RowStream, Statement
+from rpctl.simulation.compiled.machine.statements import dense_function, statement, symbolic
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.facts import steered_joints
 from rpctl.simulation.merits import START, SampleMeasures, Totals, position_limits
 from rpctl.simulation.outcome import ON_PATH_M

@@ -17,14 +17,14 @@ from rpctl.reference.table import tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.build import build_loop, shape_of
 from rpctl.simulation.compiled.check import require_equal
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
 from rpctl.simulation.compiled.loop import LoopShape
-from rpctl.simulation.compiled.machine import native_lanes
+from rpctl.simulation.compiled.machine.code import native_lanes
+from rpctl.simulation.compiled.machine.program import Buffer, Rows
 from rpctl.simulation.compiled.merit_fold import FIRST, spans_of
-from rpctl.simulation.compiled.parameters import Varied
-from rpctl.simulation.compiled.program import Buffer, Rows
 from rpctl.simulation.compiled.starting import fill, followed_rows, search_from
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.symbols.parameters import Varied
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
 

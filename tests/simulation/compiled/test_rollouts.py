@@ -12,11 +12,11 @@ import rpctl
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import start_configuration
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
-from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.laws.law_settings import settings_of
 from rpctl.simulation.compiled.loop import FAR
-from rpctl.simulation.compiled.machine import native_lanes
-from rpctl.simulation.compiled.parameters import NOTHING
+from rpctl.simulation.compiled.machine.code import native_lanes
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
+from rpctl.simulation.compiled.symbols.parameters import NOTHING
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
 from rpctl.simulation.merits import Totals, fold, measures
