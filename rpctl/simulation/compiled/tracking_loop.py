@@ -75,7 +75,7 @@ def close_compiled_loop(
     """
     robot = dynamics.robot
     simulated = config.plant.simulated_dynamics(dynamics)
-    known = ReducedDynamics(config.plant.known_robot(robot))
+    known = config.plant.known_dynamics(dynamics)
     rest = rest_at_start(simulated, config, reference)
     compiled = compiled_loop(known, simulated, config)
     if recorder is not None:
