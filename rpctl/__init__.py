@@ -40,7 +40,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "ReferenceState": "rpctl.reference.motion",
     "Rest": "rpctl.control.law",
     "Robot": "rpctl.robot.model",
-    "Rollouts": "rpctl.study.rollout",
+    "Rollouts": "rpctl.study.rollouts",
     "RpctlError": "rpctl.errors",
     "Run": "rpctl.simulation.run",
     "SpeedLog": "rpctl.study.speed_log",
@@ -123,8 +123,8 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.study.distributions import Normal as Normal
     from rpctl.study.distributions import Uniform as Uniform
     from rpctl.study.lag import lag_from as lag_from
-    from rpctl.study.rollout import Rollouts as Rollouts
     from rpctl.study.rollout import rollout as rollout
+    from rpctl.study.rollouts import Rollouts as Rollouts
     from rpctl.study.speed_log import SpeedLog as SpeedLog
     from rpctl.view.pages.report import write_report as write_report
 else:

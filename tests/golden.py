@@ -7,6 +7,7 @@ another is found.
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -167,8 +168,9 @@ def golden_run(robot: Robot) -> Run:
 
 def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Any = None) -> Run:
     """Return some samples of a run, later by a time that no page should tell, or at other times."""
+    columns = {item.name: getattr(run.log, item.name) for item in fields(Log)}
     arrays: dict[str, Any] = {
-        n: a[samples] for n, a in vars(run.log).items() if isinstance(a, np.ndarray)
+        n: a[samples] for n, a in columns.items() if isinstance(a, np.ndarray)
     }
     return vary(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 

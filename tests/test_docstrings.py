@@ -5,29 +5,10 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
-from pathlib import Path
 
-import rpctl
+from tests.package_statements import Signature, modules, signatures, statements
 
-PACKAGE = Path(rpctl.__file__).parent
 ENOUGH_TO_NAME = 3  # parameters from which on a sentence no longer says them all
-
-
-def functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, list[str]]]:
-    """Yield the public functions and methods of a module with their parameters' names."""
-    bodies = [tree.body]
-    bodies += [
-        node.body
-        for node in tree.body
-        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-    ]
-    for body in bodies:
-        for node in body:
-            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-                listed = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-                names = [argument.arg for argument in listed]
-                yield node, [name for name in names if name not in ("self", "cls")]
 
 
 def documented(docstring: str) -> set[str]:
@@ -39,21 +20,53 @@ def documented(docstring: str) -> set[str]:
 
 def test_parameters_are_documented() -> None:
     missing = []
-    for file in sorted(PACKAGE.rglob("*.py")):
-        for node, names in functions(ast.parse(file.read_text(encoding="utf-8"))):
-            if len(names) < ENOUGH_TO_NAME or node.name.endswith("_command"):
+    for module in modules():
+        for function in module.functions:
+            if len(function.parameters) < ENOUGH_TO_NAME or function.name.endswith("_command"):
                 continue  # a command's help documents its parameters
-            lacking = set(names) - documented(ast.get_docstring(node) or "")
+            lacking = set(function.parameters) - documented(function.docstring)
             if lacking:
-                where = f"{file.relative_to(PACKAGE)}:{node.lineno} {node.name}"
+                where = f"{module.file}:{function.line} {function.name}"
                 missing.append(f"{where}: {', '.join(sorted(lacking))}")
     assert not missing, "\n".join(missing)
 
 
 def test_a_class_name_is_one_thing() -> None:
     places = defaultdict(list)
-    for file in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef):
-                places[node.name].append(str(file.relative_to(PACKAGE)))
+    for module in modules():
+        for name in module.classes:
+            places[name].append(str(module.file))
     assert not {name: files for name, files in places.items() if len(files) > 1}
+
+
+def test_classes_and_functions_are_seen_wherever_they_are() -> None:
+    """In conditions, handlers and classes; what is nested or private needs no document."""
+    text = """
+import one
+class A:
+    def f(self, x, /, y, *, z):
+        'Doc.'
+        class B: from two import b
+    def _g(self): pass
+try:
+    with one: import three
+except E:
+    if one: class_ = 1
+    else:
+        class C: pass
+match one:
+    case 1:
+        class D: pass
+def h(cls, a):
+    def nested(): pass
+"""
+    tree = ast.parse(text)
+    found = [node.name for node in statements(tree.body) if isinstance(node, ast.ClassDef)]
+    assert found == ["A", "B", "C", "D"]
+    assert [*signatures(tree)] == [
+        Signature("h", 17, ("a",), ""), Signature("f", 4, ("x", "y", "z"), "Doc.")]  # fmt: skip
+    taken = [
+        node for node in statements(tree.body) if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+    assert [node.names[0].name for node in taken] == ["one", "b", "three"]
+    assert {each.file.as_posix() for each in modules()} > {"__init__.py", "robot/model.py"}

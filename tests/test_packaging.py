@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import json
 import re
@@ -23,6 +22,7 @@ import rpctl
 from rpctl.files import caps
 from rpctl.view.pages import third_party
 from rpctl.view.serve import server
+from tests.package_statements import modules
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {  # what is imported under another name than it is installed by
@@ -156,12 +156,9 @@ def test_what_is_imported_is_asked_for(metadata: Message) -> None:
     lines = [str(line) for line in metadata.get_all("Requires-Dist", [])]
     asked = {re.split(r"[\[<>=; ]", line)[0].replace("-", "_").lower() for line in lines}
     found = set()
-    for file in Path(rpctl.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                found.add(node.module.partition(".")[0])
+    for module in modules():
+        found |= {name.partition(".")[0] for name in module.imports}
+        found |= {of.partition(".")[0] for of, _ in module.names}
     foreign = found - sys.stdlib_module_names - {"rpctl", "tomllib", "IPython", "pandas"}
     packages = {PACKAGES.get(name, name).replace("-", "_").lower() for name in foreign}
     assert packages <= asked, packages - asked

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import rpctl
+from tests.package_statements import PACKAGE, modules
 
-PACKAGE = Path(rpctl.__file__).parent
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
 ROOMS += ["equivalence", "reference", "control", "derive", "simulation", "study", "view", "cli"]
 VIEW = [
@@ -44,20 +44,16 @@ def imports() -> tuple[tuple[Path, str, str], ...]:
 
 def read_imports() -> Iterator[tuple[Path, str, str]]:
     """Yield them, file by file."""
-    for file in sorted(PACKAGE.rglob("*.py")):
-        relative = file.relative_to(PACKAGE)
-        room = relative.parts[0].removesuffix(".py")
+    for module in modules():
+        room = module.file.parts[0].removesuffix(".py")
         if room in ("__init__", "__main__"):
             continue
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                for alias in node.names:
-                    yield relative, room, alias.name
-            elif isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f"{relative}: import by the full name"
-                for alias in node.names:
-                    if (relative.as_posix(), f"{node.module}.{alias.name}") not in FORWARDED:
-                        yield relative, room, f"{node.module}.{alias.name}"
+        assert not module.relative, f"{module.file}: import by the full name"
+        for name in module.imports:
+            yield module.file, room, name
+        for of, name in module.names:
+            if (module.file.as_posix(), f"{of}.{name}") not in FORWARDED:
+                yield module.file, room, f"{of}.{name}"
 
 
 def test_data_flows_one_way() -> None:

@@ -26,10 +26,11 @@ from rpctl.equivalence.state import State
 from rpctl.errors import RpctlError
 
 POWER_TOLERANCE = 1e-6  # energy balance of a motion by RK4, extrapolated
-POWER_ATTEMPTS = 25  # steps tried, each as one and as two halves: 75 steps of RK4
-MAX_POWER_STEP_S = 4e-3  # s; the longest
+POWER_ATTEMPTS = 8  # steps tried, each as one and as two halves: 24 steps of RK4, 0.1 s at most
+MAX_POWER_STEP_S = 12.5e-3  # s; the longest
 MAX_STEP_ERROR = 1e-7  # of the speeds, in one step: beyond it the step is tried shorter
-MAX_FIRST_TURN = 0.03  # rad, of all joints together in the first step
+MAX_FIRST_TURN = 0.1  # rad, of all joints together in the first step
+MAX_FIRST_DECAY = 0.1  # of the speeds, by the losses: MAX_STEP_ERROR is that to the fifth / 120
 MAX_STEP_GROWTH, MIN_STEP_GROWTH = 2.0, 0.1  # of a step, at most, from one to the next
 STEP_SAFETY = 0.9  # of the step that the error allows
 RK4_ORDER = 4  # of RK4: twice the step has 2⁴ times the error, in one step twice that
@@ -97,10 +98,17 @@ def _lost(dynamics: ReducedDynamics, v: Array) -> Array:
 
 
 def _first_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array) -> float:
-    """Return a step (s) in which all joints together turn little, by their rates and ν̇."""
-    rates = float(np.abs(dynamics.basis(q) @ nu).sum())
+    """Return a step (s) in which all joints turn little and losses take little of the speeds."""
+    S = dynamics.basis(q)
+    v = S @ nu
+    rates = float(np.abs(v).sum())
     rates += MAX_POWER_STEP_S * float(np.abs(dynamics.forward(q, nu, tau)).sum())
-    return MAX_POWER_STEP_S / max(1.0, MAX_POWER_STEP_S * rates / MAX_FIRST_TURN)
+    shares = [1.0 / MAX_POWER_STEP_S, rates / MAX_FIRST_TURN]
+    losses = dynamics.robot.losses
+    if losses is not None:
+        decay = np.linalg.solve(dynamics.inertia(q), S.T @ (losses.slope(v)[:, None] * S))
+        shares.append(float(np.abs(np.linalg.eigvals(decay)).max()) / MAX_FIRST_DECAY)
+    return 1.0 / max(shares)
 
 
 def _products(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:

@@ -14,9 +14,9 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.recorder import Recorder
 
 BACKENDS = ("auto", "compiled", "pinocchio")
+MOST_DOF = 30  # quasi-velocities; to build a loop of more takes longer than most runs in Python
 # s: what a sample takes in Python, and what a loop takes to build, by quasi-velocities. Half of
 # the latter counts: the next run finds the code on disk.
-MOST_DOF = 30  # quasi-velocities; beyond them a loop takes minutes to build
 SAMPLE_S, BUILD_S, BUILD_EXPONENT = 3e-4, 2e-3, 2.7
 
 
@@ -53,12 +53,13 @@ def run_loop(
     require_backend(backend)
     python = backend == "pinocchio" or (backend == "auto" and not pays(dynamics.robot, steps))
     reason = None if python else refusal(dynamics.robot, config, watch is not None)
-    recorded = 0
+    recorded, expected = 0, backend == "auto"  # to `auto` it is no news what has no machine code
     if not python and reason is None:
         reason, recorded = _compiled(dynamics, config, reference, steps, recorder, record, progress)
         if reason is None:
             return
-    if reason is not None and (backend == "compiled" or recorded):
+        expected = False
+    if reason is not None and not expected:
         record.remarks = (f"the loop was closed in Python: {reason}",)
     later = recorder if recorder is None or not recorded else _LaterSamples(recorder, recorded)
     close_loop(dynamics, config, reference, steps, later, record, progress, watch)
@@ -92,7 +93,7 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         config: Laws and plant.
         watched: Whether somebody sees every sample when it is computed.
     """
-    from rpctl.simulation.compiled.laws import unsupported
+    from rpctl.simulation.compiled.laws.supported import unsupported
 
     plant = config.plant
     if watched:

@@ -214,7 +214,7 @@ def simulate(
     contacts = find_contacts(simulated, settings.friction)
     derivation = Derivation(simulated, contacts, plant.bias(robot))
     recording: Recording | None = getattr(reference, "recording", None)
-    loop, known = LoopRecord(), ReducedDynamics(plant.known_robot(robot))
+    loop, known = LoopRecord(), plant.known_dynamics(dynamics)
     dynamic = config.dynamic if config.output is None else None
     sentences = law_sentences(known, config.kinematic, dynamic, period)
     speeds = config.output is not None

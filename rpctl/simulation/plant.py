@@ -163,6 +163,18 @@ class Plant:
         friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
         return add_friction(vary(robot, self.variation), friction)
 
+    def known_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
+        """Return the dynamics that the controller computes with.
+
+        Args:
+            dynamics: Of the simulated robot, without what the plant adds.
+
+        Raises:
+            RpctlError: The controller's model has other coordinates than the simulated robot.
+        """
+        robot = self.known_robot(dynamics.robot)
+        return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
+
     def known_robot(self, robot: Robot) -> Robot:
         """Return the robot that the controller computes with.
 

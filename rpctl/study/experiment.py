@@ -16,6 +16,9 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.outcome import ON_PATH_M
 from rpctl.study.scatter import with_values
 
+# What is kept over time, m, by its name in ``simulation.merits.SampleMeasures``.
+SERIES = {"base_error": "base", "lateral_error": "lateral", "end_effector_error": "tip"}
+
 
 @dataclass(frozen=True)
 class Experiment:

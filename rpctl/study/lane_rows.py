@@ -14,11 +14,9 @@ from rpctl.simulation.compiled.loop import DIVERGED, NO_TROUBLE
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
 from rpctl.simulation.merits import SampleMeasures, Totals, merits_of
 from rpctl.simulation.outcome import DIVERGING, TRACKED
-from rpctl.study.experiment import Experiment, RolloutTable
+from rpctl.study.experiment import SERIES, Experiment, RolloutTable
 from rpctl.study.lane_columns import LaneColumns
 from rpctl.study.merits import REFUSED, SUCCESS, RunVerdict, verdict
-
-SERIES = {"base_error": "base", "lateral_error": "lateral", "end_effector_error": "tip"}
 
 
 class LaneRows:

@@ -24,14 +24,13 @@ from rpctl.study.identity import code_identity, experiment_identity
 from rpctl.study.merits import merits_for
 from rpctl.study.optimum import AFTER, BEFORE, CONFIG_FILE, write_optimum
 from rpctl.study.run_chunk import RunChunk, RunTask, run_chunk, task_of
-from rpctl.study.scatter import Scatter
+from rpctl.study.scatter import Scatter, settings_at
 from rpctl.study.store import RunTable, Store, read_runs
 from rpctl.study.study import (
     Progress,
     Study,
     chunk_size,
     run_study,
-    settings_at,
     succeeded,
 )
 

@@ -19,7 +19,7 @@ from rpctl.simulation.facts import RobotFacts, robot_facts
 from rpctl.simulation.reload import load_robot
 from rpctl.study.experiment import Experiment, RolloutTable
 from rpctl.study.merits import SUCCESS
-from rpctl.study.rollout import run_rows
+from rpctl.study.run_rows import run_rows
 from rpctl.study.store import RunTable
 
 

@@ -26,6 +26,7 @@ PATTERN = "PATTERN"  # stands for a pattern of names in the list of what there i
 TABLES = ("plant", "run", "kinematic", "dynamic")
 TUPLES = {"initial_error": ("x", "y", "theta"), "centres": ("x", "y", "z")}  # names of entries
 OF_SPEEDS = ("plant.lag", "plant.dead_time")  # what is said of robots that take speeds only
+TAIL = 1e-3  # where a design asks for the end of a distribution that has none
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,18 @@ def with_values(config: Config, names: tuple[str, ...], values: Array) -> Config
         place[last] = value
     changed: Config = _changed(config, changes)
     return changed
+
+
+def settings_at(scatter: Scatter, points: Array) -> Array:
+    """Return the settings (K, n) at points (K, n); where a distribution has no end, near it.
+
+    Args:
+        scatter: The distributions.
+        points: Shares, from 0 to 1.
+    """
+    values = scatter.values(points)
+    inner = scatter.values(np.clip(points, TAIL, 1.0 - TAIL))
+    return np.where(np.isfinite(values), values, inner)
 
 
 def _split(config: Config, name: str) -> list[str]:

@@ -26,15 +26,14 @@ from rpctl.study.identity import code_identity, experiment_identity
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.optimisation import Optimisation
 from rpctl.study.run_chunk import RunChunk, run_chunk, task_of
-from rpctl.study.scatter import Scatter
+from rpctl.study.scatter import Scatter, settings_at
 from rpctl.study.statistics import worst_rows
 from rpctl.study.store import RunTable, Store, chunks_of, read_runs
 
 STUDY_FILE, OPTIMUM_FILE = "study.toml", "optimum.json"
 LARGEST_CHUNK = 256  # runs
 CHUNKS_EACH = 8  # for each worker, where the study is large enough
-LANES = 8  # of a compiled loop: chunks are whole numbers of them
-TAIL = 1e-3  # where a design asks for the end of a distribution that has none
+LANES = 8  # chunks are whole numbers of them: the most that any processor runs side by side
 MERIT = "rms_base_error"  # that runs are compared by, unless the study names another
 
 Progress = Callable[[int, int], object]
@@ -86,18 +85,6 @@ class Study:
             run: Its number.
         """
         return self.experiment.config_of(self.values[run], run)
-
-
-def settings_at(scatter: Scatter, points: Array) -> Array:
-    """Return the settings (K, n) at points (K, n); where a distribution has no end, near it.
-
-    Args:
-        scatter: The distributions.
-        points: Shares, from 0 to 1.
-    """
-    values = scatter.values(points)
-    inner = scatter.values(np.clip(points, TAIL, 1.0 - TAIL))
-    return np.where(np.isfinite(values), values, inner)
 
 
 def run_study(

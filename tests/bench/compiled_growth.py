@@ -20,9 +20,9 @@ import numpy as np
 
 import rpctl
 from rpctl import Robot
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.machine import compile_program
-from rpctl.simulation.compiled.program import Buffer, Call, Program, Repeat
+from rpctl.simulation.compiled.machine.code import compile_program
+from rpctl.simulation.compiled.machine.program import Buffer, Call, Program, Repeat
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests import urdf
 from tests.bench.test_speed import DRIVES, projected, state_of
 from tests.robots import SET_A, platform, write

@@ -15,9 +15,17 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.machine import MachineCode, module_text
-from rpctl.simulation.compiled.program import Buffer, Call, Program, Read, Rows, RowStream, Write
-from rpctl.simulation.compiled.target import object_code, this_processor
+from rpctl.simulation.compiled.machine.code import MachineCode, module_text
+from rpctl.simulation.compiled.machine.program import (
+    Buffer,
+    Call,
+    Program,
+    Read,
+    Rows,
+    RowStream,
+    Write,
+)
+from rpctl.simulation.compiled.machine.target import object_code, this_processor
 
 ENTRIES, INSTRUCTIONS = 40, 4000
 STATES, ANGLES = 800, 16000  # a multiple of all lanes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,9 @@ OPENING = {"open", "fdopen", "read_text", "read_bytes", "memmap", "fromfile", "l
 OF_MODULES = {("np", "load"), ("numpy", "load"), ("ET", "parse"), ("etree", "parse"),
               ("trimesh", "load"), ("json", "load"), ("tomllib", "load"),
               ("yaml", "load"), ("pickle", "load")}  # fmt: skip
+WORDS = re.compile(  # without one of them a module is not worth parsing
+    "|".join(rf"\b{word}\b" for word in (*OPENING, *{name for _, name in OF_MODULES}))
+)
 ELSEWHERE = {  # what opens no input, and why
     "files/opening.py": "it is the one way",
     "files/writing.py": "opens what it writes, and folders to sync them",
@@ -24,8 +28,8 @@ ELSEWHERE = {  # what opens no input, and why
     "simulation/spool.py": "opens the lock of the folder that it writes to",
     "cli/streams.py": "opens the null device in a closed stream's place",
     "description/xacro_hooks.py": "replaces xacro's open by asking for what the one way reads",
-    "simulation/compiled/cache.py": "reads back what it has written, if it is still its own",
-    "simulation/compiled/identity.py": "reads the package's own modules",
+    "simulation/compiled/machine/cache.py": "reads back what it has written, if it is its own",
+    "simulation/compiled/machine/identity.py": "reads the package's own modules",
     "study/versions.py": "reads the package's own modules",
     "view/film/video.py": "writes a film, and reads back what it has written",
     "view/serve/live.py": "reads back the report that it has written",
@@ -36,15 +40,18 @@ ELSEWHERE = {  # what opens no input, and why
 
 def calls(text: str) -> list[int]:
     """Return the lines of a module's calls, and of its methods passed on, that open a file."""
-    found = []
-    own = {node.name for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
+    found: list[int] = []
+    if not WORDS.search(text):
+        return found
+    nodes = list(ast.walk(ast.parse(text)))
+    own = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
     own |= {
         alias.name
-        for node in ast.walk(ast.parse(text))
+        for node in nodes
         if isinstance(node, ast.ImportFrom) and str(node.module) == "rpctl.files.opening"
         for alias in node.names
     }
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes:
         if isinstance(node, ast.Attribute):
             module = node.value.id if isinstance(node.value, ast.Name) else ""
             if node.attr in OPENING or (module, node.attr) in OF_MODULES:

@@ -298,6 +298,7 @@ ELSEWHERE = {
     "simulation/spool.py": "it sets an older folder aside, under another name",
     "simulation/packed.py": "an entry of an archive that is open for writing",
     "files/worker.py": "it writes to the pipes of a process",
+    "study/run_chunk.py": "a reference that was sent lies in a folder of this process alone",
     "view/film/video.py": "encoders want a name: it lies in a folder of this process alone",
 }
 

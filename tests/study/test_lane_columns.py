@@ -11,9 +11,9 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.simulation.closed_loop import start_configuration
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
-from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.laws.law_settings import settings_of
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.plant import Plant

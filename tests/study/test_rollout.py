@@ -16,7 +16,9 @@ from rpctl.simulation.loop import simulate
 from rpctl.study.distributions import Normal, Uniform
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
-from rpctl.study.rollout import Rollouts, draw, rollout, run_rows
+from rpctl.study.rollout import draw, rollout
+from rpctl.study.rollouts import Rollouts
+from rpctl.study.run_rows import run_rows
 from rpctl.study.scatter import scatter_of
 
 SCATTER = {

@@ -11,11 +11,11 @@ import numpy as np
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.check import require_equal
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.laws import law_fragment
+from rpctl.simulation.compiled.laws.supported import law_fragment
 from rpctl.simulation.compiled.loop import CompiledLoop, FarBounds, LoopShape, loop_program
-from rpctl.simulation.compiled.machine import compile_program
+from rpctl.simulation.compiled.machine.code import compile_program
 from rpctl.simulation.compiled.stored_loop import LoopCode, loop_key, stored_loop
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config
 from rpctl.simulation.periods import delay_periods
 

@@ -14,9 +14,9 @@ from rpctl.errors import RpctlError
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.table import tabulate
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.laws.law_settings import settings_of
 from rpctl.simulation.compiled.loop import CompiledLoop
-from rpctl.simulation.compiled.program import Buffer, Rows
+from rpctl.simulation.compiled.machine.program import Buffer, Rows
 from rpctl.simulation.compiled.starting import prepared
 from rpctl.simulation.config import Config
 from rpctl.simulation.plant import Plant, advance

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 
 @dataclass(frozen=True, eq=False)

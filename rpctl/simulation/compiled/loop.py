@@ -6,22 +6,17 @@ The order of a sample is that of `simulation/closed_loop.py`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi
 
 from rpctl.arrays import Array
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.law_fragment import LawFragment
-from rpctl.simulation.compiled.machine import MachineCode
-from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
-from rpctl.simulation.compiled.plant import PlantBuffers
-from rpctl.simulation.compiled.plant_step import PlantFragment, plant_fragment
-from rpctl.simulation.compiled.program import (
+from rpctl.simulation.compiled.laws.law_fragment import LawFragment
+from rpctl.simulation.compiled.laws.tracking import reference_entries, symbolic_error
+from rpctl.simulation.compiled.machine.code import MachineCode
+from rpctl.simulation.compiled.machine.program import (
     Buffer,
-    Call,
     Program,
     Read,
     ReadBack,
@@ -29,7 +24,11 @@ from rpctl.simulation.compiled.program import (
     Statement,
     Write,
 )
-from rpctl.simulation.compiled.tracking import reference_entries, symbolic_error
+from rpctl.simulation.compiled.machine.statements import statement, symbolic
+from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
+from rpctl.simulation.compiled.plant.buffers import PlantBuffers
+from rpctl.simulation.compiled.plant.step import PlantFragment, plant_fragment
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.noise import Sensors
 from rpctl.simulation.plant import substeps
 
@@ -138,11 +137,7 @@ class CompiledLoop:
     sample: MachineCode
 
 
-def loop_program(
-    law: LawFragment,
-    simulated: SymbolicDynamics,
-    shape: LoopShape,
-) -> LoopProgram:
+def loop_program(law: LawFragment, simulated: SymbolicDynamics, shape: LoopShape) -> LoopProgram:
     """Return the program of a closed loop.
 
     Args:
@@ -150,16 +145,42 @@ def loop_program(
         simulated: Dynamics of the simulated robot.
         shape: What is compiled in.
     """
-    robot, dynamics = simulated.robot, simulated
+    found = _buffers(law, simulated, shape)
+    fold = _folded(found, simulated) if shape.folded else None
+    log = _log(found, fold)
+    steps = substeps(shape.period, shape.plant_step)
+    moving = plant_fragment(simulated, found.plant, shape.period / steps, steps)
+    body = (
+        *_measured(found, Sensors(simulated.robot), shape),
+        *law.body,
+        *law.remember,
+        *_judged(found, shape),
+        *_acting(found, simulated, shape),
+        *(() if fold is None else fold.statements),
+        *(Write(buffer, stream) for buffer, stream in log.values()),
+        *_pushed(found, moving, shape),
+    )
+    return replace(
+        found,
+        start=Program((*law.start, *moving.start)),
+        sample=Program(body),
+        memory=(*law.memory, *moving.memory),
+        log={name: stream for name, (_, stream) in log.items()},
+        fold=fold,
+    )
+
+
+def _buffers(law: LawFragment, dynamics: SymbolicDynamics, shape: LoopShape) -> LoopProgram:
+    """Return a loop that does nothing: the buffers and streams that its statements will use."""
+    robot = dynamics.robot
     n_act, n_e, width = len(robot.actuators), law.e.size, law.reference.size
-    sensors = Sensors(robot)
     q, nu = law.q, law.nu
     if shape.noisy:
         q, nu = Buffer("q", robot.nq), Buffer("nu", robot.dof)
     plant = PlantBuffers(
         q, nu, Buffer("pushing", n_act), Buffer("energy", 2), Buffer("p", dynamics.p.numel())
     )
-    found = LoopProgram(
+    return LoopProgram(
         start=Program(()),
         sample=Program(()),
         memory=(),
@@ -175,32 +196,9 @@ def loop_program(
         search_from=Buffer("search_from", 1),
         reference=RowStream("reference", width, laned=False),
         followed=RowStream("followed", width),
-        noise=RowStream("noise", sensors.width),
+        noise=RowStream("noise", Sensors(robot).width),
         ring=RowStream("ring", n_act),
         log={},
-    )
-    fold = _folded(found, dynamics) if shape.folded else None
-    log = _log(found, fold)
-    steps = substeps(shape.period, shape.plant_step)
-    moving = plant_fragment(dynamics, plant, shape.period / steps, steps)
-    body = (
-        *_measured(found, sensors, shape),
-        *law.body,
-        *law.remember,
-        *_judged(found, shape),
-        *_acting(found, dynamics, shape),
-        *(() if fold is None else fold.statements),
-        *(Write(buffer, stream) for buffer, stream in log.values()),
-        *_pushed(found, moving, shape),
-    )
-    streams = {name: stream for name, (_, stream) in log.items()}
-    return replace(
-        found,
-        start=Program((*law.start, *moving.start)),
-        sample=Program(body),
-        memory=(*law.memory, *moving.memory),
-        log=streams,
-        fold=fold,
     )
 
 
@@ -209,22 +207,20 @@ def _measured(loop: LoopProgram, sensors: Sensors, shape: LoopShape) -> tuple[St
     law, plant = loop.law, loop.plant
     body: list[Statement] = [Read(loop.followed if shape.far else loop.reference, law.reference)]
     if shape.noisy:
-        sym = casadi.SX.sym
-        q, nu, row = sym("q", plant.q.size), sym("nu", plant.nu.size), sym("row", sensors.width)
         noise = Buffer("noise", sensors.width)
-        measured = _function("measured", [q, nu, row], [*sensors.symbolic(q, nu, row)])
-        body += [
-            Read(loop.noise, noise),
-            Call(measured, (plant.q, plant.nu, noise), (law.q, law.nu)),
-        ]
+        inputs = [symbolic(buffer) for buffer in (plant.q, plant.nu, noise)]
+        measured = sensors.symbolic(*(symbols for _, symbols in inputs))
+        outputs = list(zip((law.q, law.nu), measured, strict=True))
+        body += [Read(loop.noise, noise), statement("measured", inputs, outputs)]
     return tuple(body)
 
 
 def _judged(loop: LoopProgram, shape: LoopShape) -> tuple[Statement, ...]:
     """Find out whether a lane goes on, and count the sample."""
-    law, sym = loop.law, casadi.SX.sym
-    failed, e, nu = sym("failed"), sym("e", law.e.size), sym("nu", loop.plant.nu.size)
-    number, since, trouble = sym("number"), sym("since"), sym("trouble", 2)
+    law = loop.law
+    buffers = law.failed, law.e, loop.plant.nu, loop.number, loop.search_from, loop.trouble
+    inputs = [symbolic(buffer) for buffer in buffers]
+    failed, e, nu, number, since, trouble = (symbols for _, symbols in inputs)
     found = casadi.if_else(failed != 0.0, LAW_FAILED, NO_TROUBLE)
     if shape.far is not None:
         away = casadi.logic_or(
@@ -238,9 +234,7 @@ def _judged(loop: LoopProgram, shape: LoopShape) -> tuple[Statement, ...]:
     after = casadi.vertcat(
         casadi.if_else(known, trouble[0], found), casadi.if_else(known, trouble[1], number)
     )
-    judge = _function("judge", [failed, e, nu, number, since, trouble], [after, number + 1.0])
-    inputs = law.failed, law.e, loop.plant.nu, loop.number, loop.search_from, loop.trouble
-    return (Call(judge, inputs, (loop.trouble, loop.number)),)
+    return (statement("judge", inputs, [(loop.trouble, after), (loop.number, number + 1.0)]),)
 
 
 def _folded(loop: LoopProgram, dynamics: SymbolicDynamics) -> MeritFold:
@@ -259,26 +253,22 @@ def _acting(
     if shape.delayed:
         body += [Write(loop.law.tau, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
     if loop.e is not loop.law.e:
-        robot, row = dynamics.robot, casadi.SX.sym("row", loop.law.reference.size)
-        q = casadi.SX.sym("q", robot.nq)
-        reference = reference_entries(row, len(robot.joints))
-        error = _function("error", [q, row], [symbolic_error(dynamics, reference, q)])
-        place = Buffer("reference", row.numel())
-        body += [Read(loop.reference, place), Call(error, (loop.plant.q, place), (loop.e,))]
+        place = Buffer("reference", loop.law.reference.size)
+        inputs = [symbolic(loop.plant.q), symbolic(place)]
+        (_, q), (_, row) = inputs
+        reference = reference_entries(row, len(dynamics.robot.joints))
+        error = symbolic_error(dynamics, reference, q)
+        body += [Read(loop.reference, place), statement("error", inputs, [(loop.e, error)])]
     return tuple(body)
 
 
 def _pushed(loop: LoopProgram, moving: PlantFragment, shape: LoopShape) -> tuple[Statement, ...]:
     """Push the robot until the next sample."""
-    tau, bias = (casadi.SX.sym(name, loop.bias.size) for name in ("tau", "bias"))
-    push = _function("push", [tau, bias], [tau + bias])
-    energy = casadi.SX.sym("energy", 2)
-    keep = Call(_function("keep", [energy], [energy]), (loop.plant.energy,), (loop.energy_before,))
-    return (
-        *((keep,) if shape.folded else ()),
-        Call(push, (loop.acting, loop.bias), (loop.plant.tau,)),
-        *moving.steps,
-    )
+    (_, tau), (_, bias) = inputs = [symbolic(loop.acting), symbolic(loop.bias)]
+    push = statement("push", inputs, [(loop.plant.tau, tau + bias)])
+    _, energy = before = symbolic(loop.plant.energy)
+    keep = statement("keep", [before], [(loop.energy_before, energy)])
+    return *((keep,) if shape.folded else ()), push, *moving.steps
 
 
 def _log(loop: LoopProgram, fold: MeritFold | None) -> dict[str, tuple[Buffer, RowStream]]:
@@ -296,8 +286,3 @@ def _log(loop: LoopProgram, fold: MeritFold | None) -> dict[str, tuple[Buffer, R
     if fold is not None:
         logged = {"measures": fold.measures}
     return {name: (b, RowStream(f"log of {name}", b.size)) for name, b in logged.items()}
-
-
-def _function(name: str, inputs: list[Any], outputs: list[Any]) -> Any:
-    """Return a CasADi function with dense columns."""
-    return casadi.Function(name, inputs, [casadi.densify(casadi.SX(x)) for x in outputs])

@@ -11,8 +11,9 @@ import casadi
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.program import Buffer, Call, Read, RowStream, Statement
+from rpctl.simulation.compiled.machine.program import Buffer, Call, Read, RowStream, Statement
+from rpctl.simulation.compiled.machine.statements import dense_function, statement, symbolic
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.facts import steered_joints
 from rpctl.simulation.merits import START, SampleMeasures, Totals, position_limits
 from rpctl.simulation.outcome import ON_PATH_M
@@ -81,18 +82,16 @@ def merit_fold(dynamics: SymbolicDynamics, at: FoldedSample) -> MeritFold:
     robot = dynamics.robot
     names = SampleMeasures._fields
     tip = None if robot.end_effector is None else RowStream("tip", TIP, laned=False)
-    wanted = Buffer("tip", TIP)
     found = MeritFold(
         (), Buffer("measures", len(names)), Buffer("merits", len(FIRST)), Buffer("spans", 2), tip
     )
-    inputs = at.q, at.nu, at.e, at.tau, at.limits, at.p
-    given = [casadi.SX.sym(buffer.name, buffer.size) for buffer in inputs[:-1]]
-    place = casadi.SX.sym("tip", TIP)
-    measured = _measured(dynamics, given, None if tip is None else place)
-    function = _function("measure", [*given, dynamics.p, place], [measured])
-    statements: list[Statement] = [] if tip is None else [Read(tip, wanted)]
+    sample = [symbolic(buffer) for buffer in (at.q, at.nu, at.e, at.tau, at.limits)]
+    place, wanted = symbolic(Buffer("tip", TIP))
+    measured = _measured(dynamics, [x for _, x in sample], None if tip is None else wanted)
+    inputs = [*sample, (at.p, dynamics.p), (place, wanted)]
+    statements: list[Statement] = [] if tip is None else [Read(tip, place)]
     statements += [
-        Call(function, (*inputs, wanted), (found.measures,)),
+        statement("measure", inputs, [(found.measures, measured)]),
         Call(folding(), (found.totals, found.measures, at.count, found.spans), (found.totals,)),
     ]
     return MeritFold(tuple(statements), found.measures, found.totals, found.spans, tip)
@@ -154,7 +153,7 @@ def folding() -> Any:
     for name in ("base", "joint", "effort", "speed", "excess"):
         folded[f"{name}_max"] = casadi.fmax(t[f"{name}_max"], m[name])
     after = casadi.vertcat(*(folded[name] for name in Totals._fields))
-    return _function("fold", [totals, measured, count, spans], [after])
+    return dense_function("fold", [totals, measured, count, spans], [after])
 
 
 def _length(vector: Any) -> Any:
@@ -179,8 +178,3 @@ def _largest(values: Sequence[Any], least: float) -> Any:
     for value in values[1:]:
         found = casadi.fmax(found, value)
     return found
-
-
-def _function(name: str, inputs: list[Any], outputs: list[Any]) -> Any:
-    """Return a CasADi function with dense columns."""
-    return casadi.Function(name, inputs, [casadi.densify(casadi.SX(x)) for x in outputs])

@@ -17,17 +17,17 @@ from rpctl.reference.table import tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.build import build_loop, shape_of
 from rpctl.simulation.compiled.check import require_equal
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
 from rpctl.simulation.compiled.loop import LoopShape
+from rpctl.simulation.compiled.machine.code import native_lanes
+from rpctl.simulation.compiled.machine.program import Buffer, Rows
 from rpctl.simulation.compiled.merit_fold import FIRST, spans_of
-from rpctl.simulation.compiled.parameters import Varied
-from rpctl.simulation.compiled.program import Buffer, Rows
 from rpctl.simulation.compiled.starting import fill, followed_rows, search_from
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.symbols.parameters import Varied
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
 
-LANES = 8  # runs side by side: a register of 512 bits, or two of 256
 CHUNK = 1024  # samples for which noise is drawn at a time
 
 
@@ -90,7 +90,8 @@ class LaneRunner:
         shape = LoopShape(run.control_period, run.plant_step, delayed, noisy, far, folded=True)
         laws = config.kinematic, config.dynamic
         self.dynamics = SymbolicDynamics(simulated, varied)
-        self._loop = build_loop(known, self.dynamics, *laws, shape, LANES)
+        self._lanes = native_lanes()
+        self._loop = build_loop(known, self.dynamics, *laws, shape, self._lanes)
         require_equal(self._loop, self._known, ReducedDynamics(simulated), config)
         times = run.control_period * np.arange(count, dtype=float)
         self._table = tabulate(known, reference, times)
@@ -106,12 +107,12 @@ class LaneRunner:
             inputs: What they begin with.
             progress: Called with the runs done and their number.
         """
-        total, blocks = len(inputs), []
-        for first in range(0, total, LANES):
-            rows = np.minimum(np.arange(first, first + LANES), total - 1)  # the last one fills up
+        total, blocks, lanes = len(inputs), [], np.arange(self._lanes)
+        for first in range(0, total, self._lanes):
+            rows = np.minimum(first + lanes, total - 1)  # the last one fills up
             blocks.append(self._block(inputs.rows(rows)))
             if progress is not None:
-                progress(min(first + LANES, total), total)
+                progress(min(first + self._lanes, total), total)
         columns = zip(*blocks, strict=True)
         return LaneResults(*(np.concatenate(column)[:total] for column in columns))
 
@@ -121,12 +122,12 @@ class LaneRunner:
         if fold is None:
             raise ValueError("the loop of rollouts folds its samples")
         noise = _LaneNoise(inputs, self._sensors)
-        stages = [self._stage() for _ in range(LANES)]
+        stages = [self._stage() for _ in range(self._lanes)]
         followed = self._followed(inputs, stages, noise)
         workspace = self._workspace(inputs, stages)
-        ring = np.empty((int(inputs.back.max()) + 1, inputs.rest.shape[1], LANES))
+        ring = np.empty((int(inputs.back.max()) + 1, inputs.rest.shape[1], self._lanes))
         ring[:] = inputs.rest.T
-        measures = np.zeros((-(-self._count // self._stride), fold.measures.size, LANES))
+        measures = np.zeros((-(-self._count // self._stride), fold.measures.size, self._lanes))
         chunk = -(-CHUNK // self._stride) * self._stride
         for first in range(0, self._count, chunk):
             count = min(chunk, self._count - first)
@@ -166,8 +167,8 @@ class LaneRunner:
             noise: Of what is measured.
         """
         if self._loop.program.followed not in self._loop.program.sample.streams:
-            return np.empty((self._count, 0, LANES))
-        found = np.repeat(self._rows[:, :, None], LANES, axis=2)
+            return np.empty((self._count, 0, self._lanes))
+        found = np.repeat(self._rows[:, :, None], self._lanes, axis=2)
         still = np.zeros(self._known.robot.dof)
         measured = noise.peek()
         for lane, stage in enumerate(stages):
@@ -229,7 +230,7 @@ class _LaneNoise:
     def __init__(self, inputs: LaneInputs, sensors: Sensors) -> None:
         self._streams = [NoiseStream(sensors.width, seed) for seed in inputs.seeds]
         self._deviations = inputs.deviations
-        self._drawn = np.empty((0, sensors.width, LANES))
+        self._drawn = np.empty((0, sensors.width, len(inputs)))
 
     def peek(self) -> Array:
         """Return the row (width, lanes) of the next sample, which stays the next."""

@@ -15,7 +15,7 @@ from rpctl.reference.motion import Reference
 from rpctl.reference.table import ReferenceTable, tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.loop import CompiledLoop
-from rpctl.simulation.compiled.program import Buffer, Rows
+from rpctl.simulation.compiled.machine.program import Buffer, Rows
 from rpctl.simulation.config import Config
 from rpctl.simulation.periods import delay_periods
 

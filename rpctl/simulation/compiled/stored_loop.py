@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import rpctl
 from rpctl.robot.identity import robot_identity
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.cache import cached
 from rpctl.simulation.compiled.loop import LoopProgram, LoopShape
-from rpctl.simulation.compiled.machine import MachineCode
-from rpctl.simulation.compiled.target import compiler_version, this_processor
+from rpctl.simulation.compiled.machine.cache import cached
+from rpctl.simulation.compiled.machine.code import MachineCode
+from rpctl.simulation.compiled.machine.target import compiler_version, this_processor
 
 OWN_MODULES = "rpctl.simulation.compiled.", "rpctl.control.law"  # of what a loop consists of
 

@@ -18,10 +18,10 @@ from rpctl.reference.table import ReferenceTable, tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import DIVERGED_SPEED, LoopRecord, rest_at_start
 from rpctl.simulation.compiled.build import compiled_loop
-from rpctl.simulation.compiled.law_fragment import LimitNames
-from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.laws.law_fragment import LimitNames
+from rpctl.simulation.compiled.laws.law_settings import settings_of
 from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
-from rpctl.simulation.compiled.program import Rows, RowStream
+from rpctl.simulation.compiled.machine.program import Rows, RowStream
 from rpctl.simulation.compiled.starting import followed_rows, prepared
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import NoiseStream, Sensors
@@ -75,7 +75,7 @@ def close_compiled_loop(
     """
     robot = dynamics.robot
     simulated = config.plant.simulated_dynamics(dynamics)
-    known = ReducedDynamics(config.plant.known_robot(robot))
+    known = config.plant.known_dynamics(dynamics)
     rest = rest_at_start(simulated, config, reference)
     compiled = compiled_loop(known, simulated, config)
     if recorder is not None:

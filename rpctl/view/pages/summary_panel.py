@@ -24,6 +24,7 @@ from rpctl.view.pages.merits import (
     outcome_badge,
 )
 from rpctl.view.pages.page import definitions, escape, section
+from rpctl.view.pages.plant_texts import variation_texts
 from rpctl.view.scene.stand_ins import StandIn, label, note
 
 JOINTS = "joints: "  # how the sentence on the joints' gains begins
@@ -247,6 +248,7 @@ def setting_texts(run: Run) -> dict[str, str]:
                 text = SETTING_LABELS.get(name, name.replace("_", " ").capitalize())
                 rows[f"{text} ({key})" if text in rows else text] = setting_text(value)
         rows |= obstacle_texts(getattr(run.config, key)) if key in ("kinematic", "dynamic") else {}
+        rows |= variation_texts(run.config.plant, run.robot) if key == "plant" else {}
     return rows
 
 

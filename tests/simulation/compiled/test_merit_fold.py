@@ -11,10 +11,10 @@ import pytest
 import rpctl
 from rpctl import Robot, Run, track
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.interpreted import Interpreted
+from rpctl.simulation.compiled.machine.interpreted import Interpreted
+from rpctl.simulation.compiled.machine.program import Buffer, Program, Read, Rows, RowStream
 from rpctl.simulation.compiled.merit_fold import FIRST, FoldedSample, merit_fold, spans_of
-from rpctl.simulation.compiled.program import Buffer, Program, Read, Rows, RowStream
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.merits import SampleMeasures, Totals, fold, measures, merits_of
 from rpctl.simulation.outcome import ON_PATH_M
 

@@ -12,10 +12,11 @@ import rpctl
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import start_configuration
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
-from rpctl.simulation.compiled.law_settings import settings_of
+from rpctl.simulation.compiled.laws.law_settings import settings_of
 from rpctl.simulation.compiled.loop import FAR
-from rpctl.simulation.compiled.parameters import NOTHING
-from rpctl.simulation.compiled.rollouts import LANES, LaneResults, LaneRunner
+from rpctl.simulation.compiled.machine.code import native_lanes
+from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
+from rpctl.simulation.compiled.symbols.parameters import NOTHING
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
 from rpctl.simulation.merits import Totals, fold, measures
@@ -77,7 +78,7 @@ def lanes(paper: Robot, config: Config) -> LaneRunner:
 def test_a_run_is_the_same_whichever_run_beside_it(
     paper: Robot, config: Config, lanes: LaneRunner
 ) -> None:
-    drawn = np.random.default_rng(0).uniform(-0.4, 0.4, (LANES + 3, 3))
+    drawn = np.random.default_rng(0).uniform(-0.4, 0.4, (native_lanes() + 3, 3))
     drawn[2] *= 1e8  # one goes astray
     errors = [tuple(row) for row in drawn.tolist()]
     given = inputs(paper, config, errors)
@@ -85,6 +86,17 @@ def test_a_run_is_the_same_whichever_run_beside_it(
     order = np.random.default_rng(1).permutation(len(errors))
     assert equal(together, lanes.run(given.rows(order)), order.tolist())
     assert equal(together, lanes.run(given.rows(slice(4, 5))), [4])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+def test_a_run_is_the_same_on_every_processor(
+    paper: Robot, config: Config, lanes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = inputs(paper, config, [(0.1, 0.0, 0.0), (0.4, 0.3, -0.5), (-0.2, 0.1, 0.3)])
+    expected = runner(paper, config).run(given)
+    monkeypatch.setattr("rpctl.simulation.compiled.rollouts.native_lanes", lambda: lanes)
+    assert equal(expected, runner(paper, config).run(given), range(3))
 
 
 def test_a_run_is_what_python_makes_of_it(paper: Robot, config: Config, lanes: LaneRunner) -> None:

@@ -14,8 +14,11 @@ import rpctl
 from rpctl import Run, summarize
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.noise import Noise
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.texts import length
 from rpctl.view.pages.compare import compare_legend, compare_panel
+from rpctl.view.pages.plant_texts import variation_texts
 from rpctl.view.pages.summary_panel import headline, legend, panel, residual, subtitle
 from tests.golden import COUNT, beside_its_path
 from tests.runs import vary
@@ -245,3 +248,47 @@ def test_settings_that_differ_come_first(golden: Run) -> None:
     assert labels[0] == "Time from solve to solve, s"
     assert "<td><b>–</b></td><td><b>0.5</b></td>" in settings
     assert "<td>eight</td><td>eight</td>" in settings
+
+
+def test_what_the_plant_varies_is_told_with_units(golden: Run) -> None:
+    """The arm's joints turn, one of them slides: the robot knows their units."""
+    plant = Plant(
+        masses={"fore*": 1.1}, centres={"fore*": (0.01, 0.0, -0.02)}, inertias={"base": 0.5},
+        radii={"*left": 0.98}, track=1.02, damping={"turns": 0.1, "slides": 2.0, "*": 0.0},
+        noise=Noise(position=0.002, heading=0.01, joints=1e-3, speed=0.1, turn_rate=0.2,
+                    joint_rates=0.3),
+    )  # fmt: skip
+    joints = {"joint_names": ("turns", "slides"), "units": ("rad", "m")}
+    page = panel(vary(golden, config=Config(plant=plant), **joints), summarize(golden), [])
+    expected = {
+        "Mass of fore*": "1.1 times the model's",
+        "Centre of mass of fore*": "moved by (0.01, 0, -0.02) m",
+        "Inertia of base": "0.5 times the model's",
+        "Radius of *left": "0.98 times the model's",
+        "Track": "1.02 times the model's",
+        "Damping of turns": "0.1 N·m·s/rad more",
+        "Damping of slides": "2 N·s/m more",
+        "Damping of *": "0 N·m·s/rad or N·s/m more",
+        "Noise of position, x and y": "0.002 m, standard deviation",
+        "Noise of heading": "0.01 rad, standard deviation",
+        "Noise of joints' positions": "0.001 rad or m, standard deviation",
+        "Noise of speed": "0.1 m/s, standard deviation",
+        "Noise of turning rate": "0.2 rad/s, standard deviation",
+        "Noise of joints' rates": "0.3 rad/s or m/s, standard deviation",
+    }
+    told = rows(page)
+    assert {label: told.get(label) for label in expected} == expected
+    plain = rows(panel(golden, summarize(golden), []))
+    assert not plain.keys() & (expected.keys() - {"Track"})
+
+
+def test_damping_of_wheels_and_a_plain_track(golden: Run) -> None:
+    wheel = golden.robot.drive.wheels[0].joint
+    run = vary(golden, joint_names=("slides",), units=("m",), steering_names=())
+    assert variation_texts(Plant(damping={wheel: 0.5}), run.robot) == {
+        f"Damping of {wheel}": "0.5 N·m·s/rad more"
+    }
+    assert variation_texts(Plant(noise=Noise(joints=0.1)), run.robot) == {
+        "Noise of joints' positions": "0.1 m, standard deviation"
+    }
+    assert variation_texts(Plant(), run.robot) == {}

@@ -1,0 +1,1 @@
+"""The laws of the controller as statements of a program."""

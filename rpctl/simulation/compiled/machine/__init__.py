@@ -1,0 +1,1 @@
+"""Programs that run in lanes, an interpreter of them, and their machine code."""

@@ -1,0 +1,1 @@
+"""Steps of the plant as statements of a program."""

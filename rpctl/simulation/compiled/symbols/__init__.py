@@ -1,0 +1,1 @@
+"""A robot's dynamics in CasADi's symbols."""

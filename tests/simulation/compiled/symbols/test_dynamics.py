@@ -1,0 +1,221 @@
+"""The dynamics in symbols say what Pinocchio says, of every drive and of random robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import atan2, pi
+from pathlib import Path
+from typing import Any
+
+import casadi
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+import rpctl
+from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
+from rpctl.errors import ActuationError, RpctlError, SingularBasisError, UnknownNameError
+from rpctl.robot import catalog
+from rpctl.robot.vary import without_losses
+from rpctl.simulation.compiled.symbols.comparison import EQUAL, Evaluate, check
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled.symbols.rolling import SINGULAR
+from tests import random_vehicles, vehicles
+from tests.grids import cells
+from tests.random_robots import WheeledRobot, robots
+from tests.robots import SET_A, four_wheels, platform, write
+
+OWN = [entry.name for entry in catalog.ENTRIES if entry.own]
+ROUNDING = 1e-13
+
+
+@pytest.mark.parametrize("name", cells([*OWN, "tiago"], {"car", "casters"}, {*OWN[1:3], "tiago"}))
+def test_own_robots(name: str) -> None:
+    check(SymbolicDynamics(rpctl.load(name)))
+
+
+@pytest.mark.parametrize("kind", cells(vehicles.KINDS, (), vehicles.KINDS))
+def test_vehicles(kind: str, tmp_path: Path) -> None:
+    check(SymbolicDynamics(rpctl.load(write(tmp_path, vehicles.vehicle(kind)))))
+
+
+@pytest.mark.parametrize("kind", cells(["skid-steer", "mecanum"], (), {"mecanum"}))
+def test_four_wheels(kind: str, tmp_path: Path) -> None:
+    check(SymbolicDynamics(four_wheels(tmp_path, kind)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", random_vehicles.KINDS)
+def test_random_vehicles(kind: str, seed: int, tmp_path: Path) -> None:
+    text, _ = random_vehicles.vehicle(kind, 100 + seed)
+    path = write(tmp_path, text)
+    drive = None
+    if kind in random_vehicles.DRIVE_FILES:
+        drive = write(tmp_path, random_vehicles.DRIVE_FILES[kind], "drive.toml")
+    check(SymbolicDynamics(rpctl.load(path, drive=drive)))
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(robots())
+def test_random_robots(tmp_path_factory: pytest.TempPathFactory, built: WheeledRobot) -> None:
+    """Any tree: slanted axes, mimics, massless links, joints on joints that slide."""
+    folder = tmp_path_factory.mktemp("random")
+    check(SymbolicDynamics(rpctl.load(write(folder, built.text))))
+
+
+def test_locked_joints_are_held_where_they_are_locked() -> None:
+    robot = rpctl.load("mixed_chain", lock={"lift_joint": 0.1, "elbow_joint": 0.4})
+    check(SymbolicDynamics(robot), samples=1)
+
+
+FAULTS = (
+    *("basis", "actuation", "drift", "inertia", "bias", "losses", "inverse", "efforts", "forward"),
+    *("integrate", "base_pose", "twist", "joint_positions", "placement"),
+)
+
+
+def off(name: str, relative: float) -> Evaluate:
+    """Return an evaluation whose largest entry of a quantity is off by a share of itself."""
+
+    def evaluate(function: Any) -> Callable[..., Sequence[Any]]:
+        def call(*state: Array) -> Sequence[Any]:
+            found = [np.array(value) for value in function(*state)]
+            one = found[function.name_out().index(name)]
+            one.flat[int(np.abs(one).argmax())] += relative * (np.abs(one).max() or 1.0)
+            return found
+
+        return call
+
+    return evaluate
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_check_finds_each_quantity_that_is_off(name: str, paper: Robot) -> None:
+    with pytest.raises(RpctlError, match=rf"paper: the compiled {name} differs from Pin"):
+        check(SymbolicDynamics(paper), samples=1, evaluate=off(name, 1e-8))
+
+
+@pytest.mark.parametrize("name", ["inertia", "efforts"])  # of about 40 and .3
+def test_the_check_measures_by_the_largest_entry(name: str, paper: Robot) -> None:
+    dynamics = SymbolicDynamics(paper)
+    check(dynamics, samples=1, evaluate=off(name, 0.5 * EQUAL))
+    with pytest.raises(RpctlError, match=rf"{name} differs from Pinocchio's by 2e-10 of its"):
+        check(dynamics, samples=1, evaluate=off(name, 2.0 * EQUAL))
+
+
+def test_the_check_takes_no_number_for_equal(paper: Robot) -> None:
+    def nothing(function: Any) -> Callable[..., Sequence[Any]]:
+        return lambda *state: [np.full(function.size_out(k), np.nan) for k in range(len(FAULTS))]
+
+    with pytest.raises(RpctlError, match="differs from Pinocchio's by nan"):
+        check(SymbolicDynamics(paper), samples=1, evaluate=nothing)
+
+
+@pytest.mark.parametrize("name", ["bicycle", "car"])
+def test_the_margin_vanishes_at_singular_steering(name: str) -> None:
+    """Where the steered wheel's axle passes through P, the speed of P says nothing of the bend."""
+    robot = rpctl.load(name)
+    swivel = robot.drive.steered[0]
+    dynamics, truth = SymbolicDynamics(robot), ReducedDynamics(robot)
+    q = casadi.SX.sym("q", robot.nq)
+    margin = casadi.Function("margin", [q], [dynamics.rank_margin(q)])
+    x, y = np.subtract(swivel.pivot, robot.drive.point)
+    across = swivel.sign * (atan2(y, x) + 0.5 * pi - swivel.heading)
+    for turn in (-1.0, -0.3, 0.3, 1.0):
+        posture = robot.configuration(joints={swivel.joint: across + turn})
+        assert float(margin(posture)) > 1e-2
+        truth.at(posture)
+    posture = robot.configuration(joints={swivel.joint: across})
+    assert float(margin(posture)) < 1e-3 * SINGULAR
+    with pytest.raises(SingularBasisError):
+        truth.at(posture)
+
+
+def test_the_margin_of_wheels_that_do_not_steer_is_one(paper: Robot) -> None:
+    assert float(SymbolicDynamics(paper).rank_margin(casadi.SX.sym("q", paper.nq))) == 1.0
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-300, 1e-9, -0.3, 4.0])
+def test_integrate_takes_any_turn(paper: Robot, turn: float) -> None:
+    q, v = casadi.SX.sym("q", paper.nq), casadi.SX.sym("v", paper.nv)
+    moved = casadi.Function("moved", [q, v], [SymbolicDynamics(paper).integrate(q, v)])
+    start = paper.configuration(1.0, -2.0, 0.7)
+    way = np.array([0.3, -0.2, turn, *np.linspace(-1.0, 2.0, paper.nv - 3)])
+    found = moved(start, way).full().ravel()
+    np.testing.assert_allclose(found, pin.integrate(paper.model, start, way), atol=1e-9)
+    if turn == 0.0:
+        cos, sin = start[2:4]
+        ahead = [1.0 + 0.3 * cos + 0.2 * sin, -2.0 + 0.3 * sin - 0.2 * cos]
+        np.testing.assert_allclose(found[:2], ahead, rtol=1e-15)
+
+
+def test_losses_and_their_slopes(tiago: Robot, rng: np.random.Generator) -> None:
+    assert tiago.losses is not None
+    v = casadi.SX.sym("v", tiago.nv)
+    dynamics = SymbolicDynamics(tiago)
+    assert dynamics.lossy and not SymbolicDynamics(without_losses(tiago)).lossy
+    methods = dynamics.loss_force, dynamics.loss_slope, dynamics.loss_secant
+    function = casadi.Function("losses", [v], [method(v) for method in methods])
+    for size in (0.0, 1e-3, 1.0):
+        rates = size * rng.normal(size=tiago.nv)
+        truth = tiago.losses.force(rates), tiago.losses.slope(rates), tiago.losses.secant(rates)
+        for found, wanted in zip(function(rates), truth, strict=True):
+            np.testing.assert_allclose(found.full().ravel(), wanted, rtol=ROUNDING, atol=1e-300)
+
+
+def test_round_wheels_turn_without_being_asked_for_their_angle() -> None:
+    robot = rpctl.load("car")
+    q, nu = casadi.SX.sym("q", robot.nq), casadi.SX.sym("nu", robot.dof)
+    forward = SymbolicDynamics(robot).forward(q, nu, casadi.SX.zeros(len(robot.actuators)))
+    asked = casadi.which_depends(forward, q, 1, False)
+    names = {name for name, entry in robot.entries.items() if asked[entry.index]}
+    assert names == {*robot.joint_names, *(swivel.joint for swivel in robot.drive.swivels)}
+    assert not any(asked[:4])  # nor for where the robot stands
+
+
+def test_placements_of_all_links(rng: np.random.Generator) -> None:
+    """Those of wheels, too, though the dynamics ask for no angle of theirs."""
+    robot = rpctl.load("casters")
+    q, dynamics = casadi.SX.sym("q", robot.nq), SymbolicDynamics(robot)
+    links = [link.name for link in robot.description.links]
+    outputs = [part for link in links for part in dynamics.placement(q, link)]
+    posture, data = robot.random_configuration(rng), robot.model.createData()
+    found = casadi.Function("placements", [q], outputs)(posture)
+    pin.framesForwardKinematics(robot.model, data, posture)
+    for link, axes, origin in zip(links, found[::2], found[1::2], strict=True):
+        truth = data.oMf[robot.model.getFrameId(link, pin.FrameType.BODY)]
+        np.testing.assert_allclose(axes.full(), truth.rotation, atol=ROUNDING)
+        np.testing.assert_allclose(origin.full().ravel(), truth.translation, atol=10 * ROUNDING)
+
+
+def test_what_is_constantly_zero_is_no_node(paper: Robot) -> None:
+    dynamics = SymbolicDynamics(paper)
+    at = dynamics.at(casadi.SX.sym("q", paper.nq))
+    truth = ReducedDynamics(paper).at(paper.configuration())
+    assert at.S.nnz() == np.count_nonzero(truth.S)
+    assert at.B.nnz() == np.count_nonzero(truth.B)
+    assert at.S.is_constant()
+
+
+def test_a_link_that_is_not_there(paper: Robot) -> None:
+    with pytest.raises(UnknownNameError, match="hand"):
+        SymbolicDynamics(paper).placement(casadi.SX.sym("q", paper.nq), "hand")
+
+
+def test_undriven_quasi_velocities_are_named(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, vehicles.vehicle("bicycle")))
+    swivels = tuple(replace(swivel, driven=False) for swivel in robot.drive.swivels)
+    undriven = replace(robot, drive=replace(robot.drive, swivels=swivels))
+    q, force = casadi.SX.sym("q", robot.nq), casadi.SX.sym("f", robot.dof)
+    with pytest.raises(ActuationError, match="steer"):
+        SymbolicDynamics(undriven).efforts(q, force)
+
+
+def test_a_platform_whose_bias_is_rounding_alone(tmp_path: Path) -> None:
+    balanced = platform({**SET_A, "d": 0.0})
+    check(SymbolicDynamics(rpctl.load(write(tmp_path, balanced))), samples=1)
