@@ -34,6 +34,7 @@ LEFT_IN, RIGHT_IN, GAP_IN = 0.74, 0.2, 0.8  # inches: beside and between panels,
 HEAD_IN, ABOVE_IN, BELOW_IN = 0.14, 0.26, 0.48  # inches: title of the figure, of a panel; x labels
 LINE_IN, BAR_IN = 0.11, 0.17  # inches: a line of small text, and the row of a bar
 SCALE_IN, SCALE_ROOM_IN = 0.1, 0.78  # inches: a colour bar, and what it needs with its labels
+BOLD_RATIO = 1.2  # of the width of bold text to that of plain text, at most
 NAME_IN, NAME_LINES = 2.4, 2  # the most that the name of a parameter takes
 DPI = 200
 MOST_BARS, BINS = 10, 40
@@ -76,7 +77,7 @@ def study_runs_figure(result: StudyResult) -> Figure:
     bars = importances(found, MOST_BARS) if found is not None else []
     names = [_clipped(str(parameter_words(each.name).name)) for each in bars]
     bars_in = sum(BAR_IN + LINE_IN * name.count("\n") for name in names)
-    title = _folded(_title(result), WIDTH_IN - 0.3, TEXT_PT + 1.5)
+    title = _folded(_title(result), (WIDTH_IN - 0.3) / BOLD_RATIO, TEXT_PT + 1.0)
     head = HEAD_IN + 0.14 * (title.count("\n") + 1)
     rows = -(-len(panels) // 2)
     row_in = ABOVE_IN + PANEL_IN + BELOW_IN
