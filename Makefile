@@ -38,8 +38,11 @@ lint: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
-# BENCH adds options, as BENCH=--benchmark-max-time=0.1 for a quick look
+# The table takes some minutes on a machine that does nothing else; TABLE=--quick takes one, and
+# BENCH adds options of pytest, as BENCH=--benchmark-max-time=0.1 for a quick look.
+bench: export OMP_NUM_THREADS = 1
 bench: $(READY)
+	$(BIN)/python -m tests.bench.table --out runs/bench $(TABLE)
 	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts= $(BENCH)
 
 pictures: $(READY)

@@ -55,18 +55,11 @@ to be compiled.
 
 from __future__ import annotations
 
-import math
-import pickle
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
-from hashlib import sha256
-from itertools import islice
-from queue import Empty, SimpleQueue
+from contextlib import suppress
 from types import TracebackType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from rpctl.errors import RpctlError
 from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker
@@ -78,14 +71,10 @@ from rpctl.study.dask_client import (
     worker_fault,
 )
 from rpctl.study.executor import LostChunksError
-from rpctl.study.versions import (
-    installed,
-)
+from rpctl.study.given_chunks import GOING, GivenChunks, LostChunk, digest, scheduler_there
+from rpctl.study.versions import installed
 
-LOOK_S = 1.0  # s after which workers that have joined are looked for
 CLOSE_S = 10.0  # s that a local cluster may take to end
-GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without a scheduler
-GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
 
 Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")
@@ -167,7 +156,7 @@ class DaskExecutor:
 
         If all workers leave, it waits for others.
         """
-        given = _GivenOut(self._client, self._send(work), chunks)
+        given = GivenChunks(self._client, self._send(work), chunks)
         self._at_work = True
         lost: list[Chunk] = []
         reason = ""
@@ -182,7 +171,7 @@ class DaskExecutor:
                     elif isinstance(answer, RefusedWorker):
                         self._refuse(answer)
                         given.give(chunk)
-                    elif isinstance(answer, _Lost):
+                    elif isinstance(answer, LostChunk):
                         lost, reason = [*lost, chunk], answer.reason
                     else:
                         raise answer
@@ -201,10 +190,10 @@ class DaskExecutor:
         from rpctl.study.dask_worker import SentWork  # imports Dask
 
         sent = SentWork(work, installed())
-        name = f"rpctl-{_digest(sent.packed)}"
+        name = f"rpctl-{digest(sent.packed)}"
         if name != self._sent:
             self._forget()
-            with _scheduler_there():
+            with scheduler_there():
                 self._client.register_plugin(sent, name=name)
             self._sent = name
         return name
@@ -223,96 +212,3 @@ class DaskExecutor:
         self._refused.add(refused.address)
         self._client.retire_workers([refused.address])
         self._tell(f"{worker_fault(refused.address, refused.differences)}; it was sent away")
-
-
-class _Lost(NamedTuple):
-    """What becomes of a chunk whose workers all died."""
-
-    reason: str
-
-
-_Answer = Any  # a FinishedChunk, a RefusedWorker, a _Lost or an exception
-
-
-class _GivenOut(Generic[Chunk]):
-    """The chunks that a scheduler has: one for each thread of its workers.
-
-    None waits at a worker: it would be blamed, too, for the death of that worker.
-
-    Attributes:
-        chunks: By the future of their answer.
-    """
-
-    def __init__(self, client: Any, work: str, chunks: Iterable[Chunk]) -> None:
-        self.chunks: dict[Any, Chunk] = {}
-        self._client, self._left = client, iter(chunks)
-        self._ended: SimpleQueue[Any] = SimpleQueue()
-        from rpctl.study.dask_worker import run_sent  # imports Dask
-
-        self._run, self._work = run_sent, work
-        self._number = 0  # of the next task
-        self._looked, self._room = -math.inf, 0
-
-    def fill(self) -> None:
-        """Give out chunks until each worker has enough."""
-        now = time.monotonic()
-        if now > self._looked + LOOK_S:
-            self._looked = now
-            with _scheduler_there():
-                self._room = max(sum(self._client.nthreads().values()), 1)
-        for chunk in islice(self._left, max(self._room - len(self.chunks), 0)):
-            self.give(chunk)
-
-    def give(self, chunk: Chunk) -> None:
-        """Give out a chunk, under a key that is its content's."""
-        data = pickle.dumps(chunk, pickle.HIGHEST_PROTOCOL)
-        key = f"{self._work}-{self._number}-{_digest(data)}"
-        self._number += 1
-        future = self._client.submit(self._run, self._work, data, key=key, pure=False)
-        self.chunks[future] = chunk
-        future.add_done_callback(self._ended.put)
-
-    def ended(self) -> list[tuple[Chunk, _Answer]]:
-        """Return chunks that have ended and their answers; none after a while without any."""
-        futures = []
-        with suppress(Empty):
-            futures.append(self._ended.get(timeout=LOOK_S))
-            while True:
-                futures.append(self._ended.get_nowait())
-        good = [future for future in futures if future.status == "finished"]
-        with _scheduler_there():
-            answers = dict(zip(good, self._client.gather(good), strict=True))
-        return [
-            (self.chunks.pop(future), answers.pop(future, None) or _failure(future))
-            for future in futures
-        ]
-
-    def cancel(self) -> None:
-        """Forget what was given out."""
-        with suppress(*GOING):
-            self._client.cancel(list(self.chunks))
-
-
-@contextmanager
-def _scheduler_there() -> Iterator[None]:
-    """Say of a connection that breaks what that means."""
-    try:
-        yield
-    except GOING:
-        raise RpctlError(GONE) from None
-
-
-def _failure(future: Any) -> _Answer:
-    """Return why a task has no result."""
-    if future.status in ("cancelled", "lost"):
-        return RpctlError(
-            "the scheduler has gone, or has forgotten the study; what is done is kept"
-        )
-    error: Exception = future.exception()
-    if type(error).__name__ == "KilledWorker":
-        return _Lost(f"{error.allowed_failures + 1} in turn")  # type: ignore[attr-defined]
-    return error.with_traceback(future.traceback())
-
-
-def _digest(data: bytes) -> str:
-    return sha256(data).hexdigest()[:16]

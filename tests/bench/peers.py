@@ -13,7 +13,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.contact.model import ContactModel
 from rpctl.robot.model import Robot
 
-HOLDING = {"p": 100.0, "d": 10.0}  # of a joint of the arm, N·m/rad and N·m·s/rad
+HOLDING = 20.0  # rad/s: bandwidth at which a joint of the arm is held, critically damped
 
 
 class MujocoPeer:
@@ -33,9 +33,13 @@ class MujocoPeer:
         self.model, self.data, self.robot = model._model, model._data, robot
         self.model.opt.timestep = dt
         tau = dynamics.efforts(q, dynamics.bias(q, np.zeros(robot.dof)))
+        self._began = float(self.data.time)
         self._dofs = [model._dofs[name] for name in robot.actuators]
         self.force = np.zeros(self.model.nv)
         self.force[self._dofs] = tau
+        M = np.zeros((self.model.nv, self.model.nv))
+        self.mujoco.mj_fullM(self.model, self.data, M)
+        self._inertia = M[self._dofs, self._dofs]
 
     def rollouts(self, count: int, steps: int) -> float:
         """Return the processor time, s, of runs without feedback, one after the other."""
@@ -47,20 +51,32 @@ class MujocoPeer:
         control = np.tile(self.force, (1, steps, 1))
         began = time.process_time()
         for _ in range(count):
-            self._rollout.rollout(
+            states, _ = self._rollout.rollout(
                 self.model, self.data, start[None], control, control_spec=int(kind)
             )
-        return time.process_time() - began
+        took = time.process_time() - began
+        self._require_sound(float(states[0, -1, 0]) - steps * self.model.opt.timestep)
+        return took
 
     def with_python_control(self, steps: int) -> float:
         """Return the processor time, s, of one run whose arm a controller in Python holds."""
         m, data, dofs = self.mujoco, self.data, self._dofs
         q0: Array = data.qpos[np.array(dofs) + 1].copy()
+        p, d = HOLDING**2 * self._inertia, 2.0 * HOLDING * self._inertia
         began = time.process_time()
         for _ in range(steps):
             error = q0 - data.qpos[np.array(dofs) + 1]
-            data.qfrc_applied[dofs] = (
-                self.force[dofs] + HOLDING["p"] * error - HOLDING["d"] * data.qvel[dofs]
-            )
+            data.qfrc_applied[dofs] = self.force[dofs] + p * error - d * data.qvel[dofs]
             m.mj_step(self.model, data)
-        return time.process_time() - began
+        took = time.process_time() - began
+        self._require_sound(data.time - steps * self.model.opt.timestep)
+        return took
+
+    def _require_sound(self, late: float) -> None:
+        """Refuse a time that was not simulated: MuJoCo begins anew where a motion diverges.
+
+        Args:
+            late: How much later than expected it ended, s.
+        """
+        if abs(late - self._began) > 1e-6:
+            raise ValueError("MuJoCo's robot diverged: its time says nothing")

@@ -10,7 +10,7 @@ from rpctl.dynamics.motion import step
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import add_friction
 from rpctl.simulation.compiled.machine.interpreted import Interpreted
-from rpctl.simulation.compiled.machine.program import Program
+from rpctl.simulation.compiled.machine.program import Program, Until
 from rpctl.simulation.compiled.plant.buffers import plant_buffers
 from rpctl.simulation.compiled.plant.step import plant_fragment
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
@@ -25,7 +25,8 @@ def step_both(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray]:
     symbolic = SymbolicDynamics(robot)
     at = plant_buffers(symbolic)
     plant = plant_fragment(symbolic, at, DT, STEPS)
-    kernel = Interpreted(Program((*plant.start, *plant.steps)), LANES)
+    program = Program((*plant.start, *plant.steps))
+    kernel = Interpreted(program, LANES)
     workspace = kernel.workspace()
     expected = []
     for lane in range(LANES):
@@ -43,6 +44,10 @@ def step_both(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray]:
             energy += work, lost
         expected.append(np.concatenate([q, nu, energy]))
     kernel.run(0, 1, workspace, {})
+    searches = [each for each in program.statements() if isinstance(each, Until)]
+    assert bool(searches) == (robot.losses is not None)
+    for search in searches:  # each found its rates before its last trip
+        assert not workspace[search.going].any()
     found = np.vstack([workspace[at.q], workspace[at.nu], workspace[at.energy]])
     return found, np.array(expected).T
 
