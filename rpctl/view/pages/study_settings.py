@@ -27,7 +27,8 @@ def optimum_section(result: StudyResult) -> str:
     settings: Mapping[str, Mapping[str, Any]] = result.optimum["settings"]
     rows = "".join(_found_row(name, each) for name, each in settings.items())
     heads = "".join(f"<th>{head}</th>" for head in ("setting", "in the file", "found", "range"))
-    sentence = escape(optimum_sentence(result.optimum).text)
+    text = optimum_sentence(result.optimum).text
+    sentence = escape(text[:1].upper() + text[1:])
     table = f'<table class="runs"><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>'
     return section("Settings found", f'<p>{sentence}</p><div class="wide">{table}</div>')
 
