@@ -25,44 +25,72 @@ class Merit:
     """A figure of a run.
 
     Attributes:
+        words: What it is called where people read it.
         unit: Its unit; empty where it has none.
-        what: What it is, in words.
+        what: What exactly it is, in a sentence's words.
         needs: ``"arm"``, ``"end effector"``, ``"effort limits"``, ``"velocity limits"`` or
             ``"position limits"`` where only robots that have such a thing have the figure.
     """
 
+    words: str
     unit: str
     what: str
     needs: str = ""
 
 
 MERITS: dict[str, Merit] = {
-    "rms_base_error": Merit("m", "root mean square of P's distance from its reference"),
-    "final_base_error": Merit("m", "that distance at the end"),
-    "max_base_error": Merit("m", "its largest"),
-    "settled_rms_base_error": Merit("m", "its root mean square over the second half"),
-    "final_lateral_error": Merit("m", "size of its lateral part at the end"),
+    "rms_base_error": Merit(
+        "base error, rms", "m", "root mean square of P's distance from its reference"
+    ),
+    "final_base_error": Merit("base error at the end", "m", "that distance at the end"),
+    "max_base_error": Merit("largest base error", "m", "its largest"),
+    "settled_rms_base_error": Merit(
+        "base error, rms of the second half", "m", "its root mean square over the second half"
+    ),
+    "final_lateral_error": Merit(
+        "lateral error at the end", "m", "size of its lateral part at the end"
+    ),
     "rms_end_effector_error": Merit(
-        "m", "root mean square of the end effector's distance from its reference", "end effector"
+        "end effector error, rms",
+        "m",
+        "root mean square of the end effector's distance from its reference",
+        "end effector",
     ),
-    "final_end_effector_error": Merit("m", "that distance at the end", "end effector"),
+    "final_end_effector_error": Merit(
+        "end effector error at the end", "m", "that distance at the end", "end effector"
+    ),
     "max_joint_error": Merit(
-        "rad or m", "largest distance of a joint of the arm from its reference", "arm"
+        "largest joint error",
+        "rad or m",
+        "largest distance of a joint of the arm from its reference",
+        "arm",
     ),
-    "max_effort_ratio": Merit("", "largest effort over its limit", "effort limits"),
+    "max_effort_ratio": Merit(
+        "largest effort over its limit", "", "largest effort over its limit", "effort limits"
+    ),
     "max_speed_ratio": Merit(
-        "", "largest rate of an actuator's joint over its limit", "velocity limits"
+        "largest speed over its limit",
+        "",
+        "largest rate of an actuator's joint over its limit",
+        "velocity limits",
     ),
     "max_position_excess": Merit(
+        "farthest beyond a position limit",
         "rad or m",
         "how far a joint of the arm or one that steers went beyond its limits; negative: it stayed "
         "as far within",
         "position limits",
     ),
-    "work": Merit("J", "what the actuators did in all"),
-    "lost": Merit("J", "what damping and friction in the joints took of it"),
-    "settling_time": Merit("s", f"since when P stays within {ON_PATH_M:g} m; inf: it does not"),
-    "samples_at_limits": Merit("", "number of samples at which a limit bound the efforts"),
+    "work": Merit("work of the actuators", "J", "what the actuators did in all"),
+    "lost": Merit(
+        "work lost to friction", "J", "what damping and friction in the joints took of it"
+    ),
+    "settling_time": Merit(
+        "settling time", "s", f"since when P stays within {ON_PATH_M:g} m; inf: it does not"
+    ),
+    "samples_at_limits": Merit(
+        "samples at a limit of effort", "", "number of samples at which a limit bound the efforts"
+    ),
 }
 SUCCESS = "success"  # 1 or 0, beside the merits
 

@@ -6,18 +6,22 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.simulation.config import write_config
 from rpctl.study.gain_search import GainSearch, SearchLog, range_table, setting
 from rpctl.study.optimisation import Optimisation
-from rpctl.study.statistics import Interval, mean, quantile, share
+from rpctl.study.statistics import CONFIDENCE, Interval, mean, quantile, share
 from rpctl.study.store import RunTable
 from rpctl.study.study import OPTIMUM_FILE, succeeded
 
 CONFIG_FILE = "optimized.toml"
+RESAMPLES = 1000  # of the bootstrap
 BEFORE, AFTER = "before", "after"  # the file's own settings, and those that were found
+
+Judged = tuple[Array, NDArray[np.bool_]]  # a merit of each run, and which runs succeeded
 
 
 def write_optimum(
@@ -34,6 +38,8 @@ def write_optimum(
     best = log.best if log.best is not None else np.zeros(len(asked.ranges.names))
     config = search.config_at(best)
     names = asked.ranges.names
+    judged = [_merits(search, tables[name]) for name in (BEFORE, AFTER)]
+    change = cost_change(asked, judged[0], judged[1], study.design.seed)
     found: dict[str, Any] = {
         "merit": asked.merit,
         "statistic": asked.statistic,
@@ -58,6 +64,7 @@ def write_optimum(
             "seed": study.design.seed + 1,
             **{name: _judged(search, table) for name, table in tables.items()},
             "better": _better(search, tables)._asdict(),
+            "change": None if change is None else change._asdict(),
         },
         "config": str(write_config(config, search.out / CONFIG_FILE)),
     }
@@ -70,8 +77,7 @@ def write_optimum(
 
 def _judged(search: GainSearch, table: RunTable) -> dict[str, Any]:
     """Return the cost of a validation, and its parts with their intervals."""
-    asked, values = search.asked, table.merits[search.asked.merit]
-    success = succeeded(table.merits, table.outcomes, search.study.success)
+    asked, (values, success) = search.asked, _merits(search, table)
     known = values[np.isfinite(values)]
     return {
         "cost": asked.cost(values, success),
@@ -81,6 +87,38 @@ def _judged(search: GainSearch, table: RunTable) -> dict[str, Any]:
         "largest": float(known.max()) if len(known) else None,
         "missing": int(len(values) - len(known)),
     }
+
+
+def _merits(search: GainSearch, table: RunTable) -> Judged:
+    """Return the merit that is to be small of each run (N,), and which runs succeeded."""
+    success = succeeded(table.merits, table.outcomes, search.study.success)
+    return table.merits[search.asked.merit], success
+
+
+def cost_change(asked: Optimisation, before: Judged, after: Judged, seed: int) -> Interval | None:
+    """Return by how much the cost grows from some settings to others, and its 95 % interval.
+
+    Both met the same plants, so that runs are drawn in pairs (percentile bootstrap). None: a
+    largest value has no such interval, nor has a cost that is not finite.
+
+    Args:
+        asked: What is optimised.
+        before: The merit of each run (N,) with the one, and which runs succeeded.
+        after: The same with the other.
+        seed: Of the draws.
+    """
+    costs = [asked.cost(*each) for each in (before, after)]
+    if asked.statistic == "worst" or not np.isfinite(costs).all():
+        return None
+    rng, count = np.random.default_rng(seed), len(before[0])
+    changes = np.empty(RESAMPLES)
+    for k in range(RESAMPLES):
+        drawn = rng.integers(count, size=count)
+        first, second = (asked.cost(each[0][drawn], each[1][drawn]) for each in (before, after))
+        changes[k] = second - first if first != second else 0.0
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low, high = np.quantile(changes, [tail, 1.0 - tail], method="nearest").tolist()
+    return Interval(costs[1] - costs[0], low, high)
 
 
 def _interval(asked: Optimisation, known: Array) -> Interval:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from rpctl.study.statistics import CONFIDENCE, Interval
 RESAMPLES = 200  # of SALib's bootstrap
 MAP_BINS = 8  # along each parameter of a map
 RANKS = ("rank_correlation", "from_middle")  # measures where the design has none of its own
+MAIN = {"sobol": "total", "morris": "mu_star"}  # of the measures: by which parameters are ranked
+MONOTONIC, EITHER_SIDE = "monotonic", "either side"
 SMALLEST_SPREAD = 1e-12  # of a merit, relative to its size: less is rounding and explains nothing
 
 
@@ -47,10 +50,50 @@ class Sensitivity:
     @property
     def ranking(self) -> tuple[str, ...]:
         """The parameters, what matters most first."""
-        keys = {"sobol": ("total",), "morris": ("mu_star",)}.get(self.method, RANKS)
+        keys = (MAIN[self.method],) if self.method in MAIN else RANKS
         size = np.max([[abs(each.value) for each in self.measures[key]] for key in keys], axis=0)
         order = np.argsort(-size, kind="stable")
         return tuple(self.parameters[j] for j in order)
+
+
+class Importance(NamedTuple):
+    """How much a parameter matters to a merit, within which interval, and in which way.
+
+    Attributes:
+        name: The parameter's path.
+        value: The measure of the method: Sobol's ``total``, Morris's ``mu_star``, or the larger one
+            of both rank correlations.
+        low: Of its interval; NaN or infinite where there is none.
+        high: Likewise.
+        way: :data:`MONOTONIC` where it is the parameter that correlates, :data:`EITHER_SIDE` where
+            it is its distance from its median; empty where the method does not tell.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    way: str = ""
+
+
+def importances(found: Sensitivity, most: int) -> list[Importance]:
+    """Return how much parameters matter, what matters most first.
+
+    Args:
+        found: What was found.
+        most: Number of parameters.
+    """
+    listed = []
+    for name in found.ranking[:most]:
+        j = found.parameters.index(name)
+        if found.method in MAIN:
+            listed.append(Importance(name, *found.measures[MAIN[found.method]][j]))
+            continue
+        straight, folded = (found.measures[key][j] for key in RANKS)
+        bent = abs(folded.value) > abs(straight.value)
+        way = EITHER_SIDE if bent else MONOTONIC
+        listed.append(Importance(name, *(folded if bent else straight), way))
+    return listed
 
 
 @dataclass(frozen=True)

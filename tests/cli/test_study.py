@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +60,11 @@ def test_a_study_is_run_written_and_told(file: str, tmp_path: Path) -> None:
     assert shown.exit_code == 0, shown.output
     text = shown.stdout
     assert "paper: 30 runs, monte-carlo design of 2 parameters, seed 0" in text
-    assert "success 100 % (88.43 to 100)   30 tracked" in text
-    assert "what matters to rms_base_error  rank correlation" in text
-    assert text.index("plant.delay") < text.index("plant.dropped")
+    assert "success 100 % (95 % interval 88.4 to 100 %)   30 tracked" in text
+    assert "what matters to base error, rms  rank correlation" in text
+    assert max(map(len, text.split("\nworst by")[0].splitlines())) <= 100
+    assert re.search(r"delay +0.9\d+ +0.9\d+ to 0.9\d+ +monotonic", text)
+    assert text.index("delay  ") < text.index("share of samples lost")
     assert f"rpctl track paper --home zero --config {out}/worst-1.toml --out {out}/worst-1" in text
     assert {each.name for each in Path(out).iterdir()} >= {
         "runs.parquet", "study.json", "study.toml", "worst-1.toml", "worst-2.toml"}  # fmt: skip
@@ -89,10 +92,13 @@ def test_settings_are_found_and_told(
     told = run("paper", file, "--optimize", "--workers", "1", "--out", out, "--resume", "--json")
     found = json.loads(told.stdout)
     assert found["settings"]["dynamic.gain"]["before"] == 10.0
-    assert ("no better" in shown.stdout) == (found["validation"]["better"]["value"] < 0.5)
-    found["validation"]["after"]["cost"] = found["validation"]["before"]["cost"] + 1e-6
+    change = found["validation"]["change"]
+    assert ("\nbetter: " in shown.stdout) == (change["high"] < 0.0)
+    found["validation"]["change"] = {"value": 1e-6, "low": -1e-6, "high": 2e-6}
     show_optimum(found, "rpctl track paper")
-    assert "no better on fresh runs" in capsys.readouterr().out
+    told_so = capsys.readouterr().out
+    assert "\nno clear difference: mean of base error, rms goes from" in told_so
+    assert "use what was found: rpctl track paper --config" in told_so
 
 
 def test_a_ctrl_c_tells_how_to_go_on(

@@ -53,7 +53,12 @@ def test_a_run_is_the_same_whatever_computes_it(paper: Robot) -> None:
     one, other = both(paper, config)
     require_same(one, other)
     assert one.notes == other.notes
-    bare = simulate(paper, replace(config, plant=replace(plant, noise=Noise())), backend="compiled")
+    told: list[tuple[int, int]] = []
+    quiet = replace(config, plant=replace(plant, noise=Noise()))
+    bare = simulate(
+        paper, quiet, backend="compiled", progress=lambda done, total: told.append((done, total))
+    )
+    assert told == [(400, 400)]
     assert np.abs(bare.log.q - one.log.q).max() > 1e-4
 
 
@@ -118,6 +123,20 @@ def test_an_unknown_backend_is_refused(paper: Robot) -> None:
 def test_short_runs_are_not_worth_building_for(paper: Robot) -> None:
     assert not pays(paper, 50)
     assert pays(paper, 5000)
+
+
+@pytest.mark.parametrize("asked", ["pinocchio", "auto"])
+def test_short_runs_and_those_of_pinocchio_compile_nothing(
+    paper: Robot, asked: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compiled(*_: object) -> None:
+        raise AssertionError("compiled")
+
+    monkeypatch.setattr("rpctl.simulation.backend._compiled", compiled)
+    config = Config(run=RunSettings("line", 0.01))
+    assert not simulate(paper, config, collisions=False, backend=asked).notes
+    with pytest.raises(AssertionError, match="compiled"):
+        simulate(paper, config, collisions=False, backend="compiled")
 
 
 def test_a_loop_that_differs_is_refused(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.study.merits import MERITS
-from rpctl.study.sensitivity import Sensitivity
+from rpctl.study.sensitivity import Sensitivity, importances
 from rpctl.study.statistics import LEVELS, MeritStatistics, envelope
 from rpctl.study.study_result import StudyResult, read_result
+from rpctl.study.words import (
+    Unit,
+    grouped,
+    merit_words,
+    number,
+    parameter_words,
+    percent,
+    share_span,
+    unit_of,
+)
 from rpctl.view.pages.page import asset, badge, escape, policy, section
 from rpctl.view.pages.report import report_policy
-from rpctl.view.pages.study_charts import (
-    Unit,
-    envelope_chart,
-    histogram,
-    interval_bars,
-    number,
-    unit_of,
-    words,
-)
+from rpctl.view.pages.study_charts import envelope_chart, histogram, interval_bars
 from rpctl.view.pages.study_map import map_chart
+from rpctl.view.pages.study_settings import optimum_section, settings_section
 from rpctl.view.pages.study_worst import worst_scene, worst_section
-from rpctl.view.plots.study_runs import measured_bars, study_picture
+from rpctl.view.plots.study_runs import study_picture
 
 REPORT_FILE, PICTURE_FILE = "study.html", "study.png"
 MOST_BARS = 12  # parameters that are shown of a sensitivity
@@ -106,10 +107,10 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
                 _importance(result),
                 *(_map(result, k) for k in range(len(result.maps))),
                 worst_section(result, scene),
-                _optimum(result),
+                optimum_section(result),
                 _quantiles(result),
                 _distributions(result),
-                _settings(result),
+                settings_section(result),
             ]
         ),
     )
@@ -119,8 +120,8 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
 def _subtitle(result: StudyResult) -> str:
     design = result.design
     return (
-        f"{len(result.runs)} runs · {len(result.scatter)} settings differ · {design.kind}, seed "
-        f"{design.seed} · runs are compared by {words(result.merit)}"
+        f"{grouped(len(result.runs))} runs · {_settings_words(len(result.scatter))} · "
+        f"{design.kind}, seed {design.seed} · runs are compared by {merit_words(result.merit)}"
     )
 
 
@@ -128,12 +129,12 @@ def _figures(result: StudyResult) -> str:
     """Return the share of runs that succeeded, and the study's merit, as the head of the page."""
     of_merit = next((each for each in result.statistics if each.name == result.merit), None)
     success = result.success
-    rows = [("Succeeded", f"{success.value:.1%}", f"{success.low:.1%} to {success.high:.1%}")]
+    rows = [("Succeeded", percent(success.value), share_span(success))]
     if of_merit is not None:
         unit = _unit(result, of_merit)
-        for level, name in ((0.5, "median"), (0.95, "95 %")):
+        for level, name in ((0.5, "median"), (0.95, "95 % of runs below")):
             found = next(each for each in of_merit.quantiles if each.level == level)
-            title = f"{words(result.merit).capitalize()}, {name}"
+            title = f"{_capital(merit_words(result.merit))}: {name}"
             low, high = number(found.low, unit), number(found.high, unit)
             rows.append((title, number(found.value, unit), f"{low} to {high}"))
     shown = "".join(
@@ -141,7 +142,9 @@ def _figures(result: StudyResult) -> str:
         for name, value, span in rows
     )
     counts = Counter(result.runs.outcomes).most_common()
-    outcomes = " ".join(badge(name == "tracked", f"{count} {name}") for name, count in counts)
+    outcomes = " ".join(
+        badge(name == "tracked", f"{grouped(count)} {name}") for name, count in counts
+    )
     return f'<dl class="figures">{shown}</dl><div class="badges">{outcomes}</div>'
 
 
@@ -156,9 +159,11 @@ def _envelopes(result: StudyResult) -> str:
         if name == "lateral_error" or len(result.runs.t) < 2:
             continue
         quantiles = envelope(np.asarray(series, float), LEVELS)
-        summary = f"{words(name)} over time: median, half of the runs, and nine in ten"
+        summary = f"{name.replace('_', ' ')} over time: median, half of the runs, and nine in ten"
         drawn = envelope_chart(result.runs.t, quantiles, result.units.get(name, "") or "m", summary)
-        charts.append(f"<figure><figcaption>{escape(words(name))}</figcaption>{drawn}</figure>")
+        charts.append(
+            f"<figure><figcaption>{escape(name.replace('_', ' '))}</figcaption>{drawn}</figure>"
+        )
     keys = (
         '<ul class="keys"><li><i class="median"></i>median</li>'
         '<li><i class="inner"></i>25 to 75 %</li><li><i class="outer"></i>5 to 95 %</li></ul>'
@@ -187,12 +192,12 @@ def _importance(result: StudyResult) -> str:
 
 
 def _bars(result: StudyResult, found: Sensitivity) -> str:
-    bars = measured_bars(found, MOST_BARS)
+    bars = importances(found, MOST_BARS)
     unit = Unit(1.0, "")
     if found.method == "morris":
         largest = max((abs(each.value) for each in bars), default=0.0)
         unit = unit_of(result.units.get(found.merit, ""), largest)
-    title = words(found.merit)
+    title = merit_words(found.merit)
     drawn = interval_bars(
         bars, found.method == "rank-correlation", unit, f"What matters to {title}"
     )
@@ -207,33 +212,18 @@ def _map(result: StudyResult, k: int) -> str:
     note = "Median of the runs in each cell; cells hold about as many runs each."
     if np.isinf(found.median).any():
         note += " Hatched: most runs have no such merit."
-    title = f"{words(found.merit)} over {found.x} and {found.y}"
+    x, y = parameter_words(found.x).name, parameter_words(found.y).name
+    title = f"{merit_words(found.merit)} over {x} and {y}"
     body = f'<figure class="map">{drawn}</figure><p class="quiet">{note}</p>'
-    return section(escape(title[0].upper() + title[1:]), body)
-
-
-def _optimum(result: StudyResult) -> str:
-    """Return the settings that ``--optimize`` found beside those of the file."""
-    if result.optimum is None:
-        return ""
-    settings: Mapping[str, Any] = result.optimum.get("settings", {})
-    rows = "".join(
-        f"<tr><th>{escape(name)}</th><td>{_text(value)}</td></tr>"
-        for name, value in settings.items()
-    )
-    return section("Settings found", f'<div class="wide"><table class="runs">{rows}</table></div>')
-
-
-def _text(value: object) -> str:
-    return number(value) if isinstance(value, float) else escape(str(value))
+    return section(escape(_capital(title)), body)
 
 
 def _quantiles(result: StudyResult) -> str:
-    heads = "".join(f"<th>{level:.0%}</th>" for level in LEVELS)
+    heads = "".join(f"<th>{_level(level)}</th>" for level in LEVELS)
     rows = "".join(_quantile_row(result, each) for each in result.statistics)
     table = (
-        f'<div class="wide"><table class="runs"><thead><tr><th></th>{heads}<th>largest</th>'
-        f"<th>mean</th><th>runs without</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        f'<div class="wide"><table class="runs"><thead><tr><th>merit</th>{heads}<th>largest</th>'
+        f"<th>mean</th><th>runs without it</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
     note = "Below each quantile its 95 % interval, which assumes no distribution."
     return section("Quantiles of all merits", f'{table}<p class="quiet">{note}</p>')
@@ -248,11 +238,11 @@ def _quantile_row(result: StudyResult, found: MeritStatistics) -> str:
         for q in found.quantiles
     )
     about = MERITS[found.name].what if found.name in MERITS else ""
-    name = words(found.name) + (f" ({unit.name})" if unit.name else "")
+    name = merit_words(found.name) + (f" ({unit.name})" if unit.name else "")
     return (
         f'<tr><th title="{escape(about)}">{escape(name)}</th>{cells}'
         f"<td>{number(found.largest, plain)}</td><td>{number(found.mean.value, plain)}</td>"
-        f"<td>{found.missing or '–'}</td></tr>"
+        f"<td>{grouped(found.missing) if found.missing else '–'}</td></tr>"
     )
 
 
@@ -260,7 +250,9 @@ def _distributions(result: StudyResult) -> str:
     figures = []
     for name, values in result.runs.merits.items():
         drawn = histogram(values, result.succeeded, result.units.get(name, ""))
-        figures.append(f"<figure><figcaption>{escape(words(name))}</figcaption>{drawn}</figure>")
+        figures.append(
+            f"<figure><figcaption>{escape(merit_words(name))}</figcaption>{drawn}</figure>"
+        )
     keys = (
         '<ul class="keys"><li><i class="done"></i>succeeded</li>'
         '<li><i class="failed"></i>did not</li><li><i class="median"></i>median</li></ul>'
@@ -270,30 +262,14 @@ def _distributions(result: StudyResult) -> str:
     )
 
 
-def _settings(result: StudyResult) -> str:
-    """Return what differed from run to run, and the versions that computed it."""
-    rows = "".join(
-        f"<tr><th>{escape(name)}</th><td>{escape(_distribution(each))}</td></tr>"
-        for name, each in result.scatter.items()
-    )
-    versions = result.details["identity"]["versions"]
-    made = " · ".join(f"{name} {version}" for name, version in versions.items())
-    body = f'<div class="wide"><table class="runs">{rows}</table></div>'
-    return section("What differs", f'{body}<p class="quiet">{escape(made)}</p>')
+def _capital(text: str) -> str:
+    """Return a text that begins with a capital; unlike ``str.capitalize`` it leaves the rest."""
+    return text[:1].upper() + text[1:]
 
 
-def _distribution(found: object) -> str:
-    """Return a distribution as a study file says it, in words, without ends that it has not."""
-    if not isinstance(found, Mapping):
-        return str(found)
-    parts = []
-    for kind, args in found.items():
-        values = [
-            each for each in (args if isinstance(args, list) else [args]) if _is_bounded(each)
-        ]
-        parts.append(f"{kind.replace('-', ' ')} {', '.join(map(str, values))}")
-    return "; ".join(parts)
+def _level(level: float) -> str:
+    return "median" if level == 0.5 else f"{100.0 * level:g} %"
 
 
-def _is_bounded(value: object) -> bool:
-    return not (isinstance(value, float) and np.isinf(value))
+def _settings_words(count: int) -> str:
+    return "1 setting differs" if count == 1 else f"{count} settings differ"

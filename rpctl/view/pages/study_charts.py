@@ -9,59 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.study.sensitivity import EITHER_SIDE, Importance
+from rpctl.study.words import Unit, number, parameter_words, unit_of
 from rpctl.view.pages.page import escape
-from rpctl.view.plots.study_runs import MeasuredBar
 
 SIDE = 1000  # of the SVG's box, which is stretched
-MM_BELOW_M = 1.0  # lengths below are shown in mm
 DECADES_RATIO = 40.0  # largest over smallest: beyond, an axis is logarithmic
 TICKS = 5  # about, of an axis
+TICK_TEXT = {"wide": 60, "small": 20}  # characters of the labels below a chart that fit
+WAYS = {EITHER_SIDE: "either side of its median"}
 SAME = 1e-3  # of the largest value: a smaller spread is not drawn
-
-
-class Unit(NamedTuple):
-    """How numbers are shown: times ``factor``, with ``name`` behind them."""
-
-    factor: float
-    name: str
-
-
-def unit_of(name: str, largest: float) -> Unit:
-    """Return how numbers of a unit are shown.
-
-    Args:
-        name: The unit; empty: a plain number.
-        largest: The largest number.
-    """
-    return Unit(1e3, "mm") if name == "m" and abs(largest) < MM_BELOW_M else Unit(1.0, name)
-
-
-def number(value: float, unit: Unit | None = None) -> str:
-    """Return a number of three digits with its unit; a dash where there is none.
-
-    Args:
-        value: The number.
-        unit: How it is shown.
-    """
-    factor, name = unit or Unit(1.0, "")
-    if math.isnan(value):
-        return "–"
-    if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    shown = value * factor
-    text = f"{shown:.0f}" if 1e3 <= abs(shown) < 1e6 else f"{shown:.3g}"
-    return f"{text} {name}".strip().replace("-", "−")
-
-
-def words(name: str) -> str:
-    """Return a merit's name as it is read: ``rms_base_error`` is ``rms base error``."""
-    return name.replace("_", " ")
 
 
 @dataclass(frozen=True)
@@ -123,7 +85,8 @@ def axis_over(values: Array, log: bool | None = None, zero: bool = True) -> Char
     return ChartAxis(low if low == 0.0 else low - room, high + room)
 
 
-def chart(marks: str, x: ChartAxis, y: ChartAxis, labels: tuple[str, str], summary: str) -> str:
+def chart(marks: str, x: ChartAxis, y: ChartAxis, labels: tuple[str, str], summary: str,
+          small: bool = False) -> str:  # fmt: skip
     """Return a chart with ticks and labels.
 
     Args:
@@ -132,8 +95,9 @@ def chart(marks: str, x: ChartAxis, y: ChartAxis, labels: tuple[str, str], summa
         y: The vertical one.
         labels: Of the axes.
         summary: What who does not see it is told.
+        small: Whether it is one of many: fewer labels fit below it.
     """
-    across, up = x.ticks(), y.ticks()
+    across, up = fitting(x.ticks(), TICK_TEXT["small" if small else "wide"]), y.ticks()
     grid = "".join(f'<path d="M0 {_up(y, value)}H{SIDE}"/>' for value in up)
     return (
         f'<div class="plot" role="img" aria-label="{escape(summary)}">'
@@ -146,6 +110,17 @@ def chart(marks: str, x: ChartAxis, y: ChartAxis, labels: tuple[str, str], summa
         )
         + f'<em class="x">{escape(labels[0])}</em><em class="y">{escape(labels[1])}</em></div>'
     )
+
+
+def fitting(ticks: list[float], room: int) -> list[float]:
+    """Return every n-th of the ticks, so that their labels do not touch.
+
+    Args:
+        ticks: Their values, in order.
+        room: Characters that fit side by side.
+    """
+    length = 2 + max((len(number(each)) for each in ticks), default=0)
+    return ticks[:: max(1, -(-len(ticks) * length // room))]
 
 
 def _up(axis: ChartAxis, value: float) -> float:
@@ -217,7 +192,7 @@ def histogram(values: Array, good: NDArray[np.bool_], unit: str, bins: int = 32)
     middle = float(x.at(np.array(np.median(inside))))
     marks += f'<path class="median" d="M{SIDE * middle:.1f} 0V{SIDE}"/>'
     summary = f"Distribution over {known.sum()} runs, median {number(float(np.median(inside)))}"
-    return chart(marks, x, y, (shown.name, "runs"), f"{summary} {shown.name}".strip())
+    return chart(marks, x, y, (shown.name, "runs"), f"{summary} {shown.name}".strip(), small=True)
 
 
 def _bars(edges: Array, low: Array, high: Array, kind: str) -> str:
@@ -231,7 +206,7 @@ def _bars(edges: Array, low: Array, high: Array, kind: str) -> str:
     return f'<path class="{kind}" d="{"".join(boxes)}"/>'
 
 
-def interval_bars(bars: Sequence[MeasuredBar], signed: bool, unit: Unit, summary: str) -> str:
+def interval_bars(bars: Sequence[Importance], signed: bool, unit: Unit, summary: str) -> str:
     """Return bars with their intervals, one below the other.
 
     Args:
@@ -254,10 +229,13 @@ def interval_bars(bars: Sequence[MeasuredBar], signed: bool, unit: Unit, summary
         if math.isfinite(each.low) and math.isfinite(each.high):
             low, high = at(each.low), at(each.high)
             whisker = f'<i class="whisker" style="left:{low:.2f}%;width:{high - low:.2f}%"></i>'
+        words = parameter_words(each.name).name
+        way = f"<small>{WAYS[each.way]}</small>" if each.way == EITHER_SIDE else ""
         rows.append(
-            f'<li><span class="name">{escape(each.name)}</span><span class="track">'
-            f'<i class="zero" style="left:{at(0.0):.2f}%"></i>'
-            f'<i class="bar" style="left:{left:.2f}%;width:{right - left:.2f}%"></i>{whisker}'
+            f'<li><span class="name" title="{escape(each.name)}">{escape(words)}{way}</span>'
+            f'<span class="track"><i class="zero" style="left:{at(0.0):.2f}%"></i>'
+            f'<i class="bar{" either" * bool(way)}" style="left:{left:.2f}%;'
+            f'width:{right - left:.2f}%"></i>{whisker}'
             f'</span><span class="value">{number(each.value, unit)}</span></li>'
         )
     return f'<ul class="bars" aria-label="{escape(summary)}">{"".join(rows)}</ul>'

@@ -8,8 +8,9 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.study.sensitivity import ParameterMap
+from rpctl.study.words import Unit, merit_words, number, parameter_words, unit_of
 from rpctl.view.pages.page import escape
-from rpctl.view.pages.study_charts import SIDE, ChartAxis, Unit, chart, number, unit_of
+from rpctl.view.pages.study_charts import SIDE, ChartAxis, chart
 
 # Cividis, which is told apart without red or green, and by its lightness alone.
 RAMP = ("#00224e", "#233e6c", "#4f576c", "#707173", "#948e77", "#bda969", "#e5c953", "#fee838")
@@ -29,12 +30,13 @@ def map_chart(found: ParameterMap, unit: str) -> str:
     shown = unit_of(unit, high)
     x = ChartAxis(float(found.x_edges[0]), float(found.x_edges[-1]))
     y = ChartAxis(float(found.y_edges[0]), float(found.y_edges[-1]))
+    across, up = parameter_words(found.x), parameter_words(found.y)
     summary = (
-        f"Median of {found.merit} over {found.x} and {found.y}, from {number(low, shown)} to "
-        f"{number(high, shown)}"
+        f"Median of {merit_words(found.merit)} over {across.name} and {up.name}, "
+        f"from {number(low, shown)} to {number(high, shown)}"
     )
     cells = _cells(found, x, y, ChartAxis(low, high if high > low else low + 1.0), shown)
-    return chart(cells, x, y, (found.x, found.y), summary) + _scale(low, high, shown)
+    return chart(cells, x, y, (str(across), str(up)), summary) + _scale(low, high, shown)
 
 
 def _cells(found: ParameterMap, x: ChartAxis, y: ChartAxis, axis: ChartAxis, shown: Unit) -> str:
@@ -59,7 +61,11 @@ def _cell_text(found: ParameterMap, row: int, column: int) -> str:
     def span(edges: Array, k: int) -> str:
         return f"{number(float(edges[k]))} to {number(float(edges[k + 1]))}"
 
-    return f"{found.x} {span(found.x_edges, column)}, {found.y} {span(found.y_edges, row)}"
+    x, y = parameter_words(found.x), parameter_words(found.y)
+    return (
+        f"{x.name} {span(found.x_edges, column)} {x.unit}, ".replace(" , ", ", ")
+        + f"{y.name} {span(found.y_edges, row)} {y.unit}".rstrip()
+    )
 
 
 def ramp_colour(share: float) -> str:

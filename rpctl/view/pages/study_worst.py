@@ -13,9 +13,9 @@ from rpctl.simulation.loop import simulate
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
 from rpctl.study.study_result import StudyResult, WorstRun
+from rpctl.study.words import grouped, merit_words, number, unit_of
 from rpctl.view.pages.page import badge, escape, section
 from rpctl.view.pages.report import report_page
-from rpctl.view.pages.study_charts import number, unit_of, words
 from rpctl.view.scene.scene import build_scene
 
 
@@ -25,14 +25,14 @@ def worst_section(result: StudyResult, scene: str) -> str:
         return ""
     unit = unit_of(result.units.get(result.merit, ""), max(each.value for each in result.worst))
     rows = "".join(
-        f'<li><b>Run {each.run}</b> <span class="value">{number(each.value, unit)}</span> '
+        f'<li><b>Run {grouped(each.run)}</b> <span class="value">{number(each.value, unit)}</span> '
         f"{badge(each.outcome == 'tracked', each.outcome)}"
         f'<p class="quiet">{escape(each.reason)}</p>'
         + (f"<code>{escape(each.command)}</code>" if each.command else "")
         + "</li>"
         for each in result.worst
     )
-    title = f"Worst runs by {words(result.merit)}"
+    title = f"Worst runs by {merit_words(result.merit)}"
     return section(escape(title), f'<ol class="worst">{rows}</ol>{scene}')
 
 
@@ -49,7 +49,7 @@ def worst_scene(worst: Sequence[WorstRun], robot: Robot) -> str:
             if isinstance(run, Run):
                 page = report_page(run, robot, build_scene(robot, run), summarize(run))
                 text = html.escape(page.decode("utf-8"))
-                title = f"Run {each.run}, as rpctl track reports it"
+                title = f"Run {grouped(each.run)}, as rpctl track reports it"
                 return (
                     f'<p class="scene-name">{title}</p>'
                     f'<iframe title="{title}" loading="lazy" srcdoc="{text}"></iframe>'

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -15,29 +16,36 @@ import pytest
 import rpctl
 from rpctl.arrays import Array
 from rpctl.study.design import Design
-from rpctl.study.sensitivity import ParameterMap, Sensitivity, parameter_map
+from rpctl.study.merits import MERITS
+from rpctl.study.optimum_words import BETTER, UNCLEAR, WORSE, optimum_sentence
+from rpctl.study.sensitivity import (
+    EITHER_SIDE,
+    Importance,
+    ParameterMap,
+    Sensitivity,
+    parameter_map,
+)
 from rpctl.study.statistics import Interval, describe, share
 from rpctl.study.store import RunTable
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, WorstRun
+from rpctl.study.words import Unit, number, unit_of
 from rpctl.view.pages import study
 from rpctl.view.pages.report import report_policy
 from rpctl.view.pages.study_charts import (
     SIDE,
     ChartAxis,
-    Unit,
     axis_over,
     band,
     envelope_chart,
+    fitting,
     histogram,
     interval_bars,
     line,
-    number,
-    unit_of,
 )
 from rpctl.view.pages.study_map import RAMP, map_chart, ramp_colour
-from rpctl.view.plots.study_runs import MeasuredBar, study_runs_figure
+from rpctl.view.plots.study_runs import study_runs_figure
 from tests.view.chromium import chromium
 
 HOSTILE = "plant.<script>alert(1)</script>"
@@ -120,13 +128,17 @@ def test_a_merit_that_all_runs_share_is_a_sentence() -> None:
 
 
 def test_bars_and_their_intervals() -> None:
-    bars = [MeasuredBar("a<b", -0.5, -0.75, 0.0), MeasuredBar("c", 0.5, math.nan, math.nan)]
+    bars = [Importance("a<b", -0.5, -0.75, 0.0), Importance("c", 0.5, math.nan, math.nan)]
     drawn = interval_bars(bars, True, Unit(1.0, ""), "what matters")
     assert "a&lt;b" in drawn
     assert 'class="bar" style="left:25.00%;width:25.00%"' in drawn
     assert 'class="whisker" style="left:12.50%;width:37.50%"' in drawn
     assert drawn.count("whisker") == 1
-    unsigned = interval_bars([MeasuredBar("c", 0.2, 0.1, 0.4)], False, Unit(1.0, ""), "")
+    bent = interval_bars([Importance("plant.delay", 0.5, 0.4, 0.6, EITHER_SIDE)], True,
+                         Unit(1.0, ""), "")  # fmt: skip
+    assert ">delay<small>either side of its median</small>" in bent
+    assert 'class="bar either"' in bent
+    unsigned = interval_bars([Importance("c", 0.2, 0.1, 0.4)], False, Unit(1.0, ""), "")
     assert 'class="bar" style="left:0.00%;width:50.00%"' in unsigned
 
 
@@ -189,16 +201,16 @@ def test_the_page_says_what_the_study_found() -> None:
     page = study.study_page(result()).decode()
     found = result().statistics[0].quantiles
     for text in (
-        "75.0%",
-        f"{result().success.low:.1%} to {result().success.high:.1%}",
+        ">75 %<",
+        ">58.8 to 87.3 %<",
         number(found[2].value, Unit(1e3, "mm")),
-        "40 runs · 1 settings differ · monte-carlo, seed 3",
+        "40 runs · 1 setting differs · monte-carlo, seed 3",
         "<b>Run 39</b>",
         "<code>rpctl track x</code>",
         ">0.8<",
-        "b: distance from its median</span>",
+        'title="b">b<small>either side of its median</small></span>',
         ">0.6<",
-        "normal 0.0, 1.0<",
+        "normal, 0 ± 1<",
     ):
         assert text in page, text
     assert "<script" not in page
@@ -207,10 +219,44 @@ def test_the_page_says_what_the_study_found() -> None:
     assert "&lt;script&gt;" in page
 
 
+OPTIMUM: dict[str, Any] = {
+    "merit": "rms_base_error",
+    "statistic": "quantile",
+    "level": 0.95,
+    "failure_weight": 1.0,
+    "settings": {"kinematic.horizon": {"before": 0.5, "after": 0.25, "range": [0.1, 1.0]}},
+    "validation": {
+        "runs": 50,
+        "before": {"cost": 0.02, "success": {"value": 1.0}},
+        "after": {"cost": 0.015, "success": {"value": 1.0}},
+        "change": {"value": -0.005, "low": -0.007, "high": -0.004},
+    },
+}
+
+
+def test_a_sentence_says_whether_settings_are_better() -> None:
+    assert optimum_sentence(OPTIMUM).text == (
+        "better: 95 % quantile of base error, rms goes from 20 mm to 15 mm on 50 fresh runs, −25 % "
+        "(95 % interval −35 to −20 %)"
+    )
+    for low, high, verdict in ((-0.01, 0.01, UNCLEAR), (0.001, 0.002, WORSE), (-2, -1, BETTER)):
+        change = {"value": 0.5 * (low + high), "low": low, "high": high}
+        changed = {**OPTIMUM, "validation": {**OPTIMUM["validation"], "change": change}}
+        assert optimum_sentence(changed).verdict == verdict
+
+
+def test_labels_below_a_chart_do_not_touch() -> None:
+    assert fitting([1.0, 2.0, 3.0], 20) == [1.0, 2.0, 3.0]
+    for ticks in ([-0.0257, -0.0256, -0.0255, -0.0254], [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2]):
+        kept = fitting(ticks, 20)
+        assert 1 <= len(kept) < len(ticks)
+        assert sum(len(number(each)) + 2 for each in kept) <= 20
+
+
 def test_the_page_shows_settings_that_were_found() -> None:
-    optimum = {"settings": {"kinematic.horizon": 0.25}}
-    page = study.study_page(result(optimum=optimum)).decode()
-    assert "<th>kinematic.horizon</th><td>0.25</td>" in page
+    page = study.study_page(result(optimum=OPTIMUM)).decode()
+    assert ">kinematic horizon (s)</th><td>0.5</td><td>0.25</td><td>0.1 to 1</td>" in page
+    assert f"<p>B{optimum_sentence(OPTIMUM).text[1:]}</p>" in page
 
 
 def test_a_study_of_one_setting_and_one_kind_of_run_has_a_page() -> None:
@@ -233,12 +279,89 @@ def test_the_worst_run_is_animated_in_a_frame_that_may_run_its_scripts(
 @pytest.mark.slow
 def test_the_picture_has_a_panel_for_each_thing_that_was_found() -> None:
     titles = [axes.get_title(loc="left") for axes in study_runs_figure(result()).axes]
-    assert [title.partition(":")[0] for title in titles if title] == [
-        "base error",
-        "distribution of rms_base_error",
-        "what matters to rms_base_error",
-        "median of rms_base_error",
+    assert [title for title in titles if title] == [
+        "Base error over time",
+        "Distribution: base error, rms",
+        "Median over what matters most",
+        "What matters: base error, rms",
     ]
+
+
+def study_of(
+    kind: str, parameters: int, tip: bool, merit: str = "rms_base_error", name: str = "robot"
+) -> StudyResult:
+    """Return a study of some design, whose names, numbers and texts are as long as they get."""
+    plain = result()
+    values = plain.runs.merits["rms_base_error"]
+    paths = [f"plant.joint_friction.a_long_name_of_a_joint_{k}*" for k in range(parameters)]
+    rng = np.random.default_rng(2)
+    inputs = {path: 1e-3 * rng.normal(size=RUNS) for path in paths}
+    series = dict(plain.runs.series)
+    if tip:
+        series["end_effector_error"] = series["base_error"]
+    keys = {"sobol": ("first", "total"), "morris": ("mu_star", "sigma")}.get(
+        kind, ("rank_correlation", "from_middle")
+    )
+    rows = tuple(Interval(0.4 * 0.7**k, 0.4 * 0.7**k - 0.05, 0.5 * 0.7**k) for k in range(99))
+    measures = {key: rows[j : j + parameters] for j, key in enumerate(keys)}
+    method = kind if kind in ("sobol", "morris") else "rank-correlation"
+    maps: tuple[ParameterMap, ...] = ()
+    if parameters > 1:
+        two = (paths[0], paths[1])
+        maps = (parameter_map(merit, two, inputs[two[0]], inputs[two[1]], values, 3),)
+    return replace(
+        plain, robot=name, merit=merit, units={merit: MERITS[merit].unit}, maps=maps,
+        runs=replace(plain.runs, parameters=inputs, merits={merit: values}, series=series),
+        design=Design(kind, RUNS, 1),
+        sensitivities=(Sensitivity(merit, method, tuple(paths), measures, 0),),
+    )  # fmt: skip
+
+
+def texts_of(figure: Any) -> list[tuple[str, Any]]:
+    """Return the texts that are drawn, with their boxes in pixels."""
+    figure.draw_without_rendering()
+    found = [*figure.texts]
+    for axes in figure.axes:
+        found += [axes._left_title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            found += [axis.offsetText] + [
+                tick.label1 if axes.yaxis is not axis or tick.label1.get_visible() else tick.label2
+                for tick in axis.get_major_ticks()
+                if low <= tick.get_loc() <= high
+            ]
+        if axes.get_legend() is not None:
+            found += axes.get_legend().get_texts()
+    return [
+        (text.get_text(), text.get_window_extent())
+        for text in found
+        if text.get_visible() and text.get_text().strip()
+    ]
+
+
+LAYOUTS = [
+    ("monte-carlo", 1, False, "rms_base_error", "robot"),
+    ("sobol", 2, True, "settled_rms_base_error", "robot"),
+    pytest.param("morris", 5, True, "rms_base_error", "a_robot_" * 12, marks=pytest.mark.slow),
+    pytest.param("grid", 12, True, "max_position_excess", "r", marks=pytest.mark.slow),
+    pytest.param("morris", 12, False, "work", "r", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("kind", "parameters", "tip", "merit", "name"), LAYOUTS)
+def test_texts_of_the_picture_are_inside_it_and_apart(
+    kind: str, parameters: int, tip: bool, merit: str, name: str
+) -> None:
+    figure = study_runs_figure(study_of(kind, parameters, tip, merit, name))
+    width, height = figure.get_size_inches() * figure.dpi
+    texts = texts_of(figure)
+    assert len(texts) > 20
+    for text, box in texts:
+        assert 0 <= box.x0 < box.x1 <= width, text
+        assert 0 <= box.y0 < box.y1 <= height, text
+    for (one, a), (other, b) in combinations(texts, 2):
+        across, up = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(across, up) <= 0.5, (one, other)
 
 
 @pytest.mark.slow
