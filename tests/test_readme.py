@@ -44,7 +44,9 @@ def test_commands(last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         result = CliRunner().invoke(app, shlex.split(command))
         assert result.exit_code == 0, result.output
         assert result.stdout.strip()
-        assert not file or file.endswith((".tex", ".c"))
+        assert not file or file.endswith((".tex", ".c", ".toml"))
+        if file:
+            Path(file).write_text(result.stdout, encoding="utf-8")
 
 
 @pytest.mark.slow

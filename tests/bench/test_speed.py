@@ -60,8 +60,9 @@ def naive(state: State) -> Callable[[], object]:
     dynamics, q, nu, tau = state
     model, S, B = dynamics.robot.model, dynamics.basis(q), dynamics.actuation(q)
 
+    data = model.createData()
+
     def run() -> Array:
-        data = model.createData()
         M = S.T @ pin.crba(model, data, q) @ S
         h = S.T @ pin.nonLinearEffects(model, data, q, S @ nu)
         return np.asarray(np.linalg.solve(M, B @ tau - h))
