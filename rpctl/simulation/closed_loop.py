@@ -147,10 +147,7 @@ def close_loop(
                     output.speeds,
                 )  # fmt: skip
             if not np.abs(nu).max() < DIVERGED_SPEED:
-                raise DivergedError(
-                    f"the motion diverged at t = {t:g} s; shorten the control period or lengthen "
-                    "the horizons"
-                )
+                raise DivergedError(diverged_at(t))
             if watch is not None:
                 shown = time.perf_counter()
                 watch(WatchedSample(t, q, e, tau, state))
@@ -163,6 +160,13 @@ def close_loop(
                 progress(k, steps)
     finally:
         loop.wall_time = time.perf_counter() - started_at
+
+
+def diverged_at(t: float) -> str:
+    """Return the sentence that a motion left the finite numbers at a time (s)."""
+    return (
+        f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the horizons"
+    )
 
 
 def rest_at_start(simulated: ReducedDynamics, config: Config, reference: Reference) -> Rest:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
+from rpctl.simulation.closed_loop import diverged_at
 from rpctl.simulation.compiled.loop import DIVERGED, NO_TROUBLE
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
 from rpctl.simulation.merits import SampleMeasures, Totals, merits_of
@@ -100,7 +101,7 @@ class LaneRows:
                 table.merits[SUCCESS][row] = found[row].outcome == TRACKED
             elif trouble == DIVERGED:
                 ended = int(results.trouble_at[k]) + 1
-                found[row] = RunVerdict(DIVERGING, _diverged((ended - 1) * period))
+                found[row] = RunVerdict(DIVERGING, diverged_at((ended - 1) * period))
             else:
                 continue
             kept = -(-ended // self._stride)
@@ -108,9 +109,3 @@ class LaneRows:
                 place = SampleMeasures._fields.index(SERIES[name])
                 series[row, :kept] = results.measures[k, :kept, place]
         return found
-
-
-def _diverged(t: float) -> str:
-    return (
-        f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the horizons"
-    )

@@ -21,8 +21,8 @@ from rpctl.simulation.compiled.lane_inputs import LaneInputs
 from rpctl.simulation.compiled.loop import LoopShape
 from rpctl.simulation.compiled.machine.code import native_lanes
 from rpctl.simulation.compiled.machine.program import Buffer, Rows
-from rpctl.simulation.compiled.merit_fold import FIRST, spans_of
-from rpctl.simulation.compiled.starting import fill, followed_rows, search_from
+from rpctl.simulation.compiled.merit_fold import FIRST, MeritFold, spans_of
+from rpctl.simulation.compiled.starting import LoopStart, fill, followed_rows, search_from, started
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled.symbols.parameters import Varied
 from rpctl.simulation.config import Config
@@ -124,9 +124,7 @@ class LaneRunner:
         noise = _LaneNoise(inputs, self._sensors)
         stages = [self._stage() for _ in range(self._lanes)]
         followed = self._followed(inputs, stages, noise)
-        workspace = self._workspace(inputs, stages)
-        ring = np.empty((int(inputs.back.max()) + 1, inputs.rest.shape[1], self._lanes))
-        ring[:] = inputs.rest.T
+        workspace, ring = self._started(inputs, stages, fold)
         measures = np.zeros((-(-self._count // self._stride), fold.measures.size, self._lanes))
         chunk = -(-CHUNK // self._stride) * self._stride
         for first in range(0, self._count, chunk):
@@ -134,7 +132,7 @@ class LaneRunner:
             rows = {
                 program.reference: Rows(self._rows[first : first + count]),
                 program.followed: Rows(followed[first : first + count]),
-                program.ring: Rows(ring, ring=True),
+                program.ring: ring,
                 program.log["measures"]: Rows(measures[first // self._stride :], self._stride),
             }
             if program.noise in program.sample.streams:
@@ -180,43 +178,29 @@ class LaneRunner:
                 found[:, :, lane] = followed_rows(self._known.robot, way, self._table)
         return found
 
-    def _workspace(
-        self, inputs: LaneInputs, stages: Sequence[ApproachStage | None]
-    ) -> Mapping[Buffer, Array]:
-        """Return the workspace before the first sample.
+    def _started(
+        self, inputs: LaneInputs, stages: Sequence[ApproachStage | None], fold: MeritFold
+    ) -> tuple[Mapping[Buffer, Array], Rows]:
+        """Return the workspace before the first sample, and the ring of efforts on their way.
 
         Args:
             inputs: What the lanes begin with.
             stages: Which looked for ways up to the reference.
+            fold: What folds the samples.
         """
-        program, period = self._loop.program, self._config.run.control_period
-        law, fold = program.law, program.fold
-        begins = self._loop.start.workspace()
-        at_rest = {
-            law.q: inputs.q.T,
-            program.plant.q: inputs.q.T,
-            program.plant.p: inputs.p.T,
-            law.tau: inputs.rest.T,
-            law.settings: inputs.settings.T,
-        }
-        fill(begins, at_rest)
-        self._loop.start.run(0, 1, begins, {})
-        workspace = self._loop.sample.workspace()
-        fill(workspace, {buffer: begins[buffer] for buffer in program.memory})
-        searched = [search_from(stage, period) for stage in stages]
-        values = {
-            program.plant.q: inputs.q.T,
-            program.plant.p: inputs.p.T,
-            law.settings: inputs.settings.T,
-            law.elapsed: [period],
-            program.bias: inputs.bias.T,
-            program.back: inputs.back[None, :],
-            program.search_from: [searched],
-        }
-        if fold is not None:
-            values |= {fold.totals: FIRST, fold.spans: spans_of(self._count)}
-        fill(workspace, values)
-        return workspace
+        period = self._config.run.control_period
+        begin = LoopStart(
+            q=inputs.q.T,
+            rest=inputs.rest.T,
+            p=inputs.p.T,
+            settings=inputs.settings.T,
+            bias=inputs.bias.T,
+            back=inputs.back[None, :].astype(float),
+            search_from=np.array([[search_from(stage, period) for stage in stages]]),
+        )
+        workspace, ring = started(self._loop, begin, period)
+        fill(workspace, {fold.totals: FIRST, fold.spans: spans_of(self._count)})
+        return workspace, ring
 
 
 class _LaneNoise:

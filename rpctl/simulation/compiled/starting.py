@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,59 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.periods import delay_periods
 
 
+@dataclass(frozen=True, eq=False)
+class LoopStart:
+    """Where a loop begins, at rest: numbers (n,) that all lanes have, or (n, lanes).
+
+    Attributes:
+        q: Configuration (nq, ...).
+        rest: Efforts (n_act, ...) that hold the robot there.
+        p: Parameters of the simulated robot (n_p, ...).
+        settings: Values of the laws' settings (n_s, ...).
+        bias: Efforts (n_act, ...) that push besides the controller's.
+        back: By how many periods efforts are late (1, ...).
+        search_from: Number of the sample from which on a way up is looked for (1, ...).
+    """
+
+    q: Array
+    rest: Array
+    p: Array
+    settings: Array
+    bias: Array
+    back: Array
+    search_from: Array
+
+
+def started(
+    compiled: CompiledLoop, begin: LoopStart, period: float
+) -> tuple[Mapping[Buffer, Array], Rows]:
+    """Return the workspace before the first sample, and the ring of efforts on their way.
+
+    Args:
+        compiled: The loop.
+        begin: Where it begins.
+        period: Control period, s.
+    """
+    loop, law = compiled.program, compiled.program.law
+    begins = compiled.start.workspace()
+    common = {loop.plant.q: begin.q, loop.plant.p: begin.p, law.settings: begin.settings}
+    fill(begins, {**common, law.q: begin.q, law.tau: begin.rest})
+    compiled.start.run(0, 1, begins, {})
+    workspace = compiled.sample.workspace()
+    fill(workspace, {buffer: begins[buffer] for buffer in loop.memory})
+    values = {
+        **common,
+        law.elapsed: [period],
+        loop.bias: begin.bias,
+        loop.back: begin.back,
+        loop.search_from: begin.search_from,
+    }
+    fill(workspace, values)
+    ring = np.empty((int(begin.back.max()) + 1, len(begin.rest), compiled.sample.lanes))
+    ring[:] = begin.rest if begin.rest.ndim > 1 else begin.rest[:, None]
+    return workspace, Rows(ring, ring=True)
+
+
 def prepared(
     compiled: CompiledLoop,
     config: Config,
@@ -27,7 +81,7 @@ def prepared(
     settings: Array,
     stage: ApproachStage | None = None,
 ) -> tuple[Mapping[Buffer, Array], Rows]:
-    """Return the workspace before the first sample, and the ring of efforts on their way.
+    """Return what :func:`started` does, of a run of a configuration in every lane.
 
     Args:
         compiled: The loop.
@@ -36,27 +90,17 @@ def prepared(
         settings: Values of the laws' settings (n_s,).
         stage: Finds ways up to the reference; None: the base needs none.
     """
-    loop, period = compiled.program, config.run.control_period
-    law, late = loop.law, delay_periods(config.plant.delay, period)
-    begins = compiled.start.workspace()
-    at_rest = {law.q: rest.q, loop.plant.q: rest.q, loop.plant.p: compiled.p}
-    fill(begins, {**at_rest, law.tau: rest.tau, law.settings: settings})
-    compiled.start.run(0, 1, begins, {})
-    workspace = compiled.sample.workspace()
-    fill(workspace, {buffer: begins[buffer] for buffer in loop.memory})
-    values = {
-        loop.plant.q: rest.q,
-        loop.plant.p: compiled.p,
-        law.settings: settings,
-        law.elapsed: [period],
-        loop.bias: config.plant.bias(compiled.robot),
-        loop.back: [float(late)],
-        loop.search_from: [search_from(stage, period)],
-    }
-    fill(workspace, values)
-    ring = np.empty((late + 1, len(rest.tau), compiled.sample.lanes))
-    ring[:] = rest.tau[:, None]
-    return workspace, Rows(ring, ring=True)
+    period = config.run.control_period
+    begin = LoopStart(
+        q=rest.q,
+        rest=rest.tau,
+        p=compiled.p,
+        settings=settings,
+        bias=config.plant.bias(compiled.robot),
+        back=np.array([float(delay_periods(config.plant.delay, period))]),
+        search_from=np.array([search_from(stage, period)]),
+    )
+    return started(compiled, begin, period)
 
 
 def fill(workspace: Mapping[Buffer, Array], values: Mapping[Buffer, Any]) -> None:

@@ -16,7 +16,12 @@ from rpctl.errors import DivergedError
 from rpctl.reference.motion import Reference
 from rpctl.reference.table import ReferenceTable, tabulate
 from rpctl.robot.model import Robot
-from rpctl.simulation.closed_loop import DIVERGED_SPEED, LoopRecord, rest_at_start
+from rpctl.simulation.closed_loop import (
+    DIVERGED_SPEED,
+    LoopRecord,
+    diverged_at,
+    rest_at_start,
+)
 from rpctl.simulation.compiled.build import compiled_loop
 from rpctl.simulation.compiled.laws.law_fragment import LimitNames
 from rpctl.simulation.compiled.laws.law_settings import settings_of
@@ -198,10 +203,7 @@ def _record(
         kept = sound + (diverged and bool(whole))
         add_samples(recorder, compiled.program.law.limit_names, log, table, kept)
     if diverged:
-        raise DivergedError(
-            f"the motion diverged at t = {table.t[sound]:g} s; shorten the control period or "
-            "lengthen the horizons"
-        )
+        raise DivergedError(diverged_at(table.t[sound]))
     if len(ends):
         raise NeedsPython(TROUBLES[float(trouble[sound])], first + sound)
 
