@@ -25,14 +25,15 @@ def robot_identity(robot: Robot) -> dict[str, Any]:
 
 def model_digest(robot: Robot) -> str:
     """Return a digest of all numbers of a robot's model: inertias, places, limits, losses."""
-    model = robot.model
+    model, described = robot.model, robot.description.joint
+    moving = [described[name] for name in robot.moving_joint_names]
     parts = [
         *(inertia.toDynamicParameters() for inertia in model.inertias),
         *(place.homogeneous for place in model.jointPlacements),
         model.armature,
         robot.effort_limits,
         robot.velocity_limits,
-        [(joint.lower, joint.upper) for joint in robot.joints],
+        [(j.lower, j.upper, j.velocity, j.effort) for j in moving],
     ]
     if robot.losses is not None:
         parts += [robot.losses.damping, robot.losses.friction]

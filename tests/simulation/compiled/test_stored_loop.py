@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import scale_limits, scale_masses
+from rpctl.robot.vary import scale_limits, scale_masses, set_limits
 from rpctl.simulation.compiled import build, stored_loop
 from rpctl.simulation.compiled.loop import LoopShape
 from rpctl.simulation.compiled.stored_loop import loop_key
@@ -58,6 +59,14 @@ def test_other_robots_laws_and_shapes_have_other_keys(paper: Robot) -> None:
     }
     assert len(keys) == 7
     assert loop_key(replace(paper), paper, laws, SHAPE) in keys
+
+
+def test_a_limit_of_a_joint_that_nothing_drives_counts() -> None:
+    robot = rpctl.load("casters")
+    (name, *_) = set(robot.moving_joint_names) - set(robot.actuators)
+    other = set_limits(robot, velocity={name: 0.5})
+    laws = UnifiedKinematic(), PaperDynamic()
+    assert loop_key(robot, robot, laws, SHAPE) != loop_key(other, robot, laws, SHAPE)
 
 
 def test_nothing_foreign_is_loaded() -> None:
