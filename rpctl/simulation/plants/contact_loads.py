@@ -7,32 +7,47 @@ together with its derivatives, and with an answer where there is none: a robot t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.stance import LOAD_RESOLUTION, MIN_STANCE_WIDTH_M
+from rpctl.dynamics.stance import LOAD_RESOLUTION, MIN_STANCE_WIDTH_M, make_stance
 
-MAX_CHANGES = 30  # of the set of pressed contacts; each lets go or lands a few times
+MAX_CHANGES = 60  # of the pressed contacts; some 5 suffice unless the robot is about to tip
+HALVINGS = 30  # of a step that goes too far
+EASE = 1e-12  # of the trace: what keeps the matrix of too few pressed contacts regular
 
 
-class LoadSplit(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LoadSplit:
     """How contacts at given places share any load.
 
     Attributes:
-        statics: Map (k, n) from the loads to their sum and the first moments that they determine.
-        directions: Those moments (k, 3) of the sum and the moments about x and y.
-        split: Pseudoinverse (n, 3) of ``statics``, from the sum and both moments: loads of least
-            norm.
+        points: Their places (n, 2), root link's axes, m.
+        directions: The moments (k, 3) of the sum and the moments about x and y that they determine.
+        statics: Map (k, n) from the loads to those.
+        split: Map (n, 3) from the sum and both moments to the loads of least norm.
     """
 
-    statics: Array
+    points: Array
     directions: Array
+    statics: Array
     split: Array
 
-
-NO_CONTACTS = LoadSplit(np.zeros((1, 0)), np.eye(3)[:1], np.zeros((0, 3)))
+    @cached_property
+    def edges(self) -> Array:
+        """Map (n_edges, 3) to what is positive of moments that loads can have."""
+        if len(self.directions) == 3:
+            stance = make_stance(self.points)
+            return np.column_stack([stance.offset, stance.inward])
+        if len(self.directions) == 2:
+            place = self.statics[1]
+            first, last = -place.min() * self.directions[0], place.max() * self.directions[0]
+            return np.array([first + self.directions[1], last - self.directions[1]])
+        return self.directions
 
 
 class ContactLoads(NamedTuple):
@@ -49,6 +64,9 @@ class ContactLoads(NamedTuple):
     tips: bool
 
 
+NO_CONTACTS = LoadSplit(np.zeros((0, 2)), np.eye(3)[:1], np.zeros((1, 0)), np.zeros((0, 3)))
+
+
 def make_split(points: Array) -> LoadSplit:
     """Return how contacts share loads.
 
@@ -63,7 +81,7 @@ def make_split(points: Array) -> LoadSplit:
     directions[0, 0] = 1.0
     directions[1:, 1:] = axes[known]
     statics = directions @ np.vstack([np.ones(len(points)), points.T])
-    return LoadSplit(statics, directions, np.linalg.pinv(statics) @ directions)
+    return LoadSplit(points, directions, statics, np.linalg.pinv(statics) @ directions)
 
 
 def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
@@ -82,37 +100,54 @@ def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
         return ContactLoads(load, split.split, False)
     if moments[0] <= 0.0:
         return ContactLoads(np.zeros(len(load)), np.zeros((len(load), 3)), True)
-    return _pressed(split, moments, load) or _tipping(split, moments, load)
+    found = _pressed(split, moments) if (split.edges @ moments).min() > 0.0 else None
+    return found or _tipping(split, moments, load)
 
 
-def _pressed(split: LoadSplit, moments: Array, load: Array) -> ContactLoads | None:
-    """Return the least loads that only push, or None if there are none.
+def _pressed(split: LoadSplit, moments: Array) -> ContactLoads | None:
+    """Return the least loads that only push, or None where the search does not end.
 
-    They are N = max(0, Yᵀλ) with Y N = m: Newton's steps on the λ of a piecewise linear function.
+    They are N = max(0, Yᵀλ) at the minimum of the convex ½ |N|² − m·λ, where Y N = m.
 
     Args:
         split: How the contacts share loads.
         moments: Their sum and moments (3,).
-        load: Those of least norm (n,), pushing or not.
     """
-    Y, wanted = split.statics, split.directions @ moments
-    pressed = load > 0.0
+    Y, wanted = split.statics, split.directions @ moments / moments[0]
+
+    def cost(multipliers: Array) -> tuple[float, Array]:
+        load = np.maximum(Y.T @ multipliers, 0.0)
+        return float(0.5 * load @ load - wanted @ multipliers), load
+
+    multipliers = np.zeros(len(Y))
+    multipliers[0] = 1.0 / Y.shape[1]
+    least, load = cost(multipliers)
     for _ in range(MAX_CHANGES):
-        held = Y * pressed
+        held = Y * (load > 0.0)
         H = held @ Y.T
-        if np.linalg.cond(H) * LOAD_RESOLUTION > 1.0:
-            return None
-        multipliers = np.linalg.solve(H, wanted)
-        load = Y.T @ multipliers
-        before, pressed = pressed, load > LOAD_RESOLUTION * -moments[0]
-        if (before == pressed).all():
+        H += EASE * np.trace(H) * np.eye(len(H))
+        rest = wanted - Y @ load
+        if np.abs(rest).max() < LOAD_RESOLUTION:
             slope = held.T @ np.linalg.solve(H, split.directions)
-            return ContactLoads(np.where(pressed, np.maximum(load, 0.0), 0.0), slope, False)
+            return ContactLoads(moments[0] * load, slope, False)
+        step = np.linalg.solve(H, rest)
+        for _ in range(HALVINGS):
+            ahead, load = cost(multipliers + step)
+            if ahead <= least + LOAD_RESOLUTION * abs(least):
+                break
+            step = 0.5 * step
+        multipliers, least = multipliers + step, ahead
     return None
 
 
 def _tipping(split: LoadSplit, moments: Array, load: Array) -> ContactLoads:
-    """Return each pushing contact's part of the whole load, of a robot that tips."""
+    """Return each pushing contact's part of the whole load, of a robot that tips.
+
+    Args:
+        split: How the contacts share loads.
+        moments: Their sum and moments (3,).
+        load: Loads of least norm (n,), pushing or not.
+    """
     pushing = np.maximum(load, 0.0)
     total = pushing.sum()
     change = split.split * (load > 0.0)[:, None] / total

@@ -79,7 +79,7 @@ class _Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class _Solution:
+class _Solved:
     """A stage's solution."""
 
     y: Array
@@ -183,7 +183,7 @@ class SlipStepper:
         guess: Array,
         given: Array,
         wrenches: Sequence[Wrench],
-    ) -> _Solution:
+    ) -> _Solved:
         """Return the solution of a stage.
 
         Args:
@@ -200,7 +200,7 @@ class SlipStepper:
         stage = _Stage(at, y0, w, a, moments, self.law.rolling_speed(spin))
         return self._newton(stage, guess, None) or self._sure(stage, guess)
 
-    def _sure(self, stage: _Stage, guess: Array) -> _Solution:
+    def _sure(self, stage: _Stage, guess: Array) -> _Solved:
         """Return the solution with loads held as they are at the guess."""
         load = self._loads(stage, guess)
         found = self._newton(stage, guess, load)
@@ -213,7 +213,7 @@ class SlipStepper:
         acceleration = stage.a + (y - stage.y0) / stage.w
         return share_load(stage.at.split, stage.moments + stage.at.K.dot(acceleration))
 
-    def _newton(self, stage: _Stage, guess: Array, held: ContactLoads | None) -> _Solution | None:
+    def _newton(self, stage: _Stage, guess: Array, held: ContactLoads | None) -> _Solved | None:
         """Return the solution by Newton's steps, or None where they do not end.
 
         With given loads it is the minimum of a strictly convex function, and a step with the
@@ -233,7 +233,7 @@ class SlipStepper:
                 self.law.creep_speed + np.abs(y).max(initial=0.0)
             )
             if small:
-                return _Solution(y + step, ahead.force, ahead.loads, held is not None)
+                return _Solved(y + step, ahead.force, ahead.loads, held is not None)
             for _ in range(HALVINGS):
                 if ahead.size <= now.size or not np.isfinite(now.size):
                     break
