@@ -15,9 +15,9 @@ from rpctl.arrays import Array
 from rpctl.dynamics.motion import Step
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import ReferenceState
-from rpctl.simulation import plant
 from rpctl.simulation.loop import default_duration
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plants import rolling
+from rpctl.simulation.plants.rolling import advance
 from tests.robots import SET_A, platform, write
 
 
@@ -35,7 +35,7 @@ def test_steps_are_equal_and_no_longer_than_the_longest(
         taken.append(dt)
         return Step(q + 1.0, nu + 2.0, 0.5, 0.25)
 
-    monkeypatch.setattr(plant, "step", step)
+    monkeypatch.setattr(rolling, "step", step)
     q, nu, tau = np.zeros((3, 4))
     done = advance(ReducedDynamics(paper), q, nu, tau, duration, longest)
     assert taken == [duration / steps] * steps
@@ -48,7 +48,7 @@ def test_a_state_that_is_not_finite_has_diverged(
     monkeypatch: pytest.MonkeyPatch, paper: Robot, bad: str
 ) -> None:
     found = {"q": np.zeros(4), "nu": np.zeros(4)} | {bad: np.array([0.0, np.inf, 0.0, 0.0])}
-    monkeypatch.setattr(plant, "step", lambda *_: Step(found["q"], found["nu"], 0.0, 0.0))
+    monkeypatch.setattr(rolling, "step", lambda *_: Step(found["q"], found["nu"], 0.0, 0.0))
     q, nu, tau = np.zeros((3, 4))
     with pytest.raises(DivergedError, match="the motion diverged; shorten the control period"):
         advance(ReducedDynamics(paper), q, nu, tau, 0.1, 0.1)
