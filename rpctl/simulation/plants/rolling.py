@@ -43,7 +43,13 @@ class RollingMotion:
         return Ground()
 
     def advance(self, tau: Array, dt: float, wrenches: Sequence[Wrench] = ()) -> Step:
-        """Advance the robot; see :class:`Motion`."""
+        """Advance the robot; see :class:`Motion`.
+
+        Args:
+            tau: Actuator efforts (n_act,), N·m or N.
+            dt: For how long, s.
+            wrenches: What pushes it besides.
+        """
         found = advance(self._dynamics, self.q, self.nu, tau, dt, self._longest)
         self.q, self.nu = found.q, found.nu
         return found

@@ -6,6 +6,7 @@ from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
     Interface,
@@ -14,6 +15,11 @@ from rpctl.simulation.plants.interfaces import (
 )
 from rpctl.simulation.plants.motion import Motion
 from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.slipping import SlippingMotion
+
+NOT_YET = (
+    "effort", "effort_lag", "backlash", "encoder_bits", "sensor_bias", "jitter", "wrenches"
+)  # fmt: skip
 
 
 def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Interface:
@@ -29,6 +35,9 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
             efforts, but its controller sends speeds; or what simulates it is not installed.
     """
     plant = config.plant
+    for name in NOT_YET:
+        if getattr(config.plant, name) != getattr(Plant(), name):
+            raise RpctlError(f"this version does not simulate {name} of a plant; leave it out")
     if plant.own is not None:
         running = plant.own.start(dynamics.robot, rest)
         return OwnInterface(running, config, rest, dynamics.robot.dof)
@@ -59,6 +68,8 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
         RpctlError: The robot cannot be simulated so, or what simulates it is not installed.
     """
     plant, run = config.plant, config.run
+    if plant.kind == "slipping":
+        return SlippingMotion(dynamics.robot, plant.slipping, run.friction, rest.q, run.plant_step)
     if plant.kind != "rolling":
         raise RpctlError(f"the {plant.kind} plant cannot be started")
     return RollingMotion(dynamics, rest.q, run.plant_step)
