@@ -14,6 +14,7 @@ from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import RpctlError, UnknownNameError, require_positive, require_within
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
@@ -93,6 +94,7 @@ class Plant:
             model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo. The coefficient of friction
             is the run's.
         slipping: The tyres of a slipping one.
+        contact: How a robot in MuJoCo meets the ground.
         own: A simulator of the user's in their place, in which nothing else of a plant counts.
     """
 
@@ -125,6 +127,7 @@ class Plant:
     seed: int = 0
     kind: str = "rolling"
     slipping: Slipping = field(default_factory=Slipping)
+    contact: ContactSettings = field(default_factory=ContactSettings)
     own: PlantModel | None = field(default=None, metadata=NO_FILE_CAN_SAY)
 
     def __post_init__(self) -> None:

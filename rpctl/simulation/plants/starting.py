@@ -7,6 +7,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
     Interface,
@@ -70,6 +71,6 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
     plant, run = config.plant, config.run
     if plant.kind == "slipping":
         return SlippingMotion(dynamics.robot, plant.slipping, run.friction, rest.q, run.plant_step)
-    if plant.kind != "rolling":
-        raise RpctlError(f"the {plant.kind} plant cannot be started")
+    if plant.kind == "contact":
+        return MujocoMotion(dynamics.robot, plant.contact, run.friction, rest.q)
     return RollingMotion(dynamics, rest.q, run.plant_step)
