@@ -23,7 +23,7 @@ from rpctl.reference.required import require_state
 from rpctl.robot.model import Robot
 from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
-from rpctl.simulation.noise import MeasuredState
+from rpctl.simulation.plants.sensors import Measurement, sample_times
 from rpctl.simulation.plants.starting import start_interface
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
@@ -130,16 +130,17 @@ def close_loop(
         )
     computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
-    measure = MeasuredState(robot, plant.noise, plant.seed)
+    measure = Measurement(plant.known_robot(robot), plant)
+    times = sample_times(plant, period, steps + 1).tolist()
     interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     loop.assumed = interface.notes
     try:
         for k in range(steps + 1):
-            t = k * period
+            t = times[k]
             state = require_state(robot, reference(t), t)
             q, nu, work, lost, felt = interface.state
             e = tracking_error(robot, state, q)
-            measured = measure(q, nu)
+            measured = measure(q, nu, t)
             if arrives[k]:
                 output = computing.step(t, *measured)
             tau = interface.take(output, computing.late(t))
@@ -156,7 +157,7 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                interface.advance()
+                interface.advance(times[k + 1] - t if plant.jitter else period)
                 controller.prepare()
             if progress is not None:
                 progress(k, steps)

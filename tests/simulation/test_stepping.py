@@ -31,7 +31,9 @@ def test_steps_are_equal_and_no_longer_than_the_longest(
     """0.3 is a hair more than three times 0.1: that hair takes no step of its own."""
     taken: list[float] = []
 
-    def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    def step(
+        dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float, outside: None
+    ) -> Step:
         taken.append(dt)
         return Step(q + 1.0, nu + 2.0, 0.5, 0.25)
 

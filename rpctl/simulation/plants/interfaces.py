@@ -15,9 +15,11 @@ from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
 from rpctl.simulation.held import HeldCommands
 from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.plants.actuators import Actuators
 from rpctl.simulation.plants.motion import Motion
 from rpctl.simulation.plants.protocol import RunningPlant
 from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.wrench import pushes
 from rpctl.simulation.velocity_plant import VelocityPlant
 
 
@@ -59,8 +61,11 @@ class Interface(Protocol):
             late: How much after the sample it is sent, s.
         """
 
-    def advance(self) -> None:
-        """Advance the robot by a control period.
+    def advance(self, duration: float) -> None:
+        """Advance the robot to the next sample.
+
+        Args:
+            duration: Until then, s.
 
         Raises:
             DivergedError: The state left the finite numbers.
@@ -81,9 +86,10 @@ class EffortInterface:
         self, motion: Motion, dynamics: ReducedDynamics, config: Config, rest: Rest
     ) -> None:
         plant = config.plant
-        self._motion, self._period = motion, config.run.control_period
-        self._bias = plant.bias(dynamics.robot)
-        self._sent = plant.pipeline(rest.tau, self._period)
+        self._motion = motion
+        self._bias, self._wrenches = plant.bias(dynamics.robot), plant.wrenches
+        self._actuators = Actuators(dynamics.robot, plant, config.run.control_period, rest.tau)
+        self._sent = plant.pipeline(rest.tau, config.run.control_period)
         self._held, self._t = HeldCommands(rest.tau), 0.0
         self._work = self._lost = 0.0
         self.notes = motion.notes
@@ -98,14 +104,18 @@ class EffortInterface:
         """Take efforts; see :class:`Interface`."""
         self._sent.append(output.efforts)
         self._held.send(self._t + late, self._sent.popleft())
-        return self._held.at(self._t)
+        return self._actuators.at(self._held.at(self._t))
 
-    def advance(self) -> None:
-        """Advance the robot by a control period; see :class:`Interface`."""
-        for duration, tau in self._held.during(self._t, self._period):
-            done = self._motion.advance(tau + self._bias, duration)
-            self._work, self._lost = self._work + done.work, self._lost + done.lost
-        self._t += self._period
+    def advance(self, duration: float) -> None:
+        """Advance the robot to the next sample; see :class:`Interface`."""
+        end = self._t + duration
+        for held, command in self._held.during(self._t, duration):
+            for piece, tau in self._actuators.true_efforts(command, self._motion, held):
+                for part, wrenches in pushes(self._wrenches, self._t, piece):
+                    done = self._motion.advance(tau + self._bias, part, wrenches)
+                    self._work, self._lost = self._work + done.work, self._lost + done.lost
+                    self._t += part
+        self._t = end
 
 
 def felt(motion: Motion) -> dict[str, Array]:
@@ -161,7 +171,7 @@ class SpeedInterface:
         force = dynamics.inverse(q, nu, self._plant.acceleration(nu))
         return np.asarray(dynamics.efforts(q, force) - self._bias)
 
-    def advance(self) -> None:
+    def advance(self, duration: float) -> None:
         """Advance the robot by a control period; see :class:`Interface`."""
         before = self.state
         q, nu, work, lost = self._plant.advance(before.q, before.nu)
@@ -173,15 +183,14 @@ class OwnInterface:
 
     Args:
         plant: The simulator.
-        config: How often it is commanded.
         rest: Where the robot stands.
         dof: Number of quasi-velocities.
     """
 
     notes: tuple[str, ...] = ()
 
-    def __init__(self, plant: RunningPlant, config: Config, rest: Rest, dof: int) -> None:
-        self._plant, self._period = plant, config.run.control_period
+    def __init__(self, plant: RunningPlant, rest: Rest, dof: int) -> None:
+        self._plant = plant
         self._output: ControllerOutput | None = None
         self.state = PlantState(rest.q, np.zeros(dof), 0.0, 0.0, {})
 
@@ -190,9 +199,9 @@ class OwnInterface:
         self._output = output
         return output.efforts
 
-    def advance(self) -> None:
-        """Advance the robot by a control period; see :class:`Interface`."""
+    def advance(self, duration: float) -> None:
+        """Advance the robot to the next sample; see :class:`Interface`."""
         if self._output is None:
             raise RpctlError("the plant was commanded nothing")
-        sample = self._plant.step(self._output, self._period)
+        sample = self._plant.step(self._output, duration)
         self.state = self.state._replace(q=sample.q, nu=sample.nu)

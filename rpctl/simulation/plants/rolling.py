@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.motion import Step, step
+from rpctl.dynamics.motion import Outside, Step, step
+from rpctl.dynamics.outside import quasi_force
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.robot.coordinates import read_root
@@ -50,7 +52,8 @@ class RollingMotion:
             dt: For how long, s.
             wrenches: What pushes it besides.
         """
-        found = advance(self._dynamics, self.q, self.nu, tau, dt, self._longest)
+        outside = partial(quasi_force, self._dynamics, wrenches=wrenches) if wrenches else None
+        found = advance(self._dynamics, self.q, self.nu, tau, dt, self._longest, outside)
         self.q, self.nu = found.q, found.nu
         return found
 
@@ -67,6 +70,7 @@ def advance(
     tau: Array,
     duration: float,
     longest: float,
+    outside: Outside | None = None,
 ) -> Step:
     """Advance the robot by ``duration`` (s) under a constant τ, in equal steps.
 
@@ -77,6 +81,7 @@ def advance(
         tau: Actuator efforts (n_act,).
         duration: How far, s.
         longest: Longest step, s.
+        outside: What pushes the robot besides; None: nothing.
 
     Raises:
         DivergedError: The state left the finite numbers.
@@ -85,7 +90,7 @@ def advance(
     work = lost = 0.0
     try:
         for _ in range(steps):
-            q, nu, done, gone = step(dynamics, q, nu, tau, duration / steps)
+            q, nu, done, gone = step(dynamics, q, nu, tau, duration / steps, outside)
             work, lost = work + done, lost + gone
     except RpctlError as error:
         raise DivergedError(f"the motion diverged: {error}") from error

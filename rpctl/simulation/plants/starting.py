@@ -6,7 +6,6 @@ from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
-from rpctl.simulation.plant import Plant
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
@@ -17,10 +16,6 @@ from rpctl.simulation.plants.interfaces import (
 from rpctl.simulation.plants.motion import Motion
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.slipping import SlippingMotion
-
-NOT_YET = (
-    "effort", "effort_lag", "backlash", "encoder_bits", "sensor_bias", "jitter", "wrenches"
-)  # fmt: skip
 
 
 def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Interface:
@@ -36,18 +31,17 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
             efforts, but its controller sends speeds; or what simulates it is not installed.
     """
     plant = config.plant
-    for name in NOT_YET:
-        if getattr(config.plant, name) != getattr(Plant(), name):
-            raise RpctlError(f"this version does not simulate {name} of a plant; leave it out")
     if plant.own is not None:
         running = plant.own.start(dynamics.robot, rest)
-        return OwnInterface(running, config, rest, dynamics.robot.dof)
+        return OwnInterface(running, rest, dynamics.robot.dof)
     if config.output is not None:
         if plant.kind != "rolling":
             raise RpctlError(
                 f"the {plant.kind} plant takes efforts; leave out --output velocity, or take the "
                 "plant ideal or perturbed"
             )
+        if plant.jitter:
+            raise RpctlError("the moments of sampling jitter, which a robot of speeds has not")
         return SpeedInterface(dynamics, config, rest)
     if plant.lag is not None or plant.lags or plant.dead_time is not None:
         raise RpctlError(
