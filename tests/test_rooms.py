@@ -16,7 +16,8 @@ import rpctl
 from tests.package_statements import PACKAGE, modules
 
 ROOMS = ["arrays", "errors", "files", "libraries", "description", "drive", "robot", "dynamics"]
-ROOMS += ["equivalence", "reference", "control", "derive", "simulation", "study", "view", "cli"]
+ROOMS += ["equivalence", "engines", "reference", "control", "derive", "simulation", "study"]
+ROOMS += ["view", "cli"]
 VIEW = [
     "labels",
     "chart",

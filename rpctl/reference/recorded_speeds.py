@@ -19,7 +19,7 @@ MOST_FAULTS = 20  # rows that are named each: more of them are noise, or wrong u
 MAX_SPEED = 100.0  # m/s or rad/s of anything, whatever limit it has
 
 
-class Motion(NamedTuple):
+class RecordedSpeed(NamedTuple):
     """What moves, how fast between rows (K - 1,), its limit (inf: none), and the unit of both."""
 
     label: str
@@ -43,23 +43,25 @@ def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
     return sorted(faults)
 
 
-def motions(robot: Robot, table: Table) -> Iterator[Motion]:
+def motions(robot: Robot, table: Table) -> Iterator[RecordedSpeed]:
     """Yield the speeds between a table's rows of all that moves in it."""
     step = np.diff(table.t)
     drive, turn = base_limits(robot)
     for names, limit in ((BASE_COLUMNS, drive), (EE_COLUMNS, math.inf)):
         if names[0] in table.columns:
             way = np.linalg.norm(np.diff(table.stack(names), axis=0), axis=1)
-            yield Motion(f"{', '.join(names)} move", way / step, limit, "m/s")
+            yield RecordedSpeed(f"{', '.join(names)} move", way / step, limit, "m/s")
     if HEADING in table.columns:
-        yield Motion(f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s")
+        yield RecordedSpeed(
+            f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s"
+        )
     for joint in robot.joints:
         if joint.name in table.columns:
             values = table.columns[joint.name]
             endless = joint.kind == "continuous"
             way = _turns(values) if endless else np.abs(np.diff(values))
             unit = "m/s" if joint.kind == "prismatic" else "rad/s"
-            yield Motion(f"{joint.name} moves", way / step, joint.velocity, unit)
+            yield RecordedSpeed(f"{joint.name} moves", way / step, joint.velocity, unit)
 
 
 def _turns(angles: Array) -> Array:

@@ -1,0 +1,1 @@
+"""Other simulators of a robot: MuJoCo, Drake, PyBullet, behind one protocol."""
