@@ -29,10 +29,10 @@ from rpctl.libraries import library
 from rpctl.reference.robot_length import robot_length
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
-from rpctl.simulation.plant import KINDS
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.scenarios import LawPair, controllers
 from rpctl.study.stress.battery import DURATION, Battery, default_pair, default_pairs, extremes
+from rpctl.study.stress.ladders import PLANT_KINDS as KINDS
 from rpctl.study.stress.ladders import STRESSES, stresses_by_name
 from rpctl.study.stress.report import StressReport
 from rpctl.study.stress.run import run_battery, write_worst

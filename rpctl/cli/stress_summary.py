@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,13 +12,12 @@ from rich.table import Table
 
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.study.scenarios import LawPair
-from rpctl.study.stress.ladders import Stress
 from rpctl.study.stress.report import StressReport, StressRow
-from rpctl.study.stress.verdict import DEGRADE, FAIL, PASS, REFUSED, VERDICTS, rule
+from rpctl.study.stress.verdict import DEGRADE, FAIL, PASS, REFUSED, VERDICTS, error_text, rule
 from rpctl.study.study_result import replay_command
 
 WIDTH = 100  # characters
-MM_PER_M = 1e3
+WHY_WIDTH = 40  # characters of a line that says why
 MARKS = {PASS: "✓", DEGRADE: "~", FAIL: "✗", REFUSED: "-"}
 STYLES = {PASS: "green", DEGRADE: "yellow", FAIL: "bold red", REFUSED: "dim"}
 
@@ -37,7 +35,7 @@ def show_stress(report: StressReport, worst: Sequence[Path], command: str) -> No
     battery = report.battery
     out.print(f"[bold]{escape(battery.robot.name)}[/]: {len(report.rows)} runs of "
               f"{battery.run.duration:g} s on {escape(battery.run.reference)}, "
-              f"seed {battery.seed}; errors in mm, the larger of base and end effector")  # fmt: skip
+              f"seed {battery.seed}; errors in mm, base's or end effector's")  # fmt: skip
     out.print(f"[dim]{escape(rule(report.tolerance))}[/]")
     for plant in battery.plants:
         out.print()
@@ -77,17 +75,8 @@ def _counts(report: StressReport, plant: str, law: LawPair) -> list[str]:
 
 def cell_text(row: StressRow) -> str:
     """Return the verdict on a run and its error in mm, as markup: ``3.1 ✓``."""
-    name, error = row.verdict.name, MM_PER_M * row.figures.error
-    return f"[{STYLES[name]}]{_error_text(error)} {MARKS[name]}[/]".replace("] ", "]")
-
-
-def _error_text(error: float) -> str:
-    """Return an error (mm) in five characters at most; nothing where there is none."""
-    if not math.isfinite(error):
-        return ""
-    if error >= MM_PER_M:
-        return f"{error / MM_PER_M:.2g} m"
-    return f"{error:.2f}" if error < 1.0 else f"{error:.3g}"
+    name = row.verdict.name
+    return f"[{STYLES[name]}]{f'{error_text(row.figures.error)} {MARKS[name]}'.strip()}[/]"
 
 
 def _show_left_out(out: Console, report: StressReport, plant: str) -> None:
@@ -110,9 +99,7 @@ def _show_left_out(out: Console, report: StressReport, plant: str) -> None:
         out.print(f"[dim]{law}: did not run: {escape(reason)}[/]")
 
 
-def _show_worst(
-    out: Console, report: StressReport, worst: Sequence[Path], command: str
-) -> None:
+def _show_worst(out: Console, report: StressReport, worst: Sequence[Path], command: str) -> None:
     """Print the worst case of each pair of laws on each plant, and how to replay one.
 
     Args:
@@ -121,11 +108,18 @@ def _show_worst(
         worst: Configurations.
         command: What tracks the robot.
     """
-    table = new_table("worst case", "plant", "law", "", "stressed")
+    table = new_table("worst case", "plant", "law", "", "stressed", "why")
+    table.columns[-1].max_width = WHY_WIDTH
     for row, path in zip(report.worst(), worst, strict=True):
         name = row.verdict.name
-        table.add_row(path.name, row.cell.plant, str(row.cell.law),
-                      f"[{STYLES[name]}]{name}[/]", row.cell.words)  # fmt: skip
+        table.add_row(
+            path.name,
+            row.cell.plant,
+            str(row.cell.law),
+            f"[{STYLES[name]}]{name}[/]",
+            row.cell.words,
+            escape(row.verdict.reason),
+        )
     out.print(table)
     path = worst[0]
     replay = f"{replay_command(command, path)}; rpctl view {quote(str(path.with_suffix('')))}"

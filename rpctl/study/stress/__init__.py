@@ -1,1 +1,1 @@
-"""A battery of stresses: how far each law keeps a robot on its reference as circumstances worsen."""
+"""A battery of stresses: how far each law holds as circumstances worsen."""

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rpctl.control.defaults import default_laws
+from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_LAWS,
     KINEMATIC_LAWS,
@@ -90,7 +91,11 @@ class Battery:
     @cached_property
     def left_out(self) -> Mapping[tuple[str, str], str]:
         """Why a stress means nothing on a plant, by plant and stress."""
-        found = {(p, s.name): left_out(self.robot, p, s) for p in self.plants for s in self.stresses}
+        found = {
+            (plant, stress.name): left_out(self.robot, plant, stress)
+            for plant in self.plants
+            for stress in self.stresses
+        }
         return {key: reason for key, reason in found.items() if reason is not None}
 
     def stresses_on(self, plant: str) -> tuple[Stress, ...]:
@@ -134,7 +139,7 @@ class Battery:
             cell: Of this battery.
         """
         kinematic, dynamic = laws_of(self.robot, cell.law)
-        plant = Plant(kind=cell.plant, seed=cell.seed)
+        plant = Plant(seed=cell.seed)
         config = Config(kinematic=kinematic, dynamic=dynamic, run=self.run, plant=plant)
         for name, level in cell.levels:
             config = STRESSES[name].apply(config, self.robot, level)
@@ -153,7 +158,7 @@ def default_pairs(robot: Robot) -> tuple[LawPair, ...]:
     return tuple(dict.fromkeys((default_pair(robot), *OTHERS)))
 
 
-def laws_of(robot: Robot, pair: LawPair) -> tuple:
+def laws_of(robot: Robot, pair: LawPair) -> tuple[KinematicLaw, DynamicLaw]:
     """Return the laws of a pair: the robot's own where these are meant, else with their defaults.
 
     Args:

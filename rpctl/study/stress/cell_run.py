@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.errors import RpctlError
+from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
@@ -49,9 +49,9 @@ class StressTask:
             reference = self._reference(chunk.config)
             run = simulate(self.robot, chunk.config, reference, ended=ended.append)
         except RpctlError as error:
-            if not ended:
+            if not ended and not isinstance(error, DivergedError):
                 return StressFigures(REFUSED, str(error))
-            return StressFigures(ENDED, str(error), float(ended[0].t[-1]))
+            return StressFigures(ENDED, str(error), float(ended[0].t[-1]) if ended else 0.0)
         return figures_of(run)
 
     def __getstate__(self) -> Mapping[str, Any]:

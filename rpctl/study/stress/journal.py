@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,12 +93,9 @@ class Journal:
     def _records(self) -> list[Any]:
         """Return what the lines say, up to the first that says nothing."""
         text = read_text(self.path, "MAX_SHOWN_BYTES", "a battery's runs")
-        found = []
-        for line in text.splitlines():
-            try:
-                found.append(read_json(line))
-            except ValueError:
-                break
+        found: list[Any] = []
+        with suppress(ValueError):
+            found.extend(map(read_json, text.splitlines()))
         return found
 
 

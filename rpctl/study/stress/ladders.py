@@ -17,8 +17,11 @@ from rpctl.errors import UnknownNameError
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.noise import Noise
-from rpctl.simulation.plant import CarriedLoad, Plant
-from rpctl.simulation.plants.kinds import ROLLING
+from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.carried_load import CarriedLoad
+
+ROLLING = "rolling"
+PLANT_KINDS = (ROLLING,)
 
 # A base that localises itself in a map with a lidar, and reads its wheels and joints by encoders.
 LOCALISATION = Noise(
@@ -99,6 +102,10 @@ def _no_effort_limits(robot: Robot) -> str | None:
     return None if limited else "its file has no effort limits"
 
 
+def _no_wheels(robot: Robot) -> str | None:
+    return None if robot.drive.base_speeds else "its base is fixed"
+
+
 def _no_losses(robot: Robot) -> str | None:
     found = robot.losses
     some = found is not None and bool(np.any(found.damping) or np.any(found.friction))
@@ -115,7 +122,7 @@ STRESSES = {
         ),
         Stress(
             "friction", "", (1.0, 0.7, 0.5, 0.35, 0.2), FRICTION,
-            "coefficient between wheels and ground", None, needs_slip=True,
+            "coefficient between wheels and ground", None, _no_wheels, needs_slip=True,
         ),
         Stress(
             "delay", "ms", (0.0, 5.0, 10.0, 20.0, 50.0), 0.0,
@@ -124,7 +131,7 @@ STRESSES = {
         ),
         Stress(
             "radius", "%", (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 0.0,
-            "that all wheels' radii differ from their description", _radii,
+            "that all wheels' radii differ from their description", _radii, _no_wheels,
         ),
         Stress(
             "encoders", "bits", (0.0, 16.0, 14.0, 12.0, 10.0), 0.0,

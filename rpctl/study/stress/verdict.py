@@ -46,9 +46,9 @@ class StressFigures:
 
     @property
     def error(self) -> float:
-        """The larger of both errors, m; inf of a run without an end."""
+        """The larger of both errors, m; inf where there is none, or one is no number."""
         found = [each for each in (self.base_error, self.end_effector_error) if each is not None]
-        return max(found, default=math.inf)
+        return max(found, default=math.inf) if all(map(math.isfinite, found)) else math.inf
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON says them."""
@@ -69,6 +69,18 @@ class StressVerdict(NamedTuple):
 
     name: str
     reason: str
+
+
+def error_text(error: float) -> str:
+    """Return an error (m) in mm, in five characters at most; nothing where there is none."""
+    millimetres = 1e3 * error
+    if not math.isfinite(error):
+        return ""
+    if error >= 9.95:
+        return f"{error:.0f} m" if error < 999.5 else "> km"
+    if error >= 0.9995:
+        return f"{error:.1f} m"
+    return f"{millimetres:.2f}" if millimetres < 0.995 else f"{millimetres:.3g}"
 
 
 def rule(tolerance: float) -> str:
