@@ -149,7 +149,7 @@ def stress_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find how far laws hold as payload, grip, delay, wheels, sensors, efforts and ground worsen.
+    """Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.
 
     Each level of each stress is a run of each law on each plant; so are some with two stresses at
     once. The table gives a verdict on each by the rule that it prints; the folder holds all of it,

@@ -46,7 +46,7 @@ def stress_image(report: StressReport) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Block:
+class _LadderBlock:
     """The ladder of one stress: where it stands, inches below the top of the panels."""
 
     stress: Stress
@@ -93,13 +93,13 @@ def _title(stress: Stress) -> str:
     return f"{stress.name}, {stress.unit}" if stress.unit else stress.name
 
 
-def _blocks(report: StressReport) -> tuple[list[_Block], float]:
+def _blocks(report: StressReport) -> tuple[list[_LadderBlock], float]:
     """Return the ladders that any plant has from the top down, and their height, inches."""
     battery, blocks, top = report.battery, [], 0.0
     shown = {stress.name for plant in battery.plants for stress in battery.stresses_on(plant)}
     for stress in battery.stresses:
         if stress.name in shown:
-            blocks.append(_Block(stress, top))
+            blocks.append(_LadderBlock(stress, top))
             top += LEVELS_IN + ROW_IN * len(battery.laws) + BLOCK_GAP_IN
     more = LEVELS_IN + ROW_IN * len(battery.laws) if _has_pairs(report) else 0.0
     return blocks, top + more
@@ -113,7 +113,7 @@ def _panel(
     axes: Axes,
     report: StressReport,
     plant: str,
-    blocks: Sequence[_Block],
+    blocks: Sequence[_LadderBlock],
     size: tuple[float, float],
 ) -> None:
     """Draw the ladders of one plant; where a stress means nothing it says why.
@@ -142,7 +142,7 @@ def _panel(
         _pairs(axes, report, plant, size)
 
 
-def _ladder(axes: Axes, report: StressReport, plant: str, block: _Block) -> None:
+def _ladder(axes: Axes, report: StressReport, plant: str, block: _LadderBlock) -> None:
     """Draw one ladder: its levels, and below them a line of boxes for each pair of laws."""
     stress, box = block.stress, BOX_IN
     for i, level in enumerate(stress.levels):
@@ -208,7 +208,7 @@ def _pairs(axes: Axes, report: StressReport, plant: str, size: tuple[float, floa
                 left += width
 
 
-def _names(axes: Axes, blocks: Sequence[_Block], laws: Sequence[str], width: float) -> None:
+def _names(axes: Axes, blocks: Sequence[_LadderBlock], laws: Sequence[str], width: float) -> None:
     """Write the stresses, and the laws of their lines, left of the first panel."""
     bold: dict[str, Any] = {"fontweight": "bold", "color": style.INK}
     titles = [(block.top, _title(block.stress)) for block in blocks]
