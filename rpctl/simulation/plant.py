@@ -236,6 +236,9 @@ class Plant:
             UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
             RpctlError: A wheel would not reach the ground, or there would be no dynamics.
         """
+        for each in self.wrenches:
+            if not robot.model.existBodyName(each.link):
+                raise UnknownNameError("link", each.link, robot.description.link)
         friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
         varied = vary(scale_losses(robot, self.losses), self.variation)
         return on_slope(self.payload.on(add_friction(varied, friction)), self.slope)

@@ -71,8 +71,10 @@ def test_a_payload_counts_as_if_the_file_had_it(standing: Robot, tmp_path: Path)
     one, two = (ReducedDynamics(robot) for robot in (loaded, other))
     q, nu, tau = one.robot.configuration(theta=0.3), np.array([0.4, 0.7]), np.array([2.0, -1.0])
     np.testing.assert_allclose(one.forward(q, nu, tau), two.forward(q, nu, tau), rtol=1e-12)
-    loads = [ground_reaction(d, c, q, nu, tau).load for d in (one, two) if (c := find_contacts(d))]
-    np.testing.assert_allclose(*loads, rtol=1e-9)
+    ours, theirs = (
+        ground_reaction(d, c, q, nu, tau).load for d in (one, two) if (c := find_contacts(d))
+    )
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9)
 
 
 def test_losses_are_scaled_but_not_those_that_the_plant_adds(paper: Robot) -> None:
