@@ -126,7 +126,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     supports = find_supports(robot)
     wheels = tuple(wheel.joint for wheel in robot.drive.wheels)
     names = wheels + tuple(part.name for part in supports.parts)
-    points = _points(dynamics, supports, q)
+    points = contact_points(dynamics, supports, q)
     points.setflags(write=False)
     axles, along, across = _force_maps(dynamics)
     moves = any(part.joint != ROOT_JOINT for part in supports.parts) or not dynamics.constant
@@ -263,7 +263,7 @@ def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance
         contacts: The contacts of a robot that is balanced.
         q: Configuration (nq,).
     """
-    return contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
+    return contacts.stance or make_stance(contact_points(dynamics, contacts.supports, q))
 
 
 def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -> Array:
@@ -273,8 +273,14 @@ def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -
     return np.asarray(np.hypot(along / load, sideways) / contacts.friction)
 
 
-def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
-    """Return the contacts (n, 2) in the root link's frame, m."""
+def contact_points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
+    """Return the places (n, 2) of a robot's contacts in the root link's frame, m.
+
+    Args:
+        dynamics: The reduced dynamics.
+        supports: Those of its contacts that are not wheels.
+        q: Configuration (nq,).
+    """
     robot, data = dynamics.robot, dynamics.placements(q)
     root = data.oMi[ROOT_JOINT]
     wheels = [root.actInv(contact_point(robot, data, w))[:2] for w in robot.drive.wheels]

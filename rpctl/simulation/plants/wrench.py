@@ -19,21 +19,27 @@ class Wrench:
         force: At the origin of its frame (3,), world axes, N.
         moment: (3,), world axes, N·m.
         start: When they begin, s.
-        end: When they end, s.
+        end: When they end, s; None: not before the run.
     """
 
     link: str
     force: Vector = (0.0, 0.0, 0.0)
     moment: Vector = (0.0, 0.0, 0.0)
     start: float = 0.0
-    end: float = math.inf
+    end: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no force, and what ends before it begins."""
         require_within(f"the force on {self.link}", self.force)
         require_within(f"the moment on {self.link}", self.moment)
-        if not 0.0 <= self.start < self.end:
+        require_within(f"the start of the push on {self.link}", [self.start])
+        if not 0.0 <= self.start < self.until:
             raise RpctlError(
-                f"the push on {self.link} lasts from {self.start:g} to {self.end:g} s; give a "
+                f"the push on {self.link} lasts from {self.start:g} to {self.until:g} s; give a "
                 "start of 0 or more, and an end after it"
             )
+
+    @property
+    def until(self) -> float:
+        """When they end, s; infinite if that is not before the run."""
+        return math.inf if self.end is None else self.end
