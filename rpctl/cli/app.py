@@ -87,6 +87,11 @@ COMMANDS = {
         "Run a robot many times with settings that differ, and tell what became of it and why.",
         "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
     ),
+    "referee": LazyCommand(
+        "rpctl.cli.referee:referee_command",
+        "Drive a robot in other simulators as in the model, and tell why they disagree.",
+        "rpctl referee tiago --html referee.html",
+    ),
     "lag": LazyCommand(
         "rpctl.cli.lag:lag_command",
         "Identify lag and dead time of a robot that takes speeds, from a step in a log.",

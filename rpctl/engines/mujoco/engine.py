@@ -1,9 +1,10 @@
-"""``MujocoEngine``: MuJoCo, as the referee asks it."""
+"""``MujocoSimulator``: MuJoCo, as the referee asks it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,7 @@ STEP_ROUNDING = 1e-6  # of a step
 
 
 @dataclass(frozen=True)
-class MujocoEngine:
+class MujocoSimulator:
     """MuJoCo; :class:`rpctl.engines.engine.Engine` has the attributes.
 
     Raises:
@@ -89,7 +90,10 @@ class MujocoRun:
         crowned = {name: model.geom(geom).id for name, geom in touching.crowned.items()}
         self._rollers = Rollers(robot, model, self._data, crowned, friction)
         self._rods = TieRods(robot, model, self._data, self._dofs)
-        self._tied = switches.mended("mimic")
+        self._pulled = switches.mended("mimic") and not touching.tied
+        kinds = self._mujoco.mjtWarning
+        self._bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         if switches.mended("losses"):
             self._set_losses()
         self._load = np.zeros(len(self.contacts))
@@ -112,15 +116,15 @@ class MujocoRun:
             given[self._dofs[name]] = effort
         steps = max(1, math.ceil(dt / self._model.opt.timestep - STEP_ROUNDING))
         self._load[:] = 0.0
-        for _ in range(steps):
-            data.qfrc_applied[:] = given
-            if self._tied:
-                self._rods.pull()
-            self._step()
-            self._load += self._loads() / steps
-        warnings = data.warning.number
-        if not np.isfinite(data.qpos).all() or warnings[self._mujoco.mjtWarning.mjWARN_BADQACC]:
-            raise EngineFault(f"MuJoCo diverges at {data.time:.3g} s")
+        with _silent():
+            for _ in range(steps):
+                data.qfrc_applied[:] = given
+                if self._pulled:
+                    self._rods.pull()
+                self._step()
+                self._load += self._loads() / steps
+        if any(data.warning[int(kind)].number for kind in self._bad):
+            raise EngineFault(f"MuJoCo diverges {data.time:.3g} s after it was put down")
 
     def state(self) -> EngineState:
         """Return the state now."""
@@ -170,10 +174,23 @@ class MujocoRun:
         """Give the joints the robot's damping and friction."""
         losses, robot = self._robot.losses, self._robot
         self._model.dof_damping[:], self._model.dof_frictionloss[:] = 0.0, 0.0
-        for name, dof in self._dofs.items() if losses is not None else ():
+        if losses is None:
+            return
+        for name, dof in self._dofs.items():
             at = robot.velocity_index(name)
             self._model.dof_damping[dof] = losses.damping[at]
             self._model.dof_frictionloss[dof] = losses.friction[at]
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to the terminal and to a file of its own."""
+    mujoco = mujoco_library()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 class _WheelBody:

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
+from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.supports import find_supports
 from rpctl.engines.mujoco.inertias import body_inertia, head_link, set_inertia
 from rpctl.engines.mujoco.library import mujoco_library
@@ -23,6 +25,7 @@ HARD_STEP_S = 5e-4  # s
 HARD_SOLREF = (2e-3, 1.0)  # s and damping ratio: four of those steps
 HARD_SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)
 SOFT_FRICTION = 0.1  # impratio: friction softer than loads, so that axles a hair apart do not fight
+MAX_TIED = 0.35  # rad of a leader: the referee steers by .3
 SELF, FLOOR = 1, 2  # bits of contype and conaffinity: the robot's own shapes, and the ground
 SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
 
@@ -35,11 +38,13 @@ class Touching:
         contacts: Names of the contacts, as ``Contacts.names``.
         owner: Name of the contact of each geom, by the geom's name.
         crowned: Name of the geom of each wheel that touches at one point, by its joint.
+        tied: Joints of swivels that follow another one by an equality.
     """
 
     contacts: tuple[str, ...]
     owner: dict[str, str] = field(default_factory=dict)
     crowned: dict[str, str] = field(default_factory=dict)
+    tied: tuple[str, ...] = ()
 
 
 def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touching:
@@ -53,7 +58,8 @@ def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touchi
     """
     supports = list(support_shapes(robot, find_supports(robot)))
     wheels = [wheel.joint for wheel in robot.drive.wheels]
-    touching = Touching((*wheels, *(name for name, _, _ in supports)))
+    tied = _tie(spec, robot) if switches.mended("mimic") else ()
+    touching = Touching((*wheels, *(name for name, _, _ in supports)), tied=tied)
     _open_to_all(spec)
     for wheel in robot.drive.wheels:
         _take_wheel(spec, robot, wheel, touching, crowned=_crowned(wheel, switches))
@@ -72,6 +78,35 @@ def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touchi
     if switches.mended("inertia"):
         _give_inertias(spec, robot)
     return touching
+
+
+def tie_polynomials(robot: Robot) -> dict[str, Array]:
+    """Return, by the joint of each swivel that follows a single one, MuJoCo's polycoef (5,).
+
+    Its angle is a polynomial of the leader's, within what the referee steers.
+    """
+    drive = robot.drive
+    if len(drive.steered) != 1:
+        return {}
+    leader = drive.steered[0].joint
+    grid = np.linspace(-MAX_TIED, MAX_TIED, 81)
+    places = [follower_positions(drive, {leader: angle}) for angle in grid.tolist()]
+    return {
+        swivel.joint: np.asarray(
+            polynomial.polyfit(grid, [place[swivel.joint] for place in places], 4), float
+        )
+        for swivel in drive.followers
+    }
+
+
+def _tie(spec: Any, robot: Robot) -> tuple[str, ...]:
+    """Tie swivels to the one that they follow; return which."""
+    mujoco, found = mujoco_library(), tie_polynomials(robot)
+    for name, coefficients in found.items():
+        tie = spec.add_equality(name1=name, name2=robot.drive.steered[0].joint)
+        tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+        tie.data[:5] = coefficients
+    return tuple(found)
 
 
 def halved(kind: str, size: tuple[float, ...]) -> list[float]:

@@ -6,7 +6,13 @@ from collections.abc import Iterator, Sequence
 
 from rpctl.dynamics.supports import find_supports
 from rpctl.engines.mujoco.inertias import link_fault
-from rpctl.engines.mujoco.mends import HARD_SOLIMP, HARD_SOLREF, HARD_STEP_S, links_below
+from rpctl.engines.mujoco.mends import (
+    HARD_SOLIMP,
+    HARD_SOLREF,
+    HARD_STEP_S,
+    links_below,
+    tie_polynomials,
+)
 from rpctl.engines.switches import Switch
 from rpctl.equivalence.contact.shapes import tyre
 from rpctl.equivalence.contact.ties import one_directional
@@ -109,10 +115,11 @@ def _caster(robot: Robot) -> Iterator[Switch]:
         for part in parts
         if all(s.line != part.line for s in robot.description.link[part.link].collisions)
     ]
-    fault = f"{listed(names)} drag over the ground with friction"
+    fault = f"{listed(names)} {'drag' if len(names) > 1 else 'drags'} with friction"
     setting = 'set <geom condim="1" priority="1"/> there: they slide'
     if bare:
-        fault = f"{listed(bare)} have no <collision>, so nothing bears there"
+        have = "have" if len(bare) > 1 else "has"
+        fault = f"{listed(bare)} {have} no <collision>, so nothing bears there"
         setting = f"draw them for collisions, too, and {setting.removesuffix(' there: they slide')}"
     yield Switch("caster", fault, setting)
 
@@ -141,7 +148,7 @@ def _mimic(robot: Robot) -> Iterator[Switch]:
         yield Switch(
             "mimic",
             f"nothing holds {listed(followers)} to the common centre of rotation",
-            "tie them by <equality><joint polycoef=.../></equality>, or by rods",
+            _tie_setting(robot),
         )
     elif robot.mimics:
         yield Switch(
@@ -149,6 +156,18 @@ def _mimic(robot: Robot) -> Iterator[Switch]:
             f"{listed([joint.name for joint in robot.mimics])} follow softly",
             f'set <equality><joint solref="{SOLREF}" solimp="{SOLIMP}"/></equality>',
         )
+
+
+def _tie_setting(robot: Robot) -> str:
+    """Return how followers are tied: by MuJoCo's equality, where it can."""
+    ties = [
+        f'<joint joint1="{name}" joint2="{robot.drive.steered[0].joint}" '
+        f'polycoef="{" ".join(f"{c:.4g}" for c in polynomial)}"/>'
+        for name, polynomial in tie_polynomials(robot).items()
+    ]
+    if ties:
+        return f"set <equality>{''.join(ties)}</equality>"
+    return "pull them by stiff springs to the angles that the others fix"
 
 
 def _losses(robot: Robot) -> Iterator[Switch]:

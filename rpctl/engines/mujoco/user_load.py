@@ -130,7 +130,8 @@ def geom_name(link: str, index: int) -> str:
 
 def _urdf(robot: Robot) -> tuple[str, Mapping[str, bytes], tuple[str, ...]]:
     """Return the file without what it draws, its meshes as files of hulls, and what was done."""
-    root, assets, lost = etree.Element("robot", name="robot"), {}, []
+    root, lost = etree.Element("robot", name="robot"), []
+    assets: dict[str, bytes] = {}
     for link in robot.description.links:
         element = etree.SubElement(root, "link", name=PREFIX + link.name)
         _add_inertial(element, link)
