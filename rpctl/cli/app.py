@@ -90,7 +90,12 @@ COMMANDS = {
     "referee": LazyCommand(
         "rpctl.cli.referee:referee_command",
         "Drive a robot in other simulators as in the model, and tell why they disagree.",
-        "rpctl referee tiago --html referee.html",
+        "rpctl referee tiago",
+    ),
+    "stress": LazyCommand(
+        "rpctl.cli.stress:stress_command",
+        "Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.",
+        "rpctl stress tiago --plants rolling --workers 4",
     ),
     "lag": LazyCommand(
         "rpctl.cli.lag:lag_command",

@@ -10,29 +10,29 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads scipy.optimize, which takes long, at its first use
 
 from rpctl.arrays import Array
 from rpctl.dynamics.stance import LOAD_RESOLUTION, MIN_STANCE_WIDTH_M
-
-MAX_CHANGES = 30  # of the set of pressed contacts; each lets go or lands a few times
 
 
 class LoadSplit(NamedTuple):
     """How contacts at given places share any load.
 
     Attributes:
-        statics: Map (k, n) from the loads to their sum and the first moments that they determine.
-        directions: Those moments (k, 3) of the sum and the moments about x and y.
-        split: Pseudoinverse (n, 3) of ``statics``, from the sum and both moments: loads of least
-            norm.
+        directions: The moments (k, 3) of the sum and the moments about x and y that they determine.
+        statics: Map (k, n) from the loads to those.
+        free: Changes of the loads that statics do not see (n - k, n), orthonormal.
+        split: Map (n, 3) from the sum and both moments to the loads of least norm.
     """
 
-    statics: Array
     directions: Array
+    statics: Array
+    free: Array
     split: Array
 
 
-NO_CONTACTS = LoadSplit(np.zeros((1, 0)), np.eye(3)[:1], np.zeros((0, 3)))
+NO_CONTACTS = LoadSplit(np.eye(3)[:1], np.zeros((1, 0)), np.zeros((0, 0)), np.zeros((0, 3)))
 
 
 class ContactLoads(NamedTuple):
@@ -63,7 +63,10 @@ def make_split(points: Array) -> LoadSplit:
     directions[0, 0] = 1.0
     directions[1:, 1:] = axes[known]
     statics = directions @ np.vstack([np.ones(len(points)), points.T])
-    return LoadSplit(statics, directions, np.linalg.pinv(statics) @ directions)
+    U, singular, Vt = np.linalg.svd(statics)
+    count = len(directions)
+    split = (Vt[:count].T / singular) @ U.T @ directions
+    return LoadSplit(directions, statics, Vt[count:], split)
 
 
 def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
@@ -86,33 +89,33 @@ def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
 
 
 def _pressed(split: LoadSplit, moments: Array, load: Array) -> ContactLoads | None:
-    """Return the least loads that only push, or None if there are none.
-
-    They are N = max(0, Yᵀλ) with Y N = m: Newton's steps on the λ of a piecewise linear function.
+    """Return the least loads that only push, or None where there are none: [LH74, Ch. 23].
 
     Args:
         split: How the contacts share loads.
         moments: Their sum and moments (3,).
-        load: Those of least norm (n,), pushing or not.
+        load: Loads of least norm (n,), not all pushing.
     """
-    Y, wanted = split.statics, split.directions @ moments
-    pressed = load > 0.0
-    for _ in range(MAX_CHANGES):
-        held = Y * pressed
-        H = held @ Y.T
-        if np.linalg.cond(H) * LOAD_RESOLUTION > 1.0:
-            return None
-        multipliers = np.linalg.solve(H, wanted)
-        load = Y.T @ multipliers
-        before, pressed = pressed, load > LOAD_RESOLUTION * -moments[0]
-        if (before == pressed).all():
-            slope = held.T @ np.linalg.solve(H, split.directions)
-            return ContactLoads(np.where(pressed, np.maximum(load, 0.0), 0.0), slope, False)
-    return None
+    share = load / moments[0]
+    left, target = np.vstack([split.free, -share]), np.zeros(len(split.free) + 1)
+    target[-1] = 1.0
+    residual = left @ scipy.optimize.nnls(left, target)[0] - target
+    if residual[-1] > -LOAD_RESOLUTION:
+        return None
+    share = share - split.free.T @ residual[:-1] / residual[-1]
+    held = split.statics * (share > LOAD_RESOLUTION)
+    slope = np.linalg.pinv(held) @ split.directions
+    return ContactLoads(np.maximum(slope @ moments, 0.0), slope, False)
 
 
 def _tipping(split: LoadSplit, moments: Array, load: Array) -> ContactLoads:
-    """Return each pushing contact's part of the whole load, of a robot that tips."""
+    """Return each pushing contact's part of the whole load, of a robot that tips.
+
+    Args:
+        split: How the contacts share loads.
+        moments: Their sum and moments (3,).
+        load: Loads of least norm (n,), pushing or not.
+    """
     pushing = np.maximum(load, 0.0)
     total = pushing.sum()
     change = split.split * (load > 0.0)[:, None] / total
