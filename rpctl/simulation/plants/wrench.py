@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from rpctl.errors import RpctlError, require_within
 
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 Vector = tuple[float, float, float]
 
 
@@ -39,7 +42,28 @@ class Wrench:
                 "start of 0 or more, and an end after it"
             )
 
+    def acts(self, t: float) -> bool:
+        """Return whether they act at a time (s)."""
+        return self.start - TIME_ROUNDING <= t < self.until - TIME_ROUNDING
+
     @property
     def until(self) -> float:
         """When they end, s; infinite if that is not before the run."""
         return math.inf if self.end is None else self.end
+
+
+def pushes(
+    wrenches: Sequence[Wrench], t: float, duration: float
+) -> Iterator[tuple[float, tuple[Wrench, ...]]]:
+    """Yield how long (s) which wrenches act, one after another.
+
+    Args:
+        wrenches: All that there are.
+        t: From when on, s.
+        duration: For how long, s.
+    """
+    end = t + duration
+    changes = {time for each in wrenches for time in (each.start, each.until)}
+    inside = [x for x in sorted(changes) if t + TIME_ROUNDING < x < end - TIME_ROUNDING]
+    for begin, after in pairwise((t, *inside, end)):
+        yield after - begin, tuple(each for each in wrenches if each.acts(begin))
