@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 from rpctl.engines.mujoco.table import Fields, Table, Value
@@ -72,7 +72,8 @@ def compare_tables(exported: Table, found: Table) -> Comparison:
         exported: What was written.
         found: What the file means now.
     """
-    walker = _Walker()
+    pairs = [*exported.get("pair", {}).values(), *found.get("pair", {}).values()]
+    walker = _Walker({str(pair[end]) for pair in pairs for end in ("geom1", "geom2")})
     edits = [edit for kind in sorted({*exported, *found}) for edit in walker.kind(
         kind, exported.get(kind, {}), found.get(kind, {}), found
     )]  # fmt: skip
@@ -85,7 +86,8 @@ def compare_tables(exported: Table, found: Table) -> Comparison:
 class _Walker:
     """Compares elements, and counts what was only rounded."""
 
-    def __init__(self) -> None:
+    def __init__(self, paired: Collection[str]) -> None:
+        self._paired = paired
         self.rounded = 0
         self.largest = 0.0
 
@@ -98,9 +100,11 @@ class _Walker:
     ) -> Iterator[Edit]:
         """Yield the edits of all elements of a kind."""
         for name in (name for name in before if name not in after):
-            yield Edit(kind, name, "", "", "was removed", _matters(kind, before[name], False))
+            matters = kind not in HARMLESS_KINDS and not self.drawn_only(kind, name, before[name])
+            yield Edit(kind, name, "", "", "was removed", matters)
         for name in (name for name in after if name not in before):
-            yield Edit(kind, name, "", "", "was added", _matters(kind, after[name], True))
+            matters = kind not in HARMLESS_KINDS and not self.drawn_only(kind, name, after[name])
+            yield Edit(kind, name, "", "", "was added", matters and kind != "sensor")
         both = [name for name in before if name in after]
         now = [name for name in after if name in before]
         if kind in ORDERED and both != now:
@@ -111,7 +115,7 @@ class _Walker:
 
     def fields(self, kind: str, name: str, before: Fields, after: Fields) -> Iterator[Edit]:
         """Yield the edits of one element."""
-        drawn = _drawn_only(kind, before) and _drawn_only(kind, after)
+        drawn = self.drawn_only(kind, name, before) and self.drawn_only(kind, name, after)
         shared = before.keys() & after.keys() if kind != "asset" else before.keys() | after.keys()
         for field in sorted(shared):
             if self.same(field, before.get(field, ""), after.get(field, "")):
@@ -119,6 +123,12 @@ class _Walker:
             matters = not (drawn or field in HARMLESS_FIELDS or kind in HARMLESS_KINDS)
             words = _words(before.get(field, "")), _words(after.get(field, ""))
             yield Edit(kind, name, field, *words, matters)
+
+    def drawn_only(self, kind: str, name: str, fields: Fields) -> bool:
+        """Return whether an element is a geom that touches nothing."""
+        if kind != "geom" or name in self._paired:
+            return False
+        return fields.get("contype") == [0.0] == fields.get("conaffinity")
 
     def same(self, field: str, before: Value, after: Value) -> bool:
         """Return whether two values are one, up to rounding; rounding is counted."""
@@ -153,21 +163,6 @@ def _gap(field: str, before: list[float], after: list[float]) -> tuple[float, fl
         scale = size if field in DIRECTIONS else max(abs(a), abs(b))
         gaps.append(abs(a - b) / scale if scale > 0.0 else math.inf)
     return max(gaps, default=0.0), size
-
-
-def _matters(kind: str, fields: Fields, added: bool) -> bool:
-    """Return whether an element that was added or removed can matter.
-
-    A sensor more, and what is only drawn, cannot.
-    """
-    if kind in HARMLESS_KINDS or _drawn_only(kind, fields):
-        return False
-    return not (added and kind == "sensor")
-
-
-def _drawn_only(kind: str, fields: Fields) -> bool:
-    """Return whether an element is a geom that touches nothing."""
-    return kind == "geom" and fields.get("contype") == [0.0] == fields.get("conaffinity")
 
 
 def _words(value: Value) -> str:

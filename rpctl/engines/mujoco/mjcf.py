@@ -95,6 +95,7 @@ def write_model(
         _write_shapes(elements[body], model, body)
         for part in drawn.get(name, ()):
             etree.SubElement(elements[body], part.tag, part.attributes)
+    _write_pairs(root, model)
     _write_equalities(root, model)
     _write_actuators(root, model)
     for section in ("sensor", "keyframe", "custom"):
@@ -111,7 +112,7 @@ def to_bytes(root: Any) -> bytes:
 def _require_written(model: Any) -> None:
     """Refuse what has no writer here."""
     counts = {
-        "tendons": model.ntendon, "contact pairs": model.npair, "exclusions": model.nexclude,
+        "tendons": model.ntendon, "exclusions": model.nexclude,
         "height fields": model.nhfield, "soft bodies": model.nflex, "plugins": model.nplugin,
         "mocap bodies": model.nmocap,
     }  # fmt: skip
@@ -223,6 +224,28 @@ def _write_geom(element: Any, model: Any, geom: int) -> None:
     _put(
         found, "rgba", np.array([_decimal(c) for c in model.geom_rgba[geom]]), (0.5, 0.5, 0.5, 1.0)
     )
+
+
+def _write_pairs(root: Any, model: Any) -> None:
+    """Write the pairs of geoms that touch, each with its own friction and hardness."""
+    mujoco, section = mujoco_library(), etree.Element("contact")
+    geom = mujoco.mjtObj.mjOBJ_GEOM
+    for index in range(model.npair):
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_PAIR, index)
+        found = etree.SubElement(section, "pair", {"name": name} if name else {})
+        for end in ("geom1", "geom2"):
+            found.set(
+                end, mujoco.mj_id2name(model, geom, int(getattr(model, f"pair_{end}")[index]))
+            )
+        found.set("condim", str(int(model.pair_dim[index])))
+        found.set("friction", numbers(model.pair_friction[index]))
+        found.set("solref", numbers(model.pair_solref[index]))
+        found.set("solreffriction", numbers(model.pair_solreffriction[index]))
+        found.set("solimp", numbers(model.pair_solimp[index]))
+        for name in ("margin", "gap"):
+            _put(found, name, getattr(model, f"pair_{name}")[index], 0.0)
+    if len(section):
+        root.append(section)
 
 
 def _write_equalities(root: Any, model: Any) -> None:

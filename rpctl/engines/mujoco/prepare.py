@@ -16,13 +16,13 @@ from rpctl.drive.steering import MAX_STEERING, follower_positions
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.touch import soften
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 LINK_GROUP, CONTACT_GROUP = 4, 3  # of sites and of contact shapes; a viewer shows 0 to 2
 POLYNOMIAL = 4  # degree of MuJoCo's ties of joints
 FIT_SAMPLES = 201
+TIE_STEPS, TIE_SOLIMP = 4.0, (0.99, 0.999, 1e-3, 0.5, 2.0)  # time constant in steps; impedance
 TOLD_ANGLE = 1e-3  # rad: a tie that is further off is told
 
 
@@ -48,7 +48,12 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     for geom in spec.geoms:
         if geom.name in built.geoms:
             geom.group = CONTACT_GROUP
+    for tendon in spec.tendons:  # rpctl turns these as it steps, which no file can
+        spec.delete(tendon)
     for tie in spec.equalities:
+        if tie.type == mujoco_library().mjtEq.mjEQ_TENDON:
+            spec.delete(tie)
+            continue
         tie.name = tie.name or f"{tie.name1}_tie"
     return replace(built, notes=(*built.notes, *_tie_followers(spec, robot, settings)))
 
@@ -92,9 +97,9 @@ def _tie_followers(spec: Any, robot: Robot, settings: ContactSettings) -> tuple[
             f"{names} follow {leaders} together, which no tie of MuJoCo says: the file leaves them "
             "to their motors; hold each at its angle of robot.configuration(...)",
         )
-    return tuple(
-        note for swivel in followers for note in _tie(spec, robot, settings, swivel) if note
-    )
+    tied = {tie.name1 for tie in spec.equalities}
+    loose = [swivel for swivel in followers if swivel.joint not in tied]
+    return tuple(note for swivel in loose for note in _tie(spec, robot, settings, swivel))
 
 
 def _tie(spec: Any, robot: Robot, settings: ContactSettings, follower: Swivel) -> tuple[str, ...]:
@@ -113,7 +118,7 @@ def _tie(spec: Any, robot: Robot, settings: ContactSettings, follower: Swivel) -
     tie = spec.add_equality(name=f"{follower.joint}_tie", name1=follower.joint, name2=leader)
     tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
     tie.data[: POLYNOMIAL + 1] = polynomial
-    soften(tie, settings)
+    tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
     if off <= TOLD_ANGLE:
         return ()
     return (

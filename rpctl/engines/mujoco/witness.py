@@ -192,11 +192,8 @@ class _FreeTree:
         if free < 0 or int(model.jnt_type[free]) != int(self._mujoco.mjtJoint.mjJNT_FREE):
             raise RpctlError(f'body "{witness.root}" has no free joint; the root link needs one')
         own = [free, *self._joints]
-        if model.nv != ROOT_NV + len(self._joints) or len(set(own)) != len(own):
-            raise RpctlError(
-                f"the model has {model.nv} degrees of freedom, the robot "
-                f"{ROOT_NV + len(self._joints)}"
-            )
+        if len(set(own)) != len(own):
+            raise RpctlError("two joints of the robot are one in the model")
         self._qpos = [*range(int(model.jnt_qposadr[free]), int(model.jnt_qposadr[free]) + 7),
                       *(int(model.jnt_qposadr[j]) for j in self._joints)]  # fmt: skip
         self._dofs = [*range(int(model.jnt_dofadr[free]), int(model.jnt_dofadr[free]) + ROOT_NV),

@@ -125,10 +125,17 @@ VOID = {
         'geom "wheel_rear_left_joint": size',
     ),
     "friction": (
-        put(".//geom[@name='wheel_rear_left_joint']", "friction", "0.2"),
-        'geom "wheel_rear_left_joint": friction 0.7 0 0 → 0.2',
+        put(".//pair[@name='wheel_rear_left_joint']", "friction", "0.2 0.2 0 0 0"),
+        'pair "wheel_rear_left_joint": friction 0.7 0.7 0 0 0 → 0.2 0.2 0 0 0',
     ),
-    "ground removed": (remove(".//geom[@name='ground']"), 'geom "ground" was removed'),
+    "softness": (
+        put(".//pair[@name='wheel_rear_left_joint']", "solreffriction", "-1 -9"),
+        'pair "wheel_rear_left_joint": solreffriction',
+    ),
+    "contact removed": (
+        remove(".//pair[@name='wheel_rear_left_joint']"),
+        'pair "wheel_rear_left_joint" was removed',
+    ),
     "tie removed": (
         remove(".//equality/joint"),
         'equality "steering_right_joint_tie" was removed',
@@ -143,8 +150,8 @@ VOID = {
         'geom "wall" was added',
     ),
     "pair added": (
-        add(".", "<contact><pair geom1='ground' geom2='wheel_rear_left_joint'/></contact>"),
-        'pair "number 1" was added',
+        add(".", "<contact><pair name='x' geom1='ground' geom2='wheel_rear_left_joint'/></contact>"),
+        'pair "x" was added',
     ),
     "timestep": (put("option", "timestep", "0.004"), "option: timestep 0.001 → 0.004"),
     "gravity": (put("option", "gravity", "0 0 -9.8"), "option: gravity 0 0 -9.81 → 0 0 -9.8"),
