@@ -50,9 +50,7 @@ def export_mjcf(
     """
     if settings is None:
         shape = "crowned" if wheel_width is None else "cylinder"
-        settings = ContactSettings(
-            wheel_shape=shape, wheel_width=wheel_width, timestep=5e-4, time_constant=1e-2
-        )
+        settings = ContactSettings(wheel_shape=shape, wheel_width=wheel_width)
     return write_mjcf(robot, path, friction, settings, meshes, _plain_facts(robot))
 
 

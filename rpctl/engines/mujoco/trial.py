@@ -20,7 +20,7 @@ from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.engines.mujoco.prepare import follows_one
+from rpctl.engines.mujoco.rollers import has_rollers
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, plan_motion, start
 from rpctl.equivalence.contact.record import Gap, travelled
 from rpctl.equivalence.row import Skipped
@@ -33,6 +33,7 @@ SETTLING_S, STANDING_S = 0.5, 1.0  # s
 STAND_BAND_M, STAND_BAND_RAD = 1e-3, 2e-3  # that a robot at rest may move in a second
 PATH_BAND, PATH_FLOOR_M = 0.01, 2e-3  # of the distance travelled; m
 HEADING_BAND, HEADING_FLOOR = 0.02, 2e-3  # of the angle turned; rad
+ROLLER_BANDS = 4.0  # times wider: a dozen barrels are not quite round, and roll as bodies of mass
 MAX_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 FOLLOWER_BANDWIDTH = 150.0  # rad/s, critically damped: stiffer than the servo of what they follow
 SCRUB_NOTE = (
@@ -145,11 +146,12 @@ def _loose_followers(
     robot: Robot, model: Any, order: list[int]
 ) -> dict[str, tuple[int, float, float]]:
     """Return the swivels whose motors must hold them: actuator, stiffness and damping of each."""
-    if follows_one(robot):
-        return {}
-    found = {}
+    mujoco, found = mujoco_library(), {}
+    tied = {
+        mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(joint)) for joint in model.eq_obj1id
+    }
     for swivel in robot.drive.followers:
-        if swivel.joint in robot.actuators:
+        if swivel.joint in robot.actuators and swivel.joint not in tied:
             inertia = float(model.dof_M0[int(model.joint(swivel.joint).dofadr[0])])
             actuator = order[robot.actuators.index(swivel.joint)]
             stiffness = inertia * FOLLOWER_BANDWIDTH**2
@@ -306,9 +308,10 @@ def _motion_rows(dynamics: ReducedDynamics, body: _TrialBody, plan: ContactPlan)
     way = travelled(np.array(poses))
     turned = float(np.abs(np.diff(np.array(poses)[:, 2])).sum())
     far, off = np.array(apart).max(axis=0).tolist()
+    wide = ROLLER_BANDS if has_rollers(robot) else 1.0
     return [
-        _gap("path", far, PATH_BAND * way + PATH_FLOOR_M, "m"),
-        _gap("heading", off, HEADING_BAND * max(turned, 0.0) + HEADING_FLOOR, "rad"),
+        _gap("path", far, wide * (PATH_BAND * way + PATH_FLOOR_M), "m"),
+        _gap("heading", off, wide * (HEADING_BAND * turned + HEADING_FLOOR), "rad"),
     ]
 
 

@@ -150,7 +150,7 @@ VOID = {
         'geom "wall" was added',
     ),
     "pair added": (
-        add(".", "<contact><pair name='x' geom1='ground' geom2='wheel_rear_left_joint'/></contact>"),
+        add("contact", "<pair name='x' geom1='ground' geom2='wheel_rear_left_joint'/>"),
         'pair "x" was added',
     ),
     "timestep": (put("option", "timestep", "0.004"), "option: timestep 0.001 → 0.004"),
