@@ -2,8 +2,9 @@
 
 MuJoCo's friction has no direction that turns with a wheel, so what lets such a wheel slide along
 one direction is what lets a real one: rollers. A roller's barrel is an ellipsoid whose profile has
-the curvature of the wheel's rim along the roller, sin²γ/r with γ the angle between the roller and
-the axle: half its length is √(b (r − b cos²γ))/sin γ with b its radius, so that the rim is round to fourth order; barrels overlap, for they do not collide.
+the curvature of the wheel's rim along the roller, which lies at an angle γ to the axle: half its
+length is √(b (r − b cos²γ))/sin γ with b its radius, so that the rim is round to fourth order.
+Barrels overlap, for they do not collide.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ COUNT = 12  # of rollers on a wheel: its rim is round to a hundredth of its radi
 THICKNESS = 0.25  # radius of a roller, of the wheel's
 MASS = 5e-3  # of a roller, of the wheel's: rolling models give rollers none
 HARD_STEPS = 3.0  # timesteps: time constant of a roller's contact; a soft one takes energy as each
-HARD_IMPEDANCE = (0.95, 0.97, 1e-3, 0.5, 2.0)  # roller presses in and leaves
+HARD_IMPEDANCE = (0.9, 0.95, 1e-3, 0.5, 2.0)  # roller presses in and leaves
 NOTE = (
     f"mecanum and omni wheels have {COUNT} barrel rollers each, at the drive's angle and of a "
     "two hundredth of the wheel's mass, taken from it"
