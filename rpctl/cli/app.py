@@ -97,6 +97,11 @@ COMMANDS = {
         "Run a robot many times with settings that differ, and tell what became of it and why.",
         "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
     ),
+    "referee": LazyCommand(
+        "rpctl.cli.referee:referee_command",
+        "Drive a robot in other simulators as in the model, and tell why they disagree.",
+        "rpctl referee tiago",
+    ),
     "stress": LazyCommand(
         "rpctl.cli.stress:stress_command",
         "Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.",
