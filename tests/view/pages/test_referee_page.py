@@ -49,7 +49,9 @@ def page() -> str:
 
 
 def _first(recording: EngineRecording) -> EngineRecording:
-    arrays = {k: v[:1] for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
+    arrays: dict[str, Any] = {
+        k: v[:1] for k, v in vars(recording).items() if isinstance(v, np.ndarray)
+    }
     return replace(recording, **arrays, joints={k: v[:1] for k, v in recording.joints.items()})
 
 
