@@ -87,6 +87,11 @@ COMMANDS = {
         "Run a robot many times with settings that differ, and tell what became of it and why.",
         "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
     ),
+    "stress": LazyCommand(
+        "rpctl.cli.stress:stress_command",
+        "Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.",
+        "rpctl stress tiago --plants rolling --workers 4",
+    ),
     "lag": LazyCommand(
         "rpctl.cli.lag:lag_command",
         "Identify lag and dead time of a robot that takes speeds, from a step in a log.",

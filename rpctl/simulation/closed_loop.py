@@ -24,7 +24,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
 from rpctl.simulation.interface import start_interface
-from rpctl.simulation.noise import MeasuredState
+from rpctl.simulation.plants.sensors import Measurement, sample_times
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
@@ -129,14 +129,15 @@ def close_loop(
         )
     computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
-    measure = MeasuredState(robot, plant.noise, plant.seed)
+    measure = Measurement(plant.known_robot(robot), plant)
+    times = sample_times(plant, period, steps + 1).tolist()
     interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
-            t = k * period
+            t = times[k]
             state = require_state(robot, reference(t), t)
             e = tracking_error(robot, state, q)
-            measured = measure(q, nu)
+            measured = measure(q, nu, t)
             if arrives[k]:
                 output = computing.step(t, *measured)
             tau = interface.take(output, q, nu, computing.late(t))

@@ -15,8 +15,12 @@ from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
 from rpctl.simulation.held import HeldCommands
 from rpctl.simulation.periods import delay_periods
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plant import Plant, advance
 from rpctl.simulation.velocity_plant import VelocityPlant
+
+NOT_YET = (
+    "effort", "effort_lag", "backlash", "encoder_bits", "sensor_bias", "jitter", "wrenches"
+)  # fmt: skip
 
 
 class Interface(Protocol):
@@ -55,6 +59,9 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
     Raises:
         RpctlError: The plant has a lag or a dead time, but its controller sends efforts.
     """
+    for name in NOT_YET:
+        if getattr(config.plant, name) != getattr(Plant(), name):
+            raise RpctlError(f"this version does not simulate {name} of a plant; leave it out")
     if config.output is not None:
         return SpeedInterface(dynamics, config)
     plant = config.plant

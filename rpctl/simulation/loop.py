@@ -212,7 +212,7 @@ def simulate(
     dynamics = ReducedDynamics(robot)
     simulated = plant.simulated_dynamics(dynamics)
     contacts = find_contacts(simulated, settings.friction)
-    derivation = Derivation(simulated, contacts, plant.bias(robot))
+    derivation = Derivation(simulated, contacts, plant.bias(robot), plant.wrenches)
     recording: Recording | None = getattr(reference, "recording", None)
     loop, known = LoopRecord(), plant.known_dynamics(dynamics)
     dynamic = config.dynamic if config.output is None else None

@@ -15,13 +15,28 @@ from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError, require_within
+from rpctl.errors import DivergedError, RpctlError, require_positive, require_within
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
+from rpctl.robot.slope import Slope, on_slope, require_slope
 from rpctl.robot.variation import Offset, Variation, vary
-from rpctl.robot.vary import add_friction
+from rpctl.robot.vary import add_friction, scale_losses
 from rpctl.simulation.noise import Noise
 from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.sensor_settings import SensorBias, require_bits
+from rpctl.simulation.plants.wrench import Wrench
+
+
+def require_not_negative(name: str, value: float) -> None:
+    """Refuse what is no finite number of 0 or more.
+
+    Raises:
+        RpctlError: It is not.
+    """
+    require_within(name, [value])
+    if value < 0.0:
+        raise RpctlError(f"{name} is {value:g}; give 0 or more")
 
 
 @dataclass(frozen=True)
@@ -50,6 +65,21 @@ class Plant:
         radii: Scales of radii by pattern of wheel joints.
         track: Scale of the track.
         damping: Added damping, N·m·s/rad or N·s/m, by pattern of joint names.
+        payload: A load that the simulated robot carries.
+        losses: Scale of the damping and dry friction of the simulated robot's own joints, without
+            those that the plant adds.
+        effort: Scale of the effort limits at which the true actuators saturate.
+        effort_lag: First-order lag between commanded and true efforts, s.
+        backlash: Width of the gap between actuator and joint, rad or m, by pattern of the names of
+            actuators; see :class:`~rpctl.simulation.plants.actuators.Actuators`.
+        encoder_bits: Bits of the joints' encoders; 0: exact. See
+            :class:`~rpctl.simulation.plants.sensors.Measurement`.
+        sensor_bias: Constant errors of what the controller measures.
+        jitter: Standard deviation of the moments at which the controller samples, s; none is
+            farther off than half a control period.
+        slope: Angles (2,), rad, by which the ground rises along the x and the y axis of the world;
+            the world's frame stays that of the ground.
+        wrenches: What pushes and pulls the simulated robot from outside.
         noise: Of what the controller measures.
         lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
             controller knows it.
@@ -73,6 +103,16 @@ class Plant:
     radii: Mapping[str, float] = field(default_factory=dict)
     track: float = 1.0
     damping: Mapping[str, float] = field(default_factory=dict)
+    payload: CarriedLoad = field(default_factory=CarriedLoad)
+    losses: float = 1.0
+    effort: float = 1.0
+    effort_lag: float = 0.0
+    backlash: Mapping[str, float] = field(default_factory=dict)
+    encoder_bits: int = 0
+    sensor_bias: SensorBias = field(default_factory=SensorBias)
+    jitter: float = 0.0
+    slope: Slope = (0.0, 0.0)
+    wrenches: tuple[Wrench, ...] = ()
     noise: Noise = field(default_factory=Noise)
     seed: int = 0
 
@@ -104,6 +144,14 @@ class Plant:
             require_within(f"joint_friction of {name}", [friction])
         if self.seed < 0:
             raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
+        require_positive("effort", self.effort)
+        require_not_negative("losses", self.losses)
+        require_not_negative("effort_lag", self.effort_lag)
+        require_not_negative("jitter", self.jitter)
+        for name, gap in self.backlash.items():
+            require_not_negative(f"backlash of {name}", gap)
+        require_bits(self.encoder_bits)
+        require_slope(self.slope)
         self.variation  # noqa: B018 (refuses what no robot can have)
         VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
 
@@ -161,7 +209,8 @@ class Plant:
             RpctlError: A wheel would not reach the ground, or there would be no dynamics.
         """
         friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
-        return add_friction(vary(robot, self.variation), friction)
+        varied = vary(scale_losses(robot, self.losses), self.variation)
+        return on_slope(self.payload.on(add_friction(varied, friction)), self.slope)
 
     def known_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics that the controller computes with.

@@ -1,0 +1,117 @@
+"""``build``: a robot as MuJoCo's ``MjSpec``, free on a ground with friction.
+
+No equation says that a wheel rolls, and none that the robot stays upright: wheels are bodies that
+friction turns (E. Todorov, "Convex and analytically-invertible dynamics with contacts and
+constraints", ICRA 2014). The model is plain: any MuJoCo runs it, without callbacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rpctl.engines.mujoco.bodies import add_bodies, add_motors, body_name
+from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.engines.mujoco.touch import GROUND_BIT, add_supports, add_wheels, soften
+from rpctl.errors import RpctlError, require_positive
+from rpctl.robot.model import Robot
+
+GROUND = "ground"  # name of the ground's geom
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """A robot in MuJoCo.
+
+    Attributes:
+        spec: The ``MjSpec``. Bodies have the names of links (see
+            :func:`rpctl.engines.mujoco.bodies.body_name`), joints those of joints, actuators those
+            of ``robot.actuators``; other links are sites.
+        contacts: Names of the contacts: the wheels' joints, then the supports, as
+            ``Contacts.names``.
+        geoms: Name of the contact of each geom that meets the ground, by the geom's name.
+        notes: What was assumed, in sentences.
+        repairs: What of the file was mended, in sentences.
+    """
+
+    spec: Any
+    contacts: tuple[str, ...]
+    geoms: Mapping[str, str]
+    notes: tuple[str, ...]
+    repairs: tuple[str, ...]
+
+    def compile(self) -> Any:
+        """Return the ``MjModel``.
+
+        Raises:
+            RpctlError: MuJoCo refuses it.
+        """
+        try:
+            return self.spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise RpctlError(f"MuJoCo refuses the robot: {reason}") from None
+
+
+def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
+    """Return a robot in MuJoCo.
+
+    Masses and inertias are those of its model, radii and centres of wheels those of its drive, so
+    that a robot that was varied, or carries a load, is simulated as such.
+
+    Args:
+        robot: The robot.
+        settings: How it meets the ground.
+        friction: Coefficient between wheels and ground.
+
+    Raises:
+        EngineMissing: MuJoCo is not installed.
+        RpctlError: A number is none that it can take.
+    """
+    require_positive("friction", friction)
+    spec = mujoco_library().MjSpec()
+    spec.modelname = robot.name
+    _set_options(spec, robot, settings)
+    _add_ground(spec, friction, settings)
+    repairs = add_bodies(spec, robot, settings)
+    add_motors(spec, robot)
+    geoms, notes = add_wheels(spec, robot, settings, friction)
+    geoms |= add_supports(spec, robot, settings, friction)
+    _tie_mimics(spec, robot, settings)
+    return Built(spec, tuple(dict.fromkeys(geoms.values())), geoms, notes, repairs)
+
+
+def _set_options(spec: Any, robot: Robot, settings: ContactSettings) -> None:
+    mujoco, option, compiler = mujoco_library(), spec.option, spec.compiler
+    compiler.degree = compiler.balanceinertia = compiler.fusestatic = False
+    compiler.boundmass = compiler.boundinertia = 0.0
+    compiler.autolimits = False
+    option.timestep, option.gravity = settings.timestep, robot.model.gravity.linear
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    elliptic = settings.cone == "elliptic"
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
+    option.impratio = settings.friction_impedance
+
+
+def _add_ground(spec: Any, friction: float, settings: ContactSettings) -> None:
+    plane = mujoco_library().mjtGeom.mjGEOM_PLANE
+    ground = spec.worldbody.add_geom(name=GROUND, type=plane, size=[0.0, 0.0, 1.0])
+    ground.contype, ground.conaffinity = GROUND_BIT, 0
+    ground.friction = [friction, 0.0, 0.0]
+    soften(ground, settings)
+
+
+def _tie_mimics(spec: Any, robot: Robot, settings: ContactSettings) -> None:
+    """Tie mimic joints to what they follow."""
+    mujoco = mujoco_library()
+    for joint in robot.mimics:
+        if joint.mimic is not None and joint.mimic.joint not in robot.locked:
+            tie = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
+            tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+            tie.data[:2] = joint.mimic.offset, joint.mimic.multiplier
+            soften(tie, settings)
+
+
+__all__ = ["GROUND", "Built", "body_name", "build"]

@@ -1,0 +1,149 @@
+"""What of a robot meets the ground: its wheels and its supports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.drive.drive import Wheel
+from rpctl.dynamics.supports import find_supports
+from rpctl.engines.mujoco.bodies import body_name, quaternion
+from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.equivalence.contact.shapes import support_shapes, tyre
+from rpctl.robot.model import Robot
+
+GROUND_BIT, ROBOT_BIT = 1, 2  # contype of the ground, conaffinity of what meets it
+SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
+
+
+def add_wheels(
+    spec: Any, robot: Robot, settings: ContactSettings, friction: float
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Add the wheels' geoms; return whose contact each geom is, and what was assumed.
+
+    Args:
+        spec: The ``MjSpec``, with its bodies.
+        robot: The robot.
+        settings: Shape and width of the wheels.
+        friction: Coefficient between wheels and ground.
+    """
+    owners, notes = {}, []
+    for wheel in robot.drive.wheels:
+        half_width, note = half_width_of(robot, wheel, settings)
+        notes += [note] if note else []
+        kind = "ELLIPSOID" if settings.wheel_shape == "crowned" else "CYLINDER"
+        size = [wheel.radius, half_width, 0.0]
+        if kind == "ELLIPSOID":
+            size = [wheel.radius, wheel.radius, half_width]
+        body = spec.body(body_name(robot.description.joint[wheel.joint].child))
+        add_touching(body, wheel.joint, kind, size, wheel_pose(wheel), friction, settings)
+        owners[wheel.joint] = wheel.joint
+    return owners, tuple(dict.fromkeys(notes))
+
+
+def half_width_of(robot: Robot, wheel: Wheel, settings: ContactSettings) -> tuple[float, str]:
+    """Return half the width of a wheel, m, and what was assumed.
+
+    Args:
+        robot: The robot.
+        wheel: The wheel.
+        settings: Which may give the width.
+    """
+    if settings.wheel_width is not None:
+        return 0.5 * settings.wheel_width, ""
+    tread = tyre(robot, wheel)
+    return tread.half_width, tread.note
+
+
+def wheel_pose(wheel: Wheel) -> Array:
+    """Return a wheel's pose (4, 4) in the frame of its joint, z along the axle."""
+    axis = np.array(wheel.axis)
+    across = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    across /= np.linalg.norm(across)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([across, np.cross(axis, across), axis])
+    pose[:3, 3] = wheel.offset * axis
+    return pose
+
+
+def add_supports(
+    spec: Any, robot: Robot, settings: ContactSettings, friction: float
+) -> dict[str, str]:
+    """Add the supports' geoms; return whose contact each geom is.
+
+    Args:
+        spec: The ``MjSpec``, with its bodies.
+        robot: The robot.
+        settings: Friction of what slides.
+        friction: Coefficient between the ground and what rolls.
+    """
+    owners: dict[str, str] = {}
+    supports = find_supports(robot)
+    for name, link, shape in support_shapes(robot, supports):
+        head = robot.tree.free_joints(link)
+        rolls = any(not robot.tree.is_upright(joint) for joint in head)
+        pose = _in_head(robot, link) @ shape.origin
+        size = halved(shape.kind, shape.size)
+        body = spec.body(body_name(head[-1].child if head else robot.description.root))
+        held = friction if rolls else settings.caster_friction
+        add_touching(body, name, SHAPES[shape.kind], size, pose, held, settings)
+        owners[name] = name
+    return owners
+
+
+def add_touching(
+    body: Any,
+    name: str,
+    kind: str,
+    size: list[float],
+    pose: Array,
+    friction: float,
+    settings: ContactSettings,
+) -> Any:
+    """Add a geom that meets the ground, and return it.
+
+    Args:
+        body: The ``MjsBody``.
+        name: Of the geom.
+        kind: MuJoCo's word for its shape.
+        size: MuJoCo's three sizes, m.
+        pose: In the body's frame (4, 4).
+        friction: Coefficient between it and the ground; 0: it slides.
+        settings: How hard the contact is.
+    """
+    kinds = mujoco_library().mjtGeom
+    geom = body.add_geom(name=name, type=getattr(kinds, f"mjGEOM_{kind}"), mass=0.0)
+    geom.size, geom.pos, geom.quat = size, pose[:3, 3], quaternion(pose)
+    geom.contype, geom.conaffinity, geom.priority = 0, GROUND_BIT, 1
+    geom.condim = 3 if friction > 0.0 else 1
+    geom.friction = [friction, 0.0, 0.0]
+    soften(geom, settings)
+    return geom
+
+
+def soften(element: Any, settings: ContactSettings) -> None:
+    """Set how hard a contact or an equality is.
+
+    Args:
+        element: A geom or an equality of a spec.
+        settings: The settings.
+    """
+    element.solref = [settings.time_constant, 1.0]
+    element.solimp = [settings.impedance, 1.0 - 0.1 * (1.0 - settings.impedance), 1e-4, 0.5, 2.0]
+
+
+def halved(kind: str, size: tuple[float, ...]) -> list[float]:
+    """Return a URDF shape's size as MuJoCo counts it: half edges, half lengths; three numbers."""
+    if kind == "box":
+        return [0.5 * edge for edge in size]
+    return [size[0], 0.0 if kind == "sphere" else 0.5 * size[1], 0.0]
+
+
+def _in_head(robot: Robot, link: str) -> Array:
+    """Return a link's pose (4, 4) in the frame of the body that it is part of."""
+    free = robot.tree.free_joints(link)
+    head = free[-1].child if free else robot.description.root
+    return np.asarray(np.linalg.inv(robot.tree.pose(head)) @ robot.tree.pose(link))
