@@ -114,6 +114,10 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         return "every sample is watched when it is computed"
     if config.output is not None:
         return "the robot takes speeds"
+    if plant.own is not None:
+        return "a simulator of the user's moves the robot"
+    if plant.kind != "rolling":
+        return f"the plant is {plant.kind}"
     if plant.computing_time:
         return "computing takes simulated time"
     if reason := plant_refusal(plant):

@@ -1,4 +1,4 @@
-"""The plant: the reduced dynamics under efforts held between two samples of the controller."""
+"""The plant of a run: what moves the robot, and how that differs from the controller's model."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.control.velocity_output import VelocityOutput
-from rpctl.dynamics.motion import Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError, require_positive, require_within
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.errors import RpctlError, UnknownNameError, require_positive, require_within
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
 from rpctl.robot.slope import Slope, on_slope, require_slope
@@ -24,8 +24,12 @@ from rpctl.robot.vary import add_friction, scale_losses
 from rpctl.simulation.noise import Noise
 from rpctl.simulation.periods import delay_periods
 from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.protocol import PlantModel
 from rpctl.simulation.plants.sensor_settings import SensorBias, require_bits
+from rpctl.simulation.plants.slipping import Slipping
 from rpctl.simulation.plants.wrench import Wrench
+
+PLANT_KINDS = ("rolling", "slipping", "contact")
 
 
 def require_not_negative(name: str, value: float) -> None:
@@ -86,6 +90,12 @@ class Plant:
         lags: Lag by name of the quasi-velocity, where it differs, s.
         dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
         seed: Of all that is drawn at random.
+        kind: What moves it: ``"rolling"``, wheels that roll without slipping, as the controller's
+            model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo. The coefficient of friction
+            is the run's.
+        slipping: The tyres of a slipping one.
+        contact: How a robot in MuJoCo meets the ground.
+        own: A simulator of the user's in their place, in which nothing else of a plant counts.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
@@ -115,9 +125,15 @@ class Plant:
     wrenches: tuple[Wrench, ...] = ()
     noise: Noise = field(default_factory=Noise)
     seed: int = 0
+    kind: str = "rolling"
+    slipping: Slipping = field(default_factory=Slipping)
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    own: PlantModel | None = field(default=None, metadata=NO_FILE_CAN_SAY)
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
+        if self.kind not in PLANT_KINDS:
+            raise UnknownNameError("plant", self.kind, PLANT_KINDS)
         if not (math.isfinite(self.delay) and self.delay >= 0.0):
             raise RpctlError(f"delay is {self.delay:g}; give a time in s, 0 or more")
         require_within("delay", [self.delay])
@@ -253,42 +269,3 @@ class Plant:
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
         return deque([hold] * delay_periods(self.delay, control_period))
-
-
-def substeps(duration: float, longest: float) -> int:
-    """Return in how many equal steps of at most ``longest`` (s) a ``duration`` (s) is taken."""
-    return max(1, math.ceil(duration / longest - 1e-9))
-
-
-def advance(
-    dynamics: ReducedDynamics,
-    q: Array,
-    nu: Array,
-    tau: Array,
-    duration: float,
-    longest: float,
-) -> Step:
-    """Advance the robot by ``duration`` (s) under a constant τ, in equal steps.
-
-    Args:
-        dynamics: The robot's dynamics.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-        tau: Actuator efforts (n_act,).
-        duration: How far, s.
-        longest: Longest step, s.
-
-    Raises:
-        DivergedError: The state left the finite numbers.
-    """
-    steps = substeps(duration, longest)
-    work = lost = 0.0
-    try:
-        for _ in range(steps):
-            q, nu, done, gone = step(dynamics, q, nu, tau, duration / steps)
-            work, lost = work + done, lost + gone
-    except RpctlError as error:
-        raise DivergedError(f"the motion diverged: {error}") from error
-    if not (np.isfinite(q).all() and np.isfinite(nu).all()):
-        raise DivergedError("the motion diverged; shorten the control period or lengthen horizons")
-    return Step(q, nu, work, lost)

@@ -41,7 +41,7 @@ def recorded(config: Config, periods: int) -> Config:
         run=dataclasses.replace(
             run, duration=periods * run.control_period, initial_error=(x1, x2, x3)
         ),
-        plant=dataclasses.replace(plant, delay=delay, controller_model=None),
+        plant=dataclasses.replace(plant, delay=delay, controller_model=None, own=None),
     )
 
 

@@ -16,6 +16,8 @@ from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
 NO_LIMIT = 1e6  # rad or m: MuJoCo has no range that is open on one side
+STOP_STEPS = 4.0  # timesteps: time constant of joint stops and of dry friction that holds
+STOP_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 RESERVED = "world"  # MuJoCo's own body
 
 
@@ -92,8 +94,8 @@ def _add_joint(body: Any, robot: Robot, joint: Joint, settings: ContactSettings)
     added.limited = limited
     if limited:
         added.range = np.clip([joint.lower, joint.upper], -NO_LIMIT, NO_LIMIT)
-    hard = (settings.time_constant, 1.0)
-    added.solref_limit = added.solref_friction = hard
+    added.solref_limit = added.solref_friction = [STOP_STEPS * settings.timestep, 1.0]
+    added.solimp_friction = STOP_SOLIMP
     if settings.losses and robot.losses is not None:
         _set_damping(added, float(robot.losses.damping[index]))
         added.frictionloss = float(robot.losses.friction[index])

@@ -14,11 +14,13 @@ from typing import Any
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors, body_name
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.touch import GROUND_BIT, add_supports, add_wheels, soften
+from rpctl.engines.mujoco.touch import GRIP, GROUND, add_supports, add_wheels
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
 
-GROUND = "ground"  # name of the ground's geom
+# Of ties between joints: time constant (s) in steps, damping ratio; impedance.
+TIE_STEPS = 4.0
+TIE_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +94,14 @@ def _set_options(spec: Any, robot: Robot, settings: ContactSettings) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     elliptic = settings.cone == "elliptic"
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
-    option.impratio = settings.friction_impedance
+    option.impratio = GRIP if elliptic else 1.0
 
 
 def _add_ground(spec: Any, friction: float, settings: ContactSettings) -> None:
     plane = mujoco_library().mjtGeom.mjGEOM_PLANE
     ground = spec.worldbody.add_geom(name=GROUND, type=plane, size=[0.0, 0.0, 1.0])
-    ground.contype, ground.conaffinity = GROUND_BIT, 0
+    ground.contype = ground.conaffinity = 0
     ground.friction = [friction, 0.0, 0.0]
-    soften(ground, settings)
 
 
 def _tie_mimics(spec: Any, robot: Robot, settings: ContactSettings) -> None:
@@ -111,7 +112,7 @@ def _tie_mimics(spec: Any, robot: Robot, settings: ContactSettings) -> None:
             tie = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
             tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
             tie.data[:2] = joint.mimic.offset, joint.mimic.multiplier
-            soften(tie, settings)
+            tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
 
 
 __all__ = ["GROUND", "Built", "body_name", "build"]

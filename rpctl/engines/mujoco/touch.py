@@ -15,7 +15,10 @@ from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.shapes import support_shapes, tyre
 from rpctl.robot.model import Robot
 
-GROUND_BIT, ROBOT_BIT = 1, 2  # contype of the ground, conaffinity of what meets it
+GROUND = "ground"  # name of the ground's geom
+SHARE = 0.2  # impedance of the load: how much of a contact's acceleration it decides
+GRIP = 100.0  # hardness of friction as a multiple of the load's (``impratio``)
+PYRAMID_IMPEDANCE = [0.9, 0.95, 1e-3, 0.5, 2.0]
 SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
 
 
@@ -39,7 +42,7 @@ def add_wheels(
         if kind == "ELLIPSOID":
             size = [wheel.radius, wheel.radius, half_width]
         body = spec.body(body_name(robot.description.joint[wheel.joint].child))
-        add_touching(body, wheel.joint, kind, size, wheel_pose(wheel), friction, settings)
+        add_touching(spec, body, wheel.joint, kind, size, wheel_pose(wheel), friction, settings)
         owners[wheel.joint] = wheel.joint
     return owners, tuple(dict.fromkeys(notes))
 
@@ -89,12 +92,13 @@ def add_supports(
         size = halved(shape.kind, shape.size)
         body = spec.body(body_name(head[-1].child if head else robot.description.root))
         held = friction if rolls else settings.caster_friction
-        add_touching(body, name, SHAPES[shape.kind], size, pose, held, settings)
+        add_touching(spec, body, name, SHAPES[shape.kind], size, pose, held, settings)
         owners[name] = name
     return owners
 
 
 def add_touching(
+    spec: Any,
     body: Any,
     name: str,
     kind: str,
@@ -106,6 +110,7 @@ def add_touching(
     """Add a geom that meets the ground, and return it.
 
     Args:
+        spec: The ``MjSpec``.
         body: The ``MjsBody``.
         name: Of the geom.
         kind: MuJoCo's word for its shape.
@@ -117,22 +122,30 @@ def add_touching(
     kinds = mujoco_library().mjtGeom
     geom = body.add_geom(name=name, type=getattr(kinds, f"mjGEOM_{kind}"), mass=0.0)
     geom.size, geom.pos, geom.quat = size, pose[:3, 3], quaternion(pose)
-    geom.contype, geom.conaffinity, geom.priority = 0, GROUND_BIT, 1
-    geom.condim = 3 if friction > 0.0 else 1
-    geom.friction = [friction, 0.0, 0.0]
-    soften(geom, settings)
+    geom.contype = geom.conaffinity = 0
+    pair = spec.add_pair(name=name, geomname1=GROUND, geomname2=name)
+    pair.condim = 3 if friction > 0.0 else 1
+    pair.friction = [friction, friction, 0.0, 0.0, 0.0]
+    _soften(pair, settings)
     return geom
 
 
-def soften(element: Any, settings: ContactSettings) -> None:
-    """Set how hard a contact or an equality is.
+def _soften(pair: Any, settings: ContactSettings) -> None:
+    """Set how hard a contact is, along its normal and along the ground.
 
-    Args:
-        element: A geom or an equality of a spec.
-        settings: The settings.
+    MuJoCo's friction is relaxed: what slides at a speed v is lifted by μ b v/k, b the rate at which
+    slipping ends and k the stiffness under the load. As b is set for the ground's plane alone, and
+    the load's impedance is low, the lift stays below what the load presses in; with MuJoCo's own
+    numbers a cylinder that scrubs leaves the ground and chatters. Friction proper stays hard, by
+    ``impratio``. A pyramid has one set of numbers for all; it gets MuJoCo's.
     """
-    element.solref = [settings.time_constant, 1.0]
-    element.solimp = [settings.impedance, 1.0 - 0.1 * (1.0 - settings.impedance), 1e-4, 0.5, 2.0]
+    rate = 1.0 / settings.time_constant
+    if settings.cone == "pyramidal":
+        pair.solref, pair.solimp = [settings.time_constant, 1.0], PYRAMID_IMPEDANCE
+        return
+    pair.solref = [-(rate**2) / SHARE, -2.0 * rate / SHARE]
+    pair.solreffriction = [-1.0, -2.0 * rate]
+    pair.solimp = [SHARE, SHARE, 1e-3, 0.5, 2.0]
 
 
 def halved(kind: str, size: tuple[float, ...]) -> list[float]:

@@ -20,7 +20,7 @@ from rpctl.robot.model import BASE_NV, Robot
 FREE_NV = 6  # entries of qvel that are the root link's
 HELD = 1e6  # kg·m² or kg: armature of joints that are held while the robot sinks into its contacts
 SETTLING_S = 2.0  # s that it may take to come to rest
-AT_REST = 1e-5  # m/s and rad/s: slower is at rest
+AT_REST = 1e-6  # m/s and rad/s: slower is at rest
 STEP_ROUNDING = 1e-9  # of a step: a stretch that much longer takes no further one
 
 

@@ -30,7 +30,7 @@ from rpctl.simulation.compiled.plant.buffers import PlantBuffers
 from rpctl.simulation.compiled.plant.step import PlantFragment, plant_fragment
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.noise import Sensors
-from rpctl.simulation.plant import substeps
+from rpctl.simulation.plants.rolling import substeps
 
 # Why a lane does not go on: its law has no answer, its base is far and needs a way up to the
 # reference, both of which Python has, or its motion left the finite numbers.

@@ -246,6 +246,7 @@ def add_samples(
         joints=table.joints[rows],
         joint_rates=table.joint_rates[rows],
         direction=table.direction[rows].reshape(count, -1),
+        felt=np.empty((count, 0)),
     )
     recorder.add_batch(samples, [names(row) for row in sets])
 

@@ -80,7 +80,7 @@ class MujocoMotion:
             wrenches: What pushes it besides; their times do not count.
 
         Returns:
-            q and ν then, the work of ``tau`` and what was lost of it.
+            q and ν then, the work of ``tau`` and of what pushes it, and what was lost of that.
 
         Raises:
             DivergedError: The state left the finite numbers.
@@ -100,7 +100,7 @@ class MujocoMotion:
         energy = world.energy
         lost = work + pushed - (energy - self._energy)
         self._energy = energy
-        return Step(self.q, self.nu, work, lost)
+        return Step(self.q, self.nu, work + pushed, lost)
 
     def _require_standing(self, contacts: tuple[str, ...]) -> None:
         """Refuse a robot that falls while it settles."""
