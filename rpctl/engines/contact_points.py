@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
+from rpctl.drive.wheels import mostly_left
 from rpctl.dynamics.supports import find_supports
 from rpctl.equivalence.contact.shapes import support_shapes
 from rpctl.robot.model import Robot
@@ -91,7 +92,8 @@ class NamedContacts:
 def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, float]:
     """Return the velocity (m/s) of a wheel's lowest point: along its rolling direction, leftward.
 
-    The rolling direction is level and across the axle; with all joints at 0 it points forward.
+    The rolling direction is level and across the axle; with all joints at 0 the axle
+    that points left fixes its sign.
 
     Args:
         robot: The robot.
@@ -99,16 +101,12 @@ def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, f
         motion: Of the link that its joint turns.
     """
     axle = motion.rotation @ np.array(wheel.axis)
-    radius = np.array([0.0, 0.0, -wheel.radius])
-    arm = wheel.offset * axle + radius
+    arm = wheel.offset * axle - np.array([0.0, 0.0, wheel.radius])
     velocity = motion.velocity + np.cross(motion.omega, arm)
-    ahead = np.array([axle[1], -axle[0]]) * _forward(robot, wheel) / math.hypot(*axle[:2])
-    left = np.array([-ahead[1], ahead[0]])
-    return float(ahead @ velocity[:2]), float(left @ velocity[:2])
+    left = _leftward(robot, wheel) * axle[:2] / math.hypot(*axle[:2])
+    return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)
 
 
-def _forward(robot: Robot, wheel: Wheel) -> float:
-    """Return the sign that turns axle × up forward, with all joints at 0."""
-    axle = robot.tree.axis(robot.description.joint[wheel.joint])
-    heading = robot.drive.heading
-    return math.copysign(1.0, axle[1] * math.cos(heading) - axle[0] * math.sin(heading))
+def _leftward(robot: Robot, wheel: Wheel) -> float:
+    """Return the sign that turns a wheel's axle to the left, with all joints at 0."""
+    return math.copysign(1.0, mostly_left(robot.tree.axis(robot.description.joint[wheel.joint])))

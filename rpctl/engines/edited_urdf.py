@@ -38,6 +38,7 @@ class Dialect:
         crowned: Returns the shape, XML, that stands for a tyre with a crown.
         proximity: XML of a collision without friction, or nothing.
         massless: XML of the inertia of a link that has none.
+        strict_transmissions: Whether it refuses a transmission without an actuator.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Dialect:
     crowned: Callable[[Tyre], str]
     proximity: str = ""
     massless: str = ""
+    strict_transmissions: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,9 @@ class EditedUrdf:
 def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
     """Return a robot's file for an engine: what no switch mends stays as the user wrote it.
 
-    Locked joints become fixed ones. What only draws is left out, and so are meshes that are not
-    found or that the engine cannot read, which the notes tell.
+    Locked joints become fixed ones. What only draws is left out, and transmissions are, for
+    efforts act on joints; and meshes that are not found or that the engine refuses, which the
+    notes tell.
 
     Args:
         robot: The robot.
@@ -70,6 +73,10 @@ def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
     notes: list[str] = []
     for element in root.xpath("./link/visual"):
         element.getparent().remove(element)
+    for element in root.findall("transmission"):
+        root.remove(element)
+        if dialect.strict_transmissions and element.find("actuator") is None:
+            notes.append(f"{dialect.name} refuses files with a transmission without <actuator>")
     _lock(root, robot)
     links = {element.get("name"): element for element in root.findall("link")}
     treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
@@ -86,7 +93,7 @@ def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
     if switches.mended("inertia"):
         _put_inertias(links, robot, dialect)
     notes += _resolve_meshes(root, robot, dialect)
-    return EditedUrdf(etree.tostring(root, encoding="unicode"), tuple(notes))
+    return EditedUrdf(etree.tostring(root, encoding="unicode"), tuple(dict.fromkeys(notes)))
 
 
 def edged_wheels(robot: Robot) -> bool:
@@ -185,7 +192,9 @@ def _resolve_meshes(root: Any, robot: Robot, dialect: Dialect) -> list[str]:
             mesh.set("filename", str(path))
             if path.suffix.lower() in dialect.meshes:
                 continue
-            reason = f"{dialect.name} reads no {path.suffix} as a collision shape and refuses the file"
+            reason = (
+                f"{dialect.name} reads no {path.suffix} as a collision shape and refuses the file"
+            )
         refused.setdefault(reason, []).append(element.getparent().get("name"))
         element.getparent().remove(element)
     return [f"{why}: left out of {_several(names)}" for why, names in refused.items()]

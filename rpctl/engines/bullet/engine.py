@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from rpctl.arrays import Array
 from rpctl.engines.bullet.faults import bullet_switches
 from rpctl.engines.bullet.world import DEFAULT_STEP, BulletWorld
 from rpctl.engines.contact_points import LinkMotion, NamedContacts, wheel_slip
-from rpctl.engines.engine import EngineFault, EngineState
+from rpctl.engines.engine import EngineFault, EngineMissing, EngineState
 from rpctl.engines.rollers import refuse_rollers
 from rpctl.engines.switches import Switch, Switches
 from rpctl.engines.tie_rods import follower_inertia, tie_rod_efforts
@@ -26,26 +27,28 @@ class BulletEngine:
     """PyBullet, as ``loadURDF`` with its defaults leaves a robot.
 
     Attributes:
-        cone: Whether its user leaves it the friction cone that it has by default; False for one
-            who set ``enableConeFriction=0``.
         tick: How long efforts are held, s.
+
+    Raises:
+        EngineMissing: It is not installed.
     """
 
-    cone: bool = True
     name: str = "PyBullet"
     tick: float = DEFAULT_STEP
 
+    def __post_init__(self) -> None:
+        """Refuse where it is not installed; its library is imported when it starts."""
+        if find_spec("pybullet") is None:
+            raise EngineMissing("PyBullet is not installed; pip install 'rpctl[bullet]'")
+
     @property
     def version(self) -> str:
-        """The package's version, or nothing where it is not installed."""
-        try:
-            return version("pybullet")
-        except PackageNotFoundError:
-            return ""
+        """The package's version."""
+        return version("pybullet")
 
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
         """Return the switches that mean something here, of this robot."""
-        return bullet_switches(robot, self.cone)
+        return bullet_switches(robot)
 
     def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> BulletRun:
         """Return the robot at rest at q (nq,), its wheels at the height of the ground.
@@ -57,11 +60,10 @@ class BulletEngine:
             friction: Coefficient between wheels and ground where ``friction`` is mended.
 
         Raises:
-            EngineMissing: PyBullet is not installed.
             EngineFault: PyBullet refuses the robot, or has nothing that rolls like its wheels.
         """
         refuse_rollers(robot, switches, self.name)
-        return BulletRun(robot, q, switches, BulletWorld(robot, q, switches, friction, self.cone))
+        return BulletRun(robot, q, switches, BulletWorld(robot, q, switches, friction))
 
 
 class BulletRun:

@@ -9,21 +9,18 @@ from rpctl.engines.switches import Switch
 from rpctl.robot.model import Robot
 
 
-def bullet_switches(robot: Robot, cone: bool) -> tuple[Switch, ...]:
-    """Return the switches that mean something in PyBullet, of a robot.
-
-    Args:
-        robot: The robot.
-        cone: Whether its friction is the cone that it is by default.
-    """
-    found = [*_material(robot, cone), *_solver()]
+def bullet_switches(robot: Robot) -> tuple[Switch, ...]:
+    """Return the switches that mean something in PyBullet, of a robot."""
+    found = [*_material(robot), *_solver()]
     if edged_wheels(robot):
         fault = "its wheels meet the plane with their width, and scrub"
         setting = "give the wheels <sphere> as <collision>, of the wheels' radius"
         found.append(Switch("wheel", fault, setting))
     if find_supports(robot).parts:
         fault = "its supports hold the ground with friction"
-        found.append(Switch("caster", fault, "call changeDynamics(body, support, lateralFriction=0)"))
+        found.append(
+            Switch("caster", fault, "call changeDynamics(body, support, lateralFriction=0)")
+        )
     if robot.mimics or robot.drive.followers:
         fault = "it leaves mimic joints and tie rods loose"
         setting = "call createConstraint(…, jointType=JOINT_GEAR) and changeConstraint(gearRatio=…)"
@@ -35,14 +32,19 @@ def bullet_switches(robot: Robot, cone: bool) -> tuple[Switch, ...]:
     return tuple(found)
 
 
-def _material(robot: Robot, cone: bool) -> list[Switch]:
+def _material(robot: Robot) -> list[Switch]:
     """Return what concerns friction, inertia and losses."""
     massless = [link.name for link in robot.description.links if link.mass is None]
+    root = robot.description.link[robot.description.root]
     guess = "it guesses inertias from collision shapes"
     if massless:
-        guess += f", and lets {massless[0]}, which has none, weigh 1 kg"
-    zero = ", and write <inertial> with mass 0 where there is none" if massless else ""
-    found = [
+        guess += f", lets {massless[0]}, which has none, weigh 1 kg"
+    if root.mass == 0.0:
+        guess += f", nails the robot to the world since {root.name} weighs nothing"
+    setting = "load it with flags=URDF_USE_INERTIA_FROM_FILE"
+    if massless or root.mass == 0.0:
+        setting += ", the root's own mass in <inertial>, and mass 0 where a fixed link has none"
+    return [
         Switch(
             "losses",
             "a velocity motor holds each joint still, and the bodies of all links are braked by"
@@ -50,22 +52,28 @@ def _material(robot: Robot, cone: bool) -> list[Switch]:
             "call setJointMotorControl2(body, joint, VELOCITY_CONTROL, force=0) and"
             " changeDynamics(body, link, linearDamping=0, angularDamping=0)",
         ),
-        Switch("inertia", guess, f"load it with flags=URDF_USE_INERTIA_FROM_FILE{zero}"),
+        Switch("inertia", guess, setting),
         Switch(
             "friction",
             "its coefficient of friction is .5",
-            "call changeDynamics(body, wheel, lateralFriction=…)",
+            "call changeDynamics(body, wheel, lateralFriction=MU)",
         ),
     ]
-    if not cone:
-        fault = "friction is a pyramid along the world's axes, so slipping wheels are steered to them"
-        found.append(Switch("cone", fault, "call setPhysicsEngineParameter(enableConeFriction=1)"))
-    return found
 
 
 def _solver() -> list[Switch]:
-    """Return what concerns steps."""
+    """Return what concerns steps and the solver.
+
+    The pyramid that stands for the cone lies along the world's axes: it is right while nothing
+    slips, and steers what slips towards them.
+    """
     return [
+        Switch(
+            "cone",
+            "its implicit friction cone lets the wheels of an axle push against each other until"
+            " they slip",
+            "call setPhysicsEngineParameter(enableConeFriction=0)",
+        ),
         Switch(
             "timestep",
             f"its step is {1e3 * DEFAULT_STEP:.2g} ms",

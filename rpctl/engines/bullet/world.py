@@ -60,7 +60,6 @@ class BulletWorld:
         q: Configuration (nq,).
         switches: What is mended.
         friction: Between wheels and ground, where ``friction`` is mended.
-        cone: Whether the friction is a cone, as by default, or a pyramid.
 
     Attributes:
         p: PyBullet.
@@ -74,9 +73,7 @@ class BulletWorld:
         EngineFault: PyBullet refuses the robot.
     """
 
-    def __init__(
-        self, robot: Robot, q: Array, switches: Switches, friction: float, cone: bool
-    ) -> None:
+    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float) -> None:
         self.p = p = load_pybullet()
         self.client = p.connect(p.DIRECT)
         weakref.finalize(self, p.disconnect, self.client)
@@ -84,7 +81,7 @@ class BulletWorld:
         p.setTimeStep(self.step, physicsClientId=self.client)
         gravity = robot.model.gravity.linear
         p.setGravity(*map(float, gravity), physicsClientId=self.client)
-        solver = {"enableConeFriction": int(cone or switches.mended("cone"))}
+        solver = {"enableConeFriction": int(not switches.mended("cone"))}
         if switches.mended("softness"):
             solver |= {"numSolverIterations": SOLVER_ITERATIONS}
             p.setPhysicsEngineParameter(
