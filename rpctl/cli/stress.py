@@ -19,9 +19,11 @@ from rpctl.cli.options import (
     default_folder,
     split_names,
 )
-from rpctl.cli.streams import print_json
+from rpctl.cli.streams import print_json, say
 from rpctl.cli.stress_summary import show_stress
 from rpctl.cli.terminal import progress_bar
+from rpctl.engines.engine import EngineMissing
+from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.errors import UnknownNameError, require_positive
 from rpctl.files.together import write_together
 from rpctl.files.writing import require_writable, to_json
@@ -29,11 +31,11 @@ from rpctl.libraries import library
 from rpctl.reference.robot_length import robot_length
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
+from rpctl.simulation.plant import PLANT_KINDS
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.scenarios import LawPair, controllers
 from rpctl.study.stress.battery import DURATION, Battery, default_pair, default_pairs, extremes
-from rpctl.study.stress.ladders import PLANT_KINDS as KINDS
-from rpctl.study.stress.ladders import STRESSES, stresses_by_name
+from rpctl.study.stress.ladders import CONTACT, STRESSES, stresses_by_name
 from rpctl.study.stress.report import StressReport
 from rpctl.study.stress.run import run_battery, write_worst
 from rpctl.study.stress.table import report_csv
@@ -52,7 +54,8 @@ class BatteryOptions:
     plants: Annotated[
         str,
         typer.Option(
-            metavar="NAME,...", help=f"Of {', '.join(KINDS)}; all that are installed if not given."
+            metavar="NAME,...",
+            help=f"Of {', '.join(PLANT_KINDS)}; all that are installed if not given.",
         ),
     ] = ""
     laws: Annotated[
@@ -102,7 +105,7 @@ class BatteryOptions:
         return Battery(
             robot,
             _laws(robot, split_names(self.laws)) or (own[:2] if self.quick else own),
-            _plants(split_names(self.plants)) or KINDS[: 1 if self.quick else None],
+            _plants(split_names(self.plants)) or _default_plants(robot, self.quick),
             tuple(map(extremes, stresses)) if self.quick else stresses,
             RunSettings(self.reference, self.duration),
             self.seed,
@@ -118,10 +121,33 @@ def _laws(robot: Robot, names: list[str]) -> tuple[LawPair, ...]:
 
 
 def _plants(names: list[str]) -> tuple[str, ...]:
+    """Return the plants that are named.
+
+    Raises:
+        RpctlError: There is no such plant, or what simulates it is not installed.
+    """
     for name in names:
-        if name not in KINDS:
-            raise UnknownNameError("plant", name, KINDS)
+        if name not in PLANT_KINDS:
+            raise UnknownNameError("plant", name, PLANT_KINDS)
+    if CONTACT in names:
+        mujoco_library()
     return tuple(dict.fromkeys(names))
+
+
+def _default_plants(robot: Robot, quick: bool) -> tuple[str, ...]:
+    """Return the plants of a battery if nobody names them, and say what is left out for want of it.
+
+    Args:
+        robot: The robot; a fixed base neither rolls nor slips.
+        quick: Whether the fastest is enough.
+    """
+    if quick or not robot.drive.base_speeds:
+        return PLANT_KINDS[:1]
+    try:
+        return _plants([*PLANT_KINDS])
+    except EngineMissing as error:
+        say(f"the plant {CONTACT} is left out: {error}", err=True)
+        return tuple(kind for kind in PLANT_KINDS if kind != CONTACT)
 
 
 def stress_command(

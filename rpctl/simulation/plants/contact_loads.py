@@ -7,47 +7,32 @@ together with its derivatives, and with an answer where there is none: a robot t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads scipy.optimize, which takes long, at its first use
 
 from rpctl.arrays import Array
-from rpctl.dynamics.stance import LOAD_RESOLUTION, MIN_STANCE_WIDTH_M, make_stance
-
-MAX_CHANGES = 60  # of the pressed contacts; some 5 suffice unless the robot is about to tip
-HALVINGS = 30  # of a step that goes too far
-EASE = 1e-12  # of the trace: what keeps the matrix of too few pressed contacts regular
+from rpctl.dynamics.stance import LOAD_RESOLUTION, MIN_STANCE_WIDTH_M
 
 
-@dataclass(frozen=True, eq=False)
-class LoadSplit:
+class LoadSplit(NamedTuple):
     """How contacts at given places share any load.
 
     Attributes:
-        points: Their places (n, 2), root link's axes, m.
         directions: The moments (k, 3) of the sum and the moments about x and y that they determine.
         statics: Map (k, n) from the loads to those.
+        free: Changes of the loads that statics do not see (n - k, n), orthonormal.
         split: Map (n, 3) from the sum and both moments to the loads of least norm.
     """
 
-    points: Array
     directions: Array
     statics: Array
+    free: Array
     split: Array
 
-    @cached_property
-    def edges(self) -> Array:
-        """Map (n_edges, 3) to what is positive of moments that loads can have."""
-        if len(self.directions) == 3:
-            stance = make_stance(self.points)
-            return np.column_stack([stance.offset, stance.inward])
-        if len(self.directions) == 2:
-            place = self.statics[1]
-            first, last = -place.min() * self.directions[0], place.max() * self.directions[0]
-            return np.array([first + self.directions[1], last - self.directions[1]])
-        return self.directions
+
+NO_CONTACTS = LoadSplit(np.eye(3)[:1], np.zeros((1, 0)), np.zeros((0, 0)), np.zeros((0, 3)))
 
 
 class ContactLoads(NamedTuple):
@@ -64,9 +49,6 @@ class ContactLoads(NamedTuple):
     tips: bool
 
 
-NO_CONTACTS = LoadSplit(np.zeros((0, 2)), np.eye(3)[:1], np.zeros((1, 0)), np.zeros((0, 3)))
-
-
 def make_split(points: Array) -> LoadSplit:
     """Return how contacts share loads.
 
@@ -81,7 +63,10 @@ def make_split(points: Array) -> LoadSplit:
     directions[0, 0] = 1.0
     directions[1:, 1:] = axes[known]
     statics = directions @ np.vstack([np.ones(len(points)), points.T])
-    return LoadSplit(points, directions, statics, np.linalg.pinv(statics) @ directions)
+    U, singular, Vt = np.linalg.svd(statics)
+    count = len(directions)
+    split = (Vt[:count].T / singular) @ U.T @ directions
+    return LoadSplit(directions, statics, Vt[count:], split)
 
 
 def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
@@ -100,44 +85,27 @@ def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
         return ContactLoads(load, split.split, False)
     if moments[0] <= 0.0:
         return ContactLoads(np.zeros(len(load)), np.zeros((len(load), 3)), True)
-    found = _pressed(split, moments) if (split.edges @ moments).min() > 0.0 else None
-    return found or _tipping(split, moments, load)
+    return _pressed(split, moments, load) or _tipping(split, moments, load)
 
 
-def _pressed(split: LoadSplit, moments: Array) -> ContactLoads | None:
-    """Return the least loads that only push, or None where the search does not end.
-
-    They are N = max(0, Yᵀλ) at the minimum of the convex ½ |N|² − m·λ, where Y N = m.
+def _pressed(split: LoadSplit, moments: Array, load: Array) -> ContactLoads | None:
+    """Return the least loads that only push, or None where there are none: [LH74, Ch. 23].
 
     Args:
         split: How the contacts share loads.
         moments: Their sum and moments (3,).
+        load: Loads of least norm (n,), not all pushing.
     """
-    Y, wanted = split.statics, split.directions @ moments / moments[0]
-
-    def cost(multipliers: Array) -> tuple[float, Array]:
-        load = np.maximum(Y.T @ multipliers, 0.0)
-        return float(0.5 * load @ load - wanted @ multipliers), load
-
-    multipliers = np.zeros(len(Y))
-    multipliers[0] = 1.0 / Y.shape[1]
-    least, load = cost(multipliers)
-    for _ in range(MAX_CHANGES):
-        held = Y * (load > 0.0)
-        H = held @ Y.T
-        H += EASE * np.trace(H) * np.eye(len(H))
-        rest = wanted - Y @ load
-        if np.abs(rest).max() < LOAD_RESOLUTION:
-            slope = held.T @ np.linalg.solve(H, split.directions)
-            return ContactLoads(moments[0] * load, slope, False)
-        step = np.linalg.solve(H, rest)
-        for _ in range(HALVINGS):
-            ahead, load = cost(multipliers + step)
-            if ahead <= least + LOAD_RESOLUTION * abs(least):
-                break
-            step = 0.5 * step
-        multipliers, least = multipliers + step, ahead
-    return None
+    share = load / moments[0]
+    left, target = np.vstack([split.free, -share]), np.zeros(len(split.free) + 1)
+    target[-1] = 1.0
+    residual = left @ scipy.optimize.nnls(left, target)[0] - target
+    if residual[-1] > -LOAD_RESOLUTION:
+        return None
+    share = share - split.free.T @ residual[:-1] / residual[-1]
+    held = split.statics * (share > LOAD_RESOLUTION)
+    slope = np.linalg.pinv(held) @ split.directions
+    return ContactLoads(np.maximum(slope @ moments, 0.0), slope, False)
 
 
 def _tipping(split: LoadSplit, moments: Array, load: Array) -> ContactLoads:

@@ -10,6 +10,7 @@ are the other entries of v, and all here is written in y.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.basis import basis, square_inverse
 from rpctl.dynamics.ground_reaction import Contacts, contact_points
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -108,6 +110,18 @@ class FreeTree:
         else:
             M = M.copy()
         return Posture(q, M, E, tied, G, K, self._split or self._split_at(q))
+
+    def integrate(self, q: Array, slide: Array) -> Array:
+        """Return q (nq,) moved by ``slide`` (nv,), with the followers where they belong.
+
+        Rows of velocities alone would let them drift off.
+        """
+        robot, end = self.robot, np.asarray(pin.integrate(self._model, q, slide))
+        steered = {s.joint: robot.joint_position(end, s.joint) for s in robot.drive.steered}
+        for name, position in follower_positions(robot.drive, steered).items():
+            now = robot.joint_position(end, name)
+            robot.set_joint(end, name, now + math.remainder(position - now, math.pi))
+        return end
 
     def _split_at(self, q: Array) -> LoadSplit:
         """Return how contacts that move share loads at q (nq,)."""

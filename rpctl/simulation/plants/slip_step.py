@@ -12,11 +12,11 @@ where g is the tyres' grip per load and a + (y − y₀)/w the acceleration, a w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg.lapack import dgesv
 
 from rpctl.arrays import Array
@@ -139,19 +139,19 @@ class SlipStepper:
         Raises:
             RpctlError: The motion left the finite numbers, or the inertia is not positive.
         """
-        model, given, own = self.tree.robot.model, self.columns.dot(tau), GAMMA * dt
+        given, own = self.columns.dot(tau), GAMMA * dt
         at, y = state.at, state.y
         push, _ = self._push(at, y, given, wrenches)
         a1, v1 = solve_positive(at.M, push), state.v
         slide = own * v1
-        at2 = self.tree.at(pin.integrate(model, at.q, slide))
+        at2 = self.tree.at(self.tree.integrate(at.q, slide))
         y0 = y + own * a1
         middle = self._solve(at2, y0, own, y + own * state.acceleration, given, wrenches)
         v2 = at2.velocity(middle.y)
         push, _ = self._push(at2, middle.y, given, wrenches)
         a2 = solve_positive(at2.M, push)
         brake = (middle.y - y0) / own
-        end = pin.integrate(model, at.q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
+        end = self.tree.integrate(at.q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
         at3 = self.tree.at(end)
         y0 = y + dt * (DELTA * a1 + (1.0 - DELTA) * a2 + (1.0 - GAMMA) * brake)
         last = self._solve(at3, y0, own, y + dt * (a2 + brake), given, wrenches)
@@ -211,7 +211,10 @@ class SlipStepper:
     def _loads(self, stage: _Stage, y: Array) -> ContactLoads:
         """Return the loads at the velocities y (ny,)."""
         acceleration = stage.a + (y - stage.y0) / stage.w
-        return share_load(stage.at.split, stage.moments + stage.at.K.dot(acceleration))
+        moments = stage.moments + stage.at.K.dot(acceleration)
+        if not math.isfinite(moments.sum()):
+            raise RpctlError("the accelerations are not finite")
+        return share_load(stage.at.split, moments)
 
     def _newton(self, stage: _Stage, guess: Array, held: ContactLoads | None) -> _Solved | None:
         """Return the solution by Newton's steps, or None where they do not end.

@@ -139,7 +139,7 @@ class Battery:
             cell: Of this battery.
         """
         kinematic, dynamic = laws_of(self.robot, cell.law)
-        plant = Plant(seed=cell.seed)
+        plant = Plant(kind=cell.plant, seed=cell.seed)
         config = Config(kinematic=kinematic, dynamic=dynamic, run=self.run, plant=plant)
         for name, level in cell.levels:
             config = STRESSES[name].apply(config, self.robot, level)

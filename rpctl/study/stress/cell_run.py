@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
@@ -16,6 +17,7 @@ from rpctl.simulation.loop import simulate
 from rpctl.simulation.merits import measures
 from rpctl.simulation.run import Run
 from rpctl.simulation.summary import summarize
+from rpctl.study.stress.ladders import CONTACT, ROLLING
 from rpctl.study.stress.verdict import ENDED, REFUSED, StressFigures
 
 
@@ -71,6 +73,7 @@ def figures_of(run: Run) -> StressFigures:
     """Return the figures of a run that came to its end."""
     summary, found = summarize(run), measures(run)
     late = slice(len(run.t) // 2, None)
+    ground, kind = summary.ground, run.config.plant.kind
     tip = None if run.robot.end_effector is None else _rms(found.tip[late])
     return StressFigures(
         outcome=summary.outcome,
@@ -79,9 +82,23 @@ def figures_of(run: Run) -> StressFigures:
         base_error=_rms(found.base[late]),
         end_effector_error=tip,
         violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
-        would_slip=bool(summary.ground.would_slip),
-        would_tip=bool(summary.ground.would_tip),
+        would_slip=kind == ROLLING and bool(ground.would_slip),
+        would_tip=kind != CONTACT and bool(ground.would_tip),
+        tilt=largest_tilt(run.log.root_pose),
     )
+
+
+def largest_tilt(poses: Array) -> float:
+    """Return the largest angle (rad) by which a body leant over from where it stood.
+
+    Args:
+        poses: Its poses (K, 7): x, y, z, quaternion x, y, z, w; none (K, 0): it stays upright.
+    """
+    if not poses.size:
+        return 0.0
+    x, y, z, w = poses[:, 3:].T
+    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    return float(np.arccos(np.clip(up @ up[0], -1.0, 1.0)).max())
 
 
 def _rms(values: Any) -> float:

@@ -20,8 +20,7 @@ from rpctl.simulation.noise import Noise
 from rpctl.simulation.plant import Plant
 from rpctl.simulation.plants.carried_load import CarriedLoad
 
-ROLLING = "rolling"
-PLANT_KINDS = (ROLLING,)
+ROLLING, CONTACT = "rolling", "contact"  # kinds of plants
 
 # A base that localises itself in a map with a lidar, and reads its wheels and joints by encoders.
 LOCALISATION = Noise(

@@ -30,7 +30,7 @@ class StressFigures:
         end_effector_error: Likewise of the end effector; None without one, too.
         violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
         would_slip: Whether its motion needs more grip than there is, on a plant that always rolls.
-        would_tip: Whether its motion would lift a wheel, on a plant that stays upright.
+        would_tip: Whether its motion would lift a wheel, on a plant that cannot fall.
         tilt: Largest angle by which the robot leant over from where it stood, rad.
     """
 

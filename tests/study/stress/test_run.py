@@ -6,12 +6,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
 import pytest
 
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import read_config
+from rpctl.simulation.loop import simulate
+from rpctl.simulation.summary import summarize
 from rpctl.study.executor import ProcessExecutor
-from rpctl.study.stress.cell_run import StressChunk, StressTask
+from rpctl.study.stress import cell_run
+from rpctl.study.stress.cell_run import StressChunk, StressTask, figures_of, largest_tilt
 from rpctl.study.stress.journal import JOURNAL_FILE, Journal
 from rpctl.study.stress.ladders import STRESSES
 from rpctl.study.stress.report import StressReport, report_of
@@ -183,3 +188,40 @@ def test_made_up_figures_have_all_verdicts() -> None:
     rows = report_of(found, {c.key: made_up(c.key) for c in found.cells}, TOLERANCE).rows
     assert {row.verdict.name for row in rows} == {"pass", "degrade", "fail"}
     assert isinstance(rows[0].figures, StressFigures)
+
+
+def test_a_robot_leans_by_the_turn_of_its_upright() -> None:
+    """Turned about the vertical it has not leant; about any other axis by the angle."""
+    yaw, pitch = 1.9, 0.3
+    turned = pin.Quaternion(pin.utils.rpyToMatrix(0.0, 0.0, yaw)).coeffs()
+    leant = pin.Quaternion(pin.utils.rpyToMatrix(0.0, pitch, yaw)).coeffs()
+    poses = np.zeros((3, 7))
+    poses[:, 3:] = [np.array([0.0, 0.0, 0.0, 1.0]), turned, leant]
+    assert largest_tilt(poses[:2]) == pytest.approx(0.0, abs=1e-7)
+    assert largest_tilt(poses) == pytest.approx(pitch)
+    upright = pin.utils.rpyToMatrix(0.5 * np.pi, 0.0, 0.0)  # of a root link whose y axis is up
+    poses[0, 3:] = pin.Quaternion(upright).coeffs()
+    poses[1, 3:] = pin.Quaternion(pin.utils.rpyToMatrix(0.0, 0.0, yaw) @ upright).coeffs()
+    assert largest_tilt(poses[:2]) == pytest.approx(0.0, abs=1e-7)
+    assert largest_tilt(np.empty((3, 0))) == 0.0
+
+
+@pytest.mark.parametrize(("kind", "slips", "tips"), [
+    ("rolling", True, True), ("slipping", False, True), ("contact", False, False)])  # fmt: skip
+def test_what_a_plant_shows_is_not_predicted(
+    kind: str, slips: bool, tips: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = battery("delay", laws=1, quick=True)
+    run = simulate(found.robot, found.config_of(found.cells[0]))
+    plant = replace(run.config.plant, kind=kind)
+    run = replace(run, config=replace(run.config, plant=plant))
+    summary = summarize(run)
+    ground = replace(summary.ground, would_slip=True, would_tip=True)
+    monkeypatch.setattr(cell_run, "summarize", lambda run: replace(summary, ground=ground))
+    figures = figures_of(run)
+    assert (figures.would_slip, figures.would_tip) == (slips, tips)
+    half = len(run.t) // 2
+    late = np.hypot(run.log.e[half:, 0], run.log.e[half:, 1])
+    assert figures.base_error == pytest.approx(np.sqrt(np.mean(late**2)), rel=1e-12)
+    away = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)[half:]
+    assert figures.end_effector_error == pytest.approx(np.sqrt(np.mean(away**2)), rel=1e-12)
