@@ -18,13 +18,9 @@ BACKENDS = ("auto", "compiled", "pinocchio")
 MOST_DOF = 30  # quasi-velocities; to build a loop of more takes longer than most runs in Python
 UNCOMPILED = {  # fields of a plant that only Python simulates, and why
     "dropped": "samples are dropped",
-    "payload": "the robot carries a payload",
-    "losses": "losses are scaled",
-    "effort": "the actuators saturate below their limits",
     "effort_lag": "efforts lag",
     "backlash": "joints have backlash",
     "encoder_bits": "encoders know whole steps only",
-    "sensor_bias": "what is measured has constant errors",
     "jitter": "the moments of sampling jitter",
     "slope": "the ground slopes",
     "wrenches": "the robot is pushed from outside",

@@ -201,6 +201,18 @@ class Plant:
         found = by_pattern(self.tau_bias, robot.actuators, "actuator")
         return np.array([found.get(name, 0.0) for name in robot.actuators])
 
+    def saturation(self, robot: Robot) -> Array:
+        """Return the efforts (n_act,) beyond which the true actuators have none, N·m or N.
+
+        An effort scale of 1 leaves commands as they are, even beyond the limits of the robot's
+        file: there the summary of a run tells what was exceeded.
+
+        Args:
+            robot: The robot, with the limits that its controller knows.
+        """
+        limits = robot.effort_limits
+        return np.full(len(limits), math.inf) if self.effort == 1.0 else self.effort * limits
+
     def simulated_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics of the simulated robot.
 
@@ -224,6 +236,9 @@ class Plant:
             UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
             RpctlError: A wheel would not reach the ground, or there would be no dynamics.
         """
+        for each in self.wrenches:
+            if not robot.model.existBodyName(each.link):
+                raise UnknownNameError("link", each.link, robot.description.link)
         friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
         varied = vary(scale_losses(robot, self.losses), self.variation)
         return on_slope(self.payload.on(add_friction(varied, friction)), self.slope)

@@ -11,16 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rpctl.engines.mujoco.bodies import add_bodies, add_motors, body_name
+from rpctl.engines.mujoco.bodies import add_bodies, add_motors
 from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.rollers import NOTE, add_rollers, has_rollers
 from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.engines.mujoco.ties import Follower, tie_followers, tie_mimics
 from rpctl.engines.mujoco.touch import GRIP, GROUND, add_supports, add_wheels
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
-
-# Of ties between joints: time constant (s) in steps, damping ratio; impedance.
-TIE_STEPS = 4.0
-TIE_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +32,8 @@ class Built:
         contacts: Names of the contacts: the wheels' joints, then the supports, as
             ``Contacts.names``.
         geoms: Name of the contact of each geom that meets the ground, by the geom's name.
+        followers: Swivels whose ties change as the robot steers; see
+            :mod:`rpctl.engines.mujoco.ties`.
         notes: What was assumed, in sentences.
         repairs: What of the file was mended, in sentences.
     """
@@ -41,6 +41,7 @@ class Built:
     spec: Any
     contacts: tuple[str, ...]
     geoms: Mapping[str, str]
+    followers: tuple[Follower, ...]
     notes: tuple[str, ...]
     repairs: tuple[str, ...]
 
@@ -79,10 +80,24 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     _add_ground(spec, friction, settings)
     repairs = add_bodies(spec, robot, settings)
     add_motors(spec, robot)
-    geoms, notes = add_wheels(spec, robot, settings, friction)
+    geoms, notes = _add_wheels(spec, robot, settings, friction)
     geoms |= add_supports(spec, robot, settings, friction)
-    _tie_mimics(spec, robot, settings)
-    return Built(spec, tuple(dict.fromkeys(geoms.values())), geoms, notes, repairs)
+    tie_mimics(spec, robot, settings)
+    followers, ties = tie_followers(spec, robot, settings)
+    contacts = tuple(dict.fromkeys(geoms.values()))
+    return Built(spec, contacts, geoms, followers, (*notes, *ties), repairs)
+
+
+def _add_wheels(
+    spec: Any, robot: Robot, settings: ContactSettings, friction: float
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Add the wheels, or their rollers."""
+    if not has_rollers(robot):
+        return add_wheels(spec, robot, settings, friction)
+    owners: dict[str, str] = {}
+    for wheel in robot.drive.wheels:
+        owners |= add_rollers(spec, robot, wheel, settings, friction)
+    return owners, (NOTE,)
 
 
 def _set_options(spec: Any, robot: Robot, settings: ContactSettings) -> None:
@@ -102,17 +117,3 @@ def _add_ground(spec: Any, friction: float, settings: ContactSettings) -> None:
     ground = spec.worldbody.add_geom(name=GROUND, type=plane, size=[0.0, 0.0, 1.0])
     ground.contype = ground.conaffinity = 0
     ground.friction = [friction, 0.0, 0.0]
-
-
-def _tie_mimics(spec: Any, robot: Robot, settings: ContactSettings) -> None:
-    """Tie mimic joints to what they follow."""
-    mujoco = mujoco_library()
-    for joint in robot.mimics:
-        if joint.mimic is not None and joint.mimic.joint not in robot.locked:
-            tie = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
-            tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
-            tie.data[:2] = joint.mimic.offset, joint.mimic.multiplier
-            tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
-
-
-__all__ = ["GROUND", "Built", "body_name", "build"]

@@ -54,6 +54,12 @@ def link_fault(link: Link) -> str:
     return _fault(_principal(link.inertia))
 
 
+def is_physical(given: BodyInertia) -> bool:
+    """Return whether some body may have an inertia, and MuJoCo lets it move."""
+    moments = _principal(given.inertia)
+    return given.mass >= MIN_MASS and moments[0] >= MIN_MOMENT and not _fault(moments)
+
+
 def set_inertia(body: Any, given: BodyInertia) -> None:
     """Give a body of a spec its inertia, by principal axes.
 

@@ -107,7 +107,7 @@ def add_touching(
     friction: float,
     settings: ContactSettings,
 ) -> Any:
-    """Add a geom that meets the ground, and return it.
+    """Add a geom that meets the ground, and return their contact pair.
 
     Args:
         spec: The ``MjSpec``.
@@ -127,7 +127,7 @@ def add_touching(
     pair.condim = 3 if friction > 0.0 else 1
     pair.friction = [friction, friction, 0.0, 0.0, 0.0]
     _soften(pair, settings)
-    return geom
+    return pair
 
 
 def _soften(pair: Any, settings: ContactSettings) -> None:

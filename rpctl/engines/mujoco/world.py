@@ -13,6 +13,7 @@ from rpctl.drive.drive import Wheel
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built
 from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.ties import Follower, linearised
 from rpctl.errors import DivergedError
 from rpctl.robot.coordinates import write_root
 from rpctl.robot.model import BASE_NV, Robot
@@ -53,6 +54,7 @@ class MujocoWorld:
             int(self.model.geom(geom).id): index[name] for geom, name in built.geoms.items()
         }
         self._wheels = [_WheelFrame(robot, wheel, self.model) for wheel in robot.drive.wheels]
+        self._ties = [_Tie(robot, follower, self.model) for follower in built.followers]
         self._links: dict[str, tuple[int, int]] = {}
         self._settled: Array | None = None
 
@@ -111,6 +113,8 @@ class MujocoWorld:
         data = self.data
         steps = max(1, math.ceil(dt / self._timestep - STEP_ROUNDING))
         self.model.opt.timestep = dt / steps
+        for tie in self._ties:
+            tie.update(data)
         before = data.qpos[self.model.jnt_qposadr[self._motors]]
         data.ctrl[:], self._settled = tau, None
         self._step(steps)
@@ -257,6 +261,27 @@ class _JointMap:
         q[self._index] = positions
         pairs, angles = self._index[self._pair], positions[self._pair]
         q[pairs], q[pairs + 1] = np.cos(angles), np.sin(angles)
+
+
+class _Tie:
+    """A follower's tie, linearised where the swivels that lead it stand."""
+
+    def __init__(self, robot: Robot, follower: Follower, model: Any) -> None:
+        self._drive, self._follower, self._model = robot.drive, follower, model
+        self._qpos = int(model.joint(follower.joint).qposadr[0])
+        self._leaders = [int(model.joint(name).qposadr[0]) for name in follower.leaders]
+        self._equality = int(model.equality(follower.tie).id)
+        first = int(model.tendon_adr[model.tendon(follower.tie).id])
+        self._wraps = slice(first + 1, first + 1 + len(follower.leaders))
+
+    def update(self, data: Any) -> None:
+        """Let it follow the leaders from where they are; heading back is heading along."""
+        at = data.qpos[self._leaders]
+        angles = dict(zip(self._follower.leaders, at.tolist(), strict=True))
+        place, jacobian = linearised(self._drive, self._follower, angles)
+        place += math.pi * round((float(data.qpos[self._qpos]) - place) / math.pi)
+        self._model.wrap_prm[self._wraps] = -jacobian
+        self._model.eq_data[self._equality, 0] = place - jacobian @ at
 
 
 class _WheelFrame:

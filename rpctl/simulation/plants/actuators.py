@@ -38,9 +38,6 @@ class MovingState(Protocol):
 class Actuators:
     """The actuators of a simulated robot.
 
-    An effort scale of 1 leaves commands as they are, even beyond the limits of the robot's file:
-    there the summary of the run tells what was exceeded.
-
     Args:
         robot: The simulated robot.
         plant: What its actuators are like.
@@ -49,7 +46,7 @@ class Actuators:
     """
 
     def __init__(self, robot: Robot, plant: Plant, period: float, rest: Array) -> None:
-        self._limits = plant.effort * robot.effort_limits if plant.effort != 1.0 else None
+        self._limits = plant.saturation(robot)
         self._lag, self._period = plant.effort_lag, period
         self._exerted = self._saturated(rest)
         self._backlash: Backlash | None = None
@@ -96,8 +93,6 @@ class Actuators:
 
     def _saturated(self, command: Array) -> Array:
         """Return a command (n_act,) within the limits."""
-        if self._limits is None:
-            return command
         return np.clip(command, -self._limits, self._limits)
 
     def _lagging(self, wanted: Array, duration: float) -> Array:

@@ -6,6 +6,7 @@ from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
@@ -16,6 +17,8 @@ from rpctl.simulation.plants.interfaces import (
 from rpctl.simulation.plants.motion import Motion
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.slipping import SlippingMotion
+
+OF_EFFORTS = ("effort", "effort_lag", "backlash", "jitter", "wrenches")  # fields of a plant
 
 
 def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Interface:
@@ -40,8 +43,12 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
                 f"the {plant.kind} plant takes efforts; leave out --output velocity, or take the "
                 "plant ideal or perturbed"
             )
-        if plant.jitter:
-            raise RpctlError("the moments of sampling jitter, which a robot of speeds has not")
+        for name in OF_EFFORTS:
+            if getattr(plant, name) != getattr(Plant(), name):
+                raise RpctlError(
+                    f"{name} of the plant is of robots that take efforts; this one follows the "
+                    "speeds that it is sent, whatever that takes: leave out --output velocity"
+                )
         return SpeedInterface(dynamics, config, rest)
     if plant.lag is not None or plant.lags or plant.dead_time is not None:
         raise RpctlError(
