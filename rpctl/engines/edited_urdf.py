@@ -192,9 +192,7 @@ def _resolve_meshes(root: Any, robot: Robot, dialect: Dialect) -> list[str]:
             mesh.set("filename", str(path))
             if path.suffix.lower() in dialect.meshes:
                 continue
-            reason = (
-                f"{dialect.name} reads no {path.suffix} as a collision shape and refuses the file"
-            )
+            reason = f"{dialect.name} refuses files with {path.suffix} as a collision shape"
         refused.setdefault(reason, []).append(element.getparent().get("name"))
         element.getparent().remove(element)
     return [f"{why}: left out of {_several(names)}" for why, names in refused.items()]
