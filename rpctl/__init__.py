@@ -32,6 +32,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
     "LogUniform": "rpctl.study.distributions",
+    "MjcfSensors": "rpctl.engines.mujoco.sensors",
     "Normal": "rpctl.study.distributions",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
@@ -52,8 +53,10 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "VelocityOutput": "rpctl.control.velocity_output",
     "Wheel": "rpctl.drive.drive",
     "as_reference": "rpctl.reference.function",
+    "check_mjcf": "rpctl.simulation.mjcf_file",
     "derive_law": "rpctl.derive.law",
     "draw_state": "rpctl.equivalence.state",
+    "export_mjcf": "rpctl.simulation.mjcf_file",
     "lag_from": "rpctl.study.lag",
     "linearize": "rpctl.dynamics.derivatives",
     "load": "rpctl.robot.load",
@@ -100,6 +103,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.drive.drive import Wheel as Wheel
     from rpctl.dynamics.derivatives import linearize as linearize
     from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
+    from rpctl.engines.mujoco.sensors import MjcfSensors as MjcfSensors
     from rpctl.equivalence.certificate import Certificate as Certificate
     from rpctl.equivalence.state import draw_state as draw_state
     from rpctl.equivalence.verify import verify as verify
@@ -114,6 +118,8 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.robot.vary import scale_masses as scale_masses
     from rpctl.robot.vary import set_limits as set_limits
     from rpctl.simulation.loop import track as track
+    from rpctl.simulation.mjcf_file import check_mjcf as check_mjcf
+    from rpctl.simulation.mjcf_file import export_mjcf as export_mjcf
     from rpctl.simulation.plant import Plant as Plant
     from rpctl.simulation.run import Run as Run
     from rpctl.simulation.summary import summarize as summarize

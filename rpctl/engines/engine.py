@@ -82,18 +82,19 @@ class EngineRun(Protocol):
 
 
 class Engine(Protocol):
-    """A simulator.
+    """A simulator."""
 
-    Attributes:
-        name: As its makers write it: ``"MuJoCo"``, ``"Drake"``, ``"PyBullet"``.
-        version: As it gives it.
-        tick: How long the referee holds efforts, s: a multiple of the steps that the engine takes,
-            by default and mended.
-    """
+    @property
+    def name(self) -> str:
+        """As its makers write it: ``"MuJoCo"``, ``"Drake"``, ``"PyBullet"``."""
 
-    name: str
-    version: str
-    tick: float
+    @property
+    def version(self) -> str:
+        """As it gives it."""
+
+    @property
+    def tick(self) -> float:
+        """How long the referee holds efforts, s: a multiple of its steps, default and mended."""
 
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
         """Return the switches that mean something here, of this robot."""

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors
+from rpctl.engines.mujoco.heights import BASE, LEAST, Heights, read_heights
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.rollers import NOTE, add_rollers, has_rollers
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.ties import Follower, tie_followers, tie_mimics
-from rpctl.engines.mujoco.touch import GRIP, GROUND, add_supports, add_wheels
+from rpctl.engines.mujoco.touch import GRIP, GROUND, add_drawn, add_supports, add_wheels
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
 
@@ -36,6 +37,7 @@ class Built:
             :mod:`rpctl.engines.mujoco.ties`.
         notes: What was assumed, in sentences.
         repairs: What of the file was mended, in sentences.
+        heights: Of the ground; None: it is the plane z = 0.
     """
 
     spec: Any
@@ -44,6 +46,7 @@ class Built:
     followers: tuple[Follower, ...]
     notes: tuple[str, ...]
     repairs: tuple[str, ...]
+    heights: Heights | None = None
 
     def compile(self) -> Any:
         """Return the ``MjModel``.
@@ -72,20 +75,23 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     Raises:
         EngineMissing: MuJoCo is not installed.
         RpctlError: A number is none that it can take.
+        InputError: The heights of the ground cannot be read.
     """
     require_positive("friction", friction)
     spec = mujoco_library().MjSpec()
     spec.modelname = robot.name
     _set_options(spec, robot, settings)
-    _add_ground(spec, friction, settings)
+    heights = read_heights(settings)
+    _add_ground(spec, friction, heights)
     repairs = add_bodies(spec, robot, settings)
     add_motors(spec, robot)
     geoms, notes = _add_wheels(spec, robot, settings, friction)
     geoms |= add_supports(spec, robot, settings, friction)
+    drawn = add_drawn(spec, robot, settings, friction)
     tie_mimics(spec, robot, settings)
     followers, ties = tie_followers(spec, robot, settings)
     contacts = tuple(dict.fromkeys(geoms.values()))
-    return Built(spec, contacts, geoms, followers, (*notes, *ties), repairs)
+    return Built(spec, contacts, geoms, followers, (*notes, *drawn, *ties), repairs, heights)
 
 
 def _add_wheels(
@@ -112,8 +118,17 @@ def _set_options(spec: Any, robot: Robot, settings: ContactSettings) -> None:
     option.impratio = GRIP if elliptic else 1.0
 
 
-def _add_ground(spec: Any, friction: float, settings: ContactSettings) -> None:
-    plane = mujoco_library().mjtGeom.mjGEOM_PLANE
-    ground = spec.worldbody.add_geom(name=GROUND, type=plane, size=[0.0, 0.0, 1.0])
+def _add_ground(spec: Any, friction: float, heights: Heights | None) -> None:
+    kinds = mujoco_library().mjtGeom
+    ground = spec.worldbody.add_geom(name=GROUND, type=kinds.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
     ground.contype = ground.conaffinity = 0
     ground.friction = [friction, 0.0, 0.0]
+    if heights is None:
+        return
+    low, high = float(heights.grid.min()), float(heights.grid.max())
+    rows, columns = heights.grid.shape
+    field = spec.add_hfield(name=GROUND, nrow=rows, ncol=columns)
+    relief = max(high - low, LEAST)
+    field.size = [0.5 * heights.extent[0], 0.5 * heights.extent[1], relief, BASE]
+    field.userdata = ((heights.grid - low) / relief).ravel()
+    ground.type, ground.hfieldname, ground.pos = kinds.mjGEOM_HFIELD, GROUND, [0.0, 0.0, low]

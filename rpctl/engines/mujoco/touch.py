@@ -42,9 +42,15 @@ def add_wheels(
         if kind == "ELLIPSOID":
             size = [wheel.radius, wheel.radius, half_width]
         body = spec.body(body_name(robot.description.joint[wheel.joint].child))
-        add_touching(spec, body, wheel.joint, kind, size, wheel_pose(wheel), friction, settings)
+        held = settings.caster_friction if _is_ball(wheel) else friction
+        add_touching(spec, body, wheel.joint, kind, size, wheel_pose(wheel), held, settings)
         owners[wheel.joint] = wheel.joint
     return owners, tuple(dict.fromkeys(notes))
+
+
+def _is_ball(wheel: Wheel) -> bool:
+    """Return whether a wheel is a ball that slides, though its file lets it turn one way."""
+    return wheel.slides and not wheel.driven and "sphere" in wheel.source
 
 
 def half_width_of(robot: Robot, wheel: Wheel, settings: ContactSettings) -> tuple[float, str]:
@@ -86,15 +92,67 @@ def add_supports(
     owners: dict[str, str] = {}
     supports = find_supports(robot)
     for name, link, shape in support_shapes(robot, supports):
-        head = robot.tree.free_joints(link)
-        rolls = any(not robot.tree.is_upright(joint) for joint in head)
+        free = robot.tree.free_joints(link)
+        rolls = any(not robot.tree.is_upright(joint) for joint in free)
         pose = _in_head(robot, link) @ shape.origin
         size = halved(shape.kind, shape.size)
-        body = spec.body(body_name(head[-1].child if head else robot.description.root))
+        body = spec.body(body_name(_head(robot, link)))
         held = friction if rolls else settings.caster_friction
         add_touching(spec, body, name, SHAPES[shape.kind], size, pose, held, settings)
         owners[name] = name
     return owners
+
+
+def add_drawn(
+    spec: Any, robot: Robot, settings: ContactSettings, friction: float
+) -> tuple[str, ...]:
+    """Add what else meets the ground; return what was assumed.
+
+    That is casters that only meshes draw, as balls, and, where settings say so, all that the file
+    draws for collisions besides wheels and supports.
+
+    Args:
+        spec: The ``MjSpec``, with its bodies.
+        robot: The robot.
+        settings: Whether the whole robot meets the ground.
+        friction: Coefficient between the ground and what is drawn.
+    """
+    supports, notes = find_supports(robot), []
+    for link in supports.unknown:
+        pose = _in_head(robot, link)
+        radius = float(robot.tree.pose(link)[2, 3]) - robot.drive.ground
+        body = spec.body(body_name(_head(robot, link)))
+        free = robot.tree.free_joints(link)
+        held = friction if free and not robot.tree.is_upright(free[-1]) else 0.0
+        add_touching(spec, body, link, "SPHERE", [radius, 0.0, 0.0], pose, held, settings)
+        notes.append(f'caster "{link}" is drawn by meshes alone; it is a ball of {radius:.3g} m')
+    return tuple(notes) + (_add_body(spec, robot, settings, friction) if settings.body else ())
+
+
+def _add_body(
+    spec: Any, robot: Robot, settings: ContactSettings, friction: float
+) -> tuple[str, ...]:
+    """Let what the file draws for collisions meet the ground; return what is left out."""
+    lines = {part.line for part in find_supports(robot).parts}
+    wheels = {robot.description.joint[wheel.joint].child for wheel in robot.drive.wheels}
+    left = []
+    for link in robot.description.links:
+        if wheels & {
+            robot.description.root,
+            *(j.child for j in robot.description.chain(link.name)),
+        }:
+            continue
+        for shape in link.collisions:
+            if shape.kind not in SHAPES:
+                left.append(link.name)
+            elif shape.line not in lines:
+                body = spec.body(body_name(_head(robot, link.name)))
+                name, size = f"{link.name} (line {shape.line})", halved(shape.kind, shape.size)
+                pose = _in_head(robot, link.name) @ shape.origin
+                add_touching(spec, body, name, SHAPES[shape.kind], size, pose, friction, settings)
+    if not left:
+        return ()
+    return (f"the meshes of {len(set(left))} links do not meet the ground",)
 
 
 def add_touching(
@@ -157,6 +215,11 @@ def halved(kind: str, size: tuple[float, ...]) -> list[float]:
 
 def _in_head(robot: Robot, link: str) -> Array:
     """Return a link's pose (4, 4) in the frame of the body that it is part of."""
+    head = robot.tree.pose(_head(robot, link))
+    return np.asarray(np.linalg.inv(head) @ robot.tree.pose(link))
+
+
+def _head(robot: Robot, link: str) -> str:
+    """Return the link whose body a link is part of."""
     free = robot.tree.free_joints(link)
-    head = free[-1].child if free else robot.description.root
-    return np.asarray(np.linalg.inv(robot.tree.pose(head)) @ robot.tree.pose(link))
+    return free[-1].child if free else robot.description.root

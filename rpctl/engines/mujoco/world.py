@@ -213,10 +213,15 @@ class MujocoWorld:
 
     def _step(self, steps: int) -> None:
         mujoco, model, data = self._mujoco, self.model, self.data
-        mujoco.mj_step2(model, data)
-        if steps > 1:
-            mujoco.mj_step(model, data, steps - 1)
-        mujoco.mj_step1(model, data)
+        known = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(_quiet)  # else MuJoCo writes to stderr, and a file
+        try:
+            mujoco.mj_step2(model, data)
+            if steps > 1:
+                mujoco.mj_step(model, data, steps - 1)
+            mujoco.mj_step1(model, data)
+        finally:
+            mujoco.set_mju_user_warning(known)
         warned = mujoco.mjtWarning
         bad = (warned.mjWARN_BADQPOS, warned.mjWARN_BADQVEL, warned.mjWARN_BADQACC)
         if any(data.warning[int(kind)].number for kind in bad):
@@ -234,6 +239,10 @@ class MujocoWorld:
             else:
                 self._links[link] = int(self.model.site_bodyid[site]), int(site)
         return self._links[link]
+
+
+def _quiet(message: str) -> None:
+    """Take a warning; what matters of it is counted in the ``MjData``."""
 
 
 class _JointMap:

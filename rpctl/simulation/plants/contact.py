@@ -20,6 +20,8 @@ from rpctl.simulation.plants.motion import Ground
 from rpctl.simulation.plants.wrench import Wrench
 
 MAX_TILT = 0.2  # rad: a robot that leans further as it settles has fallen
+STEEP = 0.7  # rad: likewise on a ground that is no plane
+REACH = 1.0  # m about the root link: nothing of the ground there stands above where it is let fall
 TOLD_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 TOLD_SINK = 2e-3  # m, likewise
 
@@ -46,9 +48,11 @@ class MujocoMotion:
         built = build(robot, settings, friction)
         self._world = MujocoWorld(robot, built)
         self._selection = selection(robot, find_rolling(robot))
-        self._world.place(q, -robot.drive.ground)
+        self._level = built.heights is None
+        self._height = 0.0 if built.heights is None else built.heights.highest(q[0], q[1], REACH)
+        self._world.place(q, self._height - robot.drive.ground)
         self._world.settle()
-        self._require_standing(built.contacts)
+        self._require_standing(built.contacts, MAX_TILT if self._level else STEEP)
         self._energy = self._world.energy
         self.notes: tuple[str, ...] = (*built.repairs, *built.notes, *self._settled_notes())
 
@@ -102,10 +106,10 @@ class MujocoMotion:
         self._energy = energy
         return Step(self.q, self.nu, work + pushed, lost)
 
-    def _require_standing(self, contacts: tuple[str, ...]) -> None:
-        """Refuse a robot that falls while it settles."""
+    def _require_standing(self, contacts: tuple[str, ...], most: float) -> None:
+        """Refuse a robot that leans by more than ``most`` (rad) once it has settled."""
         tilt = self._world.tilt
-        if not tilt <= MAX_TILT:
+        if not tilt <= most:
             raise RpctlError(
                 f"{self._robot.name} falls over: it leans {math.degrees(tilt):.0f}° standing "
                 f"on {len(contacts)} contacts ({', '.join(contacts)}), which the rolling model "
@@ -113,10 +117,11 @@ class MujocoMotion:
             )
 
     def _settled_notes(self) -> tuple[str, ...]:
-        tilt, sink = self._world.tilt, -self._robot.drive.ground - float(self.pose[2])
+        tilt = self._world.tilt
+        sink = self._height - self._robot.drive.ground - float(self.pose[2])
         said: tuple[str, ...] = ()
-        if tilt > TOLD_TILT:
+        if tilt > TOLD_TILT and self._level:
             said += (f"it stands {math.degrees(tilt):.2g}° out of the level",)
-        if abs(sink) > TOLD_SINK:
+        if abs(sink) > TOLD_SINK and self._level:
             said += (f"its root link stands {1e3 * sink:.1f} mm lower than the file has it",)
         return said
