@@ -86,7 +86,9 @@ def test_inertias_are_those_of_all_that_moves_together(robot: Robot) -> None:
     place = np.array(
         root.find("link[@name='arm_sleeve_link']/inertial/origin").get("xyz").split(), float
     )
-    np.testing.assert_allclose(place, [(4.0 * 0.25 + 2.0 * (0.6 - 0.2)) / 6.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        place, [(4.0 * 0.25 + 2.0 * (0.6 - 0.2)) / 6.0, 0.0, 0.0], atol=1e-12
+    )
     izz = float(root.find("link[@name='arm_sleeve_link']/inertial/inertia").get("izz"))
     reduced = 4.0 * 2.0 / 6.0 * (0.4 - 0.25) ** 2  # parallel axes: the two bodies apart
     assert izz == pytest.approx(0.12 + 0.05 + reduced)
@@ -99,7 +101,9 @@ def box(name: str, *more: str) -> str:
 def two_wheels(path: Path, *inside: str, more: str = "") -> Path:
     """Write a robot on two wheels and a ball that the file only draws."""
     wheel = urdf.shape('cylinder radius="0.1" length="0.04"', rpy=urdf.ROUND)
-    parts = [box("base_link", urdf.shape('sphere radius="0.05"', "visual", (0.3, 0, 0.05)), *inside)]
+    parts = [
+        box("base_link", urdf.shape('sphere radius="0.05"', "visual", (0.3, 0, 0.05)), *inside)
+    ]
     for side, y in (("left", 0.2), ("right", -0.2)):
         ends = ("base_link", f"wheel_{side}_link")
         parts.append(urdf.joint(f"wheel_{side}_joint", "continuous", ends, (0, y, 0.1), (0, 1, 0)))
