@@ -15,13 +15,13 @@ TURN = 2.0 * math.pi
 
 
 class Encoders:
-    """Encoders on the driven wheels, the steered swivels and the arm's joints of a robot.
+    """Encoders on the driven wheels, the swivels that are driven and the arm's joints of a robot.
 
     A step is a turn by 2^bits; of a prismatic joint its range by 2^bits. Positions are rounded to
     whole steps. A rate is the difference of two rounded positions over the time between them, and
-    the base's speeds are those of odometry: of least squares, what rates of the driven wheels say
-    of a robot that rolls, its steering and its joints at the encoders' rates. Where the driven
-    wheels do not determine them, all wheels have encoders.
+    the base's speeds are those of odometry: what the rates of driven wheels and casters say of a
+    robot that rolls, in the sense of least squares, its steering and its joints at the encoders'
+    rates. Where they do not determine them, all wheels have encoders.
 
     The pose of the base is not theirs to measure: whoever localises it has his own errors, which
     are noise.
@@ -37,9 +37,9 @@ class Encoders:
         measured = [*dict.fromkeys((*robot.joint_names, *steered))]
         self._rates = [measured.index(n) for n in robot.quasi_velocities if n in measured]
         self._joints = np.array([n in measured for n in robot.quasi_velocities], dtype=bool)
-        wheels = [wheel.joint for wheel in drive.wheels if wheel.driven]
+        wheels = [name for name in robot.actuators if name not in measured]
         if not self._determine(robot, wheels):
-            wheels = [wheel.joint for wheel in drive.wheels]
+            wheels += [each.joint for each in drive.wheels if each.joint not in wheels]
         self._wheels = [robot.velocity_index(name) for name in wheels]
         self._written = len(measured)
         names = (*measured, *wheels)

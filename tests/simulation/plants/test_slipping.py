@@ -19,11 +19,12 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive_file import DriveSpec
-from rpctl.dynamics.ground_reaction import contact_points, find_contacts
+from rpctl.dynamics.ground_reaction import contact_points, find_contacts, ground_reaction
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.robot.load import load
+from rpctl.robot.losses import make_losses
 from rpctl.simulation.plants.slipping import Slipping, SlippingMotion
 from rpctl.simulation.plants.wrench import Wrench
 from tests.grids import cells
@@ -300,6 +301,27 @@ def test_without_wheels_it_is_the_reduced_model() -> None:
     assert slip_error(robot, q, 20.0, 0.001, 20) < 1e-7
 
 
+@pytest.mark.parametrize("kind", ["platform", "parallel"])
+def test_joints_lose_what_they_lose_where_wheels_roll(kind: str, tmp_path: Path) -> None:
+    text = platform(SET_A, extra=ball(0.5)) if kind == "platform" else vehicle(kind)
+    robot = load(write(tmp_path, text))
+    joints = robot.moving_joint_names
+    damping, friction = (dict.fromkeys(joints, each) for each in (0.4, 0.6))
+    losses = make_losses(robot.description, robot.model, damping, friction)
+    lossy = replace(robot, losses=losses)
+    q = robot.configuration(0.1, 0.2, 0.3)
+    assert slip_error(lossy, q, 1e4, 0.001, 30) < 1e-5
+    dynamics, rest = ReducedDynamics(robot), np.zeros(robot.dof)
+    tau = gentle(lossy, ReducedDynamics(lossy), q)
+    motion, work, lost = motion_of(lossy, q, slip_stiffness=1e4), 0.0, 0.0
+    for _ in range(30):
+        done = motion.advance(tau, 0.002)
+        work, lost = work + done.work, lost + done.lost
+    assert lost > 1e-4
+    gained = energy(motion) - dynamics.energy(q, rest)
+    assert gained == pytest.approx(work - lost, abs=1e-3 * work)
+
+
 def test_steps_are_of_second_order(paper: Robot) -> None:
     def end(dt: float) -> Array:
         motion = motion_of(paper, friction=0.3, longest=dt)
@@ -311,6 +333,23 @@ def test_steps_are_of_second_order(paper: Robot) -> None:
     fine = end(0.00025)
     coarse, half = (float(np.abs(end(dt) - fine).max()) for dt in (0.008, 0.004))
     assert coarse / half > 3.2
+
+
+def test_it_stands_on_the_ground_as_it_is_put(paper: Robot) -> None:
+    q = paper.configuration(1.0, -2.0, 2.5)
+    motion = motion_of(paper, q)
+    turn = [0.0, 0.0, math.sin(1.25), math.cos(1.25)]
+    np.testing.assert_allclose(motion.pose, [1.0, -2.0, -paper.drive.ground, *turn], atol=1e-12)
+    np.testing.assert_array_equal(motion.q, q)
+    dynamics = ReducedDynamics(paper)
+    contacts = find_contacts(dynamics)
+    assert contacts is not None
+    hold = dynamics.efforts(q, dynamics.bias(q, np.zeros(paper.dof)))
+    expected = ground_reaction(dynamics, contacts, q, np.zeros(paper.dof), hold).load
+    np.testing.assert_allclose(motion.ground().load, expected, rtol=1e-9)
+    for _ in range(20):
+        motion.advance(hold, 0.002)
+    np.testing.assert_allclose(motion.q, q, atol=1e-9)
 
 
 # What stays a constraint, and what is refused
@@ -341,7 +380,7 @@ def test_joints_that_follow_others_still_do(tmp_path: Path) -> None:
     assert right == pytest.approx(-0.9 * left, abs=1e-12)
 
 
-def test_a_push_needs_a_link_and_a_slope_pulls(paper: Robot) -> None:
+def test_a_push_needs_a_link(paper: Robot) -> None:
     motion = motion_of(paper)
     with pytest.raises(DivergedError, match="nothing"):
         motion.advance(still(paper), 0.002, [Wrench("nothing")])
