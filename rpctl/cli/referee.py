@@ -129,7 +129,7 @@ def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, Rpctl
         for verdict in verdicts:
             head = f"{escape(name)}: " if several else ""
             out.print(f"{head}{escape(line(verdict))}", soft_wrap=True)
-        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.recording.notes)
+        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.notes)
         for note in notes if not several else ():
             out.print(f"[dim]note[/] {escape(note)}")
     for name, error in refused.items():
