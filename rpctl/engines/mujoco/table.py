@@ -118,9 +118,9 @@ def _rows(of: _NamedModel, prefix: str) -> Iterator[Fields]:
 
 
 @cache
-def _attributes(kind: type) -> tuple[str, ...]:
-    """Return the names of what a kind of object holds."""
-    return tuple(dir(kind))
+def _attributes() -> tuple[str, ...]:
+    """Return the names of what a compiled model holds."""
+    return tuple(dir(mujoco_library().MjModel))
 
 
 def _numbers(value: Any) -> list[float | str]:
@@ -132,7 +132,7 @@ def _arrays(of: _NamedModel, prefix: str) -> dict[str, Any]:
     """Return what the model holds of a kind, by the names of fields without their prefix."""
     left_out = {*COMPILER_ONLY, *DERIVED.get(prefix, ())}
     found = {}
-    for attribute in _attributes(type(of.model)):
+    for attribute in _attributes():
         name = attribute.removeprefix(f"{prefix}_")
         if name != attribute and name not in left_out:
             array = getattr(of.model, attribute)
