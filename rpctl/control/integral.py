@@ -36,13 +36,15 @@ class IntegralDynamic:
     the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
 
     Attributes:
-        gain: k of the base, 1/s.
+        gain: k of the base, 1/s. The default holds TIAGo in MuJoCo, where wheels of 3 cm scrub,
+            within 2.2 mm on the eight; 10 leaves 3.3, and 20 takes a fifth of the phase that a
+            delay of 50 ms leaves.
         inner: The law that finds the efforts.
         joint_gain: k of the arm's joints, 1/s; None: of each what its bandwidth allows, see
             :func:`~rpctl.control.bandwidth.joint_gains`.
     """
 
-    gain: float = 10.0
+    gain: float = 15.0
     inner: BoundedDynamic = field(default_factory=BoundedDynamic)
     joint_gain: float | None = None
 

@@ -132,6 +132,21 @@ def test_the_controller_sees_what_its_encoders_say(paper: Robot) -> None:
     np.testing.assert_allclose(speeds, np.round(speeds), atol=1e-6)
 
 
+def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
+    """Wheels that are larger by a tenth drive faster by a tenth than their encoders say."""
+    seen: list[Array] = []
+
+    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
+        seen.append(nu)
+        return PaperDynamic()(dynamics, q, nu, command)
+
+    plant = Plant(encoder_bits=24, radii={"wheel_*": 1.1})
+    run = track(paper, "line", 0.3, (0.5, 0.0, 0.0), dynamic=law, plant=plant, collisions=False)
+    mean = 0.5 * (run.nu[100, 0] + run.nu[101, 0])
+    assert mean > 0.05
+    assert seen[101][0] == pytest.approx(mean / 1.1, rel=1e-3)
+
+
 def test_backlash_leaves_no_more_than_the_gap(paper: Robot) -> None:
     gap = 5e-3
     plant = Plant(backlash={"arm_*": gap})
