@@ -32,7 +32,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
     "LogUniform": "rpctl.study.distributions",
-    "MjcfSensors": "rpctl.engines.mujoco.sensors",
+    "MjcfRobot": "rpctl.engines.mujoco.sensors",
     "Normal": "rpctl.study.distributions",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
@@ -103,7 +103,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.drive.drive import Wheel as Wheel
     from rpctl.dynamics.derivatives import linearize as linearize
     from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
-    from rpctl.engines.mujoco.sensors import MjcfSensors as MjcfSensors
+    from rpctl.engines.mujoco.sensors import MjcfRobot as MjcfRobot
     from rpctl.equivalence.certificate import Certificate as Certificate
     from rpctl.equivalence.state import draw_state as draw_state
     from rpctl.equivalence.verify import verify as verify

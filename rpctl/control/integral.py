@@ -36,9 +36,9 @@ class IntegralDynamic:
     the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
 
     Attributes:
-        gain: k of the base, 1/s. The default holds TIAGo in MuJoCo, where wheels of 3 cm scrub,
-            within 2.2 mm on the eight; 10 leaves 3.3, and 20 takes a fifth of the phase that a
-            delay of 50 ms leaves.
+        gain: k of the base, 1/s. With the default TIAGo keeps within 2.2 mm of the eight in MuJoCo,
+            where its wheels scrub (10: 3.2 mm; 20: 1.7 mm); of a delay of 50 ms it leaves 15° of
+            phase (10: 28°; 20: 2°).
         inner: The law that finds the efforts.
         joint_gain: k of the arm's joints, 1/s; None: of each what its bandwidth allows, see
             :func:`~rpctl.control.bandwidth.joint_gains`.

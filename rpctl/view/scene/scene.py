@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.reload import has_surroundings
@@ -83,7 +84,7 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         poses, ghost = base_poses(run.q[frames]), base_poses(run.q_ref[frames])
     else:
         bodies = build_bodies(robot, triangles)
-        poses = joint_poses(robot, run.q[frames])
+        poses = joint_poses(robot, run.q[frames], run.log.root_pose[frames])
         ghost = joint_poses(robot, run.q_ref[frames])
     joints = sorted({part.joint for part in bodies.parts})
     paths = _paths(run, frames)
@@ -182,17 +183,29 @@ def _frames(t: Array) -> NDArray[np.int64]:
     return np.unique(np.rint(np.linspace(0, len(t) - 1, count)).astype(np.int64))
 
 
-def joint_poses(robot: Robot, q: Array) -> Array:
+def joint_poses(robot: Robot, q: Array, roots: Array | None = None) -> Array:
     """Return the poses (n, njoints, 7) of all joints at configurations (n, nq).
 
     A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
+
+    Args:
+        robot: The robot.
+        q: Configurations (n, nq).
+        roots: Poses of the root link (n, 7) over the ground, where it may tilt and hop; (n, 0) or
+            None: it stays level.
     """
+    tilted = roots is not None and roots.shape[1] > 0
     data = robot.model.createData()
     poses = np.empty((len(q), robot.model.njoints, 7))
     for k, configuration in enumerate(q):
         pin.forwardKinematics(robot.model, data, configuration)
+        moved = pin.SE3.Identity()
+        if tilted and roots is not None:
+            root = pin.XYZQUATToSE3(roots[k])
+            root.translation[2] += robot.drive.ground
+            moved = root * data.oMi[ROOT_JOINT].inverse()
         for j, placement in enumerate(data.oMi):
-            poses[k, j] = pin.SE3ToXYZQUAT(placement)
+            poses[k, j] = pin.SE3ToXYZQUAT(moved * placement if j and tilted else placement)
     return poses
 
 
