@@ -9,7 +9,11 @@ from typing import cast
 from rpctl.engines.engine import Engine, EngineMissing
 from rpctl.errors import UnknownNameError
 
-ENGINES = {"mujoco": "rpctl.engines.mujoco.engine:MujocoSimulator"}  # by the name that users give
+ENGINES = {  # by the name that users give
+    "mujoco": "rpctl.engines.mujoco.engine:MujocoSimulator",
+    "drake": "rpctl.engines.drake.engine:DrakeEngine",
+    "pybullet": "rpctl.engines.bullet.engine:BulletEngine",
+}
 
 
 def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str]]:
@@ -34,6 +38,7 @@ def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str
 def _start(module: str, kind: str, found: list[Engine], missing: list[str]) -> None:
     """Add an engine to those found, or the sentence on how to install it to those missing."""
     try:
-        found.append(cast("Engine", getattr(import_module(module), kind)()))
+        engine = cast("Engine", getattr(import_module(module), kind)())
+        found.extend([engine] if engine.version else [])  # its library is asked, and so imported
     except EngineMissing as error:
         missing.append(str(error))

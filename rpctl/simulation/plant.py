@@ -91,8 +91,8 @@ class Plant:
         dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
         seed: Of all that is drawn at random.
         kind: What moves it: ``"rolling"``, wheels that roll without slipping, as the controller's
-            model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo; ``"own"``, what ``own`` is. The coefficient of friction
-            is the run's.
+            model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo; ``"own"``, what
+            ``own`` is. The coefficient of friction is the run's.
         slipping: The tyres of a slipping one.
         contact: How a robot in MuJoCo meets the ground.
         own: A simulator of the user's in their place, in which nothing else of a plant counts.
