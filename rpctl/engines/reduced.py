@@ -37,7 +37,7 @@ class ReducedRun:
         self._tau = np.zeros(len(dynamics.robot.actuators))
         robot = dynamics.robot
         self.contacts = contacts.names
-        self.notes = (SKID_NOTE,) if robot.drive.type == "skid-steer" else ()
+        self.notes: tuple[str, ...] = (SKID_NOTE,) if robot.drive.type == "skid-steer" else ()
         self._turned = {name: robot.joint_position(q, name) for name in robot.moving_joint_names}
         axes = [robot.tree.axis(robot.description.joint[w.joint]) for w in robot.drive.wheels]
         self._left = [math.copysign(1.0, mostly_left(axis)) for axis in axes]
