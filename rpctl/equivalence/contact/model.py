@@ -63,15 +63,16 @@ class ContactModel:
     Args:
         robot: The robot; its file's numbers and shapes are used, not its Pinocchio model. Of the
             drive: which joints carry wheels, and how a roller lies on its wheel.
+        friction: Coefficient between wheels and ground.
 
     Attributes:
         names: The contacts: the wheels' joints, then the supports, as ``Contacts.names``.
         notes: What the file does not say of them.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, friction: float = FRICTION) -> None:
         self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
-        self._robot = robot
+        self._robot, self._friction = robot, friction
         self._contacts: dict[str, str] = {}  # geoms, and what they are called
         self.notes: tuple[str, ...] = ()
         self._follower_inertia: dict[
@@ -186,7 +187,7 @@ class ContactModel:
                 continue
             (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self._held(wheel).tolist()
             frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
-            friction[k, :2] = FRICTION, ROLLER_FRICTION
+            friction[k, :2] = self._friction, ROLLER_FRICTION
 
     def _held(self, wheel: Wheel) -> Array:
         """Return the direction (3,) in which the ground holds a wheel, level, world.
@@ -252,7 +253,7 @@ class ContactModel:
         geom.type = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind}")
         geom.size[: len(size)] = size
         geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 2, directions, 1
-        geom.friction[0] = FRICTION
+        geom.friction[0] = self._friction
         geom.solref, geom.solimp = SOLREF, SOLIMP
         self._contacts[geom.name] = name
 

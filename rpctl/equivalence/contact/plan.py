@@ -143,7 +143,7 @@ def _plan_at_pace(dynamics: ReducedDynamics, pace: float) -> ContactPlan:
         servoed=servoed,
         names=names,
         targets=(positions.reshape(len(q), len(names)), rates),
-        inertia=np.array([_felt_inertia(dynamics, at, names) for at in q]),
+        inertia=np.array([felt_inertia(dynamics, at, names) for at in q]),
     )
 
 
@@ -187,8 +187,14 @@ def _max_stroke(joint: Joint) -> float:
     return 0.5 * DURATION_S * MAX_MOTOR_RATIO * joint.velocity
 
 
-def _felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
-    """Return the inertia (n_held, n_held) that the servo's joints feel, all others free."""
+def felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
+    """Return the inertia (n_held, n_held) that the servo's joints feel, all others free.
+
+    Args:
+        dynamics: The reduced dynamics.
+        q: Configuration (nq,).
+        names: The joints, whose rates are quasi-velocities.
+    """
     speeds = dynamics.robot.quasi_velocities
     own = [speeds.index(name) for name in names]
     return np.linalg.inv(np.linalg.inv(dynamics.inertia(q))[np.ix_(own, own)])
