@@ -20,6 +20,7 @@ from rpctl.arrays import Array
 from rpctl.simulation.config import Config
 from rpctl.simulation.facts import GroundFacts, RobotFacts
 from rpctl.simulation.log import Log
+from rpctl.simulation.run_schema import PLANT_ARRAYS
 from tests import urdf
 from tests.runs import vary
 
@@ -149,6 +150,7 @@ def golden_run(robot: Robot) -> Run:
         "slip_ratio": np.array(SLIP_RATIOS),
         "load_range": np.empty((COUNT, 0)),  # three contacts: statics tell each load
         "slip_range": np.empty((COUNT, 0)),
+        **dict.fromkeys(PLANT_ARRAYS, np.empty((COUNT, 0))),  # wheels that roll
         "active_limits": np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0], [1, 0]], float),
     }
     for array in arrays.values():

@@ -52,6 +52,16 @@ COMMANDS = {
         "Write the reduced equations, or a law, in closed form: to read, to publish, or as code.",
         "rpctl derive tiago --law unified --format c --out tiago_law.c",
     ),
+    "export": LazyCommand(
+        "rpctl.cli.export:export_command",
+        "Write a robot for MuJoCo; the file is read back, run and compared before it is there.",
+        "rpctl export tiago --format mjcf --out tiago.xml",
+    ),
+    "check": LazyCommand(
+        "rpctl.cli.check:check_command",
+        "Prove an exported file again and name what was edited; exit 1 if it is another robot now.",
+        "rpctl check tiago.xml",
+    ),
     "track": LazyCommand(
         "rpctl.cli.track:track_command",
         "Close the loop with the predictive controllers; write run, figures, plots and report.",
@@ -86,6 +96,16 @@ COMMANDS = {
         "rpctl.cli.study:study_command",
         "Run a robot many times with settings that differ, and tell what became of it and why.",
         "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
+    ),
+    "referee": LazyCommand(
+        "rpctl.cli.referee:referee_command",
+        "Drive a robot in other simulators as in the model, and tell why they disagree.",
+        "rpctl referee tiago --html referee.html",
+    ),
+    "stress": LazyCommand(
+        "rpctl.cli.stress:stress_command",
+        "Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.",
+        "rpctl stress tiago --plants rolling --workers 4",
     ),
     "lag": LazyCommand(
         "rpctl.cli.lag:lag_command",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import join
@@ -12,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from rpctl.cli.kept import kept_told
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder
 from rpctl.cli.streams import print_document, print_json, say
 from rpctl.cli.study_summary import show_optimum, show_study
@@ -114,7 +113,7 @@ def study_command(
     again = join(["rpctl", "study", *words, str(file), "--out", str(folder), "--resume"])
     again += " --optimize" * settings.optimize
     require_writable(folder / SUMMARY_FILE, makes_folder=True)
-    with settings.executor() as executor, _kept_told(folder, again):
+    with settings.executor() as executor, kept_told(folder, again):
         if settings.optimize:
             _optimise(loaded, study, folder, settings, executor, as_json)
         else:
@@ -170,15 +169,3 @@ def _write_report(folder: Path, robot: Robot) -> list[str]:
     """Write the report and the picture; return their names."""
     page = library(PAGE)  # imports Matplotlib and the scene
     return [page.write_study_report(folder, robot).name, page.PICTURE_FILE]
-
-
-@contextmanager
-def _kept_told(folder: Path, again: str) -> Iterator[None]:
-    """Say how to go on where a Ctrl-C, or an error, ends the runs early."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        out = console(stderr=True)
-        out.print(f"what is done is kept in [bold]{escape(str(folder))}[/]; go on with")
-        out.print(f"  {escape(again)}", soft_wrap=True)
-        raise

@@ -53,6 +53,7 @@ def track_command(
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
+    config = settings.with_plant(config, loaded)
     reference = config.run.load_reference(loaded, results.collisions)
     if settings.save_config is not None:
         write_config(config, settings.save_config)

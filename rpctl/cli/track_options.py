@@ -23,9 +23,11 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.reference.pose_goal import goal_of_words
 from rpctl.reference.smooth_wish import read_smoothing
+from rpctl.robot.model import Robot
 from rpctl.simulation.backend import BACKENDS, require_backend
 from rpctl.simulation.config import Config, read_config
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.named import PLANTS, plant_by_name
 from rpctl.simulation.run import Run
 
 if TYPE_CHECKING:
@@ -109,11 +111,20 @@ class ConfigOptions:
         float | None,
         typer.Option(metavar="S", help="Time until it begins to follow them, s; 0 if not given."),
     ] = None
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(PLANTS),
+            help="What the controller drives: its own model; that with the differences of the "
+            "configuration's [plant], or usual ones; a robot on tyres that slip; MuJoCo. As the "
+            "configuration says if not given.",
+        ),
+    ] = None
     friction: Annotated[
         float | None,
         typer.Option(
-            help="Friction coefficient of the wheels, to tell if they would slip; "
-            f"{FRICTION:g} if not given."
+            help="Friction coefficient of the wheels: where they can slip, and to tell if they "
+            f"would; {FRICTION:g} if not given."
         ),
     ] = None
     config: Annotated[
@@ -156,6 +167,20 @@ class ConfigOptions:
             smooth=read_smoothing(self.smooth),
             retime=self.retime,
         )
+
+    def with_plant(self, config: Config, robot: Robot) -> Config:
+        """Return a configuration whose plant is the one that is asked for.
+
+        Args:
+            config: The configuration; its plant says the differences from the robot.
+            robot: The robot.
+
+        Raises:
+            UnknownNameError: There is no such plant.
+        """
+        if self.plant is None:
+            return config
+        return replace(config, plant=plant_by_name(self.plant, robot, config.plant))
 
     def _reference(self) -> str | None:
         if self.goal is None and not self.arm_goal:

@@ -98,6 +98,8 @@ def _toml_value(value: Any, hint: Any) -> Any:
         return list(value) if value else _no_toml_value()
     if get_origin(hint) is tuple and get_args(hint)[0] in REGISTRIES:
         return [named_to_table(each, REGISTRIES[get_args(hint)[0]]) for each in value]
+    if get_origin(hint) is tuple and dataclasses.is_dataclass(get_args(hint)[0]):
+        return [to_table(each) for each in value]
     return value if isinstance(value, str | float | int) else _no_toml_value()
 
 
@@ -176,18 +178,19 @@ def _read(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
     table = isinstance(origin, type) and issubclass(origin, Mapping)
     if dataclasses.is_dataclass(hint) or table:
         if not isinstance(value, Mapping):
-            faults.append(f"{where}: is {value!r}; write [{where}]")
+            head = f"[[{where[: where.index('[')]}]]" if "[" in where else f"[{where}]"
+            faults.append(f"{where}: is {value!r}; write {head}")
         elif not table:
             return from_table(hint, value, where, faults)
         else:
             return {k: _read(v, arguments[1], f"{where}.{k}", faults) for k, v in value.items()}
         return None
-    if origin is tuple and arguments[0] in REGISTRIES:
+    if origin is tuple and (arguments[0] in REGISTRIES or dataclasses.is_dataclass(arguments[0])):
         if not isinstance(value, list):
             faults.append(f"{where}: is {value!r}; write [[{where}]]")
             return None
-        kind, places = REGISTRIES[arguments[0]], enumerate(value, start=1)
-        return tuple(named_from_table(each, kind, f"{where}[{k}]", faults) for k, each in places)
+        places = enumerate(value, start=1)
+        return tuple(_read(each, arguments[0], f"{where}[{k}]", faults) for k, each in places)
     if origin is tuple:
         kinds = arguments if arguments[-1] is not ... else arguments[:1] * _length(value)
         if isinstance(value, list) and len(value) == len(kinds):

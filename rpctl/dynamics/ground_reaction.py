@@ -14,7 +14,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.contact_notes import contact_notes, free_rotation
 from rpctl.dynamics.many_states import Reactions
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
 from rpctl.dynamics.rolling import contact_point
 from rpctl.dynamics.stance import MIN_STANCE_WIDTH_M, Stance, loads, make_stance, width
 from rpctl.dynamics.supports import Supports, find_supports
@@ -126,7 +126,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     supports = find_supports(robot)
     wheels = tuple(wheel.joint for wheel in robot.drive.wheels)
     names = wheels + tuple(part.name for part in supports.parts)
-    points = _points(dynamics, supports, q)
+    points = contact_points(dynamics, supports, q)
     points.setflags(write=False)
     axles, along, across = _force_maps(dynamics)
     moves = any(part.joint != ROOT_JOINT for part in supports.parts) or not dynamics.constant
@@ -149,7 +149,12 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
 
 
 def ground_reaction(
-    dynamics: ReducedDynamics, contacts: Contacts, q: Array, nu: Array, tau: Array
+    dynamics: ReducedDynamics,
+    contacts: Contacts,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    outside: OutsideForce | None = None,
 ) -> GroundReaction:
     """Return the forces of the ground on a robot that moves under τ.
 
@@ -159,8 +164,10 @@ def ground_reaction(
         q: Configuration (nq,).
         nu: Quasi-velocities (dof,).
         tau: Actuator efforts (n_act,), N·m or N.
+        outside: What pushes the robot besides; None: nothing.
     """
-    found = ground_reactions(dynamics, contacts, q[None], nu[None], tau[None])
+    pushed = None if outside is None else OutsideForce(*(each[None] for each in outside))
+    found = ground_reactions(dynamics, contacts, q[None], nu[None], tau[None], outside=pushed)
     margin = None if found.tip_margin is None else float(found.tip_margin[0])
     rows = {f.name: getattr(found, f.name)[0] for f in fields(found) if f.name != "tip_margin"}
     return GroundReaction(tip_margin=margin, **rows)
@@ -173,6 +180,7 @@ def ground_reactions(
     nu: Array,
     tau: Array,
     reactions: Reactions | None = None,
+    outside: OutsideForce | None = None,
 ) -> GroundReactions:
     """Return the forces of the ground on a robot at K states.
 
@@ -190,9 +198,11 @@ def ground_reactions(
         tau: Actuator efforts (K, n_act), N·m or N.
         reactions: What :class:`~rpctl.dynamics.many_states.ManyStates` says of these states; None:
             they are asked for one by one.
+        outside: What pushes the robot besides, (K, nv) and (K, 6), if ``reactions`` are asked for;
+            None: nothing.
     """
     if reactions is None:
-        multipliers, wrench = _one_by_one(dynamics, contacts, q, nu, tau)
+        multipliers, wrench = _one_by_one(dynamics, contacts, q, nu, tau, outside)
     else:
         multipliers = reactions.residual @ dynamics.at(q[0]).multipliers.T
         wrench = reactions.wrench
@@ -211,12 +221,21 @@ def ground_reactions(
 
 
 def _one_by_one(
-    dynamics: ReducedDynamics, contacts: Contacts, q: Array, nu: Array, tau: Array
+    dynamics: ReducedDynamics,
+    contacts: Contacts,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    outside: OutsideForce | None,
 ) -> tuple[Array, Array]:
-    """Return λ (K, rows) and the wrenches through the root (K, 6) at K states."""
+    """Return λ (K, rows) and the wrenches through the root (K, 6) at K states.
+
+    Args are those of :func:`ground_reactions`.
+    """
     multipliers, wrench = np.empty((len(q), contacts.along.shape[1])), np.empty((len(q), 6))
     for k, state in enumerate(zip(q, nu, tau, strict=True)):
-        residual, wrench[k] = dynamics.reaction(*state)
+        pushed = None if outside is None else OutsideForce(outside.push[k], outside.wrench[k])
+        residual, wrench[k] = dynamics.reaction(*state, pushed)
         np.dot(dynamics.at(state[0]).multipliers, residual, out=multipliers[k])
     return multipliers, wrench
 
@@ -263,7 +282,7 @@ def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance
         contacts: The contacts of a robot that is balanced.
         q: Configuration (nq,).
     """
-    return contacts.stance or make_stance(_points(dynamics, contacts.supports, q))
+    return contacts.stance or make_stance(contact_points(dynamics, contacts.supports, q))
 
 
 def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -> Array:
@@ -273,8 +292,14 @@ def _slip_ratio(contacts: Contacts, along: Array, lateral: Array, load: Array) -
     return np.asarray(np.hypot(along / load, sideways) / contacts.friction)
 
 
-def _points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
-    """Return the contacts (n, 2) in the root link's frame, m."""
+def contact_points(dynamics: ReducedDynamics, supports: Supports, q: Array) -> Array:
+    """Return the places (n, 2) of a robot's contacts in the root link's frame, m.
+
+    Args:
+        dynamics: The reduced dynamics.
+        supports: Those of its contacts that are not wheels.
+        q: Configuration (nq,).
+    """
     robot, data = dynamics.robot, dynamics.placements(q)
     root = data.oMi[ROOT_JOINT]
     wheels = [root.actInv(contact_point(robot, data, w))[:2] for w in robot.drive.wheels]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV
@@ -119,36 +119,44 @@ class ManyStates:
             self._above[number, number] = 1.0
         self._above[:, 0] = 1.0
         self._ancestors = [np.flatnonzero(row[1:]) for row in self._above[1:]]
-        self._gravity = np.array(robot.model.gravity.vector)  # (6,) level ground: the same in q
+        self._gravity = np.array(robot.model.gravity.linear)  # (3,) in the world
+        self._mass = float(sum(self._bodies.mass))
         self._armature = np.array(robot.armature)
 
-    def reactions(self, q: Array, nu: Array, tau: Array) -> Reactions:
+    def reactions(
+        self, q: Array, nu: Array, tau: Array, outside: OutsideForce | None = None
+    ) -> Reactions:
         """Return what the ground does to the robot while it moves under τ.
 
         Args:
             q: Configurations (K, nq).
             nu: Quasi-velocities (K, dof).
             tau: Actuator efforts (K, n_act), N·m or N.
+            outside: What pushes the robot besides, (K, nv) and (K, 6); None: nothing.
         """
         robot, count = self.robot, len(q)
         found = Reactions(np.empty((count, robot.nv)), np.empty((count, 6)), np.empty(count))
         for first in range(0, count, BLOCK):
             rows = slice(first, first + BLOCK)
-            for whole, part in zip(
-                found, self._reactions(q[rows], nu[rows], tau[rows]), strict=True
-            ):
+            pushed = None if outside is None else OutsideForce(*(each[rows] for each in outside))
+            parts = self._reactions(q[rows], nu[rows], tau[rows], pushed)
+            for whole, part in zip(found, parts, strict=True):
                 whole[rows] = part.T
         return found
 
-    def _reactions(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array, Array]:
+    def _reactions(
+        self, q: Array, nu: Array, tau: Array, outside: OutsideForce | None
+    ) -> tuple[Array, Array, Array]:
         """Return reactions of one block, the states in the last axis."""
         v = self._S @ nu.T
         motion, potential = self._motion(q, v)
         M, columns = self._inertia(motion)
-        bias, wrench = self._bias(motion, v)
+        bias, wrench = self._bias(motion, v, self._root_gravity(q))
         push = self._columns @ tau.T
         if self._losses is not None:
             push = push + self._losses.force(nu @ self._S.T).T
+        if outside is not None:
+            push, wrench = push + outside.push.T, wrench - outside.wrench.T
         S = self._S
         acceleration = S @ solve_positive_many(_reduced(S, M), S.T @ (push - bias))
         residual = np.einsum("ijk,jk->ik", M, acceleration) + bias - push
@@ -169,8 +177,14 @@ class ManyStates:
         steps[0, PLANAR] = v[:BASE_NV]
         np.multiply(screws, v[self._order][:, None], out=steps[1:])
         velocity = self._sum(self._above, steps)
-        potential = -self._gravity[:3] @ inertias.first.sum(axis=0)
+        potential = -np.einsum("ck,ck->k", self._root_gravity(q), inertias.first.sum(axis=0))
+        potential -= self._mass * (q[:, :2] @ self._gravity[:2])
         return _Motion(screws, inertias, velocity, inertias.times(velocity)), potential
+
+    def _root_gravity(self, q: Array) -> Array:
+        """Return gravity (3, K) in the root link's axes at q (K, nq), m/s²."""
+        (cos, sin), (x, y, z) = q[:, 2:4].T, self._gravity
+        return np.stack([cos * x + sin * y, cos * y - sin * x, np.full(len(q), z)])
 
     def _inertias(self, places: Placements) -> Inertias:
         """Return the bodies' inertias."""
@@ -220,11 +234,17 @@ class ManyStates:
         M[range(len(M)), range(len(M))] += self._armature[:, None]
         return M, forces
 
-    def _bias(self, motion: _Motion, v: Array) -> tuple[Array, Array]:
-        """Return h (nv, K) of the tree, and the wrench (6, K) through the root without v̇."""
+    def _bias(self, motion: _Motion, v: Array, gravity: Array) -> tuple[Array, Array]:
+        """Return h (nv, K) of the tree, and the wrench (6, K) through the root without v̇.
+
+        Args:
+            motion: The bodies.
+            v: Velocities (nv, K).
+            gravity: In the root link's axes (3, K), m/s².
+        """
         velocity, momentum, order = motion.velocity, motion.momentum, self._order
         steps = np.zeros(velocity.shape)
-        steps[0] = -self._gravity[:, None]
+        steps[0, :3] = -gravity
         steps[1:] = cross_motion(velocity[1:], motion.screws)
         steps[1:] *= v[order][:, None]
         forces = motion.inertias.times(self._sum(self._above, steps))

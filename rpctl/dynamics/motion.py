@@ -7,6 +7,7 @@ time-dependent partial differential equations", Applied Numerical Mathematics 25
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,14 @@ DELTA = 1.0 - 0.5 / GAMMA
 RK4_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0])  # of its stages, in sixths of the step
 
 
+Outside = Callable[[Array], Array]  # from q (nq,) to a quasi-force (dof,) from outside
+
+
 class Step(NamedTuple):
-    """State after a step, the work that the efforts did in it, and what losses took of it."""
+    """State after a step, the work that was done in it, and what losses took of it.
+
+    The work is that of the efforts and of what pushes the robot from outside.
+    """
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
@@ -31,7 +38,14 @@ class Step(NamedTuple):
     lost: float = 0.0  # J
 
 
-def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+def step(
+    dynamics: ReducedDynamics,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    dt: float,
+    outside: Outside | None = None,
+) -> Step:
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ.
 
     Losses may be stiff: friction stops a light joint within far less than a step. A robot that has
@@ -43,12 +57,20 @@ def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) 
         nu: Quasi-velocities (dof,).
         tau: Actuator efforts (n_act,), N·m or N.
         dt: Step, s.
+        outside: What pushes the robot besides; None: nothing.
     """
     advance = rk4_step if dynamics.robot.losses is None else imex_step
-    return advance(dynamics, q, nu, tau, dt)
+    return advance(dynamics, q, nu, tau, dt, outside)
 
 
-def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+def rk4_step(
+    dynamics: ReducedDynamics,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    dt: float,
+    outside: Outside | None = None,
+) -> Step:
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, explicitly.
 
     A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
@@ -60,6 +82,7 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
         nu: Quasi-velocities (dof,).
         tau: Actuator efforts (n_act,), N·m or N.
         dt: Step, s.
+        outside: What pushes the robot besides; None: nothing.
 
     Returns:
         The state after ``dt``, the work done by τ and what losses took of it.
@@ -71,7 +94,9 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
         at = dynamics.at(place)
         v = at.S.dot(speed)
         motion.append(v)
-        return dexpinv(slide, v), dynamics.forward(place, speed, tau), speed.dot(at.B.dot(tau))
+        push = None if outside is None else outside(place)
+        power = speed.dot(at.B.dot(tau)) + (0.0 if push is None else speed.dot(push))
+        return dexpinv(slide, v), dynamics.forward(place, speed, tau, push), power
 
     motion: list[Array] = []
     half, sixth = 0.5 * dt, dt / 6.0
@@ -91,7 +116,14 @@ def rk4_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: flo
     )
 
 
-def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+def imex_step(
+    dynamics: ReducedDynamics,
+    q: Array,
+    nu: Array,
+    tau: Array,
+    dt: float,
+    outside: Outside | None = None,
+) -> Step:
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, implicit in the losses.
 
     The additive Runge-Kutta method ARS(2,2,2) of [ARS97]: of order 2, explicit in all but ℓ, for
@@ -108,6 +140,7 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
         nu: Quasi-velocities (dof,).
         tau: Actuator efforts (n_act,), N·m or N.
         dt: Step, s.
+        outside: What pushes the robot besides; None: nothing.
 
     Returns:
         The state after ``dt``, the work done by τ and what losses took of it.
@@ -116,12 +149,16 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
     if losses is None:
         raise RpctlError(f"{dynamics.robot.name} loses nothing")
     start = dynamics.at(q)
-    a1, v1 = solve_positive(*dynamics.lossless(q, nu, tau)), start.S @ nu
+    M, push = dynamics.lossless(q, nu, tau)
+    given = 0.0 if outside is None else outside(q)
+    a1, v1 = solve_positive(M, push + given), start.S @ nu
     slide = own * v1
     place = pin.integrate(model, q, slide)
     S = dynamics.basis(place)
     middle = braked(losses, dynamics.inertia(place), S, nu + own * a1, own, nu)
     M, push = dynamics.lossless(place, middle, tau)
+    if outside is not None:
+        push = push + outside(place)
     v2 = S @ middle
     brake = losses.force(v2)
     a2 = solve_positive(M, (1.0 - DELTA) * push + (1.0 - GAMMA) * (S.T @ brake))
@@ -130,10 +167,13 @@ def imex_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: fl
     after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
     v3 = at.S @ after
     impulse = dt * ((1.0 - GAMMA) * brake + GAMMA * losses.force(v3))
+    work = float(tau @ (start.B.T @ nu + at.B.T @ after))
+    if outside is not None:
+        work += float(given @ nu + outside(end) @ after)
     return Step(
         q=np.asarray(end),
         nu=after,
-        work=0.5 * dt * float(tau @ (start.B.T @ nu + at.B.T @ after)),
+        work=0.5 * dt * work,
         lost=-0.5 * float(impulse @ (v1 + v3)),
     )
 

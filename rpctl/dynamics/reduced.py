@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,18 @@ from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.losses import Losses
 from rpctl.robot.model import BASE_NV, Robot
 from rpctl.robot.workspace import Workspace
+
+
+class OutsideForce(NamedTuple):
+    """What forces from outside do to the tree at one state.
+
+    Attributes:
+        push: Their generalised force (nv,).
+        wrench: Force and moment about the root link's origin, in its axes, (6,).
+    """
+
+    push: Array
+    wrench: Array
 
 
 class ReducedDynamics:
@@ -128,18 +141,21 @@ class ReducedDynamics:
             raise self._not_finite(q, nu)
         return force
 
-    def forward(self, q: Array, nu: Array, tau: Array) -> Array:
+    def forward(self, q: Array, nu: Array, tau: Array, outside: Array | None = None) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,), losses included.
 
         Args:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             tau: Actuator efforts (n_act,), N·m or N.
+            outside: Quasi-force (dof,) of what pushes the robot from outside; None: nothing.
 
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
         """
         M, push = self._pushed(q, nu, tau, self._losses)
+        if outside is not None:
+            push += outside
         _, nu_dot, info = dposv(M, push)
         if not math.isfinite(nu_dot.dot(nu_dot)):
             raise self._not_finite(q, nu)
@@ -191,21 +207,37 @@ class ReducedDynamics:
             UnknownNameError: The link is not known.
             SingularBasisError: At q the steered wheels fix no one motion.
         """
+        return np.asarray(self.tree_jacobian(q, link) @ self.basis(q))
+
+    def tree_jacobian(self, q: Array, link: str) -> Array:
+        """Return J (6, nv) of a link in the tree without its wheels' constraints.
+
+        Args:
+            q: Configuration (nq,).
+            link: Name of the link.
+
+        Raises:
+            UnknownNameError: The link is not known.
+        """
         if not self._model.existBodyName(link):
             raise UnknownNameError("link", link, self.robot.description.link)
         frame = self._model.getFrameId(link, pin.FrameType.BODY)
-        J = pin.computeFrameJacobian(
-            self._model, self._workspace.data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return np.asarray(
+            pin.computeFrameJacobian(
+                self._model, self._workspace.data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            )
         )
-        return np.asarray(J @ self.basis(q))
 
-    def reaction(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
+    def reaction(
+        self, q: Array, nu: Array, tau: Array, outside: OutsideForce | None = None
+    ) -> tuple[Array, Array]:
         """Return what the ground does to the robot while it moves under τ.
 
         Args:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             tau: Actuator efforts (n_act,), N·m or N.
+            outside: What pushes the robot besides; None: nothing.
 
         Returns:
             The constraints' generalized force Aᵀλ = M v̇ + h − B τ − ℓ of the whole tree (nv,), and
@@ -215,13 +247,16 @@ class ReducedDynamics:
             vertical force, the roll and the pitch moment.
         """
         at = self.at(q)
-        acceleration = at.S @ self.forward(q, nu, tau) + at.drift(nu)
+        push = None if outside is None else at.S.T @ outside.push
+        acceleration = at.S @ self.forward(q, nu, tau, push) + at.drift(nu)
         data = self._workspace.data
         force = pin.rnea(self._model, data, q, at.S @ nu, acceleration)
         wrench = data.f[ROOT_JOINT].vector.copy()
         residual = force - self._columns @ tau
         if self._losses is not None:
             residual -= self._losses.force(at.S @ nu)
+        if outside is not None:
+            residual, wrench = residual - outside.push, wrench - outside.wrench
         return residual, wrench
 
     def energy(self, q: Array, nu: Array) -> float:

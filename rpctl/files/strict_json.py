@@ -6,7 +6,8 @@ import json
 from typing import Any
 
 MAX_DEPTH = 24  # of objects and lists in one another
-MAX_DIGITS = 18  # of a whole number; all such fit 64 bits
+MAX_DIGITS = 19  # of a whole number
+MOST = 2**63 - 1  # the largest of 64 bits, as seeds have them
 
 
 def read_json(text: str) -> Any:
@@ -33,9 +34,9 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _whole(digits: str) -> int:
-    if len(digits.lstrip("-")) > MAX_DIGITS:
+    if len(digits.lstrip("-")) > MAX_DIGITS or abs(found := int(digits)) > MOST:
         raise ValueError(f"a whole number of {len(digits)} digits")
-    return int(digits)
+    return found
 
 
 def _require_depth(value: Any, left: int) -> None:

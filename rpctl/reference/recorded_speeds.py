@@ -52,7 +52,9 @@ def motions(robot: Robot, table: Table) -> Iterator[RecordedSpeed]:
             way = np.linalg.norm(np.diff(table.stack(names), axis=0), axis=1)
             yield RecordedSpeed(f"{', '.join(names)} move", way / step, limit, "m/s")
     if HEADING in table.columns:
-        yield RecordedSpeed(f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s")
+        yield RecordedSpeed(
+            f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s"
+        )
     for joint in robot.joints:
         if joint.name in table.columns:
             values = table.columns[joint.name]

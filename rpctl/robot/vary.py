@@ -10,7 +10,7 @@ from typing import Any
 import pinocchio as pin
 
 from rpctl.description.records import Joint
-from rpctl.errors import UnknownNameError, require_positive
+from rpctl.errors import RpctlError, UnknownNameError, require_positive
 from rpctl.robot.described import with_joint_losses
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
@@ -140,6 +140,32 @@ def add_losses(robot: Robot, damping: Mapping[str, float], friction: Mapping[str
         joints=tuple(changed.get(joint.name, joint) for joint in robot.joints),
         losses=find_losses(description, robot.model),
         loaded_with=replace(robot.loaded_with, losses=True),
+    )
+
+
+def scale_losses(robot: Robot, scale: float) -> Robot:
+    """Return a robot whose joints have another's damping and dry friction, scaled.
+
+    Its description has them, too.
+
+    Args:
+        robot: The robot to start from; one that loses nothing stays as it is.
+        scale: Of all of them, 0 or more.
+
+    Raises:
+        RpctlError: The scale is negative.
+    """
+    if not scale >= 0.0:
+        raise RpctlError(f"the scale of losses is {scale:g}; give 0 or more")
+    known = robot.losses
+    if known is None or scale == 1.0:
+        return robot
+    entries = {name: robot.velocity_index(name) for name in robot.entries}
+    more = scale - 1.0
+    return add_losses(
+        robot,
+        {name: more * float(known.damping[index]) for name, index in entries.items()},
+        {name: more * float(known.friction[index]) for name, index in entries.items()},
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -11,10 +11,19 @@ from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.closed_loop import LoopRecord, Watcher, close_loop
 from rpctl.simulation.config import Config
+from rpctl.simulation.plant import Plant
 from rpctl.simulation.recorder import Recorder
 
 BACKENDS = ("auto", "compiled", "pinocchio")
 MOST_DOF = 30  # quasi-velocities; to build a loop of more takes longer than most runs in Python
+UNCOMPILED = {  # fields of a plant that only Python simulates, and why
+    "dropped": "samples are dropped",
+    "effort_lag": "efforts lag",
+    "backlash": "joints have backlash",
+    "encoder_bits": "encoders know whole steps only",
+    "jitter": "the moments of sampling jitter",
+    "wrenches": "the robot is pushed from outside",
+}
 # s: what a sample takes in Python, and what a loop takes to build, by quasi-velocities. Half of
 # the latter counts: the next run finds the code on disk.
 SAMPLE_S, BUILD_S, BUILD_EXPONENT = 3e-4, 2e-3, 2.7
@@ -100,10 +109,14 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         return "every sample is watched when it is computed"
     if config.output is not None:
         return "the robot takes speeds"
+    if plant.own is not None:
+        return "a simulator of the user's moves the robot"
+    if plant.kind != "rolling":
+        return f"the plant is {plant.kind}"
     if plant.computing_time:
         return "computing takes simulated time"
-    if plant.dropped:
-        return "samples are dropped"
+    if reason := plant_refusal(plant):
+        return reason
     if plant.lag is not None or plant.lags or plant.dead_time is not None:
         return "the plant has a lag or a dead time"
     if robot.dof > MOST_DOF:
@@ -111,6 +124,21 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
             f"it has {robot.dof} quasi-velocities, and beyond {MOST_DOF} a loop takes long to build"
         )
     return unsupported(config.kinematic, config.dynamic, robot)
+
+
+def plant_refusal(plant: Plant, scattered: Iterable[str] = ()) -> str | None:
+    """Return what of a plant has no machine code, a clause; None if all of it has.
+
+    Args:
+        plant: The plant.
+        scattered: Paths of settings that differ from run to run, as ``plant.jitter``.
+    """
+    default = Plant()
+    fields = {path.split(".")[1] for path in scattered if path.startswith("plant.")}
+    for name, reason in UNCOMPILED.items():
+        if name in fields or getattr(plant, name) != getattr(default, name):
+            return reason
+    return None
 
 
 def _compiled(

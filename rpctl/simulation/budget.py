@@ -9,7 +9,7 @@ from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
 from rpctl.simulation.periods import whole_periods
-from rpctl.simulation.plant import substeps
+from rpctl.simulation.plants.rolling import substeps
 
 # The least that a step of each kind takes, s, on a processor of today: laws and reference, the
 # four evaluations of a plant step, and what a logged sample is derived from.

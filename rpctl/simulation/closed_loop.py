@@ -23,8 +23,8 @@ from rpctl.reference.required import require_state
 from rpctl.robot.model import Robot
 from rpctl.simulation.computing import ComputingController
 from rpctl.simulation.config import Config
-from rpctl.simulation.interface import start_interface
-from rpctl.simulation.noise import MeasuredState
+from rpctl.simulation.plants.sensors import Measurement, sample_times
+from rpctl.simulation.plants.starting import start_interface
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 
@@ -59,6 +59,7 @@ class LoopRecord:
         wall_time: s until the last sample, without what watched it.
         backend: ``"compiled"`` or ``"pinocchio"``: what computed the samples.
         remarks: What became of the choice of a backend, in sentences.
+        assumed: What the plant assumed or mended, in sentences.
         approaches: How many ways up to the reference a compiled loop began with; None where its
             base needs none.
     """
@@ -67,6 +68,7 @@ class LoopRecord:
     wall_time: float = 0.0
     backend: str = "pinocchio"
     remarks: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
     approaches: int | None = None
 
     @property
@@ -80,7 +82,7 @@ class LoopRecord:
     def notes(self) -> tuple[str, ...]:
         """What became of the controller, in sentences."""
         found = () if self.controller is None else self.controller.notes()
-        return *self.remarks, *found
+        return *self.remarks, *self.assumed, *found
 
     def known(self) -> dict[str, Any]:
         """Return what is known so far, by the names of a run's entries."""
@@ -115,7 +117,6 @@ def close_loop(
     robot, plant, period = dynamics.robot, config.plant, config.run.control_period
     simulated = plant.simulated_dynamics(dynamics)
     rest = rest_at_start(simulated, config, reference)
-    q, nu, work, lost = rest.q, np.zeros(robot.dof), 0.0, 0.0
     simulated_time = SimulatedTime(plant.computing_time)
     with in_simulated_time(simulated_time):
         controller = Controller(
@@ -129,22 +130,24 @@ def close_loop(
         )
     computing = ComputingController(controller, simulated_time)
     loop.controller, started_at = controller, time.perf_counter()
-    measure = MeasuredState(robot, plant.noise, plant.seed)
+    measure = Measurement(plant.known_robot(robot), plant)
+    times = sample_times(plant, period, steps + 1).tolist()
     interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
     try:
         for k in range(steps + 1):
-            t = k * period
+            t = times[k]
             state = require_state(robot, reference(t), t)
+            q, nu, work, lost, felt = interface.state
             e = tracking_error(robot, state, q)
-            measured = measure(q, nu)
+            measured = measure(q, nu, t)
             if arrives[k]:
                 output = computing.step(t, *measured)
-            tau = interface.take(output, q, nu, computing.late(t))
+            tau = interface.take(output, computing.late(t))
             loop.wall_time = time.perf_counter() - started_at
             if recorder is not None:
                 recorder.add(
                     t, q, nu, tau, e, state, output.command, work, output.limits, lost,
-                    output.speeds,
+                    output.speeds, felt,
                 )  # fmt: skip
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(diverged_at(t))
@@ -153,12 +156,12 @@ def close_loop(
                 watch(WatchedSample(t, q, e, tau, state))
                 started_at += time.perf_counter() - shown
             if k < steps:
-                q, nu, done, gone = interface.advance(q, nu)
-                work, lost = work + done, lost + gone
+                interface.advance(times[k + 1] - t if plant.jitter else period)
                 controller.prepare()
             if progress is not None:
                 progress(k, steps)
     finally:
+        loop.assumed = interface.notes
         loop.wall_time = time.perf_counter() - started_at
 
 

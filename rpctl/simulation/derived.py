@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from rpctl.reference.quasi_velocities import configurations, reference_rates, st
 from rpctl.robot.model import Robot
 from rpctl.simulation.facts import other_joints, steered_joints
 from rpctl.simulation.motion_columns import MotionColumns
+from rpctl.simulation.plants.wrench import Wrench
 from rpctl.simulation.samples import Samples
 
 TURN = 2.0 * math.pi
@@ -46,6 +48,7 @@ class Derivation:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
         bias: Efforts (n_act,) that push besides the controller's, N·m or N.
+        wrenches: What pushes the robot from outside.
 
     Attributes:
         motion: Computes the columns that follow from these.
@@ -56,10 +59,11 @@ class Derivation:
         dynamics: ReducedDynamics,
         contacts: Contacts | None,
         bias: Array,
+        wrenches: Sequence[Wrench] = (),
     ) -> None:
         self._dynamics = dynamics
         self.robot = robot = dynamics.robot
-        self.motion = MotionColumns(dynamics, contacts, bias)
+        self.motion = MotionColumns(dynamics, contacts, bias, wrenches)
         self._steered, self._others = steered_joints(robot), other_joints(robot)
         self._casters = [s.joint for s in robot.drive.swivels if s.role == "caster"]
         self._turning = [wheel.joint for wheel in robot.drive.wheels] + self._casters

@@ -18,7 +18,6 @@ from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference, end_effector_reference
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import scale_masses
 from rpctl.simulation.closed_loop import LoopRecord, WatchedSample, close_loop
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop import default_duration
@@ -26,13 +25,10 @@ from rpctl.simulation.obstacles import BASE, TIP, find_obstacles
 from rpctl.simulation.outcome import DIVERGING, STUCK, SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
 from rpctl.simulation.periods import delay_periods, whole_periods
-from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.named import MASS_RATIO, perturbed_plant
 from rpctl.simulation.texts import lag, length
 
-MASS_RATIO = 1.1  # of what the controller takes the masses for: a battery, a tool, a payload
-ROLLING_RESISTANCE = 0.02  # of the weight: a rubber tyre on carpet; hard floors take half
 LAG_RATIO = 1.25  # of the lag that the controller takes a velocity interface to have
-DELAY_S = 0.005  # s: a fieldbus and a drive's own loop
 DURATION_RATIO = 1.0 / 3.0  # of the nominal run's: what keeps this one cheap
 MIN_DURATION_S = 4.0  # s: named references start softly, for 3 s; a shorter run tells too little
 MAX_DURATION_S = 10.0  # s: by then it has settled
@@ -165,7 +161,7 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
         lag_ratio=LAG_RATIO if late else None,
     )
     changed = replace(config, plant=plant, run=replace(settings, initial_error=(0.0, 0.0, 0.0)))
-    dynamics = ReducedDynamics(scale_masses(known, "*", MASS_RATIO))
+    dynamics = ReducedDynamics(known)
     poses = _Poses(dynamics.robot, period)
     try:
         close_loop(dynamics, changed, reference, steps, None, LoopRecord(), watch=poses)
@@ -189,18 +185,3 @@ def _judged(
         base_path=paths[BASE],
         end_effector_path=paths.get(TIP),
     )
-
-
-def perturbed_plant(robot: Robot) -> Plant:
-    """Return the plant of a robot whose controller takes it for this one, friction and all.
-
-    The driven wheels share the rolling resistance of the robot's weight.
-    """
-    wheels = [wheel for wheel in robot.drive.wheels if wheel.joint in robot.actuators]
-    mass = sum(inertia.mass for inertia in robot.model.inertias)
-    weight = mass * float(np.linalg.norm(robot.model.gravity.linear))
-    friction = {
-        wheel.joint: float(ROLLING_RESISTANCE * weight * wheel.radius / len(wheels))
-        for wheel in wheels
-    }
-    return Plant(delay=DELAY_S, joint_friction=friction, controller_model=robot)

@@ -60,6 +60,12 @@ class Log:
             split or not defined, and in files of versions that logged none.
         slip_range: Least and largest ``slip_ratio`` of those splits (K, 2); inf where a wheel that
             pushes may bear nothing, NaN where the robot tips; (K, 0) where ``load_range`` is.
+        root_pose: Pose of the root link (K, 7): x, y, z (m) and quaternion x, y, z, w; (K, 0) of a
+            plant whose wheels roll: it stays level.
+        ground_load: Load of each contact (K, n_contacts), N, as the plant has it; (K, 0) of one
+            whose wheels roll, and where it does not know.
+        wheel_slip: Velocity of each wheel's contact point (K, n_wheels, 2), m/s, along its rolling
+            direction and to its left; likewise.
         active_limits: 1 where a limit bound the efforts, else 0 (K, n_bound).
         bound_limits: Joint and kind of each limit that ever bound the efforts, a column of
             ``active_limits`` each.
@@ -97,6 +103,9 @@ class Log:
     slip_ratio: Array
     load_range: Array
     slip_range: Array
+    root_pose: Array
+    ground_load: Array
+    wheel_slip: Array
     active_limits: Array
     bound_limits: tuple[tuple[str, str], ...]
 

@@ -33,6 +33,8 @@ from rpctl.simulation.log import MIN_SAMPLES, NO_SAMPLES, Log
 from rpctl.simulation.obstacles import find_obstacles
 from rpctl.simulation.periods import delay_note, duration_note, log_note
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.named import PLANTS, plant_by_name
+from rpctl.simulation.plants.protocol import PlantModel
 from rpctl.simulation.recorded import recorded
 from rpctl.simulation.recorder import Recorder
 from rpctl.simulation.run import Run, entries_of
@@ -54,7 +56,7 @@ def track(
     certificate: Certificate | None = None,
     progress: Callable[[int, int], object] | None = None,
     friction: float = RunSettings.friction,
-    plant: Plant | None = None,
+    plant: str | Plant | PlantModel | None = None,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
     name: str | None = None,
     size: float | None = None,
@@ -88,7 +90,10 @@ def track(
         progress: Called with the samples done and their total. If it or ``watch`` fails, it is not
             called again, and a note of the run tells it.
         friction: Coefficient between wheels and ground, for the grip that the motion uses.
-        plant: Differences between the simulated robot and the controller's model; None: none.
+        plant: What the controller drives: ``"ideal"``, ``"perturbed"``, ``"slipping"`` or
+            ``"contact"``; a :class:`Plant`, which says how it differs from the controller's model;
+            a simulator of one's own, a :class:`~rpctl.simulation.plants.protocol.PlantModel`. None
+            is ``"ideal"``.
         watch: Called with the time (s), q (nq,) and the reference at every sample; what it takes
             is not counted as the simulation's.
         name: What the log calls the reference; None: its name or file, or else its type.
@@ -139,7 +144,7 @@ def track(
             smooth,
             retime,
         ),
-        plant=plant or Plant(),
+        plant=_as_plant(plant, robot),
         output=as_output(output),
     )
     watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
@@ -212,7 +217,7 @@ def simulate(
     dynamics = ReducedDynamics(robot)
     simulated = plant.simulated_dynamics(dynamics)
     contacts = find_contacts(simulated, settings.friction)
-    derivation = Derivation(simulated, contacts, plant.bias(robot))
+    derivation = Derivation(simulated, contacts, plant.bias(robot), plant.wrenches)
     recording: Recording | None = getattr(reference, "recording", None)
     loop, known = LoopRecord(), plant.known_dynamics(dynamics)
     dynamic = config.dynamic if config.output is None else None
@@ -246,6 +251,7 @@ def simulate(
                 *delay_note(plant.delay, period),
                 *velocity_note(config),
                 *log_note(settings.log_every, period),
+                *plant_note(config),
                 *loop.notes,
                 *(() if watching is None else watching.notes),
                 *showing.notes,
@@ -308,6 +314,18 @@ def late(delay: float, duration: float) -> str:
     return f"delay is {delay:g} s, longer than the run of {duration:g} s"
 
 
+def plant_note(config: Config) -> tuple[str, ...]:
+    """Return the note that something else than rolling wheels moves the robot, or none."""
+    plant, friction = config.plant, f"friction {config.run.friction:g}"
+    if plant.own is not None:
+        return (f"a simulator of the user's, {type(plant.own).__name__}, moved the robot",)
+    known = {
+        "slipping": f"the robot moved on tyres that slip, {friction}",
+        "contact": f"MuJoCo moved the robot: its wheels meet the ground in contacts, {friction}",
+    }
+    return (known[plant.kind],) if plant.kind in known else ()
+
+
 def velocity_note(config: Config) -> tuple[str, ...]:
     """Return the note that the robot of a run takes speeds, and how it follows them, or none."""
     output = config.output
@@ -334,6 +352,20 @@ def _end_note(error: BaseException, t: float, duration: float) -> str:
     reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
     reason = reason or type(error).__name__
     return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
+
+
+def _as_plant(plant: str | Plant | PlantModel | None, robot: Robot) -> Plant:
+    """Return the plant that is meant."""
+    if isinstance(plant, str):
+        return plant_by_name(plant, robot)
+    if plant is None or isinstance(plant, Plant):
+        return plant or Plant()
+    if not isinstance(plant, PlantModel):
+        raise RpctlError(
+            f"the plant is {plant!r}; give {', '.join(PLANTS)}, a Plant, or an object with "
+            "start(robot, rest)"
+        )
+    return Plant(kind="own", own=plant)
 
 
 def _called(reference: Reference) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,10 +10,12 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, GroundReactions, ground_reactions
 from rpctl.dynamics.load_ranges import find_ranges
 from rpctl.dynamics.many_states import ManyStates, Reactions
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.outside import outside_at
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
 from rpctl.reference.quasi_velocities import configurations
 from rpctl.robot.placements import EndEffectorFrame, aligned_tree, end_effector_frame
 from rpctl.simulation.facts import other_joints
+from rpctl.simulation.plants.wrench import Wrench
 
 GROUND_COLUMNS = (
     "wheel_force",
@@ -34,10 +36,18 @@ class MotionColumns:
         dynamics: The robot's dynamics.
         contacts: How it stands on the ground, or None for a fixed base.
         bias: Efforts (n_act,) that push besides the controller's, N·m or N.
+        wrenches: What pushes the robot from outside.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts | None, bias: Array) -> None:
+    def __init__(
+        self,
+        dynamics: ReducedDynamics,
+        contacts: Contacts | None,
+        bias: Array,
+        wrenches: Sequence[Wrench] = (),
+    ) -> None:
         self._dynamics, self._contacts, self._bias = dynamics, contacts, bias
+        self._wrenches = wrenches
         robot = dynamics.robot
         self._frame: EndEffectorFrame | None = None
         if robot.end_effector is not None:
@@ -49,16 +59,28 @@ class MotionColumns:
         """Return the columns by name.
 
         Args:
-            columns: The log's ``q``, ``nu``, ``tau``, ``base_ref`` and ``joints_ref``, K > 0 rows.
+            columns: The log's ``t``, ``q``, ``nu``, ``tau``, ``base_ref`` and ``joints_ref``, K > 0
+                rows.
         """
         q, nu, push = columns["q"], columns["nu"], columns["tau"] + self._bias
         wanted = configurations(self._dynamics.robot, columns["base_ref"], columns["joints_ref"])
-        reactions = None if self._many is None else self._many.reactions(q, nu, push)
+        outside = self._outside(columns["t"], q)
+        reactions = None if self._many is None else self._many.reactions(q, nu, push, outside)
         return {
             **self._motion(q, nu, reactions),
             **_end_effector(self._frame, q, wanted),
-            **self._ground(q, nu, push, reactions),
+            **self._ground(q, nu, push, reactions, outside),
         }
+
+    def _outside(self, t: Array, q: Array) -> OutsideForce | None:
+        """Return what pushes the robot from outside at times (K,) and q (K, nq), or None."""
+        if not any((t < each.until).any() and (t >= each.start).any() for each in self._wrenches):
+            return None
+        found = OutsideForce(np.zeros((len(t), self._dynamics.robot.nv)), np.zeros((len(t), 6)))
+        for k in range(len(t)):
+            acting = [each for each in self._wrenches if each.acts(t[k])]
+            found.push[k], found.wrench[k] = outside_at(self._dynamics, q[k], acting)
+        return found
 
     def _motion(self, q: Array, nu: Array, reactions: Reactions | None) -> dict[str, Array]:
         """Return what velocities say: rates, energy, and how well the constraints are kept."""
@@ -86,13 +108,18 @@ class MotionColumns:
         }
 
     def _ground(
-        self, q: Array, nu: Array, push: Array, reactions: Reactions | None
+        self,
+        q: Array,
+        nu: Array,
+        push: Array,
+        reactions: Reactions | None,
+        outside: OutsideForce | None,
     ) -> dict[str, Array]:
         """Return what the ground does; (K, 0) where it is not defined."""
         contacts, nothing = self._contacts, np.empty((len(q), 0))
         if contacts is None:
             return dict.fromkeys(GROUND_COLUMNS, nothing)
-        found = ground_reactions(self._dynamics, contacts, q, nu, push, reactions)
+        found = ground_reactions(self._dynamics, contacts, q, nu, push, reactions, outside)
         columns = _ground_columns(found)
         if not contacts.determinate:
             ranges = find_ranges(contacts, found)

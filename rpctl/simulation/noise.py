@@ -17,6 +17,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_within
 from rpctl.robot.coordinates import JointEntry
 from rpctl.robot.model import Robot
+from rpctl.simulation.plants.sensor_settings import SensorBias
 
 BLOCK = 256  # rows that are drawn at a time
 PLACE = 3  # numbers of a row that are the base's pose: x, y and heading
@@ -77,10 +78,17 @@ class Sensors:
 
     def deviations(self, noise: Noise) -> Array:
         """Return the standard deviation of each number of a row (width,)."""
-        base = [noise.position, noise.position, noise.heading] if self._moves else [0.0] * PLACE
-        kinds = {"omega": noise.turn_rate, **dict.fromkeys(self._joints, noise.joint_rates)}
-        rates = [kinds.get(name, noise.speed) for name in self._nu]
-        return np.array([*base, *[noise.joints] * len(self._entries), *rates])
+        return self._row(noise)
+
+    def errors(self, bias: SensorBias) -> Array:
+        """Return the constant error of each number of a row (width,)."""
+        return self._row(bias)
+
+    def _row(self, of: Noise | SensorBias) -> Array:
+        base = [of.position, of.position, of.heading] if self._moves else [0.0] * PLACE
+        kinds = {"omega": of.turn_rate, **dict.fromkeys(self._joints, of.joint_rates)}
+        rates = [kinds.get(name, of.speed) for name in self._nu]
+        return np.array([*base, *[of.joints] * len(self._entries), *rates])
 
     def measured(self, q: Array, nu: Array, row: Array) -> tuple[Array, Array]:
         """Return q (nq,) and ν (dof,) as they are measured.
@@ -126,6 +134,16 @@ def _turn(q: Any, index: int, cosine: Any, sine: Any) -> None:
     q[index], q[index + 1] = c * cosine - s * sine, s * cosine + c * sine
 
 
+def random_stream(seed: int, number: int = 0) -> np.random.Generator:
+    """Return a stream of random numbers; those of one seed do not know of each other.
+
+    Args:
+        seed: Of the run's plant.
+        number: Of the stream; 0 is that of the noise.
+    """
+    return np.random.Generator(np.random.Philox(key=seed, counter=number << 192))
+
+
 class NoiseStream:
     """The rows of standard normal numbers of one run, in the order of its samples.
 
@@ -136,35 +154,8 @@ class NoiseStream:
 
     def __init__(self, width: int, seed: int) -> None:
         self._width = width
-        self._draw = np.random.Generator(np.random.Philox(key=seed)).standard_normal
+        self._draw = random_stream(seed).standard_normal
 
     def rows(self, count: int) -> Array:
         """Return the next rows (count, width)."""
         return self._draw((count, self._width))
-
-
-class MeasuredState:
-    """Measures the state of a robot, sample after sample.
-
-    Args:
-        robot: The robot.
-        noise: Deviations.
-        seed: Of the plant.
-    """
-
-    def __init__(self, robot: Robot, noise: Noise, seed: int) -> None:
-        self._sensors = Sensors(robot)
-        self._deviations = self._sensors.deviations(noise)
-        self._stream = NoiseStream(self._sensors.width, seed)
-        self._rows, self._next = np.empty((0, self._sensors.width)), 0
-        self._exact = not self._deviations.any()
-
-    def __call__(self, q: Array, nu: Array) -> tuple[Array, Array]:
-        """Return q (nq,) and ν (dof,) of the next sample as they are measured."""
-        if self._exact:
-            return q, nu
-        if self._next == len(self._rows):
-            self._rows, self._next = self._stream.rows(BLOCK) * self._deviations, 0
-        row = self._rows[self._next]
-        self._next += 1
-        return self._sensors.measured(q, nu, row)

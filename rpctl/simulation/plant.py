@@ -1,4 +1,4 @@
-"""The plant: the reduced dynamics under efforts held between two samples of the controller."""
+"""The plant of a run: what moves the robot, and how that differs from the controller's model."""
 
 from __future__ import annotations
 
@@ -13,15 +13,34 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.settings import NO_FILE_CAN_SAY
 from rpctl.control.velocity_output import VelocityOutput
-from rpctl.dynamics.motion import Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError, require_within
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.errors import RpctlError, UnknownNameError, require_positive, require_within
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
+from rpctl.robot.slope import Slope, on_slope, require_slope
 from rpctl.robot.variation import Offset, Variation, vary
-from rpctl.robot.vary import add_friction
+from rpctl.robot.vary import add_friction, scale_losses
 from rpctl.simulation.noise import Noise
 from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.protocol import PlantModel
+from rpctl.simulation.plants.sensor_settings import SensorBias, require_bits
+from rpctl.simulation.plants.slipping import Slipping
+from rpctl.simulation.plants.wrench import Wrench
+
+PLANT_KINDS = ("rolling", "slipping", "contact", "own")
+
+
+def require_not_negative(name: str, value: float) -> None:
+    """Refuse what is no finite number of 0 or more.
+
+    Raises:
+        RpctlError: It is not.
+    """
+    require_within(name, [value])
+    if value < 0.0:
+        raise RpctlError(f"{name} is {value:g}; give 0 or more")
 
 
 @dataclass(frozen=True)
@@ -50,12 +69,33 @@ class Plant:
         radii: Scales of radii by pattern of wheel joints.
         track: Scale of the track.
         damping: Added damping, N·m·s/rad or N·s/m, by pattern of joint names.
+        payload: A load that the simulated robot carries.
+        losses: Scale of the damping and dry friction of the simulated robot's own joints, without
+            those that the plant adds.
+        effort: Scale of the effort limits at which the true actuators saturate.
+        effort_lag: First-order lag between commanded and true efforts, s.
+        backlash: Width of the gap between actuator and joint, rad or m, by pattern of the names of
+            actuators; see :class:`~rpctl.simulation.plants.actuators.Actuators`.
+        encoder_bits: Bits of the joints' encoders; 0: exact. See
+            :class:`~rpctl.simulation.plants.sensors.Measurement`.
+        sensor_bias: Constant errors of what the controller measures.
+        jitter: Standard deviation of the moments at which the controller samples, s; none is
+            farther off than half a control period.
+        slope: Angles (2,), rad, by which the ground rises along the x and the y axis of the world;
+            the world's frame stays that of the ground.
+        wrenches: What pushes and pulls the simulated robot from outside.
         noise: Of what the controller measures.
         lag: Of a robot that takes speeds, the lag with which it follows them, s; None: as the
             controller knows it.
         lags: Lag by name of the quasi-velocity, where it differs, s.
         dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
         seed: Of all that is drawn at random.
+        kind: What moves it: ``"rolling"``, wheels that roll without slipping, as the controller's
+            model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo; ``"own"``, what
+            ``own`` is. The coefficient of friction is the run's.
+        slipping: The tyres of a slipping one.
+        contact: How a robot in MuJoCo meets the ground.
+        own: A simulator of the user's in their place, in which nothing else of a plant counts.
     """
 
     tau_bias: Mapping[str, float] = field(default_factory=dict)
@@ -73,11 +113,27 @@ class Plant:
     radii: Mapping[str, float] = field(default_factory=dict)
     track: float = 1.0
     damping: Mapping[str, float] = field(default_factory=dict)
+    payload: CarriedLoad = field(default_factory=CarriedLoad)
+    losses: float = 1.0
+    effort: float = 1.0
+    effort_lag: float = 0.0
+    backlash: Mapping[str, float] = field(default_factory=dict)
+    encoder_bits: int = 0
+    sensor_bias: SensorBias = field(default_factory=SensorBias)
+    jitter: float = 0.0
+    slope: Slope = (0.0, 0.0)
+    wrenches: tuple[Wrench, ...] = ()
     noise: Noise = field(default_factory=Noise)
     seed: int = 0
+    kind: str = "rolling"
+    slipping: Slipping = field(default_factory=Slipping)
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    own: PlantModel | None = field(default=None, metadata=NO_FILE_CAN_SAY)
 
     def __post_init__(self) -> None:
         """Refuse what is no time or no effort."""
+        if self.kind not in PLANT_KINDS:
+            raise UnknownNameError("plant", self.kind, PLANT_KINDS)
         if not (math.isfinite(self.delay) and self.delay >= 0.0):
             raise RpctlError(f"delay is {self.delay:g}; give a time in s, 0 or more")
         require_within("delay", [self.delay])
@@ -104,6 +160,14 @@ class Plant:
             require_within(f"joint_friction of {name}", [friction])
         if self.seed < 0:
             raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
+        require_positive("effort", self.effort)
+        require_not_negative("losses", self.losses)
+        require_not_negative("effort_lag", self.effort_lag)
+        require_not_negative("jitter", self.jitter)
+        for name, gap in self.backlash.items():
+            require_not_negative(f"backlash of {name}", gap)
+        require_bits(self.encoder_bits)
+        require_slope(self.slope)
         self.variation  # noqa: B018 (refuses what no robot can have)
         VelocityOutput(self.lag or 0.0, self.dead_time or 0.0, self.lags)
 
@@ -137,6 +201,18 @@ class Plant:
         found = by_pattern(self.tau_bias, robot.actuators, "actuator")
         return np.array([found.get(name, 0.0) for name in robot.actuators])
 
+    def saturation(self, robot: Robot) -> Array:
+        """Return the efforts (n_act,) beyond which the true actuators have none, N·m or N.
+
+        An effort scale of 1 leaves commands as they are, even beyond the limits of the robot's
+        file: there the summary of a run tells what was exceeded.
+
+        Args:
+            robot: The robot, with the limits that its controller knows.
+        """
+        limits = robot.effort_limits
+        return np.full(len(limits), math.inf) if self.effort == 1.0 else self.effort * limits
+
     def simulated_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics of the simulated robot.
 
@@ -160,8 +236,12 @@ class Plant:
             UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
             RpctlError: A wheel would not reach the ground, or there would be no dynamics.
         """
+        for each in self.wrenches:
+            if not robot.model.existBodyName(each.link):
+                raise UnknownNameError("link", each.link, robot.description.link)
         friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
-        return add_friction(vary(robot, self.variation), friction)
+        varied = vary(scale_losses(robot, self.losses), self.variation)
+        return on_slope(self.payload.on(add_friction(varied, friction)), self.slope)
 
     def known_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics that the controller computes with.
@@ -204,42 +284,3 @@ class Plant:
     def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
         """Return the efforts on their way at the start: those that hold the robot still."""
         return deque([hold] * delay_periods(self.delay, control_period))
-
-
-def substeps(duration: float, longest: float) -> int:
-    """Return in how many equal steps of at most ``longest`` (s) a ``duration`` (s) is taken."""
-    return max(1, math.ceil(duration / longest - 1e-9))
-
-
-def advance(
-    dynamics: ReducedDynamics,
-    q: Array,
-    nu: Array,
-    tau: Array,
-    duration: float,
-    longest: float,
-) -> Step:
-    """Advance the robot by ``duration`` (s) under a constant τ, in equal steps.
-
-    Args:
-        dynamics: The robot's dynamics.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-        tau: Actuator efforts (n_act,).
-        duration: How far, s.
-        longest: Longest step, s.
-
-    Raises:
-        DivergedError: The state left the finite numbers.
-    """
-    steps = substeps(duration, longest)
-    work = lost = 0.0
-    try:
-        for _ in range(steps):
-            q, nu, done, gone = step(dynamics, q, nu, tau, duration / steps)
-            work, lost = work + done, lost + gone
-    except RpctlError as error:
-        raise DivergedError(f"the motion diverged: {error}") from error
-    if not (np.isfinite(q).all() and np.isfinite(nu).all()):
-        raise DivergedError("the motion diverged; shorten the control period or lengthen horizons")
-    return Step(q, nu, work, lost)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +23,8 @@ from rpctl.simulation.spool import Spool
 BATCH = 256  # samples that are derived at once: a tenth of a second's work at most
 RELEASED_ROWS = 4096  # of a column in a file, that stay in memory until they are let go
 NO_SPEEDS = np.empty(0)
+NOTHING_FELT: Mapping[str, Array] = MappingProxyType({})
+FELT = ("root_pose", "ground_load", "wheel_slip")  # columns that only some plants know
 NOT_FINITE = ("load_range", "slip_range")  # columns in which NaN and inf have a meaning
 
 
@@ -57,7 +61,8 @@ class Recorder:
         self._derivation, self._every = derivation, every
         self._deferred = False
         self._steps, self._spool, self._known = steps, spool, known
-        self._buffer = SampleBuffer(derivation.robot, min(BATCH, steps + 1), speeds)
+        self._felt: dict[str, tuple[int, ...]] = {}  # shapes of what only the plant knows
+        self._speeds, self._buffer = speeds, self._make_buffer(speeds)
         self._count, self._done = 0, _Done()
         self._batch: Samples | None = None  # that was handed over whole, and waits
         self._columns: dict[str, Array] = {}
@@ -93,6 +98,7 @@ class Recorder:
         limits: tuple[Limit, ...],
         lost: float = 0.0,
         speeds: Array = NO_SPEEDS,
+        felt: Mapping[str, Array] = NOTHING_FELT,
     ) -> None:
         """Add a sample.
 
@@ -108,14 +114,19 @@ class Recorder:
             limits: The limits that bind the efforts.
             lost: What damping and friction have taken so far, J.
             speeds: Quasi-velocities (dof,) that are sent; (0,) where efforts are.
+            felt: What only the plant knows, by the names of the log's columns; the same ones and
+                the same shapes in every sample.
 
         Raises:
             RpctlError: A sample of the last batch is nothing that a log can hold.
         """
+        if felt and not self._count:
+            self._felt = {name: array.shape for name, array in felt.items()}
+            self._buffer = self._make_buffer(self._speeds)
         number = self._sets.setdefault(limits, len(self._sets))
         place = self._count - self._done.samples
         arrays = (q, nu, tau, command.nu_d, speeds, e)
-        self._buffer.put(place, (t, work, lost, number), arrays, state)
+        self._buffer.put(place, (t, work, lost, number), arrays, state, tuple(felt.values()))
         self._count += 1
         late = self._spool is not None and self._spool.is_late()
         if late or place + 1 == len(self._buffer):
@@ -142,6 +153,21 @@ class Recorder:
         self._batch = samples._replace(limits=limits)
         self._count += len(samples.t)
         self.derive()
+
+    def _make_buffer(self, speeds: bool) -> SampleBuffer:
+        """Return room for the samples that wait."""
+        rows = min(BATCH, self._steps + 1)
+        felt = sum(map(math.prod, self._felt.values()))
+        return SampleBuffer(self._derivation.robot, rows, speeds, felt)
+
+    def _felt_columns(self, rows: Array) -> dict[str, Array]:
+        """Return what only the plant knows (K, w) by name; (K, 0) where it does not."""
+        columns = {name: np.empty((len(rows), 0)) for name in FELT}
+        ends = np.cumsum([math.prod(shape) for shape in self._felt.values()])
+        parts = np.split(rows, ends[:-1], axis=1)
+        for part, (name, shape) in zip(parts, self._felt.items(), strict=False):
+            columns[name] = part.reshape(len(rows), *shape)
+        return columns
 
     def _waiting(self) -> Samples:
         """Return the samples that wait to be derived."""
@@ -199,6 +225,8 @@ class Recorder:
                 columns, carry = self._derivation.columns(samples, chosen, self._done.carry)
                 if len(chosen) and not self._deferred:
                     columns |= self._derivation.motion.of(columns)
+            if columns:
+                columns |= self._felt_columns(samples.felt[chosen])
             _require_finite(columns)
             columns["limits"] = samples.limits[chosen]
         if len(bad):

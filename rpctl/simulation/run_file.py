@@ -34,7 +34,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,14 @@ from rpctl.simulation.packed import (
     write_columns,
 )
 from rpctl.simulation.recorded import tables_of_settings
-from rpctl.simulation.run_schema import ARRAYS, META, check_numbers, check_shapes, checked_meta
+from rpctl.simulation.run_schema import (
+    ARRAYS,
+    META,
+    PLANT_ARRAYS,
+    check_numbers,
+    check_shapes,
+    checked_meta,
+)
 
 SCHEMA = 6
 PACKED_SCHEMAS = (5, SCHEMA)  # older ones hold an entry for each array, see _completed
@@ -93,7 +100,7 @@ LATER_ENTRIES: dict[str, Any] = {  # likewise, before 5
 }
 ARRAY_ENTRIES = frozenset(ARRAYS)
 OLDER_SETTINGS = table({}, {"plant": mapping(free)}, free)
-EMPTY_ARRAYS = ("nu_cmd",)  # likewise, nothing
+EMPTY_ARRAYS = ("nu_cmd", *PLANT_ARRAYS)  # likewise, nothing
 LATER_ARRAYS = (*EMPTY_ARRAYS, "load_range", "slip_range")  # likewise, before 5
 ZERO_ARRAYS = ("lost",)  # likewise, a number a sample
 
@@ -198,17 +205,27 @@ def _read_packed(npz: Npz, meta: dict[str, Any], older: bool) -> dict[str, Any]:
     _require_names(meta, META)
     known = checked_meta(meta)
     shapes = shapes_of(layout, npz.entry(COLUMNS_ENTRY))
-    zero = _zero_arrays(shapes) if older else {}
+    zero = _zero_arrays(shapes, PLANT_ARRAYS, ())
+    if older:
+        zero = _zero_arrays(shapes, EMPTY_ARRAYS, ZERO_ARRAYS)
     _require_names([*shapes, *zero], ARRAYS)
     check_shapes(shapes | {name: array.shape for name, array in zero.items()}, known)
     return {**known, **zero, **read_columns(npz, layout, precision == "single")}
 
 
-def _zero_arrays(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """Return the arrays that an older file lacks and that stand for zeros or nothing, by name."""
+def _zero_arrays(
+    shapes: Mapping[str, tuple[int, ...]], empty: Sequence[str], zeros: Sequence[str]
+) -> dict[str, Array]:
+    """Return the arrays that an older file lacks and that stand for zeros or nothing, by name.
+
+    Args:
+        shapes: Those that it has.
+        empty: Which may stand for nothing.
+        zeros: Which may stand for zeros.
+    """
     rows = shapes.get("t", (0,))[:1]
-    zero = {name: np.zeros(rows) for name in ZERO_ARRAYS if name not in shapes}
-    zero |= {name: np.zeros((*rows, 0)) for name in EMPTY_ARRAYS if name not in shapes}
+    zero = {name: np.zeros(rows) for name in zeros if name not in shapes}
+    zero |= {name: np.zeros((*rows, 0)) for name in empty if name not in shapes}
     for array in zero.values():
         array.setflags(write=False)
     return zero

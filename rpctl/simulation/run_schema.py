@@ -206,6 +206,7 @@ SAME_LENGTH = (  # lists of one item each for one another's
 # Shapes of the samples' entries, without their first dimension, the samples: numbers, lists of the
 # file that are as long, or entries whose last dimension they share. What a robot has not is (0,).
 Size = int | str
+PLANT_ARRAYS = ("root_pose", "ground_load", "wheel_slip")  # only some plants know them
 ARRAYS: dict[str, tuple[Size, ...]] = {
     "t": (),
     "q": ("q",),
@@ -239,11 +240,14 @@ ARRAYS: dict[str, tuple[Size, ...]] = {
     "slip_ratio": (),
     "load_range": ("contacts", 2),
     "slip_range": (2,),
+    "root_pose": (7,),
+    "ground_load": ("contacts",),
+    "wheel_slip": ("wheel_force", 2),
     "active_limits": ("bound_limits",),
 }
 MAY_BE_MISSING = (  # from the samples of a robot that has no such thing; (0,) then
     "nu_cmd", "ee", "ee_ref", "contact_load", "zmp", "tip_margin", "slip_ratio", "load_range",
-    "slip_range",
+    "slip_range", *PLANT_ARRAYS,
 )  # fmt: skip
 TOGETHER = (  # an entry, and one that is not missing where it is not
     ("ee", "ee_ref"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,7 @@ class Samples(NamedTuple):
     joints: Array
     joint_rates: Array
     direction: Array
+    felt: Array  # (K, w) what only the plant knows, one after another; (K, 0) where it rolls
 
     def rows(self, chosen: slice | NDArray[np.intp]) -> Samples:
         """Return some of them."""
@@ -44,7 +46,8 @@ class Samples(NamedTuple):
 
     def is_finite(self) -> NDArray[np.bool_]:
         """Return whether each sample (K,) holds finite numbers, but for what is not given."""
-        columns = (column.reshape(len(self.t), -1) for column in self[:-1])
+        given = (*self[:-2], self.felt)
+        columns = (column.reshape(len(self.t), -1) for column in given)
         return np.asarray(np.isfinite(np.hstack(list(columns))).all(axis=1))
 
     def state(self, k: int | slice = slice(None)) -> ReferenceState:
@@ -71,12 +74,14 @@ class SampleBuffer:
         robot: The robot.
         rows: How many samples there is room for.
         speeds: Whether speeds are sent.
+        felt: How many numbers of a sample only the plant knows.
     """
 
-    def __init__(self, robot: Robot, rows: int, speeds: bool = False) -> None:
+    def __init__(self, robot: Robot, rows: int, speeds: bool = False, felt: int = 0) -> None:
         n = len(robot.joints)
         widths = [1, 1, 1, 1, robot.nq, robot.dof, len(robot.actuators), robot.dof]
         widths += [robot.dof if speeds else 0, 3 + n, 3, 3, 3, n, n, len(NO_DIRECTION)]
+        widths += [felt]
         self._ends = np.cumsum(widths)[:-1]
         self._rows = np.empty((rows, sum(widths)))
 
@@ -90,6 +95,7 @@ class SampleBuffer:
         numbers: tuple[float, float, float, float],
         arrays: tuple[Array, ...],
         state: ReferenceState,
+        felt: Sequence[Array] = (),
     ) -> None:
         """Write a sample.
 
@@ -98,6 +104,7 @@ class SampleBuffer:
             numbers: ``t``, ``work``, ``lost`` and ``limits``.
             arrays: ``q``, ``nu``, ``tau``, ``nu_d``, ``nu_cmd`` and ``e``.
             state: The reference's.
+            felt: What only the plant knows.
         """
         direction = NO_DIRECTION if state.direction is None else np.ravel(state.direction)
         np.concatenate(
@@ -110,6 +117,7 @@ class SampleBuffer:
                 state.joints,
                 state.joint_rates,
                 direction,
+                *(np.ravel(array) for array in felt),
             ),
             out=self._rows[k],
         )

@@ -12,7 +12,7 @@ from rpctl.dynamics.lag import Stretch, follow, travel
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
-from rpctl.simulation.plant import substeps
+from rpctl.simulation.plants.rolling import substeps
 
 ROUNDING = 1e-9  # of a control period: a rest of a dead time this small is none
 

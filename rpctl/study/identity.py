@@ -42,12 +42,12 @@ def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, A
     return {
         **own,
         "config": config_tables(experiment.config),
-        "reference": _file_digest(experiment.config.run.reference),
+        "reference": reference_digest(experiment.config.run.reference),
         "scatter": {name: distribution_table(each) for name, each in pairs},
     }
 
 
-def _file_digest(reference: str) -> str | None:
+def reference_digest(reference: str) -> str | None:
     """Return the digest of a reference's file; None of a name."""
     try:
         return _digest(read_input(reference, "MAX_SHOWN_BYTES", "a reference"))

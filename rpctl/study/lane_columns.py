@@ -34,10 +34,11 @@ from rpctl.study.plant_columns import LINKS, PlantColumns
 from rpctl.study.rolling_columns import rolling_columns
 from rpctl.study.scatter import TUPLES, with_values
 
-POSITIVE = ("masses", "inertias", "radii", "track")
-NOT_NEGATIVE = ("damping", "joint_friction", "delay", "noise", "dropped")
+POSITIVE = ("masses", "inertias", "radii", "track", "effort")
+NOT_NEGATIVE = ("damping", "joint_friction", "delay", "noise", "dropped", "losses", "payload")
 OFFSET = 1e-3  # m, of centres of the robot that stands for all
 FRICTION = 0.01  # N·m or N, of a robot that stands for those that lose something
+GENTLE = 0.5  # rad: of a slope; steeper ones are looked at one by one
 USUAL = (1e-9, 1e2)  # sizes of settings; runs with other ones are looked at one by one
 
 
@@ -61,7 +62,8 @@ class LaneColumns:
         self.robot, self.experiment, self._duration = robot, experiment, duration
         # Centres that differ are off the axles of the robot that stands for all: wheels are not
         # taken for round then.
-        centres = tuple(name for name in experiment.names if name.startswith("plant.centres."))
+        moved = "plant.centres.", "plant.payload."
+        centres = tuple(name for name in experiment.names if name.startswith(moved))
         stands = with_values(experiment.config, centres, np.full(len(centres), OFFSET))
         simulated = stands.plant.simulated_robot(robot)
         self._plant = PlantColumns(robot, experiment)
@@ -82,16 +84,21 @@ class LaneColumns:
         for path in self._plant.scattered("centres"):
             touched |= set(matching(path.rpartition(".")[0], links.names, LINKS))
         bodies = {b for n, b in zip(links.names, links.body.tolist(), strict=True) if n in touched}
+        if self._plant.scattered("payload"):
+            bodies.add(self._plant.payload_place()[0])
         lossy: set[str] = set()
         for field, names in (("damping", tuple(self.robot.entries)),
                              ("joint_friction", self.robot.actuators)):  # fmt: skip
             for pattern in self._plant.scattered(field):
                 lossy |= set(matching(pattern, names, "joint"))
+        if "plant.losses" in self._plant.keys:
+            lossy |= self._plant.lossy_joints()
         rolling = bool(self._plant.scattered("radii")) or "plant.track" in self._plant.keys
         return Varied(
             tuple(joints[body + ROOT_JOINT] for body in sorted(bodies)),
             rolling,
             tuple(name for name in self.robot.entries if name in lossy),
+            bool(self._plant.scattered("slope")),
         )
 
     def refusals(self, values: Array) -> dict[int, str]:
@@ -119,6 +126,8 @@ class LaneColumns:
                 usual[:, k] &= values[:, k] >= 0.0
             elif table in ("kinematic", "dynamic"):
                 usual[:, k] = False  # a law says itself what it accepts
+            if field == "slope":
+                usual[:, k] &= sizes[:, k] <= GENTLE
             if name == "plant.delay":
                 usual[:, k] &= values[:, k] <= self._duration
             if table == "run":
@@ -213,10 +222,12 @@ class LaneColumns:
             bias=bias,
             p=p,
             settings=self._settings(values),
+            most=self._plant.saturation(values),
             back=np.array(
                 [delay_periods(each, period) for each in delays.tolist()], dtype=np.int64
             ),
             deviations=self._plant.deviations(values),
+            offsets=self._plant.offsets(values),
             seeds=tuple(run_seed(self.experiment.seed, index) for index in indices.tolist()),
         )
 
@@ -240,6 +251,8 @@ class LaneColumns:
         numbers: dict[str, Array] = {}
         if self.varied.losses:
             numbers |= self._plant.losses(values)
+        if self.varied.slope:
+            numbers["lift"] = self._plant.lift(values)
         if self.varied.rolling:
             numbers |= rolling_columns(self.robot, *self._plant.wheels(values))
         return dynamics.parameters(self.simulated, self._plant.bodies(values), numbers)

@@ -49,8 +49,10 @@ class LaneRows:
             reference,
             count,
             stride,
-            noisy=bool(config.plant.noise) or any(n.startswith("plant.noise.") for n in names),
+            noisy=bool(config.plant.noise or config.plant.sensor_bias)
+            or any(n.startswith(("plant.noise.", "plant.sensor_bias.")) for n in names),
             delayed=config.plant.delay > 0.0 or "plant.delay" in names,
+            saturated=config.plant.effort != 1.0 or "plant.effort" in names,
         )
 
     def fill(

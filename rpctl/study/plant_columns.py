@@ -7,8 +7,11 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
+from rpctl.errors import UnknownNameError
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.link_inertias import LinkInertias
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import matching
@@ -99,7 +102,55 @@ class PlantColumns:
             self.columns(field, self.links.names, 1.0, LINKS, values)
             for field in ("masses", "inertias")
         )
-        return self.links.bodies(masses, self._centres(values), inertias)
+        found = self.links.bodies(masses, self._centres(values), inertias)
+        load = self._plant.payload
+        if load.mass or self.scattered("payload"):
+            body, pose = self.payload_place()
+            mass, com = (
+                np.full(len(values), load.mass),
+                np.tile(np.array(load.com), (len(values), 1)),
+            )
+            self.take(mass, "plant.payload.mass", values)
+            for axis, entry in enumerate(TUPLES["com"]):
+                self.take(com[:, axis], f"plant.payload.com.{entry}", values)
+            place = pose[:3, 3] + sum(com[:, k, None] * pose[:3, k] for k in range(3))
+            point = np.column_stack([place, np.ones(len(values))])
+            found[:, body] += mass[:, None, None] * point[:, :, None] * point[:, None]
+        return found
+
+    def lift(self, values: Array) -> Array:
+        """Return what stands against gravity on the slopes (K, 3), m/s²; see ``on_slope``."""
+        angles = np.tile(np.array(self._plant.slope), (len(values), 1))
+        for axis, entry in enumerate(TUPLES["slope"]):
+            self.take(angles[:, axis], f"plant.slope.{entry}", values)
+        along = np.sin(angles)
+        up = np.column_stack([along, np.sqrt(1.0 - np.square(along).sum(axis=1))])
+        return np.asarray(np.linalg.norm(self._robot.model.gravity.linear) * up)
+
+    def payload_place(self) -> tuple[int, Array]:
+        """Return the body that carries the payload, and the pose (4, 4) of its link there."""
+        robot = self._robot
+        link = self._plant.payload.link_of(robot)
+        if not robot.model.existBodyName(link):
+            raise UnknownNameError("link", link, robot.description.link)
+        frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+        return frame.parentJoint - ROOT_JOINT, np.array(frame.placement.homogeneous)
+
+    def lossy_joints(self) -> set[str]:
+        """Return the joints with losses of their own."""
+        robot, own = self._robot, self._robot.losses
+        if own is None:
+            return set()
+        lost = (own.damping != 0.0) | (own.friction != 0.0)
+        return {name for name in robot.entries if lost[robot.velocity_index(name)]}
+
+    def saturation(self, values: Array) -> Array:
+        """Return the efforts (K, n_act) at which the true actuators saturate, N·m or N."""
+        scale = np.full(len(values), self._plant.effort)
+        self.take(scale, "plant.effort", values)
+        found = scale[:, None] * self._robot.effort_limits
+        found[scale == 1.0] = np.inf
+        return found
 
     def losses(self, values: Array) -> dict[str, Array]:
         """Return damping and friction (K, nv) of the joints."""
@@ -109,9 +160,11 @@ class PlantColumns:
             "damping": (names, None if own is None else own.damping, "damping"),
             "friction": (robot.actuators, None if own is None else own.friction, "joint_friction"),
         }
+        scale = np.full(len(values), self._plant.losses)
+        self.take(scale, "plant.losses", values)
         found = {}
         for kind, (joints, known, field) in given.items():
-            total = np.tile(np.zeros(robot.nv) if known is None else known, (len(values), 1))
+            total = scale[:, None] * (np.zeros(robot.nv) if known is None else known)
             index = [robot.velocity_index(name) for name in joints]
             total[:, index] += self.columns(field, joints, 0.0, "joint", values)
             found[kind] = total
@@ -127,10 +180,24 @@ class PlantColumns:
 
     def deviations(self, values: Array) -> Array:
         """Return the deviations of the noise (K, n_noise)."""
-        sensors, noise = Sensors(self._robot), self._plant.noise
-        found = np.tile(sensors.deviations(noise), (len(values), 1))
-        for name in asdict(noise):
-            if (path := f"plant.noise.{name}") in self.keys:
-                which = sensors.deviations(Noise(**{name: 1.0})) > 0.0
+        return self._measured("noise", Sensors(self._robot).deviations(self._plant.noise), values)
+
+    def offsets(self, values: Array) -> Array:
+        """Return the constant errors of what is measured (K, n_noise)."""
+        errors = Sensors(self._robot).errors(self._plant.sensor_bias)
+        return self._measured("sensor_bias", errors, values)
+
+    def _measured(self, field: str, nominal: Array, values: Array) -> Array:
+        """Return what belongs to the entries of a row of noise (K, n_noise).
+
+        Args:
+            field: Of the plant.
+            nominal: What the plant has (n_noise,).
+            values: Settings (K, n).
+        """
+        found = np.tile(nominal, (len(values), 1))
+        for name in asdict(self._plant.noise):
+            if (path := f"plant.{field}.{name}") in self.keys:
+                which = Sensors(self._robot).deviations(Noise(**{name: 1.0})) > 0.0
                 found[:, which] = values[:, [self.keys[path]]]
         return found

@@ -14,7 +14,7 @@ from rpctl.arrays import Array
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
-from rpctl.simulation.backend import pays, refusal
+from rpctl.simulation.backend import pays, plant_refusal, refusal
 from rpctl.simulation.loop import default_duration, simulate
 from rpctl.simulation.merits import measures
 from rpctl.simulation.outcome import DIVERGING, TRACKED
@@ -90,9 +90,8 @@ def why_not(robot: Robot, experiment: Experiment, count: int) -> str | None:
     """
     if experiment.backend == "pinocchio":
         return "Pinocchio is asked for"
-    if "plant.dropped" in experiment.names:
-        return "samples are dropped"
     reason = refusal(robot, experiment.config)
+    reason = reason or plant_refusal(experiment.config.plant, experiment.names)
     if reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count):
         return "runs are too short for that"
     return reason

@@ -10,6 +10,7 @@ every run is that of a configuration file.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import UnionType
@@ -24,7 +25,13 @@ from rpctl.study.distributions import Distribution, distribution_of
 
 PATTERN = "PATTERN"  # stands for a pattern of names in the list of what there is
 TABLES = ("plant", "run", "kinematic", "dynamic")
-TUPLES = {"initial_error": ("x", "y", "theta"), "centres": ("x", "y", "z")}  # names of entries
+TUPLES = {  # names of entries
+    "initial_error": ("x", "y", "theta"),
+    "centres": ("x", "y", "z"),
+    "com": ("x", "y", "z"),
+    "slope": ("along_x", "along_y"),
+}
+WHOLE = ("encoder_bits",)  # numbers that are rounded
 OF_SPEEDS = ("plant.lag", "plant.dead_time")  # what is said of robots that take speeds only
 TAIL = 1e-3  # where a design asks for the end of a distribution that has none
 
@@ -115,7 +122,7 @@ def _paths(record: Any) -> Iterator[str]:
             yield from (f"{name}.{middle}{entry}" for entry in TUPLES[name])
         elif _is_mapping(hint):
             yield f"{name}.{PATTERN}"
-        elif hint is float or (_is_optional(hint) and float in get_args(hint)):
+        elif hint is float or (_is_optional(hint) and float in get_args(hint)) or name in WHOLE:
             yield name
 
 
@@ -182,7 +189,7 @@ def _split(config: Config, name: str) -> list[str]:
 def _changed(value: Any, changes: Any, key: str = "") -> Any:
     """Return a record, mapping or tuple with entries changed, or the number in its place."""
     if not isinstance(changes, dict):
-        return changes
+        return round(changes) if key in WHOLE and math.isfinite(changes) else changes
     if dataclasses.is_dataclass(value):
         fields = {k: _changed(getattr(value, k), each, k) for k, each in changes.items()}
         return dataclasses.replace(value, **fields)  # type: ignore[type-var]

@@ -15,10 +15,10 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
-from rpctl.simulation.expectation import DELAY_S, MASS_RATIO
 from rpctl.simulation.loop import track
 from rpctl.simulation.periods import CONTROL_PERIOD
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.named import DELAY_S, MASS_RATIO
 from rpctl.simulation.summary import summarize
 
 RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the bandwidth that the joints have by default

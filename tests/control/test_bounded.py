@@ -31,7 +31,7 @@ from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plants.rolling import advance
 
 PERIOD = 0.002
 OFF = (0.1, -0.1, 0.1)

@@ -14,7 +14,7 @@ from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.vary import without_losses
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plants.rolling import advance
 
 LAW = PaperDynamic(horizon_dyn=0.1)
 

@@ -20,7 +20,7 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.law import Command, DynamicLaw, Rest, as_efforts
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plants.rolling import advance
 
 
 def follow(

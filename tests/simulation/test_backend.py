@@ -15,12 +15,15 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import DivergedError, UnknownNameError
 from rpctl.robot.model import Robot
-from rpctl.simulation.backend import pays, refusal
+from rpctl.simulation.backend import pays, plant_refusal, refusal
 from rpctl.simulation.compiled import check
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import simulate
 from rpctl.simulation.noise import Noise
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.sensor_settings import SensorBias
+from rpctl.simulation.plants.wrench import Wrench
 from rpctl.simulation.run import Run
 
 SAME = 1e-9  # of what is logged, over 10 s; 1e-11 is what is seen
@@ -45,14 +48,24 @@ def require_same(one: Run, other: Run, tolerance: float = SAME) -> None:
 
 
 def test_a_run_is_the_same_whatever_computes_it(paper: Robot) -> None:
-    # Limits bind, efforts come late and with a bias, and what is measured is noisy.
+    # Limits bind, actuators saturate before, efforts come late and with a bias, the robot carries
+    # something, and what is measured is noisy and off.
     plant = Plant(
-        {paper.actuators[0]: 0.2}, delay=0.004, noise=Noise(position=1e-3, joints=1e-3), seed=3
+        {paper.actuators[0]: 0.2},
+        delay=0.004,
+        noise=Noise(position=1e-3, joints=1e-3),
+        sensor_bias=SensorBias(heading=0.01, joint_rates=0.02),
+        payload=CarriedLoad(mass=2.0, com=(0.0, 0.1, 0.0)),
+        slope=(0.05, -0.03),
+        effort=0.2,
+        seed=3,
     )
     config = Config(run=RunSettings("eight", 0.8, (0.4, -0.4, 0.5)), plant=plant)
     one, other = both(paper, config)
     require_same(one, other)
     assert one.notes == other.notes
+    reached = np.abs(other.tau).max(axis=0) / paper.effort_limits
+    assert reached.max() == pytest.approx(0.2)
     told: list[tuple[int, int]] = []
     quiet = replace(config, plant=replace(plant, noise=Noise()))
     bare = simulate(
@@ -107,11 +120,20 @@ def test_what_cannot_be_compiled_is_said_and_done_in_python(paper: Robot) -> Non
         (Plant(dropped=0.1), "dropped"),
         (Plant(computing_time=0.001), "computing"),
         (Plant(lag=0.1), "lag"),
+        (Plant(effort_lag=0.01), "efforts lag"),
+        (Plant(backlash={"*": 0.1}), "backlash"),
+        (Plant(encoder_bits=12), "encoders"),
+        (Plant(jitter=1e-4), "jitter"),
+        (Plant(wrenches=(Wrench("base_link"),)), "pushed"),
     ],
 )
 def test_plants_that_only_python_has(paper: Robot, plant: Plant, reason: str) -> None:
     assert reason in (refusal(paper, Config(plant=plant)) or "")
     assert refusal(paper, Config()) is None
+    free = Plant(payload=CarriedLoad(mass=1.0), losses=2.0, effort=0.5, slope=(0.1, 0.0))
+    assert refusal(paper, Config(plant=free)) is None
+    assert plant_refusal(Plant(), ["plant.payload.mass", "run.jitter"]) is None
+    assert "jitter" in (plant_refusal(Plant(), ["plant.jitter"]) or "")
     assert "watched" in (refusal(paper, Config(), watched=True) or "")
 
 

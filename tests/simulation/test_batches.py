@@ -54,6 +54,7 @@ def samples_of(robot: Robot) -> Samples:
         rng.normal(size=(COUNT, len(robot.actuators))), rng.normal(size=(COUNT, dof)),
         np.empty((COUNT, 0)), rng.normal(size=(COUNT, 3 + n)), table.pose, table.twist,
         table.twist_dot, table.joints, table.joint_rates, table.direction.reshape(COUNT, 9),
+        np.empty((COUNT, 0)),
     )  # fmt: skip
 
 

@@ -206,15 +206,17 @@ def test_a_law_within_a_law_is_named() -> None:
     assert table["fallback"]["law"] == "kanayama"
     assert from_table(_Nested, table, "here", faults) == nested
     assert from_table(_Nested, to_table(_Nested()), "here", faults) == _Nested()
+    several = _Nested(obstacles=(_Nested(radius=1.0), _Nested()))
+    assert from_table(_Nested, to_table(several), "here", faults) == several
     assert not faults
     assert from_table(_Nested, {"obstacles": [1], "fallback": {"law": "x"}}, "here", faults) is None
-    assert faults[0] == "here.obstacles: is 1; write [here.obstacles]"
+    assert faults[0] == "here.obstacles[1]: is 1; write [[here.obstacles]]"
     assert faults[1].startswith("here.fallback.law: kinematic law 'x' is not known")
 
 
 def test_what_no_file_can_say_is_refused() -> None:
-    with pytest.raises(RpctlError, match=r"_Nested.obstacles is .*, which no file can say"):
-        to_table(_Nested(obstacles=(_Nested(),)))
+    with pytest.raises(RpctlError, match=r"_Nested.names is .*, which no file can say"):
+        to_table(_Nested(names=(None,)))  # type: ignore[arg-type]
     with pytest.raises(RpctlError, match="_Nested is none of"):
         write_config(Config(kinematic=_Nested()), "never.toml")  # type: ignore[arg-type]
 

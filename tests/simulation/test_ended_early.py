@@ -104,7 +104,9 @@ def test_sample_that_is_no_motion_ends_the_run_before_it(
     whole = simulate(paper, SETTINGS)
     reactions, spoilt = ManyStates.reactions, whole.q[bad]
 
-    def measured(self: ManyStates, q: Array, nu: Array, tau: Array) -> Reactions:
+    def measured(
+        self: ManyStates, q: Array, nu: Array, tau: Array, outside: None = None
+    ) -> Reactions:
         found = reactions(self, q, nu, tau)
         energy = np.where((q == spoilt).all(axis=1), np.inf, found.energy)
         return found._replace(energy=energy)

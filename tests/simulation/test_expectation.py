@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, scale_masses, summarize, track
+from rpctl import Plant, ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.reference.load import load_reference
 from rpctl.simulation.config import Config, LimitOverrides, RunSettings
-from rpctl.simulation.expectation import Expectation, expect, perturbed_plant
+from rpctl.simulation.expectation import Expectation, expect
 from rpctl.simulation.path_error import PathFigures
+from rpctl.simulation.plants.named import perturbed_plant
 from tests.golden import part
 
 COARSE = RunSettings("eight", 12.0, (0.3, 0.0, 0.0), control_period=0.005, plant_step=0.005)
@@ -32,7 +33,7 @@ def test_the_plant_is_what_is_told(paper: Robot) -> None:
     """38.6 kg of weight on two wheels of .15 m, 2 % of it: .57 N·m on each."""
     mass = sum(inertia.mass for inertia in paper.model.inertias)
     plant = perturbed_plant(paper)
-    assert plant.controller_model is paper
+    assert plant.masses == {"*": 1.1}
     assert plant.delay == 0.005
     assert plant.joint_friction == {
         name: pytest.approx(0.02 * 9.81 * mass * 0.15 / 2.0)
@@ -58,8 +59,7 @@ def test_a_robot_that_takes_speeds_lags_more(paper: Robot) -> None:
 
 def test_it_is_the_run_with_that_plant(paper: Robot, expected: Expectation) -> None:
     """Four of twelve seconds, from the reference's start; every second sample is kept."""
-    heavy = scale_masses(paper, "*", 1.1)
-    run = track(heavy, "eight", 4.0, control_period=0.005, plant_step=0.005,
+    run = track(paper, "eight", 4.0, control_period=0.005, plant_step=0.005,
                 plant=perturbed_plant(paper))  # fmt: skip
     summary = summarize(part(run, slice(None, None, 2)))
     assert [expected.duration, expected.delay] == pytest.approx([4.0, 0.005])

@@ -10,7 +10,8 @@ import rpctl
 from rpctl import PaperDynamic, Plant, ReducedDynamics, Robot, RpctlError, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.simulation.noise import BLOCK, MeasuredState, Noise, NoiseStream, Sensors
+from rpctl.simulation.noise import BLOCK, Noise, NoiseStream, Sensors
+from rpctl.simulation.plants.sensors import Measurement
 
 ALL = Noise(0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
 
@@ -23,20 +24,20 @@ def test_a_stream_is_the_same_in_any_blocks() -> None:
 
 
 def test_samples_follow_the_stream_across_blocks(paper: Robot) -> None:
-    measure, sensors = MeasuredState(paper, ALL, 3), Sensors(paper)
+    measure, sensors = Measurement(paper, Plant(noise=ALL, seed=3)), Sensors(paper)
     q, nu = paper.state((1.0, 2.0, 0.3), (0.4, 0.5))
     rows = NoiseStream(sensors.width, 3).rows(BLOCK + 2) * sensors.deviations(ALL)
     for _ in rows:
-        found = measure(q, nu)
+        found = measure(q, nu, 0.0)
     expected = sensors.measured(q, nu, rows[-1])
     assert [each.tolist() for each in found] == [each.tolist() for each in expected]
 
 
 def test_each_quantity_has_its_deviation(paper: Robot) -> None:
     """x, y, heading, a joint that turns and one that slides, v, ω and two rates."""
-    measure, count = MeasuredState(paper, ALL, 1), 4000
+    measure, count = Measurement(paper, Plant(noise=ALL, seed=1)), 4000
     q, nu = paper.state((1.0, -2.0, 3.1), (0.4, -0.5), {paper.joint_names[0]: 0.6})
-    states = [measure(q, nu) for _ in range(count)]
+    states = [measure(q, nu, 0.0) for _ in range(count)]
     poses = [paper.base_pose(each) for each, _ in states]
     turned = [np.angle(np.exp(1j * (pose[2] - 3.1))) for pose in poses]
     joints = [paper.joint_positions(each) for each, _ in states]
@@ -51,7 +52,10 @@ def test_each_quantity_has_its_deviation(paper: Robot) -> None:
 
 def test_what_one_is_drawn_from_is_not_the_others_affair(paper: Robot) -> None:
     q, nu = paper.state()
-    one, two = (MeasuredState(paper, noise, 3)(q, nu) for noise in (ALL, Noise(joint_rates=0.06)))
+    one, two = (
+        Measurement(paper, Plant(noise=noise, seed=3))(q, nu, 0.0)
+        for noise in (ALL, Noise(joint_rates=0.06))
+    )
     assert np.array_equal(one[1][2:], two[1][2:])
     assert np.array_equal(two[1][:2], nu[:2])
     assert np.array_equal(two[0], q)
@@ -76,7 +80,7 @@ def test_symbols_say_the_same(name: str, rng: np.random.Generator) -> None:
 def test_a_fixed_base_knows_where_it_stands() -> None:
     robot = rpctl.load("arm")
     q, nu = robot.state()
-    found, _ = MeasuredState(robot, ALL, 0)(q, nu)
+    found, _ = Measurement(robot, Plant(noise=ALL))(q, nu, 0.0)
     assert np.array_equal(found[:4], q[:4])
     assert (found[4:] != q[4:]).all()
 

@@ -25,7 +25,7 @@ from rpctl.robot.losses import TURNING_RATE
 from rpctl.robot.variation import vary
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.noise import Noise
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plants.rolling import advance
 from tests.robots import SET_A, ball, platform, write
 
 OFF = (0.1, -0.1, 0.1)

@@ -15,9 +15,9 @@ from rpctl.arrays import Array
 from rpctl.dynamics.motion import Step
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import ReferenceState
-from rpctl.simulation import plant
 from rpctl.simulation.loop import default_duration
-from rpctl.simulation.plant import advance
+from rpctl.simulation.plants import rolling
+from rpctl.simulation.plants.rolling import advance
 from tests.robots import SET_A, platform, write
 
 
@@ -31,11 +31,13 @@ def test_steps_are_equal_and_no_longer_than_the_longest(
     """0.3 is a hair more than three times 0.1: that hair takes no step of its own."""
     taken: list[float] = []
 
-    def step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float) -> Step:
+    def step(
+        dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, dt: float, outside: None
+    ) -> Step:
         taken.append(dt)
         return Step(q + 1.0, nu + 2.0, 0.5, 0.25)
 
-    monkeypatch.setattr(plant, "step", step)
+    monkeypatch.setattr(rolling, "step", step)
     q, nu, tau = np.zeros((3, 4))
     done = advance(ReducedDynamics(paper), q, nu, tau, duration, longest)
     assert taken == [duration / steps] * steps
@@ -48,7 +50,7 @@ def test_a_state_that_is_not_finite_has_diverged(
     monkeypatch: pytest.MonkeyPatch, paper: Robot, bad: str
 ) -> None:
     found = {"q": np.zeros(4), "nu": np.zeros(4)} | {bad: np.array([0.0, np.inf, 0.0, 0.0])}
-    monkeypatch.setattr(plant, "step", lambda *_: Step(found["q"], found["nu"], 0.0, 0.0))
+    monkeypatch.setattr(rolling, "step", lambda *_: Step(found["q"], found["nu"], 0.0, 0.0))
     q, nu, tau = np.zeros((3, 4))
     with pytest.raises(DivergedError, match="the motion diverged; shorten the control period"):
         advance(ReducedDynamics(paper), q, nu, tau, 0.1, 0.1)

@@ -10,6 +10,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.arrays import Array
+from rpctl.robot.vary import add_losses
 from rpctl.simulation.closed_loop import start_configuration
 from rpctl.simulation.compiled.lane_inputs import LaneInputs
 from rpctl.simulation.compiled.laws.law_settings import settings_of
@@ -17,6 +18,8 @@ from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.noise import Noise, Sensors
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.sensor_settings import SensorBias
 from rpctl.study.experiment import Experiment
 from rpctl.study.lane_columns import LaneColumns
 
@@ -30,12 +33,37 @@ NAMES = (
     "plant.tau_bias.*",
     "plant.delay",
     "plant.noise.heading",
+    "plant.payload.mass",
+    "plant.payload.com.y",
+    "plant.losses",
+    "plant.effort",
+    "plant.sensor_bias.heading",
+    "plant.slope.along_y",
     "run.initial_error.theta",
     "kinematic.horizon",
     "dynamic.gain",
 )
-LOW = (0.5, -0.1, 0.5, 0.8, 0.0, 0.0, -1.0, 0.0, 0.0, -3.0, 0.2, 1.0)
-HIGH = (2.0, 0.1, 2.0, 1.2, 0.3, 0.3, 1.0, 0.03, 0.1, 3.0, 0.6, 9.0)
+LOW = (
+    0.5,
+    -0.1,
+    0.5,
+    0.8,
+    0.0,
+    0.0,
+    -1.0,
+    0.0,
+    0.0,
+    0.1,
+    -0.1,
+    0.0,
+    0.4,
+    -0.1,
+    -0.2,
+    -3.0,
+    0.2,
+    1.0,
+)
+HIGH = (2.0, 0.1, 2.0, 1.2, 0.3, 0.3, 1.0, 0.03, 0.1, 3.0, 0.1, 3.0, 0.9, 0.1, 0.2, 3.0, 0.6, 9.0)
 
 
 def made(
@@ -64,7 +92,8 @@ def made(
     ],
 )
 def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> None:
-    robot = rpctl.load(name)
+    bare = rpctl.load(name)
+    robot = add_losses(bare, dict.fromkeys(bare.entries, 0.3), {bare.actuators[0]: 0.2})
     names = NAMES + ((more,) if more else ())
     low, high = (np.append(each, end)[: len(names)] for each, end in ((LOW, 0.9), (HIGH, 1.1)))
     values = rng.uniform(low, high, (3, len(names)))
@@ -75,6 +104,9 @@ def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> 
         radii={robot.drive.wheels[0].joint: 1.01},
         tau_bias={robot.actuators[-1]: 3.0},
         noise=Noise(position=0.01),
+        payload=CarriedLoad(link=links[-1], com=(0.1, 0.0, 0.3)),
+        sensor_bias=SensorBias(position=0.02),
+        slope=(0.1, 0.0),
     )
     found, experiment, dynamics, start = made(robot, names, values, plant)
     for k in range(len(values)):
@@ -100,6 +132,9 @@ def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> 
         assert found.back[k] == len(late)
         deviations = Sensors(robot).deviations(config.plant.noise)
         np.testing.assert_array_equal(found.deviations[k], deviations)
+        offsets = Sensors(robot).errors(config.plant.sensor_bias)
+        np.testing.assert_array_equal(found.offsets[k], offsets)
+        np.testing.assert_allclose(found.most[k], values[k][12] * robot.effort_limits)
         assert found.seeds[k] == config.plant.seed
     assert found.rows(np.array([2, 0])).seeds == (found.seeds[2], found.seeds[0])
     assert found.rows(slice(1, 3)).q.tolist() == found.q[1:].tolist()

@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Wheel
-from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.supports import find_supports
 from rpctl.equivalence.contact.shapes import support_shapes, tyre
+from rpctl.equivalence.contact.ties import Rollers, TieRods
 from rpctl.equivalence.mujoco_model import NAME_PREFIX, MujocoModel
 from rpctl.robot.model import Robot
 
@@ -33,14 +32,7 @@ STEP_S = 5e-4  # s: below the contacts' time constant
 SOLREF = (2e-3, 1.0)  # time constant (s), least that STEP allows with a margin, and damping ratio
 SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)  # impedance near 1: hard contacts, which sink by microns
 IMPRATIO = 0.1  # friction softer than the load: axles a hair apart creep, they do not fight
-TIE_ROD_BANDWIDTH = (
-    300.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
-)
-DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 FRICTION = 0.7  # of rubber on a dry indoor floor, as the margins of the reduced model assume
-ROLLER_FRICTION = (
-    1e-5  # friction along which a roller runs, or a ball slides: the least MuJoCo takes
-)
 MIN_LOAD_N = 1e-9  # N: below it nothing bears a load
 MUJOCO_SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
 
@@ -67,6 +59,8 @@ class ContactModel:
 
     Attributes:
         names: The contacts: the wheels' joints, then the supports, as ``Contacts.names``.
+        rollers: The wheels that are held in one direction only.
+        rods: The tie rods.
         notes: What the file does not say of them.
     """
 
@@ -75,19 +69,14 @@ class ContactModel:
         self._robot, self._friction = robot, friction
         self._contacts: dict[str, str] = {}  # geoms, and what they are called
         self.notes: tuple[str, ...] = ()
-        self._follower_inertia: dict[
-            str, float
-        ] = {}  # inertia of each follower about its axis, kg·m²
         tree = MujocoModel(robot, release=self._release)
         self._model, self._dofs, self._root = tree.mjm, tree.joints, tree.root
         self._data = self._mujoco.MjData(self._model)
         self.names = tuple(self._contacts.values())
         self._index = {self._model.geom(geom).id: k for k, geom in enumerate(self._contacts)}
-        self._one_directional = {
-            self._model.geom(f"{NAME_PREFIX}{wheel.joint}").id: wheel
-            for wheel in robot.drive.wheels
-            if _one_directional(robot, wheel)
-        }
+        ids = {w.joint: self._model.geom(NAME_PREFIX + w.joint).id for w in robot.drive.wheels}
+        self.rollers = Rollers(robot, self._model, self._data, ids, friction)
+        self.rods = TieRods(robot, self._model, self._data, self._dofs)
 
     def start(self, q: Array) -> None:
         """Put the robot at q (nq,), at rest, its wheels at the height of the ground."""
@@ -99,10 +88,7 @@ class ContactModel:
             self._data.qpos[dof + 1] = self._robot.joint_position(q, name)
         self._data.qvel[:] = 0.0
         self._mujoco.mj_forward(self._model, self._data)
-        M = np.zeros((self._model.nv, self._model.nv))
-        self._mujoco.mj_fullM(self._model, self._data, M)
-        dofs = {swivel.joint: self._dofs[swivel.joint] for swivel in self._robot.drive.followers}
-        self._follower_inertia = {name: float(M[dof, dof]) for name, dof in dofs.items()}
+        self.rods.measure()
 
     def advance(self, efforts: Mapping[str, float], steps: int) -> Contact:
         """Apply joints' efforts (N·m or N) for some steps; return the contacts at the first."""
@@ -112,7 +98,7 @@ class ContactModel:
         given = self._data.qfrc_applied.copy()
         for step in range(steps):
             self._data.qfrc_applied[:] = given
-            self._apply_tie_rods()
+            self.rods.pull()
             self._step()
             if step == 0:
                 first = self._contact()
@@ -139,65 +125,12 @@ class ContactModel:
     def _step(self) -> None:
         mujoco, model, data = self._mujoco, self._model, self._data
         mujoco.mj_step1(model, data)
-        if self._one_directional:
-            self._turn_contacts()
+        if self.rollers.geoms:
+            self.rollers.turn()
             mujoco.mj_makeConstraint(model, data)
             mujoco.mj_projectConstraint(model, data)
             mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_step2(model, data)
-
-    def _apply_tie_rods(self) -> None:
-        """Pull each swivel that follows towards its place, and those that it follows back.
-
-        A tie rod is a spring and a damper on φ = δ − f(leaders), so it does no work but on φ:
-        the follower feels −(k φ + d φ̇), the leaders ∂f/∂δ times the opposite.
-        """
-        drive, data = self._robot.drive, self._data
-        if not drive.followers:
-            return
-        leaders = {swivel.joint: self.joint(swivel.joint) for swivel in drive.steered}
-        at = {name: position for name, (position, _) in leaders.items()}
-        place = follower_positions(drive, at)
-        perturbed = {
-            name: follower_positions(drive, at | {name: at[name] + DIFFERENCE_STEP}) for name in at
-        }
-        for swivel in drive.followers:
-            name, jacobian = swivel.joint, {}
-            position, rate = self.joint(name)
-            for leader in at:
-                jacobian[leader] = (perturbed[leader][name] - place[name]) / DIFFERENCE_STEP
-                rate -= jacobian[leader] * leaders[leader][1]
-            inertia = self._follower_inertia[name]
-            pull = (
-                inertia
-                * TIE_ROD_BANDWIDTH
-                * (TIE_ROD_BANDWIDTH * (position - place[name]) + 2.0 * rate)
-            )
-            data.qfrc_applied[self._dofs[name]] -= pull
-            for leader, derivative in jacobian.items():
-                data.qfrc_applied[self._dofs[leader]] += derivative * pull
-
-    def _turn_contacts(self) -> None:
-        """Turn the contacts of rollers and balls: friction holds along one direction only."""
-        contacts = self._data.contact
-        frames, friction = contacts.frame, contacts.friction
-        for k, geom in enumerate(contacts.geom2.tolist()):
-            wheel = self._one_directional.get(geom)
-            if wheel is None:
-                continue
-            (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self._held(wheel).tolist()
-            frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
-            friction[k, :2] = self._friction, ROLLER_FRICTION
-
-    def _held(self, wheel: Wheel) -> Array:
-        """Return the direction (3,) in which the ground holds a wheel, level, world.
-
-        It is the drive's angle off the wheel's rolling direction, which MuJoCo's axle gives.
-        """
-        axle = self._data.xaxis[self._model.joint(wheel.joint).id]
-        ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
-        x, y = _off_rolling(self._robot, wheel)
-        return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
 
     def _contact(self) -> Contact:
         contacts, wrench = self._data.contact, np.zeros(6)
@@ -256,19 +189,6 @@ class ContactModel:
         geom.friction[0] = self._friction
         geom.solref, geom.solimp = SOLREF, SOLIMP
         self._contacts[geom.name] = name
-
-
-def _one_directional(robot: Robot, wheel: Wheel) -> bool:
-    """Return whether the ground holds a wheel in one direction only."""
-    return wheel.slides or robot.drive.type in ("mecanum", "omni")
-
-
-def _off_rolling(robot: Robot, wheel: Wheel) -> tuple[float, float]:
-    """Return the direction in which a wheel is held, seen from its rolling direction (2,)."""
-    axle = robot.tree.axis(robot.description.joint[wheel.joint])
-    ahead = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
-    x, y = wheel.direction
-    return float(ahead[0] * x + ahead[1] * y), float(ahead[0] * y - ahead[1] * x)
 
 
 def _halved(kind: str, size: Sequence[float]) -> tuple[float, ...]:

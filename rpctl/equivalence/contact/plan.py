@@ -40,6 +40,37 @@ PACES = tuple(0.5**k for k in range(5))  # of SPEED and TURN, the fastest gentle
 SERVO_BANDWIDTH = 80.0  # rad/s of the servo, critically damped: stiffer than arms hang by gravity
 
 
+class Course:
+    """How a motion runs with time: speeds rise to their size, the rest moves by it and stops.
+
+    Attributes:
+        duration: s.
+        tick: How long efforts are held, s.
+        peak: Largest rate of what moves and stops, over its stroke, 1/s.
+    """
+
+    duration = DURATION_S
+    tick = TICK_S
+    peak = 2.0 / DURATION_S
+
+    def speeds(self, t: float, size: Array, rising: Array) -> tuple[Array, Array]:
+        """Return ν and ν̇ (dof,) at a time.
+
+        Args:
+            t: s.
+            size: Speeds (m/s) of what rises, strokes of what moves and stops (dof,).
+            rising: What rises (dof,), true or false.
+        """
+        w = math.pi / DURATION_S
+        rise = 0.5 * (1.0 - math.cos(w * t)), 0.5 * w * math.sin(w * t)
+        pulse = (
+            (1.0 - math.cos(2.0 * w * t)) / DURATION_S,
+            2.0 * w * math.sin(2.0 * w * t) / DURATION_S,
+        )
+        nu, nu_dot = (size * np.where(rising, a, b) for a, b in zip(rise, pulse, strict=True))
+        return nu, nu_dot
+
+
 class NotGentle(RpctlError):
     """No motion is gentle: there is nothing to compare."""
 
@@ -90,16 +121,23 @@ class ContactPlan:
         return tau
 
 
-def plan_motion(dynamics: ReducedDynamics, contacts: Contacts) -> ContactPlan:
+def plan_motion(
+    dynamics: ReducedDynamics, contacts: Contacts, course: Course | None = None
+) -> ContactPlan:
     """Return the fastest motion among PACES that the ground and the motors bear easily.
+
+    Args:
+        dynamics: The robot's dynamics.
+        contacts: How it stands.
+        course: How the motion runs with time; None: speeds rise, the rest moves and stops.
 
     Raises:
         NotGentle: None is.
         ActuationError: Nothing drives one of the quasi-velocities.
     """
-    reason = ""
+    reason, course = "", course or Course()
     for pace in PACES:
-        plan = _plan_at_pace(dynamics, pace)
+        plan = _plan_at_pace(dynamics, course, pace)
         reason = _why_not_gentle(dynamics, contacts, plan)
         if not reason:
             return plan
@@ -118,19 +156,20 @@ def start(robot: Robot) -> Array:
     return robot.configuration(joints=joints)
 
 
-def _plan_at_pace(dynamics: ReducedDynamics, pace: float) -> ContactPlan:
+def _plan_at_pace(dynamics: ReducedDynamics, course: Course, pace: float) -> ContactPlan:
     """Return the motion at a pace."""
-    robot, count = dynamics.robot, round(DURATION_S / TICK_S)
-    size = _amplitudes(robot, pace)
+    robot, tick_s = dynamics.robot, course.tick
+    count = round(course.duration / tick_s)
+    size = _amplitudes(robot, course, pace)
     rising = np.array([name in ("v", "vx", "vy") for name in robot.quasi_velocities])
     q, v, tau = [start(robot)], [np.zeros(robot.nv)], []
     for tick in range(count):
-        nu, nu_dot = _profile((tick + 0.5) * TICK_S, size, rising)
-        ahead = pin.integrate(robot.model, q[-1], 0.5 * TICK_S * (dynamics.basis(q[-1]) @ nu))
+        nu, nu_dot = course.speeds((tick + 0.5) * tick_s, size, rising)
+        ahead = pin.integrate(robot.model, q[-1], 0.5 * tick_s * (dynamics.basis(q[-1]) @ nu))
         velocity = dynamics.basis(ahead) @ nu
         tau.append(dynamics.efforts(ahead, dynamics.inverse(ahead, nu, nu_dot)))
-        q.append(pin.integrate(robot.model, q[-1], TICK_S * velocity))
-        v.append(dynamics.basis(q[-1]) @ _profile((tick + 1) * TICK_S, size, rising)[0])
+        q.append(pin.integrate(robot.model, q[-1], tick_s * velocity))
+        v.append(dynamics.basis(q[-1]) @ course.speeds((tick + 1) * tick_s, size, rising)[0])
     servoed = tuple(k for k, n in enumerate(robot.actuators) if n in robot.quasi_velocities)
     names = tuple(robot.actuators[k] for k in servoed)
     index = [robot.velocity_index(name) for name in names]
@@ -147,17 +186,8 @@ def _plan_at_pace(dynamics: ReducedDynamics, pace: float) -> ContactPlan:
     )
 
 
-def _profile(t: float, size: Array, rising: Array) -> tuple[Array, Array]:
-    """Return ν and ν̇ (dof,): speeds rise to their size, the rest moves by it and stops."""
-    w = math.pi / DURATION_S
-    rise = 0.5 * (1.0 - math.cos(w * t)), 0.5 * w * math.sin(w * t)
-    pulse = (1.0 - math.cos(2.0 * w * t)) / DURATION_S, 2.0 * w * math.sin(2.0 * w * t) / DURATION_S
-    nu, nu_dot = (size * np.where(rising, a, b) for a, b in zip(rise, pulse, strict=True))
-    return nu, nu_dot
-
-
-def _amplitudes(robot: Robot, pace: float) -> Array:
-    """Return how much of each quasi-velocity the motion has (dof,): see :func:`_profile`."""
+def _amplitudes(robot: Robot, course: Course, pace: float) -> Array:
+    """Return how much of each quasi-velocity the motion has (dof,): see :class:`Course`."""
     drive = robot.drive
     speed = {"v": TOP_SPEED, "vx": TOP_SPEED, "vy": SIDEWAYS_RATIO * TOP_SPEED, "omega": BASE_TURN}
     size = {name: pace * value for name, value in speed.items()}
@@ -166,25 +196,25 @@ def _amplitudes(robot: Robot, pace: float) -> Array:
     for k, swivel in enumerate(drive.steered):
         joint = robot.description.joint[swivel.joint]
         most = min(MAX_STEERING, 0.5 * joint.upper, -0.5 * joint.lower)
-        size[swivel.joint] = min(most, _max_stroke(joint)) * (-0.5) ** k
+        size[swivel.joint] = min(most, _max_stroke(joint, course)) * (-0.5) ** k
     for joint, home in zip(robot.joints, robot.home, strict=True):
-        size[joint.name] = _stroke(joint, float(home))
+        size[joint.name] = _stroke(joint, course, float(home))
     return np.array([size[name] for name in robot.quasi_velocities])
 
 
-def _stroke(joint: Joint, home: float) -> float:
+def _stroke(joint: Joint, course: Course, home: float) -> float:
     """Return how far an arm's joint moves, towards the wider side of its range."""
     stroke = ARM_STROKE_M if joint.kind == "prismatic" else ARM_STROKE
     below, above = home - joint.lower, joint.upper - home
     if math.isfinite(below + above):
         stroke = min(stroke, 0.1 * (below + above))
-    stroke = min(stroke, _max_stroke(joint))
+    stroke = min(stroke, _max_stroke(joint, course))
     return stroke if above >= below else -stroke
 
 
-def _max_stroke(joint: Joint) -> float:
-    """Return how far a joint gets by the pulse of :func:`_profile`, whose peak is 2 / DURATION."""
-    return 0.5 * DURATION_S * MAX_MOTOR_RATIO * joint.velocity
+def _max_stroke(joint: Joint, course: Course) -> float:
+    """Return how far a joint gets by the course's pulse."""
+    return MAX_MOTOR_RATIO * joint.velocity / course.peak
 
 
 def felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:

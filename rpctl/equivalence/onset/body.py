@@ -115,9 +115,9 @@ class PushedBody(ContactModel):
             lowest = data.geom_xpos[geom] - radius * UP
             lever = lowest - data.xpos[body] - 0.5 * min(lowest[2], 0.0) * UP  # amid what sinks
             velocity = twist[3:] + np.cross(twist[:3], lever)
-            wheel = self._one_directional.get(geom)
+            wheel = self.rollers.geoms.get(geom)
             if wheel is not None:
-                row[0] = self._held(wheel) @ velocity
+                row[0] = self.rollers.held(wheel) @ velocity
                 continue
             x, y, _ = data.geom_xmat[geom].reshape(3, 3)[:, 2]  # the axle
             row[:] = np.array([[y, -x], [x, y]]) @ velocity[:2] / np.hypot(x, y)

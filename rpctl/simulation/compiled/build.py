@@ -108,4 +108,5 @@ def shape_of(known: ReducedDynamics, config: Config) -> LoopShape:
     if approach is not None and approach.stage(known) is not None:
         far = FarBounds(approach.distance, approach.heading)
     late = delay_periods(plant.delay, run.control_period)
-    return LoopShape(run.control_period, run.plant_step, late > 0, bool(plant.noise), far)
+    noisy, saturated = bool(plant.noise or plant.sensor_bias), plant.effort != 1.0
+    return LoopShape(run.control_period, run.plant_step, late > 0, noisy, saturated, far)

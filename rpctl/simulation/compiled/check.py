@@ -19,7 +19,8 @@ from rpctl.simulation.compiled.loop import CompiledLoop
 from rpctl.simulation.compiled.machine.program import Buffer, Rows
 from rpctl.simulation.compiled.starting import prepared
 from rpctl.simulation.config import Config
-from rpctl.simulation.plant import Plant, advance
+from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.rolling import advance
 
 EQUAL = 1e-10  # of a quantity's largest entry, or of 1; rounding leaves 1e-13
 STATES, SEED = 3, 20210601

@@ -24,8 +24,10 @@ class LaneInputs:
         bias: Efforts that push besides the controller's (K, n_act), N·m or N.
         p: Parameters of the simulated robot (K, n_p).
         settings: Of the laws (K, n_s).
+        most: Efforts at which the true actuators saturate (K, n_act), N·m or N.
         back: By how many control periods efforts are late (K,).
         deviations: Of the noise (K, n_noise), see :class:`rpctl.simulation.noise.Sensors`.
+        offsets: Constant errors of what is measured (K, n_noise).
         seeds: Of the plants (K,), from which the noise follows.
     """
 
@@ -35,8 +37,10 @@ class LaneInputs:
     bias: Array
     p: Array
     settings: Array
+    most: Array
     back: NDArray[np.int64]
     deviations: Array
+    offsets: Array
     seeds: tuple[int, ...]
 
     def __len__(self) -> int:

@@ -30,7 +30,7 @@ from rpctl.simulation.compiled.plant.buffers import PlantBuffers
 from rpctl.simulation.compiled.plant.step import PlantFragment, plant_fragment
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.noise import Sensors
-from rpctl.simulation.plant import substeps
+from rpctl.simulation.plants.rolling import substeps
 
 # Why a lane does not go on: its law has no answer, its base is far and needs a way up to the
 # reference, both of which Python has, or its motion left the finite numbers.
@@ -59,6 +59,7 @@ class LoopShape:
         plant_step: Longest step of the plant, s.
         delayed: Whether efforts may act some periods late.
         noisy: Whether what is measured is noisy.
+        saturated: Whether the true actuators saturate before the controller's model of them.
         far: When a base needs a way up to its reference; None: never.
         folded: Whether samples are folded to what merits need, or else logged.
     """
@@ -67,6 +68,7 @@ class LoopShape:
     plant_step: float
     delayed: bool = False
     noisy: bool = False
+    saturated: bool = False
     far: FarBounds | None = None
     folded: bool = False
 
@@ -82,6 +84,7 @@ class LoopProgram:
         law: The laws.
         plant: What the plant works on.
         bias: Efforts (n_act,) that push besides the controller's.
+        most: Efforts (n_act,) at which the true actuators saturate.
         acting: Efforts (n_act,) that act from a sample on.
         e: Tracking error (3 + n_joints,).
         trouble: Why a lane does not go on (1,), and the number of the sample at which (2,).
@@ -103,6 +106,7 @@ class LoopProgram:
     law: LawFragment
     plant: PlantBuffers
     bias: Buffer
+    most: Buffer
     acting: Buffer
     e: Buffer
     trouble: Buffer
@@ -187,7 +191,8 @@ def _buffers(law: LawFragment, dynamics: SymbolicDynamics, shape: LoopShape) -> 
         law=law,
         plant=plant,
         bias=Buffer("bias", n_act),
-        acting=Buffer("acting", n_act) if shape.delayed else law.tau,
+        most=Buffer("most", n_act),
+        acting=Buffer("acting", n_act) if shape.delayed or shape.saturated else law.tau,
         e=Buffer("error", n_e) if shape.noisy or shape.far else law.e,
         trouble=Buffer("trouble", 2),
         number=Buffer("number", 1),
@@ -252,6 +257,11 @@ def _acting(
     body: list[Statement] = []
     if shape.delayed:
         body += [Write(loop.law.tau, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
+    if shape.saturated:
+        sent = symbolic(loop.acting if shape.delayed else loop.law.tau)
+        most = symbolic(loop.most)
+        cut = casadi.fmax(casadi.fmin(sent[1], most[1]), -most[1])
+        body.append(statement("saturate", [sent, most], [(loop.acting, cut)]))
     if loop.e is not loop.law.e:
         place = Buffer("reference", loop.law.reference.size)
         inputs = [symbolic(loop.plant.q), symbolic(place)]

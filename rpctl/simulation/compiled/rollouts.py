@@ -61,8 +61,9 @@ class LaneRunner:
         reference: What they track.
         count: Number of samples of a run.
         stride: Each so-many-th sample is measured over time.
-        noisy: Whether any run's measurements are noisy.
+        noisy: Whether any run's measurements are noisy, or have constant errors.
         delayed: Whether any run's efforts come late.
+        saturated: Whether any run's actuators saturate early.
 
     Attributes:
         dynamics: Of the simulated robot, with parameters of what is varied.
@@ -82,12 +83,14 @@ class LaneRunner:
         stride: int,
         noisy: bool,
         delayed: bool,
+        saturated: bool = False,
     ) -> None:
         self._known, self._config, self._reference = ReducedDynamics(known), config, reference
         self._count, self._stride = count, stride
         far = shape_of(self._known, config).far
         run = config.run
-        shape = LoopShape(run.control_period, run.plant_step, delayed, noisy, far, folded=True)
+        steps = run.control_period, run.plant_step
+        shape = LoopShape(*steps, delayed, noisy, saturated, far, folded=True)
         laws = config.kinematic, config.dynamic
         self.dynamics = SymbolicDynamics(simulated, varied)
         self._lanes = native_lanes()
@@ -195,6 +198,7 @@ class LaneRunner:
             p=inputs.p.T,
             settings=inputs.settings.T,
             bias=inputs.bias.T,
+            most=inputs.most.T,
             back=inputs.back[None, :].astype(float),
             search_from=np.array([[search_from(stage, period) for stage in stages]]),
         )
@@ -213,7 +217,7 @@ class _LaneNoise:
 
     def __init__(self, inputs: LaneInputs, sensors: Sensors) -> None:
         self._streams = [NoiseStream(sensors.width, seed) for seed in inputs.seeds]
-        self._deviations = inputs.deviations
+        self._deviations, self._offsets = inputs.deviations, inputs.offsets
         self._drawn = np.empty((0, sensors.width, len(inputs)))
 
     def peek(self) -> Array:
@@ -229,5 +233,5 @@ class _LaneNoise:
         return drawn
 
     def _draw(self, count: int) -> Array:
-        pairs = zip(self._streams, self._deviations, strict=True)
-        return np.stack([stream.rows(count) * each for stream, each in pairs], axis=2)
+        lanes = zip(self._streams, self._deviations, self._offsets, strict=True)
+        return np.stack([stream.rows(count) * d + offset for stream, d, offset in lanes], axis=2)

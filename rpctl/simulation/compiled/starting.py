@@ -31,6 +31,7 @@ class LoopStart:
         p: Parameters of the simulated robot (n_p, ...).
         settings: Values of the laws' settings (n_s, ...).
         bias: Efforts (n_act, ...) that push besides the controller's.
+        most: Efforts (n_act, ...) at which the true actuators saturate.
         back: By how many periods efforts are late (1, ...).
         search_from: Number of the sample from which on a way up is looked for (1, ...).
     """
@@ -40,6 +41,7 @@ class LoopStart:
     p: Array
     settings: Array
     bias: Array
+    most: Array
     back: Array
     search_from: Array
 
@@ -65,6 +67,7 @@ def started(
         **common,
         law.elapsed: [period],
         loop.bias: begin.bias,
+        loop.most: begin.most,
         loop.back: begin.back,
         loop.search_from: begin.search_from,
     }
@@ -97,6 +100,7 @@ def prepared(
         p=compiled.p,
         settings=settings,
         bias=config.plant.bias(compiled.robot),
+        most=config.plant.saturation(compiled.robot),
         back=np.array([float(delay_periods(config.plant.delay, period))]),
         search_from=np.array([search_from(stage, period)]),
     )

@@ -122,6 +122,7 @@ class _LoopRun:
         self._reference = self._followed = reference
         self._sensors = Sensors(robot)
         self._deviations = self._sensors.deviations(config.plant.noise)
+        self._errors = self._sensors.errors(config.plant.sensor_bias)
         self._stream = NoiseStream(self._sensors.width, config.plant.seed)
         self._noise = np.empty((0, self._sensors.width))  # drawn, and not used yet
         self.stage: ApproachStage | None = None
@@ -139,7 +140,7 @@ class _LoopRun:
         self.stage = None if law.approach is None else law.approach.stage(known)
         if self.stage is not None:
             still = np.zeros(known.robot.dof)
-            self._noise = self._stream.rows(1) * self._deviations
+            self._noise = self._stream.rows(1) * self._deviations + self._errors
             q, nu = self._sensors.measured(rest.q, still, self._noise[0])
             self._followed = self.stage(known, self._reference, 0.0, q, nu)
         settings = settings_of(law, dynamic, known, period)[1]
@@ -161,7 +162,7 @@ class _LoopRun:
             read = followed_rows(self._robot, self._followed, table)
             rows[loop.followed] = Rows(read[:, :, None].copy())
         if loop.noise in loop.sample.streams:
-            drawn = self._stream.rows(count - len(self._noise)) * self._deviations
+            drawn = self._stream.rows(count - len(self._noise)) * self._deviations + self._errors
             rows[loop.noise] = Rows(np.vstack([self._noise, drawn])[:, :, None].copy())
             self._noise = drawn[:0]
         log = {stream: Rows(np.empty((count, stream.width, 1))) for stream in loop.log.values()}
@@ -246,6 +247,7 @@ def add_samples(
         joints=table.joints[rows],
         joint_rates=table.joint_rates[rows],
         direction=table.direction[rows].reshape(count, -1),
+        felt=np.empty((count, 0)),
     )
     recorder.add_batch(samples, [names(row) for row in sets])
 

@@ -63,7 +63,7 @@ class Motion(Protocol):
             wrenches: What pushes it besides; their times do not count.
 
         Returns:
-            q and ν then, the work of ``tau`` and what was lost of it.
+            q and ν then, the work of ``tau`` and of what pushes it, and what was lost of that.
 
         Raises:
             DivergedError: The state left the finite numbers.

@@ -52,7 +52,9 @@ def inputs(
         np.zeros_like(rest),
         np.zeros((count, 0)),
         np.tile(settings, (count, 1)),
+        np.full(rest.shape, np.inf),
         np.zeros(count, dtype=np.int64),
+        np.zeros((count, Sensors(robot).width)),
         np.zeros((count, Sensors(robot).width)),
         tuple(range(count)),
     )

@@ -16,6 +16,9 @@ from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.noise import Noise
 from rpctl.simulation.plant import Plant
+from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.sensor_settings import SensorBias
+from rpctl.simulation.plants.wrench import Wrench
 from rpctl.simulation.texts import length
 from rpctl.view.pages.compare import compare_legend, compare_panel
 from rpctl.view.pages.plant_texts import variation_texts
@@ -257,6 +260,11 @@ def test_what_the_plant_varies_is_told_with_units(golden: Run) -> None:
         radii={"*left": 0.98}, track=1.02, damping={"turns": 0.1, "slides": 2.0, "*": 0.0},
         noise=Noise(position=0.002, heading=0.01, joints=1e-3, speed=0.1, turn_rate=0.2,
                     joint_rates=0.3),
+        payload=CarriedLoad(mass=1.5, com=(0.0, 0.0, 0.1)), losses=3.0, effort=0.5, effort_lag=0.01,
+        backlash={"turns": 0.02, "slides": 1e-3}, encoder_bits=12, jitter=1e-4, slope=(0.1, -0.2),
+        sensor_bias=SensorBias(heading=-0.01, joint_rates=0.2),
+        wrenches=(Wrench("fore", (1.0, 0.0, -2.0), start=0.5),
+                  Wrench("aft", moment=(0.0, 0.0, 3.0), end=2.0)),
     )  # fmt: skip
     joints = {"joint_names": ("turns", "slides"), "units": ("rad", "m")}
     page = panel(vary(golden, config=Config(plant=plant), **joints), summarize(golden), [])
@@ -275,6 +283,19 @@ def test_what_the_plant_varies_is_told_with_units(golden: Run) -> None:
         "Noise of speed": "0.1 m/s, standard deviation",
         "Noise of turning rate": "0.2 rad/s, standard deviation",
         "Noise of joints' rates": "0.3 rad/s or m/s, standard deviation",
+        "Payload": "1.5 kg on the end effector, (0, 0, 0.1) m from its origin",
+        "Slope": "rises by 0.1 rad along x and -0.2 rad along y",
+        "Push 1": "(1, 0, -2) N on fore, from 0.5 s to the end",
+        "Push 2": "(0, 0, 3) N·m on aft, from 0 s to 2 s",
+        "Losses of the joints": "3 times the model's",
+        "Saturation of efforts": "at 0.5 times the model's limits",
+        "Lag of efforts": "0.01 s",
+        "Backlash of turns": "0.02 rad",
+        "Backlash of slides": "0.001 m",
+        "Constant error of heading": "-0.01 rad",
+        "Constant error of joints' rates": "0.2 rad/s or m/s",
+        "Encoders": "12 bits a turn, or a sliding joint's range",
+        "Jitter of samples": "0.0001 s, standard deviation",
     }
     told = rows(page)
     assert {label: told.get(label) for label in expected} == expected

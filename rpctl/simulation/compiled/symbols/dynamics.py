@@ -79,7 +79,6 @@ class SymbolicDynamics:
         self._parameters = Parameters(self._numbers.nominal, self._numbers.varied(varied))
         self.p = self._parameters.symbols
         self._known = self._parameters.scalars()
-        self._gravity = -float(robot.model.gravity.linear[2])
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
         self._last: _AtConfiguration | None = None
 
@@ -127,7 +126,7 @@ class SymbolicDynamics:
             at = SymbolicConfiguration(q)
             basis = SymbolicBasis(self._projector, self._known, at, self._swivels)
             projection = SymbolicProjection(self._projector, basis, self.varied.rolling)
-            tree = moving_tree(self._bodies, self._known["inertia"], self._gravity, at)
+            tree = moving_tree(self._bodies, self._known["inertia"], self._known["lift"], at)
             self._last = _AtConfiguration(at, projection, tree)
         return self._last
 
@@ -259,7 +258,9 @@ class SymbolicDynamics:
         body = found.parentJoint - ROOT_JOINT
         pose = np.linalg.inv(self._bodies[body].frame) @ found.placement.homogeneous
         R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
-        tree = MovingTree(joint_motions(self._bodies, self._at(q).configuration), (), 0.0)
+        tree = MovingTree(
+            joint_motions(self._bodies, self._at(q).configuration), (), (0.0, 0.0, 0.0)
+        )
         for joint in tree.before(tree.joints[body - 1]) if body else ():
             R, p = [joint.inwards(x) for x in R], plus(joint.inwards(p), joint.p)
         x, y, cos, sin = entries(q)[:4]

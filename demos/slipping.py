@@ -1,0 +1,42 @@
+"""A robot drives a circle faster and faster on a slippery floor, until its tyres let go.
+
+The share of the grip that the motion needs is predicted from wheels that only roll. On tyres the
+same motion takes some slip, and beyond all of the grip the robot slides out of the circle.
+"""
+
+import numpy as np
+
+import rpctl
+
+FRICTION, RADIUS = 0.3, 1.0  # of tyres on a wet floor; m
+SPEEDS = (0.8, 1.2, 1.4, 1.8)  # m/s
+
+
+def main() -> None:
+    robot = rpctl.load("urdf/paper.urdf")
+    print("speed m/s   grip needed   slip of a tyre mm/s   off the circle mm   outcome")
+    for speed in SPEEDS:
+        rolling, slipping = (
+            rpctl.track(
+                robot,
+                "circle",
+                plant=plant,
+                friction=FRICTION,
+                size=RADIUS,
+                speed=speed,
+                duration=3.0,
+                collisions=False,
+            )
+            for plant in ("ideal", "slipping")
+        )
+        needed = rpctl.summarize(rolling).ground.max_slip_ratio or 0.0
+        slip = np.hypot(*slipping.log.wheel_slip.T).max()
+        found = rpctl.summarize(slipping)
+        print(
+            f"{speed:9.1f}   {100.0 * needed:9.0f} %   {1e3 * slip:19.1f}"
+            f"   {1e3 * found.final_base_error:17.1f}   {found.outcome}"
+        )
+
+
+if __name__ == "__main__":
+    main()

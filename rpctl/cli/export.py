@@ -1,0 +1,92 @@
+"""The command that writes a robot for another simulator: ``rpctl export``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
+from rpctl.cli.proof_table import print_rows
+from rpctl.cli.streams import print_json
+from rpctl.cli.terminal import console, escape
+from rpctl.engines.mujoco.export import MjcfExport
+from rpctl.errors import UnknownNameError
+from rpctl.files.writing import require_writable
+
+FORMATS = ("mjcf",)
+
+
+def export_command(
+    robot: RobotArgument,
+    options: LoadOptions,
+    form: Annotated[
+        str, typer.Option("--format", metavar="mjcf", help="Of the file: MuJoCo's MJCF.")
+    ] = "mjcf",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Where to write, whole or not at all; ROBOT.xml if not given."
+        ),
+    ] = None,
+    friction: Annotated[
+        float, typer.Option(metavar="MU", help="Coefficient between wheels and ground.")
+    ] = 0.7,
+    wheel_width: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Width of the wheels, m, as cylinders, which scrub where they turn; else they are "
+            "crowned, touch the ground at one point and roll as the model's do.",
+        ),
+    ] = None,
+    meshes: Annotated[
+        bool,
+        typer.Option(
+            "--meshes/--no-meshes", help="Write the visual meshes, too, into a folder beside FILE."
+        ),
+    ] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a robot for MuJoCo; the file is read back, run and compared before it is there."""
+    from rpctl.simulation.mjcf_file import export_mjcf
+
+    if form not in FORMATS:
+        raise UnknownNameError("format", form, FORMATS)
+    if out is not None:
+        require_writable(out)
+    os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
+    loaded = options.load(robot)
+    path = out if out is not None else Path(f"{file_name(loaded.name)}.xml")
+    found = export_mjcf(loaded, path, friction, wheel_width, meshes)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        show_export(found)
+    if not found.written:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def file_name(robot: str) -> str:
+    """Return a robot's name as that of a file."""
+    return (
+        "".join(c if c.isalnum() or c in "._-" else "_" for c in robot).lstrip("-.")[:80] or "robot"
+    )
+
+
+def show_export(found: MjcfExport) -> None:
+    """Print what was compared, and where the file is."""
+    print_rows(found.checks, found.skipped, found.notes)
+    out = console()
+    if not found.written:
+        failed = ", ".join(check.name for check in found.checks if not check.passed)
+        out.print(f"[bold red]✗[/] [bold]not written[/]: {escape(failed)}")
+        return
+    meshes = f" and {len(found.meshes)} meshes" if found.meshes else ""
+    out.print(
+        f"[green]✓[/] [bold]wrote {escape(str(found.path))}[/]{meshes}; certificate "
+        f"{found.digest[:16]}; look at it with: python -m mujoco.viewer "
+        f"--mjcf={escape(str(found.path))}"
+    )

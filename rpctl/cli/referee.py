@@ -1,0 +1,175 @@
+"""The command that tells which simulator is right: ``rpctl referee``."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, split_names
+from rpctl.cli.streams import print_json, say
+from rpctl.cli.terminal import console, escape, new_table, progress_bar
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.engines.comparison import EngineGap
+from rpctl.engines.engine import Engine
+from rpctl.engines.installed import ENGINES, installed_engines
+from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
+from rpctl.engines.words import line, verdict_to_dict
+from rpctl.errors import RpctlError
+from rpctl.files.writing import require_writable
+from rpctl.robot.catalog import ENTRIES
+
+SMALL_UNITS = {"m": ("mm", 1e3), "rad": ("°", 180.0 / math.pi)}
+
+
+def referee_command(
+    options: LoadOptions,
+    robots: Annotated[
+        list[str] | None, typer.Argument(metavar="[ROBOT]...", help="Robots, as for inspect.")
+    ] = None,
+    catalogue: Annotated[
+        bool, typer.Option("--catalogue", help="All wheeled robots of the catalogue.")
+    ] = False,
+    engines: Annotated[
+        str, typer.Option(metavar="NAME,...", help=f"{', '.join(ENGINES)}; all by default.")
+    ] = "",
+    friction: Annotated[
+        float, typer.Option(help="Coefficient of the ground, where an engine's own is mended.")
+    ] = FRICTION,
+    duration: Annotated[float, typer.Option(help="How long the robot drives, s.")] = DURATION_S,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page: all engines' robots on one timeline."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Drive a robot in other simulators as in the model, and tell why they disagree.
+
+    The same efforts and the same start go to the reduced model and to each engine that is
+    installed, with its own defaults. Exit 1 if a disagreement could not be traced to its causes.
+    """
+    os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
+    names = _robots(robots or [], catalogue)
+    if html is not None:
+        require_writable(html)
+        if len(names) > 1:
+            raise RpctlError("--html shows one robot; give one")
+    found, missing = installed_engines(split_names(engines))
+    for sentence in missing:
+        say(f"left out: {sentence}", err=True)
+    if not found:
+        raise RpctlError("no engine is installed to compare with; pip install 'rpctl[mujoco]'")
+    judged: dict[str, tuple[EngineVerdict, ...]] = {}
+    refused: dict[str, RpctlError] = {}
+    with progress_bar("referee") as advance:
+        for k, name in enumerate(names):
+            advance(k, len(names))
+            try:
+                judged[name] = _judge(name, options, found, (friction, duration), html)
+            except RpctlError as error:
+                if len(names) == 1:
+                    raise
+                refused[name] = error
+    if as_json:
+        print_json(_to_dict(judged, refused, missing))
+    else:
+        _show(judged, refused)
+    if not all(verdict.traced for verdicts in judged.values() for verdict in verdicts):
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _robots(given: list[str], catalogue: bool) -> list[str]:
+    """Return the robots to judge.
+
+    Raises:
+        RpctlError: There are none, or the catalogue and others.
+    """
+    if catalogue and given:
+        raise RpctlError("give robots or --catalogue, not both")
+    if catalogue:
+        return [entry.name for entry in ENTRIES if entry.base == "wheeled"]
+    if not given:
+        raise RpctlError("which robot? Give its URDF or its name, or --catalogue for all")
+    return given
+
+
+def _judge(
+    name: str,
+    options: LoadOptions,
+    engines: Sequence[Engine],
+    motion: tuple[float, float],
+    html: Path | None,
+) -> tuple[EngineVerdict, ...]:
+    """Return the verdicts on the engines for a robot, and write the page if one is wanted."""
+    judge = Referee(options.load(name), *motion)
+    verdicts = tuple(judge.judge(engine) for engine in engines)
+    if html is not None:
+        from rpctl.view.pages.referee import write_referee_page
+
+        write_referee_page(judge.robot, verdicts, html)
+    return verdicts
+
+
+def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, RpctlError]) -> None:
+    """Print a row for each robot and engine, then the referee's line on each."""
+    out, several = console(), len(judged) + len(refused) > 1
+    robot = ("robot",) if several else ()
+    table = new_table(
+        "", *robot, "engine", ">path", ">heading", ">slip", ">load", ">energy", "verdict"
+    )
+    for name, verdicts in judged.items():
+        for verdict in verdicts:
+            table.add_row(_mark(verdict), *([escape(name)] if several else []), *_cells(verdict))
+    out.print(table)
+    for name, verdicts in judged.items():
+        for verdict in verdicts:
+            head = f"{escape(name)}: " if several else ""
+            out.print(f"{head}{escape(line(verdict))}", soft_wrap=True)
+        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.recording.notes)
+        for note in notes if not several else ():
+            out.print(f"[dim]note[/] {escape(note)}")
+    for name, error in refused.items():
+        out.print(f"[dim]-[/] {escape(name)}: {escape(str(error))}")
+
+
+def _mark(verdict: EngineVerdict) -> str:
+    """Return a mark: agrees, disagrees and why is known, disagrees."""
+    if verdict.agrees:
+        return "[green]✓[/]"
+    return "[yellow]![/]" if verdict.traced else "[bold red]✗[/]"
+
+
+def _cells(verdict: EngineVerdict) -> list[str]:
+    """Return the cells of an engine's row."""
+    found = {gap.name: _size(gap) for gap in verdict.gaps}
+    head = f"{verdict.engine} {verdict.version}"
+    gaps = [found.get(name, "-") for name in ("path", "heading", "slip", "load", "energy")]
+    if verdict.trace is None:
+        return [head, *gaps, "agrees"]
+    causes = [" with ".join(cause.names) for cause in verdict.trace.causes]
+    return [head, *gaps, f"disagrees: {', '.join(causes) or 'not traced'}"]
+
+
+def _size(gap: EngineGap) -> str:
+    if not math.isfinite(gap.gap):
+        return "-"
+    unit, scale = SMALL_UNITS.get(gap.unit, (gap.unit, 1.0))
+    size = scale * gap.gap
+    return f"{size:.0f} {unit}" if abs(size) >= 100.0 else f"{size:.2g} {unit}"
+
+
+def _to_dict(
+    judged: dict[str, tuple[EngineVerdict, ...]],
+    refused: dict[str, RpctlError],
+    missing: Sequence[str],
+) -> dict[str, Any]:
+    """Return all that was found as plain values for JSON."""
+    return {
+        "robots": {name: [verdict_to_dict(one) for one in found] for name, found in judged.items()},
+        "refused": {name: str(error) for name, error in refused.items()},
+        "missing": list(missing),
+    }

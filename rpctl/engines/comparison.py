@@ -1,0 +1,222 @@
+"""The comparison of an engine with another: every gap with its band, and what it looks like."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.dynamics.ground_reaction import Contacts
+from rpctl.engines.recording import EngineRecording
+from rpctl.robot.model import Robot
+
+# An engine that is mended keeps below a third of these over the catalogue; a fault that a user
+# sees in an animation, a few percent of a way or an angle, breaks them.
+PATH_BAND, PATH_BAND_FLOOR_M = 0.01, 3e-3  # of the way; m
+HEADING_BAND, HEADING_BAND_FLOOR = 0.01, 5e-3  # of the angle turned; rad
+SLIP_BAND, SLIP_BAND_FLOOR = 0.03, 5e-3  # of the largest speed; m/s
+TILT_BAND = math.radians(0.5)  # rad
+HEIGHT_BAND_M = 3e-3  # m that the root link may sink, or hop
+CREEP_BAND_M = 3e-3  # m that a robot may move while it settles
+LOAD_BAND = 0.03  # of the weight
+CENTRE_BAND = 0.02  # of the distance between the outermost contacts
+TURN_BAND, SLIDE_BAND_M = 0.01, 2e-3  # rad, m: of joints with a servo, or tied to another
+ENERGY_BAND = 0.03  # of the work done by the efforts, without signs
+STRAIGHT = 0.05  # rad: who turns less goes straight
+STUCK = 0.02  # of a way or an angle: who does less does nothing
+LENGTH_RATIO = 0.5  # of the gap of two paths: from there it is their length that differs
+
+
+@dataclass(frozen=True)
+class EngineGap:
+    """The largest gap of one kind between what two engines did.
+
+    Attributes:
+        name: The kind.
+        gap: With its sign; infinite where an engine could not go on.
+        band: Largest gap allowed.
+        unit: ``"m"``, ``"rad"``, ``"m/s"``, ``"N"`` or ``"J"``.
+        words: What it looks like: ``"turns 12 % too little"``.
+    """
+
+    name: str
+    gap: float
+    band: float
+    unit: str
+    words: str
+
+    @property
+    def ratio(self) -> float:
+        """The gap in units of its band."""
+        return abs(self.gap) / self.band if self.band > 0.0 else math.inf
+
+    @property
+    def agrees(self) -> bool:
+        """Whether it stays within the band; what is no number does not."""
+        return self.ratio <= 1.0
+
+
+def compare(
+    robot: Robot,
+    contacts: Contacts,
+    model: EngineRecording,
+    engine: EngineRecording,
+    slack: Mapping[str, float],
+) -> tuple[EngineGap, ...]:
+    """Return the gaps between two recordings, the largest in units of its band first.
+
+    Args:
+        robot: The robot.
+        contacts: How it stands.
+        model: What it should do.
+        engine: What it did.
+        slack: How far dry friction may hold joints off what their servo wants, rad or m, by name:
+            engines differ in its law at rest.
+    """
+    if engine.fault:
+        return (EngineGap("run", math.inf, 1.0, "", engine.fault),)
+    rows = [*_stance(robot, model, engine), *_path(model, engine), *_slip(robot, model, engine)]
+    rows += [*_loads(robot, contacts, model, engine), *_joints(robot, model, engine, slack)]
+    rows.append(_energy(model, engine))
+    return tuple(sorted(rows, key=lambda row: -row.ratio if row.ratio == row.ratio else -math.inf))
+
+
+def travelled(recording: EngineRecording) -> float:
+    """Return the length of a way, m."""
+    return float(np.hypot(*np.diff(recording.pose[:, :2], axis=0).T).sum())
+
+
+def _stance(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
+    """Yield how it stands: leaning, sinking, hopping, creeping before it is driven."""
+    lean = float((engine.tilt - model.tilt)[np.abs(engine.tilt - model.tilt).argmax()])
+    yield EngineGap("tilt", lean, TILT_BAND, "rad", f"leans {math.degrees(abs(lean)):.2g}°")
+    sunk = engine.sunk - model.sunk
+    how = "sinks" if sunk > 0.0 else "stands high by"
+    yield EngineGap("height", sunk, HEIGHT_BAND_M, "m", f"{how} {_mm(sunk)}")
+    heights = engine.root[:, 2] - engine.root[0, 2] - (model.root[:, 2] - model.root[0, 2])
+    hop = float(heights[np.abs(heights).argmax()])
+    yield EngineGap("hop", hop, HEIGHT_BAND_M, "m", f"rises and falls by {_mm(hop)} as it goes")
+    crept = engine.crept - model.crept
+    words = f"moves by {_mm(crept)} before anything drives it"
+    yield EngineGap("creep", crept, CREEP_BAND_M, "m", words)
+
+
+def _path(model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
+    apart = engine.pose - model.pose
+    way, turned = travelled(model), float(np.abs(np.diff(model.pose[:, 2])).sum())
+    k = int(np.hypot(*apart[:, :2].T).argmax())
+    gap = float(np.hypot(*apart[k, :2]))
+    yield EngineGap(
+        "path", gap, PATH_BAND * way + PATH_BAND_FLOOR_M, "m", _path_words(model, engine, k, gap)
+    )
+    turn = float(apart[np.abs(apart[:, 2]).argmax(), 2])
+    words = f"veers {math.degrees(abs(turn)):.2g}° to the {'left' if turn > 0.0 else 'right'}"
+    asked, did = float(model.pose[-1, 2]), float(engine.pose[-1, 2])
+    if abs(asked) > STRAIGHT and abs(did - asked) > LENGTH_RATIO * abs(turn):
+        ratio = did / asked - 1.0
+        words = f"turns {_percent(ratio)} too {'much' if ratio > 0.0 else 'little'}"
+        words = "does not turn" if abs(ratio + 1.0) < STUCK else words
+        words = "turns the other way" if ratio <= -1.0 - STUCK else words
+    band = HEADING_BAND * turned + HEADING_BAND_FLOOR
+    yield EngineGap("heading", turn, band, "rad", words)
+
+
+def _path_words(model: EngineRecording, engine: EngineRecording, k: int, gap: float) -> str:
+    asked, did = travelled(model), travelled(engine)
+    if abs(did - asked) > LENGTH_RATIO * gap and asked > 0.0:
+        ratio = did / asked - 1.0
+        if ratio < STUCK - 1.0:
+            return "does not move"
+        return f"drives {_percent(ratio)} too {'far' if ratio > 0.0 else 'short'}"
+    turn = float(model.pose[k, 2])
+    x, y = (engine.pose - model.pose)[k, :2]
+    left = -math.sin(turn) * x + math.cos(turn) * y
+    return f"gets {_mm(gap)} off the path, to the {'left' if left > 0.0 else 'right'}"
+
+
+def _slip(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
+    fastest = float(np.abs(np.gradient(model.pose[:, :2], model.t, axis=0)).max(initial=0.0))
+    gaps = engine.slip - model.slip
+    if robot.drive.type == "skid-steer":
+        gaps = gaps[..., :1]
+    at = np.unravel_index(int(np.abs(gaps).argmax()), gaps.shape)
+    slip, wheel = float(gaps[at]), robot.drive.wheels[int(at[1])].joint
+    words = (
+        f"{wheel} {'spins or drags' if at[2] == 0 else 'slides sideways'} at {abs(slip):.2g} m/s"
+    )
+    yield EngineGap("slip", slip, SLIP_BAND * fastest + SLIP_BAND_FLOOR, "m/s", words)
+
+
+def _loads(
+    robot: Robot, contacts: Contacts, model: EngineRecording, engine: EngineRecording
+) -> Iterator[EngineGap]:
+    """Yield the loads, or their centre where statics do not fix them."""
+    weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    if contacts.determinate:
+        gaps = engine.load - model.load
+        at = np.unravel_index(int(np.abs(gaps).argmax()), gaps.shape)
+        gap = float(gaps[at])
+        words = (
+            f"{contacts.names[at[1]]} bears {abs(gap):.3g} N too {'much' if gap > 0 else 'little'}"
+        )
+        yield EngineGap("load", gap, LOAD_BAND * weight, "N", words)
+        return
+    gaps = engine.load.sum(axis=1) - model.load.sum(axis=1)
+    gap = float(gaps[np.abs(gaps).argmax()])
+    words = f"wheels and supports bear {abs(gap):.3g} N too {'much' if gap > 0 else 'little'}"
+    yield EngineGap("load", gap, LOAD_BAND * weight, "N", words)
+    span = float(np.hypot(*(contacts.points[:, None] - contacts.points[None]).T).max())
+    shift = np.hypot(*(_centre(contacts, engine) - _centre(contacts, model)).T)
+    centre = float(shift.max())
+    words = f"the load's centre is {_mm(centre)} off"
+    yield EngineGap("load centre", centre, CENTRE_BAND * span, "m", words)
+
+
+def _centre(contacts: Contacts, recording: EngineRecording) -> Array:
+    """Return where the loads balance (n, 2), contacts taken where they are at the start, m."""
+    total = np.maximum(recording.load.sum(axis=1), contacts.floor)
+    return np.asarray(recording.load @ contacts.points / total[:, None])
+
+
+def _joints(
+    robot: Robot, model: EngineRecording, engine: EngineRecording, slack: Mapping[str, float]
+) -> Iterator[EngineGap]:
+    """Yield the joint that is farthest off in units of its band, of those that are no wheels."""
+    casters = {swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"}
+    free = casters | {wheel.joint for wheel in robot.drive.wheels}
+    rows = []
+    for name in robot.moving_joint_names:
+        if name in free:
+            continue
+        slides = robot.description.joint[name].kind == "prismatic"
+        gaps = engine.joints[name] - model.joints[name]
+        gap = float(gaps[np.abs(gaps).argmax()])
+        unit, band = ("m", SLIDE_BAND_M) if slides else ("rad", TURN_BAND)
+        size = _mm(gap) if slides else f"{math.degrees(abs(gap)):.2g}°"
+        band += slack.get(name, 0.0)
+        rows.append(EngineGap("joint", gap, band, unit, f"{name} is {size} off"))
+    if rows:
+        yield max(rows, key=lambda row: row.ratio)
+
+
+def _energy(model: EngineRecording, engine: EngineRecording) -> EngineGap:
+    """Return the energy that is created, or lost beyond what the model loses."""
+    made = (engine.energy - engine.energy[0] - engine.work) - (
+        model.energy - model.energy[0] - model.work
+    )
+    gap = float(made[np.abs(made).argmax()])
+    moved = float(np.abs(np.diff(model.work)).sum())
+    words = f"{'creates' if gap > 0.0 else 'loses'} {abs(gap):.2g} J"
+    return EngineGap("energy", gap, ENERGY_BAND * moved, "J", words)
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * abs(length):.3g} mm"
+
+
+def _percent(ratio: float) -> str:
+    percent = 100.0 * abs(ratio)
+    return f"{percent:.0f} %" if percent > 9.5 else f"{percent:.2g} %"

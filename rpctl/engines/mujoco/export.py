@@ -1,0 +1,240 @@
+"""``write_mjcf``: a robot as MJCF, read back, run and compared before the file is there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rpctl import __version__
+from rpctl.arrays import Array
+from rpctl.engines.mujoco.bodies import body_name
+from rpctl.engines.mujoco.build import Built
+from rpctl.engines.mujoco.drawn import Drawn, draw
+from rpctl.engines.mujoco.edits import compare_tables
+from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.mjcf import Part, numbers, to_bytes, write_model
+from rpctl.engines.mujoco.mjcf_certificate import MjcfCertificate, plain_checks
+from rpctl.engines.mujoco.prepare import prepare
+from rpctl.engines.mujoco.sensors import HOME, HOW, sensor_parts
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.engines.mujoco.strict_mjcf import StrictMjcf, parse_mjcf
+from rpctl.engines.mujoco.table import tabulate
+from rpctl.engines.mujoco.trial import run_on_ground, settle
+from rpctl.engines.mujoco.witness import compare_with_witness, take_witness
+from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.row import Check, Skipped
+from rpctl.equivalence.verify import verify
+from rpctl.errors import RpctlError
+from rpctl.files.writing import make_folder, require_writable, write_atomically
+from rpctl.robot.identity import model_digest
+from rpctl.robot.model import Robot
+from rpctl.robot.vary import without_losses
+
+READ_BACK = "the file read back"
+VERIFIED_SAMPLES = 10  # states of the certificate of the equations
+MESH_SUFFIX = "_meshes"  # of the folder of the meshes, beside the file
+
+
+@dataclass(frozen=True)
+class MjcfExport:
+    """An exported file, or why there is none.
+
+    Attributes:
+        path: The file.
+        written: Whether it was put in place: every row passed.
+        checks: What was compared.
+        skipped: What could not be, and why.
+        notes: What was assumed, mended or left out, in sentences.
+        digest: Of the certificate in the file.
+        meshes: Mesh files beside it.
+        verified: The certificate of the equations.
+    """
+
+    path: Path
+    written: bool
+    checks: tuple[Check, ...]
+    skipped: tuple[Skipped, ...]
+    notes: tuple[str, ...]
+    digest: str
+    meshes: tuple[Path, ...]
+    verified: Certificate = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {
+            "path": str(self.path),
+            "written": self.written,
+            "digest": self.digest,
+            "checks": [check.to_dict() for check in self.checks],
+            "skipped": [asdict(each) for each in self.skipped],
+            "notes": list(self.notes),
+            "meshes": [str(mesh) for mesh in self.meshes],
+            "verified": self.verified.to_dict(),
+        }
+
+
+def write_mjcf(
+    robot: Robot,
+    path: str | Path,
+    friction: float = 0.7,
+    settings: ContactSettings | None = None,
+    meshes: bool = True,
+    facts: Mapping[str, Any] | None = None,
+) -> MjcfExport:
+    """Write a robot as MJCF, if the file, read back by MuJoCo, is the robot and rolls as it does.
+
+    Args:
+        robot: The robot.
+        path: The file; its meshes go into a folder beside it.
+        friction: Coefficient between wheels and ground.
+        settings: How it meets the ground; None: crowned wheels, which roll without scrubbing.
+        meshes: Whether meshes are drawn, too.
+        facts: How to load the robot again, as plain values; they are kept in the file.
+
+    Returns:
+        What was compared; ``written`` is False where a row failed, and then no file was touched.
+
+    Raises:
+        RpctlError: MuJoCo cannot do the robot, or the file cannot be written.
+    """
+    path = Path(path)
+    settings = settings or ContactSettings(wheel_shape="crowned")
+    require_writable(path)
+    verified = verify(robot, VERIFIED_SAMPLES)
+    built = prepare(robot, settings, friction)
+    root, model = body_name(robot.description.root), built.compile()
+    drawn = draw(robot, meshes)
+    sections = _sections(robot, model, root, drawn)
+    bare = to_bytes(_document(model, drawn, sections, path))
+    file = parse_mjcf(bare, path)
+    witness = take_witness(robot, root, settings.losses)
+    checks = (*_read_back(built, file), *compare_with_witness(file.model, witness))
+    rolling = robot if settings.losses else without_losses(robot)
+    trial = run_on_ground(rolling, _compiled(bare, drawn, path), root)
+    checks = (_verified_row(verified), *checks, *trial.checks)
+    certificate = MjcfCertificate(
+        robot=robot.name,
+        source=robot.source,
+        urdf=robot.description.sha256,
+        model=model_digest(robot),
+        made_with={"rpctl": __version__, "mujoco": version("mujoco")},
+        settings={"friction": friction, **asdict(settings)},
+        checks=plain_checks(checks),
+        verified=_verified_digest(verified),
+        table=file.table,
+        witness=witness,
+        facts=dict(facts or {}),
+    )
+    sections["custom"] = certificate.parts(HOW)
+    data = to_bytes(_document(model, drawn, sections, path))
+    written = all(check.passed for check in checks)
+    files = _put(path, data, drawn) if written else ()
+    notes = (*built.repairs, *built.notes, *drawn.notes, *trial.notes)
+    return MjcfExport(
+        path, written, checks, trial.skipped, notes, certificate.digest, files, verified
+    )
+
+
+def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Part]]:
+    """Return what the file has besides the model: looks, sensors, and the stand at home."""
+    home, hold = settle(robot, model, root)
+    key = {"name": HOME, "qpos": numbers(home), "ctrl": numbers(_controls(robot, model, hold))}
+    return {
+        "visual": [Part("headlight", {"ambient": "0.3 0.3 0.3", "diffuse": "0.5 0.5 0.5"})],
+        "asset": list(drawn.assets),
+        "sensor": sensor_parts(robot, root),
+        "keyframe": [Part("key", key)],
+    }
+
+
+def _controls(robot: Robot, model: Any, efforts: Array) -> list[float]:
+    """Return controls in the order of the model."""
+    found = [0.0] * int(model.nu)
+    for name, effort in zip(robot.actuators, efforts.tolist(), strict=True):
+        found[int(model.actuator(name).id)] = effort
+    return found
+
+
+def _document(model: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
+    """Return the root element of the file."""
+    light = Part("light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"})
+    parts = {**drawn.parts, "world": [light]}
+    comment = (
+        f" Written by rpctl {__version__}. Units: m, kg, s, rad, N. Controls are efforts at "
+        f"the joints (N m, N). `rpctl check {path.name.replace('--', '- -')}` proves it again. "
+    )
+    root = write_model(model, parts, sections, comment)
+    if drawn.files:
+        root.find("compiler").set("meshdir", mesh_folder(path).name)
+    return root
+
+
+def mesh_folder(path: Path) -> Path:
+    """Return the folder of a file's meshes."""
+    return path.with_name(f"{path.stem}{MESH_SUFFIX}")
+
+
+def _compiled(data: bytes, drawn: Drawn, path: Path) -> Any:
+    """Return ``MjModel`` of the whole file with its meshes, as a user's MuJoCo reads them.
+
+    Raises:
+        RpctlError: MuJoCo refuses it.
+    """
+    with tempfile.TemporaryDirectory(prefix="rpctl-") as folder:
+        staged = Path(folder) / (path.name or "robot.xml")
+        staged.write_bytes(data)
+        if drawn.files:
+            mesh_folder(staged).mkdir()
+        for name, content in drawn.files.items():
+            (mesh_folder(staged) / name).write_bytes(content)
+        try:
+            return mujoco_library().MjModel.from_xml_path(str(staged))
+        except ValueError as error:
+            reason = " ".join(str(error).replace(str(folder), "").split())
+            raise RpctlError(
+                f"MuJoCo refuses what is drawn of the robot: {reason}; leave meshes out with "
+                "--no-meshes, or mend the mesh"
+            ) from None
+
+
+def _put(path: Path, data: bytes, drawn: Drawn) -> tuple[Path, ...]:
+    """Put the meshes and then the file in place; a mesh of a name is always the same one."""
+    folder = mesh_folder(path)
+    if drawn.files:
+        make_folder(folder)
+    for name, content in drawn.files.items():
+        write_atomically(folder / name, content, follow_links=False)
+    write_atomically(path, data)
+    return tuple(folder / name for name in drawn.files)
+
+
+def _read_back(built: Built, file: StrictMjcf) -> tuple[Check, ...]:
+    """Return the row of the file against the model that was built: nothing of it may differ."""
+    found = compare_tables(tabulate(built.compile()), file.table)
+    faults = [edit.sentence for edit in found.edits if edit.matters]
+    row = Check("every number", READ_BACK, found.largest, 0.0)
+    return (replace(row, residual=float("inf"), entry="; ".join(faults[:3])) if faults else row,)
+
+
+def _verified_row(verified: Certificate) -> Check:
+    """Return the certificate of the equations as one row: the check that is nearest its limit."""
+    failed = [check for check in verified.checks if not check.passed]
+    worst = failed[0] if failed else verified.worst
+    return replace(worst, name=f"rpctl verify: {worst.name}")
+
+
+def _verified_digest(verified: Certificate) -> dict[str, Any]:
+    """Return what a file keeps of the certificate of the equations."""
+    text = json.dumps(verified.to_dict(), sort_keys=True)
+    return {
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "samples": verified.samples,
+        "seed": verified.seed,
+        "passed": verified.passed,
+    }

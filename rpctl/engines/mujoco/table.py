@@ -1,0 +1,186 @@
+"""A compiled MuJoCo model as a table of plain values: what a file means, however it is written.
+
+Element by element and field by field, names in the place of indices: whitespace, comments, the
+order of attributes, defaults and classes leave no trace. Fields are taken by their prefix in
+``MjModel``, all but those that follow from others, so one that a new MuJoCo adds is in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+
+Value = str | list[float | str]  # of a field: a word, or numbers and names
+Fields = dict[str, Value]
+Table = dict[str, dict[str, Fields]]  # by kind and name; names in the order of the model
+
+WORLD = "world"
+COMPILER_ONLY = ("sameframe", "bvhadr", "bvhnum", "plugin", "user", "rbound", "aabb", "invweight0")
+DERIVED = {  # fields that say nothing of their own: addresses, counts, and what MuJoCo computes
+    "body": (
+        "rootid", "weldid", "jntnum", "jntadr", "dofnum", "dofadr", "treeid", "geomnum",
+        "geomadr", "simple", "subtreemass", "margin", "contype", "conaffinity", "inertia", "iquat",
+    ),
+    "jnt": ("qposadr", "dofadr", "plasticadr", "actuatorid"),
+    "dof": (
+        "bodyid", "jntid", "parentid", "treeid", "Madr", "simplenum", "M0", "length",
+    ),
+    "geom": ("dataid",),
+    "actuator": (
+        "actadr", "actnum", "acc0", "length0", "lengthrange", "historyadr", "history", "ctrladr",
+        "ctrlnum", "outadr", "outnum",
+    ),
+    "sensor": ("adr", "dim", "datatype", "needstage", "historyadr", "history"),
+    "tendon": ("adr", "num", "treenum", "treeid", "length0", "plasticadr", "actuatorid"),
+    "site": ("dataid",),
+    "cam": ("mat0", "pos0", "poscom0", "targetbodyid"),
+    "light": ("dir0", "pos0", "poscom0", "targetbodyid", "texid"),
+    "pair": ("signature",),
+    "eq": ("objtype",),
+}  # fmt: skip
+REFERENCES = {  # fields that are indices, and of what kind
+    "parentid": "body", "bodyid": "body", "geom1": "geom", "geom2": "geom",
+}  # fmt: skip
+TYPED_REFERENCES = {"objid": "objtype", "refid": "reftype"}  # of a kind that another field gives
+TIED = ("obj1id", "obj2id")  # of equalities: joints, tendons, or what their objects' type says
+TRANSMISSIONS = {"JOINT": "joint", "JOINTINPARENT": "joint", "TENDON": "tendon", "SITE": "site",
+                 "BODY": "body"}  # fmt: skip
+COUNTED = ("flex", "hfield", "plugin", "tuple", "userdata", "plastic")
+PREFIXES = {  # kind, as MJCF calls it, and the prefixes of its fields
+    "body": "body", "joint": "jnt", "geom": "geom", "equality": "eq", "actuator": "actuator",
+    "tendon": "tendon", "sensor": "sensor", "pair": "pair", "exclude": "exclude", "site": "site",
+    "camera": "cam", "light": "light", "key": "key",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _NamedModel:
+    """A compiled model, and the engine that names its parts."""
+
+    mujoco: Any
+    model: Any
+
+    def name(self, kind: str, index: int) -> str:
+        """Return the name of an element; of one without a name its number."""
+        if index < 0:
+            return ""
+        object_type = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+        return self.mujoco.mj_id2name(self.model, object_type, index) or f"number {index + 1}"
+
+    def typed_name(self, kind: int, index: int) -> str:
+        """Return the name of an element whose kind is MuJoCo's number of it."""
+        word = str(self.mujoco.mjtObj(kind).name).removeprefix("mjOBJ_").lower()
+        kind_word = {"xbody": "body", "unknown": ""}.get(word, word)
+        return self.name(kind_word, index) if kind_word and index >= 0 else ""
+
+    def tied_name(self, equality: int, kind: int, index: int) -> str:
+        """Return the name of an element that an equality ties; both numbers are MuJoCo's."""
+        word = str(self.mujoco.mjtEq(equality).name).removeprefix("mjEQ_").lower()
+        known = word in ("joint", "tendon")
+        return self.name(word, index) if known else self.typed_name(kind, index)
+
+
+def tabulate(model: Any) -> Table:
+    """Return the table of a compiled model (``MjModel``)."""
+    of = _NamedModel(import_module("mujoco"), model)
+    table: Table = {"option": {"option": _option(of)}, "model": {"model": _rest(of)}}
+    for kind, prefix in PREFIXES.items():
+        rows: dict[str, Fields] = {}
+        for index, fields in enumerate(_rows(of, prefix)):
+            rows[of.name(kind, index)] = fields
+        table[kind] = rows
+    for index, fields in enumerate(table["joint"].values()):
+        fields |= _degree_of_freedom(of, index)
+    for index, fields in enumerate(table["body"].values()):
+        fields["inertia"] = _inertia(of, index)
+    return table
+
+
+def _rows(of: _NamedModel, prefix: str) -> Iterator[Fields]:
+    """Yield the fields of each element of a kind."""
+    arrays = _arrays(of, prefix)
+    count = min((len(array) for array in arrays.values()), default=0)
+    for index in range(count):
+        yield {name: _value(of, name, index, arrays) for name, array in arrays.items()}
+
+
+def _arrays(of: _NamedModel, prefix: str) -> dict[str, Any]:
+    """Return what the model holds of a kind, by the names of fields without their prefix."""
+    left_out = {*COMPILER_ONLY, *DERIVED.get(prefix, ())}
+    found = {}
+    for attribute in dir(of.model):
+        name = attribute.removeprefix(f"{prefix}_")
+        if name != attribute and name not in left_out:
+            array = getattr(of.model, attribute)
+            if isinstance(array, np.ndarray):
+                found[name] = array
+    return found
+
+
+def _value(of: _NamedModel, name: str, index: int, arrays: Mapping[str, Any]) -> Value:
+    """Return a field of an element: numbers, or names where the field is a reference."""
+    entry = arrays[name][index]
+    if name in REFERENCES:
+        return of.name(REFERENCES[name], int(entry))
+    if name in TIED:
+        return of.tied_name(int(arrays["type"][index]), int(of.model.eq_objtype[index]), int(entry))
+    if name in TYPED_REFERENCES:
+        return of.typed_name(int(arrays[TYPED_REFERENCES[name]][index]), int(entry))
+    if name == "trnid":
+        word = str(of.mujoco.mjtTrn(int(arrays["trntype"][index])).name).removeprefix("mjTRN_")
+        return of.name(TRANSMISSIONS.get(word, "site"), int(entry[0]))
+    if name == "matid":
+        return of.name("material", int(entry))
+    return [float(number) for number in np.atleast_1d(np.asarray(entry, dtype=float)).ravel()]
+
+
+def _degree_of_freedom(of: _NamedModel, index: int) -> Fields:
+    """Return what a joint loses, its rotor's inertia, and where its springs rest."""
+    start = int(of.model.jnt_dofadr[index])
+    place = int(of.model.jnt_qposadr[index])
+    fields: Fields = {
+        name: [float(number) for number in np.atleast_1d(array[start]).ravel()]
+        for name, array in _arrays(of, "dof").items()
+    }
+    fields["ref"] = [float(of.model.qpos0[place])]
+    fields["springref"] = [float(of.model.qpos_spring[place])]
+    return fields
+
+
+def _inertia(of: _NamedModel, body: int) -> list[float | str]:
+    """Return a body's inertia about its centre of mass, in the body's axes: xx yy zz xy xz yz."""
+    R = np.zeros(9)
+    of.mujoco.mju_quat2Mat(R, of.model.body_iquat[body])
+    axes: Array = R.reshape(3, 3)
+    full = axes @ np.diag(of.model.body_inertia[body]) @ axes.T
+    return [float(full[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+
+
+def _rest(of: _NamedModel) -> Fields:
+    """Return what else moves a model: how many there are of it, and the ways of tendons."""
+    found: Fields = {
+        name: [float(getattr(of.model, f"n{name}"))]
+        for name in COUNTED
+        if hasattr(of.model, f"n{name}")
+    }
+    ways = (of.model.wrap_type, of.model.wrap_objid, of.model.wrap_prm)
+    found["wraps"] = [float(number) for way in ways for number in way]
+    found["meaninertia"] = [float(of.model.stat.meaninertia)]
+    return found
+
+
+def _option(of: _NamedModel) -> Fields:
+    """Return the options of the simulation."""
+    found: Fields = {}
+    for name in dir(of.model.opt):
+        value = getattr(of.model.opt, name)
+        if not name.startswith("_") and isinstance(value, int | float | np.ndarray):
+            numbers = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
+            found[name] = [float(number) for number in numbers]
+    return found

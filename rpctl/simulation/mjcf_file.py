@@ -1,0 +1,119 @@
+"""A robot's MJCF file, written with what it takes to load the robot again, and checked with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+from rpctl.engines.mujoco.check import MjcfCheck, check_file, read_certified, same_model
+from rpctl.engines.mujoco.export import MjcfExport, write_mjcf
+from rpctl.engines.mujoco.mjcf_certificate import MjcfCertificate
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.errors import RpctlError
+from rpctl.robot.model import Robot
+from rpctl.simulation.facts import RobotFacts, robot_facts
+from rpctl.simulation.reload import load_robot
+from rpctl.simulation.run_schema import META
+
+RENAMED = {"name": "robot"}  # of the facts, as the files of runs call them
+
+
+def export_mjcf(
+    robot: Robot,
+    path: str | Path,
+    friction: float = 0.7,
+    wheel_width: float | None = None,
+    meshes: bool = True,
+    settings: ContactSettings | None = None,
+) -> MjcfExport:
+    """Write a robot as MJCF: motors with limits, wheels and casters that roll, sensors, its looks.
+
+    The file is read back by MuJoCo, compared with the reduced model, and run, before it is put in
+    place; a certificate in it lets :func:`check_mjcf` prove it again.
+
+    Args:
+        robot: The robot.
+        path: The file; meshes go into the folder ``NAME_meshes`` beside it.
+        friction: Coefficient between wheels and ground.
+        wheel_width: Width of the wheels, m, as cylinders, which scrub where they turn; None:
+            crowned wheels, which touch the ground at one point and roll as the model's do.
+        meshes: Whether visual meshes are drawn, too.
+        settings: All else of how it meets the ground; they have the word on the wheels, too.
+
+    Returns:
+        What was compared; ``written`` is False where a row failed: then no file is put in place.
+
+    Raises:
+        RpctlError: MuJoCo is not installed, cannot do the robot, or the file cannot be written.
+    """
+    if settings is None:
+        shape = "crowned" if wheel_width is None else "cylinder"
+        settings = ContactSettings(wheel_shape=shape, wheel_width=wheel_width)
+    return write_mjcf(robot, path, friction, settings, meshes, _plain_facts(robot))
+
+
+def check_mjcf(
+    path: str | Path, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()
+) -> MjcfCheck:
+    """Prove an exported file again, and name what was edited in it.
+
+    The robot is built from the URDF in the file; nothing that the file names is opened but the
+    robot's own file, where it is there unchanged.
+
+    Args:
+        path: The file.
+        robot: The robot to compare it with; None: the one that the file holds.
+        package_dirs: Packages, or folders that hold packages, of the robot in the file.
+
+    Raises:
+        RpctlError: It is no file that rpctl exported.
+    """
+    file, certificate = read_certified(path)
+    if robot is not None:
+        return check_file(file, certificate, robot, given=True)
+    kept, why = _kept_robot(certificate, package_dirs)
+    found = check_file(file, certificate, kept)
+    return found if kept is not None else replace(found, notes=(*found.notes, why))
+
+
+def _plain_facts(robot: Robot) -> dict[str, Any]:
+    """Return how to load a robot again, as plain values."""
+    known = robot_facts(robot)
+    plain = {item.name: getattr(known, item.name) for item in fields(known)}
+    plain["drive"] = asdict(known.drive)
+    return {RENAMED.get(name, name): value for name, value in plain.items()}
+
+
+def _kept_robot(
+    certificate: MjcfCertificate, package_dirs: Sequence[str | Path]
+) -> tuple[Robot | None, str]:
+    """Return the robot that a file holds, or None and why it is not known."""
+    if not certificate.facts:
+        return None, "the file does not hold its robot; give it with --robot"
+    try:
+        robot = load_robot(_facts(certificate.facts), package_dirs)
+    except RpctlError as fault:
+        return None, f"the robot in the file is not loaded: {fault}"
+    if not same_model(robot, certificate):
+        return None, (
+            "the robot was varied after it was loaded, which the file does not hold; only the "
+            "numbers in the file are compared"
+        )
+    return robot, ""
+
+
+def _facts(plain: Mapping[str, Any]) -> RobotFacts:
+    """Return the facts that plain values are.
+
+    Raises:
+        RpctlError: They are none.
+    """
+    values = {}
+    for item in fields(RobotFacts):
+        entry = RENAMED.get(item.name, item.name)
+        if entry not in plain:
+            raise RpctlError(f'its entry "{entry}" is missing')
+        values[item.name] = META[entry](plain[entry], entry)
+    return RobotFacts(**values)

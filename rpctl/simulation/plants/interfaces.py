@@ -1,0 +1,218 @@
+"""What a controller's output does to the simulated robot: efforts act, or speeds are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.controller import ControllerOutput
+from rpctl.control.law import Rest
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError
+from rpctl.simulation.config import Config
+from rpctl.simulation.held import HeldCommands
+from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.plants.actuators import Actuators
+from rpctl.simulation.plants.motion import Motion
+from rpctl.simulation.plants.protocol import RunningPlant
+from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.wrench import pushes
+from rpctl.simulation.velocity_plant import VelocityPlant
+
+CLOCK_S = 1e-6  # s: of a user's simulator, rounding of its clock
+
+
+class PlantState(NamedTuple):
+    """The true state of a plant at a sample.
+
+    Attributes:
+        q: Configuration (nq,), seen from above.
+        nu: Quasi-velocities (dof,).
+        work: Of the actuators since the start, J.
+        lost: What losses took since the start, J.
+        felt: Columns of the log by name that only this plant knows: ``root_pose``, ``ground_load``
+            and ``wheel_slip``.
+    """
+
+    q: Array
+    nu: Array
+    work: float
+    lost: float
+    felt: Mapping[str, Array]
+
+
+class Interface(Protocol):
+    """The simulated robot between two samples of its controller."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or mended so far, in sentences."""
+
+    @property
+    def state(self) -> PlantState:
+        """The true state now."""
+
+    def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
+        """Take what is sent at a sample; return the efforts (n_act,) of the coming period.
+
+        Args:
+            output: What the controller sends.
+            late: How much after the sample it is sent, s.
+        """
+
+    def advance(self, duration: float) -> None:
+        """Advance the robot to the next sample.
+
+        Args:
+            duration: Until then, s.
+
+        Raises:
+            DivergedError: The state left the finite numbers.
+        """
+
+
+class EffortInterface:
+    """A robot that takes efforts; they act after the plant's delay.
+
+    Args:
+        motion: What moves the robot.
+        dynamics: Of the simulated robot, with what the plant adds.
+        config: Its plant.
+        rest: Efforts that hold it until the first ones act.
+    """
+
+    def __init__(
+        self, motion: Motion, dynamics: ReducedDynamics, config: Config, rest: Rest
+    ) -> None:
+        plant = config.plant
+        self._motion = motion
+        self._bias, self._wrenches = plant.bias(dynamics.robot), plant.wrenches
+        self._actuators = Actuators(dynamics.robot, plant, config.run.control_period, rest.tau)
+        self._sent = plant.pipeline(rest.tau, config.run.control_period)
+        self._held, self._t = HeldCommands(rest.tau), 0.0
+        self._work = self._lost = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or mended so far, in sentences."""
+        return self._motion.notes
+
+    @property
+    def state(self) -> PlantState:
+        """See :class:`Interface`."""
+        motion = self._motion
+        return PlantState(motion.q, motion.nu, self._work, self._lost, felt(motion))
+
+    def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
+        """Take efforts; see :class:`Interface`."""
+        self._sent.append(output.efforts)
+        self._held.send(self._t + late, self._sent.popleft())
+        return self._actuators.at(self._held.at(self._t))
+
+    def advance(self, duration: float) -> None:
+        """Advance the robot to the next sample; see :class:`Interface`."""
+        end = self._t + duration
+        for held, command in self._held.during(self._t, duration):
+            for piece, tau in self._actuators.true_efforts(command, self._motion, held):
+                for part, wrenches in pushes(self._wrenches, self._t, piece):
+                    done = self._motion.advance(tau + self._bias, part, wrenches)
+                    self._work, self._lost = self._work + done.work, self._lost + done.lost
+                    self._t += part
+        self._t = end
+
+
+def felt(motion: Motion) -> dict[str, Array]:
+    """Return the columns of a log that only the motion knows; none of one that rolls."""
+    if isinstance(motion, RollingMotion):
+        return {}
+    load, slip = motion.ground()
+    return {"root_pose": motion.pose, "ground_load": load, "wheel_slip": slip}
+
+
+class SpeedInterface:
+    """A robot that takes speeds, and whose own controllers find the efforts that follow them.
+
+    Args:
+        dynamics: Of the simulated robot, with what the plant adds.
+        config: Its plant, and how its controller takes it to follow.
+        rest: Where it stands.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, dynamics: ReducedDynamics, config: Config, rest: Rest) -> None:
+        robot, plant, run = dynamics.robot, config.plant, config.run
+        if config.output is None:
+            raise RpctlError("the controller sends efforts, not speeds")
+        truth = plant.velocity_interface(config.output)
+        late = delay_periods(plant.delay, run.control_period) * run.control_period
+        self._dynamics = dynamics
+        self._bias = plant.bias(robot)
+        self._held, self._t = HeldCommands(np.zeros(robot.dof)), 0.0
+        self._period = run.control_period
+        self._plant = VelocityPlant(
+            dynamics,
+            truth.lag_of(robot.quasi_velocities),
+            truth.dead_time + late,
+            run.control_period,
+            run.plant_step,
+        )
+        self.state = PlantState(rest.q, np.zeros(robot.dof), 0.0, 0.0, {})
+
+    def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
+        """Take speeds; return the efforts that the mean acceleration of the period takes.
+
+        Args:
+            output: What the controller sends.
+            late: How much after the sample they are sent, s; they count from the next sample on.
+        """
+        q, nu, *_ = self.state
+        self._held.send(self._t + late, output.speeds)
+        self._plant.send(self._held.at(self._t))
+        self._t += self._period
+        dynamics = self._dynamics
+        force = dynamics.inverse(q, nu, self._plant.acceleration(nu))
+        return np.asarray(dynamics.efforts(q, force) - self._bias)
+
+    def advance(self, duration: float) -> None:
+        """Advance the robot by a control period; see :class:`Interface`."""
+        before = self.state
+        q, nu, work, lost = self._plant.advance(before.q, before.nu)
+        self.state = PlantState(q, nu, before.work + work, before.lost + lost, {})
+
+
+class OwnInterface:
+    """A robot that a simulator of the user's moves; what is measured of it is all that is known.
+
+    Args:
+        plant: The simulator.
+        rest: Where the robot stands.
+        dof: Number of quasi-velocities.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, plant: RunningPlant, rest: Rest, dof: int) -> None:
+        self._plant, self._t = plant, 0.0
+        self._output: ControllerOutput | None = None
+        self.state = PlantState(rest.q, np.zeros(dof), 0.0, 0.0, {})
+
+    def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
+        """Take efforts; see :class:`Interface`."""
+        self._output = output
+        return output.efforts
+
+    def advance(self, duration: float) -> None:
+        """Advance the robot to the next sample; see :class:`Interface`."""
+        if self._output is None:
+            raise RpctlError("the plant was commanded nothing")
+        sample, self._t = self._plant.step(self._output, duration), self._t + duration
+        if not abs(sample.t - self._t) <= CLOCK_S:
+            raise RpctlError(
+                f"the plant measures at t = {sample.t:g} s, where it was to be advanced to "
+                f"{self._t:g} s; let it go on by the whole dt"
+            )
+        self.state = self.state._replace(q=sample.q, nu=sample.nu)

@@ -1,0 +1,200 @@
+"""A robot whose wheels slip: the whole tree on tyres, without the rolling constraint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.dynamics.ground_reaction import Contacts, find_contacts
+from rpctl.dynamics.motion import Step
+from rpctl.dynamics.projection import Projector
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import DivergedError, RpctlError, require_positive
+from rpctl.robot.coordinates import read_root
+from rpctl.robot.model import Robot
+from rpctl.simulation.plants.free_tree import FreeTree
+from rpctl.simulation.plants.motion import Ground
+from rpctl.simulation.plants.slip_step import SlipStepper
+from rpctl.simulation.plants.tyres import TyreLaw
+from rpctl.simulation.plants.wrench import Wrench
+
+
+@dataclass(frozen=True)
+class Slipping:
+    """How the tyres of a slipping robot grip; the table [plant.slipping].
+
+    Attributes:
+        slip_stiffness: Force of a tyre per load and per slip, its slip velocity over its rolling
+            speed; no unit. A rolling cylinder has 2R/a with a contact 2a long [J85, Sec. 8.3], so
+            20 where a is a tenth of the radius, as of solid rubber; pneumatic tyres have 10 to 20
+            [P12, Ch. 4]. The higher, the nearer to wheels that roll without slipping.
+        creep_speed: Rolling speed, m/s, below which a tyre is as soft as at it: one that stands
+            still under a force creeps, by force over load times this over the slip stiffness.
+        rolling_resistance: Moment against a wheel's rolling, per load and radius; no unit. Hard
+            floors and solid rubber have .01 to .02.
+    """
+
+    slip_stiffness: float = 20.0
+    creep_speed: float = 0.01
+    rolling_resistance: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no tyre has."""
+        for name in ("slip_stiffness", "creep_speed"):
+            require_positive(name, getattr(self, name))
+        if not (math.isfinite(self.rolling_resistance) and 0.0 <= self.rolling_resistance < 1.0):
+            raise RpctlError(
+                f"rolling_resistance is {self.rolling_resistance:g}; give a ratio of force to "
+                "load from 0 to less than 1"
+            )
+
+
+class SlippingMotion:
+    """A robot that moves on tyres; a :class:`~rpctl.simulation.plants.motion.Motion`.
+
+    Args:
+        robot: The robot.
+        settings: Its tyres.
+        friction: Coefficient between wheels and ground.
+        q: Where it stands at the start (nq,), at rest.
+        longest: Longest step, s.
+    """
+
+    def __init__(
+        self, robot: Robot, settings: Slipping, friction: float, q: Array, longest: float
+    ) -> None:
+        dynamics = ReducedDynamics(robot)
+        contacts = find_contacts(dynamics, friction)
+        law = TyreLaw(
+            friction,
+            settings.slip_stiffness,
+            settings.creep_speed,
+            settings.rolling_resistance,
+        )
+        projector = Projector(robot, dynamics.rolling)
+        tree = FreeTree(dynamics, contacts)
+        self.robot, self._longest, self._t = robot, longest, 0.0
+        self._stepper = SlipStepper(tree, law, projector.columns)
+        self._selection = projector.selection
+        self._along = tree.contact_velocities.along
+        self._leading = leading_wheels(robot)
+        self._assumed = _assumptions(robot, contacts)
+        self._tipped: float | None = None
+        self._held = 0
+        self.state = self._stepper.start(np.array(q), np.zeros(robot.nv))
+
+    @property
+    def q(self) -> Array:
+        """Configuration (nq,)."""
+        return self.state.at.q
+
+    @property
+    def nu(self) -> Array:
+        """Quasi-velocities (dof,): base speeds of the body as it moves, rates of the joints.
+
+        With steered wheels only, the first speed is that of the first swivel's contact along its
+        wheels, whether they roll or slip.
+        """
+        nu = self._selection.dot(self.state.v)
+        if self._leading:
+            nu[0] += self.state.contact_velocity[0, list(self._leading)].mean()
+        return np.asarray(nu)
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the root link (7,): x, y, z (m), quaternion x, y, z, w; world."""
+        x, y, theta = read_root(self.q)
+        z = -self.robot.drive.ground
+        return np.array([x, y, z, 0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta)])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or mended, in sentences."""
+        notes = list(self._assumed)
+        if self._tipped is not None:
+            notes.append(
+                f"from {self._tipped:.4g} s on there were moments at which no loads that only push "
+                "balance the robot: it would tip, and is held upright; contacts that would lift "
+                "bear nothing"
+            )
+        if self._held:
+            notes.append(
+                f"in {self._held} steps loads and forces of the tyres found no common solution; "
+                "the loads are those of the accelerations just before"
+            )
+        return tuple(notes)
+
+    def ground(self) -> Ground:
+        """Return the load of each contact and the slip of each wheel."""
+        (slip, left, _), (cos, sin) = self.state.contact_velocity, self._along
+        return Ground(
+            self.state.load, np.column_stack([cos * slip - sin * left, sin * slip + cos * left])
+        )
+
+    def advance(self, tau: Array, dt: float, wrenches: Sequence[Wrench] = ()) -> Step:
+        """Advance it under constant efforts, in equal steps.
+
+        Args:
+            tau: Actuator efforts (n_act,), N·m or N.
+            dt: For how long, s.
+            wrenches: What pushes it besides; their times do not count.
+
+        Raises:
+            DivergedError: The state left the finite numbers.
+        """
+        steps = max(1, math.ceil(dt / self._longest - 1e-9))
+        work = lost = 0.0
+        for _ in range(steps):
+            try:
+                self.state, done, gone = self._stepper.step(self.state, tau, dt / steps, wrenches)
+            except RpctlError as error:
+                raise DivergedError(f"the motion diverged: {error}") from error
+            work, lost = work + done, lost + gone
+            self._t += dt / steps
+            self._held += self.state.held
+            if self.state.tips and self._tipped is None:
+                self._tipped = self._t
+        if not (np.isfinite(self.q).all() and np.isfinite(self.state.y).all()):
+            raise DivergedError("the motion diverged; shorten the control period or the steps")
+        return Step(self.q, self.nu, work, lost)
+
+
+def leading_wheels(robot: Robot) -> tuple[int, ...]:
+    """Return the wheels whose rolling is the first quasi-velocity, where no axle fixes P."""
+    drive = robot.drive
+    if drive.has_axle or not drive.steered:
+        return ()
+    return drive.carried(drive.steered[0])
+
+
+def _assumptions(robot: Robot, contacts: Contacts | None) -> tuple[str, ...]:
+    """Return what the loads of the tyres take for granted, in sentences."""
+    if contacts is None:
+        return ("the base is fixed: no wheel slips",)
+    notes: list[str] = []
+    if contacts.supports.unknown:
+        listed = ", ".join(contacts.supports.unknown)
+        notes.append(
+            f"the tyres bear the whole load: {listed} touch the ground, but are drawn as meshes "
+            "only, so their places are not known"
+        )
+    elif not contacts.balanced:
+        notes.append(
+            f"the tyres bear the load as if balance were kept: {', '.join(contacts.names)} stand "
+            "on one line"
+        )
+    elif not contacts.determinate:
+        notes.append(
+            f"{len(contacts.names)} contacts share the load, more than statics can tell apart: the "
+            "tyres bear what equally stiff contacts would"
+        )
+    if robot.drive.followers:
+        listed = ", ".join(swivel.joint for swivel in robot.drive.followers)
+        notes.append(
+            f"{listed} turn exactly as the other wheels' steering asks, as if rods tied them"
+        )
+    return tuple(notes)

@@ -1,0 +1,1 @@
+"""A battery of stresses: how far each law holds as circumstances worsen."""

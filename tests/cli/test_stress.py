@@ -1,0 +1,197 @@
+"""The command ``rpctl stress`` as a user meets it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+import rpctl
+from rpctl.cli.app import app
+from rpctl.cli.stress import BatteryOptions
+from rpctl.errors import UnknownNameError
+from rpctl.study.stress.cell_run import StressChunk, StressTask
+from rpctl.study.stress.journal import JOURNAL_FILE
+from rpctl.study.stress.verdict import StressFigures
+from tests.study.stress.samples import GOOD, contents, patch_runs
+
+PATIENCE_S = 120.0
+FILES = ("stress.json", "stress.csv", "envelope.png", "worst-1.toml", JOURNAL_FILE)
+
+
+def run(*words: str) -> Any:
+    return CliRunner().invoke(app, ["stress", *words])
+
+
+def test_a_battery_is_run_written_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    patch_runs(monkeypatch)
+    out = tmp_path / "out"
+    words = ["paper", "--home", "zero", "--workers", "1", "--plants", "rolling", "--out", str(out)]
+    shown = run(*words)
+    assert shown.exit_code in (0, 1), shown.output
+    told = json.loads((out / "stress.json").read_text())
+    text = shown.stdout
+    table = text[: text.index("replay one")]
+    assert max(map(len, table.splitlines())) <= 100
+    assert "paper: 120 runs of 10 s on eight, seed 0" in text
+    assert re.search(r"payload kg +0 +0.5 +1 +2 +5", text)
+    assert re.search(r"radius % +-3 +-2 +-1 +0 +\+1 +\+2 +\+3", text)
+    assert "left out: friction (its wheels cannot slip), losses (its file has no" in text
+    assert f"rpctl track paper --home zero --config {out}/worst-1.toml --out {out}/worst-1" in text
+    assert f"rpctl view {out}/worst-1" in text
+    cells = told["cells"]
+    marks = [sum(cell["verdict"] == name for cell in cells if len(cell["levels"]) < 2)
+             for name in ("pass", "degrade", "fail")]  # fmt: skip
+    nominal = 10  # ladders, less the two that are left out, show the nominal cell again
+    assert sum(marks) == 90
+    ladders = table[: table.index("two at once")]
+    assert sum(ladders.count(sign) for sign in "✓~✗") == 90 - 3 + 3 * (nominal - 2)
+    with (out / "stress.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["verdict"] for row in rows] == [cell["verdict"] for cell in cells]
+    double = next(row for row in rows if row["and_stress"])
+    assert (double["stress"], float(double["level"])) == next(
+        iter(next(c for c in cells if len(c["levels"]) > 1)["levels"].items())
+    )
+    assert (out / "envelope.png").read_bytes().startswith(b"\x89PNG")
+    again = run(*words, "--resume", "--json")
+    assert json.loads(again.stdout) == told
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--plants", "rollin"], "plant 'rollin' is not known; did you mean rolling?"),
+        (["--laws", "pid"], "kinematic law 'pid' is not known"),
+        (["--laws", "unified+pid"], "dynamic law 'pid' is not known"),
+        (["--stresses", "payloud"], "stress 'payloud' is not known; did you mean payload?"),
+        (["--duration", "0"], "duration"),
+        (["--tolerance", "-1"], "--tolerance"),
+        (["--reference", "ate"], "ate"),
+    ],
+)
+def test_bad_arguments_are_refused(words: list[str], message: str, tmp_path: Path) -> None:
+    shown = run("paper", *words, "--workers", "1", "--out", str(tmp_path / "out"))
+    assert shown.exit_code == 2
+    assert message in shown.stderr
+    assert "Traceback" not in shown.output
+    assert not (tmp_path / "out" / "stress.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("law", "outcome", "code"),
+    [
+        ("unified", "stuck", 1),
+        ("paper", "stuck", 0),
+        ("unified", "late", 0),
+        ("unified", "refused", 1),
+    ],
+)
+def test_it_ends_with_1_if_the_first_law_fails_unstressed(
+    law: str, outcome: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found(task: StressTask, chunk: StressChunk) -> StressFigures:
+        bad = f" {law}+" in chunk.key and "=" not in chunk.key
+        return StressFigures(outcome, "it stands", 1.0, 1.0) if bad else GOOD
+
+    monkeypatch.setattr(StressTask, "__call__", found)
+    words = ["--plants", "rolling", "--stresses", "delay", "--workers", "1", "--quick"]
+    shown = run("paper", *words, "--out", str(tmp_path))
+    assert shown.exit_code == code
+    assert ("rolling unified+integral nothing stressed: " in shown.stdout) == (code == 1)
+
+
+def test_the_choice_of_a_battery() -> None:
+    robot = rpctl.load("paper")
+    quick = BatteryOptions(quick=True).battery(robot)
+    assert (quick.plants, len(quick.laws), quick.combinations) == (("rolling",), 2, 2)
+    assert max(len(stress.levels) for stress in quick.stresses) == 3
+    named = BatteryOptions(laws="paper+paper,default", stresses="delay", combinations=0, quick=True)
+    assert list(map(str, named.battery(robot).laws)) == ["paper+paper", "unified+integral"]
+    assert [stress.levels for stress in named.battery(robot).stresses] == [(0.0, 50.0)]
+    assert BatteryOptions().battery(robot).combinations == 10
+    with pytest.raises(UnknownNameError):
+        BatteryOptions(plants="ice").battery(robot)
+
+
+def test_a_ctrl_c_tells_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["paper", "--stresses", "payload,delay", "--combinations", "1", "--seed", "3",
+             "--tolerance", "0.02", "--quick", "--workers", "1"]  # fmt: skip
+    patch_runs(monkeypatch)
+    run(*words, "--out", str(tmp_path / "whole"))
+    patch_runs(monkeypatch, stop_after=3)
+    out = tmp_path / "out"
+    shown = run(*words, "--out", str(out))
+    assert shown.exit_code == 130
+    again = (
+        "rpctl stress paper --stresses payload,delay --combinations 1 --seed 3 --quick "
+        f"--tolerance 0.02 --out {out} --resume"
+    )
+    assert again in shown.stderr
+    assert not (out / "stress.json").exists()
+    ran = patch_runs(monkeypatch)
+    run(*again.split()[2:], "--workers", "1")
+    assert len(ran) == 2 * 4 - 3
+    assert contents(out, FILES) == contents(tmp_path / "whole", FILES)
+
+
+@pytest.mark.slow
+def test_a_worst_case_is_replayed_by_its_file(tmp_path: Path) -> None:
+    words = ["--plants", "rolling", "--stresses", "payload,slope", "--laws", "paper+paper"]
+    more = ["--duration", "3", "--combinations", "2", "--workers", "1", "--out", str(tmp_path)]
+    shown = run("paper", *words, *more)
+    line = next(line for line in shown.stdout.splitlines() if "worst-1.toml --out" in line)
+    replay = line.partition(";")[0].split()
+    assert replay[:2] == ["rpctl", "track"]
+    CliRunner().invoke(app, [*replay[1:], "--samples", "0"])
+    found = json.loads((tmp_path / "worst-1" / "summary.json").read_text())
+    told = json.loads((tmp_path / "stress.json").read_text())["cells"]
+    worst = max(told, key=lambda c: (c["verdict"] == "fail", c["end_effector_error"]))
+    assert found["outcome"] == worst["outcome"]
+    log = rpctl.Run.load(tmp_path / "worst-1" / "run.npz").log
+    late = slice(len(log.t) // 2, None)
+    squares = (log.ee - log.ee_ref)[late] ** 2
+    assert float(squares.sum(axis=1).mean() ** 0.5) == pytest.approx(
+        worst["end_effector_error"], rel=1e-12
+    )
+
+
+@pytest.mark.slow
+def test_a_killed_battery_goes_on_in_processes(tmp_path: Path) -> None:
+    """Its files are those of one that nobody stopped."""
+    words = ["paper", "--stresses", "payload,noise", "--plants", "rolling", "--duration", "2",
+             "--combinations", "2", "--workers", "2"]  # fmt: skip
+    command = [sys.executable, "-m", "rpctl", "stress", *words, "--out"]
+    for number, code in ((signal.SIGINT, 130), (signal.SIGKILL, -9)):
+        out = tmp_path / number.name
+        with subprocess.Popen([*command, str(out)], stdout=-3, stderr=-1, text=True) as process:
+            wait_for_lines(process, out / JOURNAL_FILE, 4)
+            process.send_signal(number)
+            _, error = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == code
+        assert "Traceback" not in error
+        assert not (out / "stress.json").exists()
+        before = (out / JOURNAL_FILE).read_text().splitlines()
+        assert run(*words, "--out", str(out), "--resume").exit_code in (0, 1)
+        assert set(before[:4]) <= set((out / JOURNAL_FILE).read_text().splitlines())
+    assert run(*words, "--workers", "1", "--out", str(tmp_path / "whole")).exit_code in (0, 1)
+    whole = contents(tmp_path / "whole", FILES)
+    assert contents(tmp_path / "SIGINT", FILES) == contents(tmp_path / "SIGKILL", FILES) == whole
+
+
+def wait_for_lines(process: subprocess.Popen[str], path: Path, count: int) -> None:
+    """Wait until a battery that runs has kept so many lines."""
+    patience = time.monotonic() + PATIENCE_S
+    while not path.exists() or len(path.read_text().splitlines()) < count:
+        assert process.poll() is None
+        assert time.monotonic() < patience
+        time.sleep(0.01)
