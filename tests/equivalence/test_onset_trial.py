@@ -18,7 +18,7 @@ from rpctl.equivalence.onset import prediction
 from rpctl.equivalence.onset import trial as trial_module
 from rpctl.equivalence.onset.body import PushedBody
 from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, circle_radius, manoeuvres
-from rpctl.equivalence.onset.measurement import RUN_S, Measurement, measure
+from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, measure
 from rpctl.equivalence.onset.record import WITHIN, NoOnset, Onset, OnsetTrial
 from rpctl.equivalence.onset.trial import onset_trial
 from rpctl.equivalence.row import Skipped
@@ -47,7 +47,7 @@ def measured(
     assert contacts is not None
     tried = list(manoeuvres(dynamics, contacts, RUN_S, ending))[which]
     body = PushedBody(robot, friction, softness)
-    return measure(Measurement(dynamics, contacts, tried, body), guess)
+    return measure(OnsetRuns(dynamics, contacts, tried, body), guess)
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ WIDER = 1.3  # factor by which the bracket grows until it holds the onset
 MOST_BRACKETS = 12  # tries: beyond, there is no onset within a factor of twenty
 
 
-class Measurement:
+class OnsetRuns:
     """Runs of a manoeuvre in contact.
 
     Args:
@@ -124,25 +124,25 @@ class Measurement:
         self._body.advance(efforts, round(TICK_S / STEP_S))
 
 
-def measure(measurement: Measurement, guess: float) -> float:
+def measure(runs: OnsetRuns, guess: float) -> float:
     """Return the measured onset, infinite if there is none near the guess or beyond.
 
     Args:
-        measurement: The runs.
+        runs: The runs.
         guess: Where to begin to look; it decides how many runs it takes, not what they find.
     """
     low = high = guess
     for _ in range(MOST_BRACKETS):
-        if measurement.ends(high):
+        if runs.ends(high):
             break
         low, high = high, WIDER * high
     else:
         return math.inf
     for _ in range(MOST_BRACKETS):
-        if low != high and not measurement.ends(low):
+        if low != high and not runs.ends(low):
             break
         low, high = low / WIDER, low
     while high - low > RESOLUTION * high:
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if measurement.ends(middle) else (middle, high)
-    return measurement.extrapolated(0.5 * (low + high))
+        low, high = (low, middle) if runs.ends(middle) else (middle, high)
+    return runs.extrapolated(0.5 * (low + high))

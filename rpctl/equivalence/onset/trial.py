@@ -12,7 +12,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.mujoco_model import EngineRefused
 from rpctl.equivalence.onset.body import PushedBody
 from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, Manoeuvre, manoeuvres
-from rpctl.equivalence.onset.measurement import RUN_S, Measurement, measure
+from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, measure
 from rpctl.equivalence.onset.prediction import Predicted, SlipsFirst, natural_size, predict
 from rpctl.equivalence.onset.record import NoOnset, Onset, OnsetTrial
 from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
@@ -85,7 +85,7 @@ def _tried(dynamics: ReducedDynamics, contacts: Contacts, manoeuvre: Manoeuvre) 
         return NoOnset(manoeuvre.name, manoeuvre.ending, str(reason))
     body = PushedBody(dynamics.robot, grip.friction)
     guess = predicted.equal if math.isfinite(predicted.equal) else natural_size(dynamics, manoeuvre)
-    measured = measure(Measurement(dynamics, grip, manoeuvre, body), guess)
+    measured = measure(OnsetRuns(dynamics, grip, manoeuvre, body), guess)
     return Onset(
         manoeuvre=manoeuvre.name,
         ending=manoeuvre.ending,
