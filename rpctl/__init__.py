@@ -15,8 +15,10 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Approach": "rpctl.control.approach",
     "BaseLaw": "rpctl.control.twist_law",
     "BoundedDynamic": "rpctl.control.bounded",
+    "CarriedLoad": "rpctl.simulation.plants.carried_load",
     "Certificate": "rpctl.equivalence.certificate",
     "Command": "rpctl.control.law",
+    "ContactSettings": "rpctl.engines.mujoco.settings",
     "Controller": "rpctl.control.controller",
     "ControllerOutput": "rpctl.control.controller",
     "Disc": "rpctl.control.obstacles",
@@ -32,11 +34,13 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Leash": "rpctl.control.leash",
     "Limit": "rpctl.control.law",
     "LogUniform": "rpctl.study.distributions",
-    "MjcfSensors": "rpctl.engines.mujoco.sensors",
+    "MjcfRobot": "rpctl.engines.mujoco.sensors",
     "Normal": "rpctl.study.distributions",
     "PaperDynamic": "rpctl.control.dynamic",
     "PaperKinematic": "rpctl.control.kinematic",
     "Plant": "rpctl.simulation.plant",
+    "PlantModel": "rpctl.simulation.plants.protocol",
+    "PlantSample": "rpctl.simulation.plants.protocol",
     "ReducedDynamics": "rpctl.dynamics.reduced",
     "ReferenceState": "rpctl.reference.motion",
     "Rest": "rpctl.control.law",
@@ -44,6 +48,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Rollouts": "rpctl.study.rollouts",
     "RpctlError": "rpctl.errors",
     "Run": "rpctl.simulation.run",
+    "Slipping": "rpctl.simulation.plants.slipping",
     "SpeedLog": "rpctl.study.speed_log",
     "StatelessLaw": "rpctl.control.law",
     "Tracking": "rpctl.control.error",
@@ -52,6 +57,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "Uniform": "rpctl.study.distributions",
     "VelocityOutput": "rpctl.control.velocity_output",
     "Wheel": "rpctl.drive.drive",
+    "Wrench": "rpctl.simulation.plants.wrench",
     "as_reference": "rpctl.reference.function",
     "check_mjcf": "rpctl.simulation.mjcf_file",
     "derive_law": "rpctl.derive.law",
@@ -103,7 +109,8 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.drive.drive import Wheel as Wheel
     from rpctl.dynamics.derivatives import linearize as linearize
     from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
-    from rpctl.engines.mujoco.sensors import MjcfSensors as MjcfSensors
+    from rpctl.engines.mujoco.sensors import MjcfRobot as MjcfRobot
+    from rpctl.engines.mujoco.settings import ContactSettings as ContactSettings
     from rpctl.equivalence.certificate import Certificate as Certificate
     from rpctl.equivalence.state import draw_state as draw_state
     from rpctl.equivalence.verify import verify as verify
@@ -121,6 +128,11 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.simulation.mjcf_file import check_mjcf as check_mjcf
     from rpctl.simulation.mjcf_file import export_mjcf as export_mjcf
     from rpctl.simulation.plant import Plant as Plant
+    from rpctl.simulation.plants.carried_load import CarriedLoad as CarriedLoad
+    from rpctl.simulation.plants.protocol import PlantModel as PlantModel
+    from rpctl.simulation.plants.protocol import PlantSample as PlantSample
+    from rpctl.simulation.plants.slipping import Slipping as Slipping
+    from rpctl.simulation.plants.wrench import Wrench as Wrench
     from rpctl.simulation.run import Run as Run
     from rpctl.simulation.summary import summarize as summarize
     from rpctl.study.distributions import AnyOf as AnyOf

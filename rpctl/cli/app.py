@@ -100,7 +100,7 @@ COMMANDS = {
     "referee": LazyCommand(
         "rpctl.cli.referee:referee_command",
         "Drive a robot in other simulators as in the model, and tell why they disagree.",
-        "rpctl referee tiago",
+        "rpctl referee tiago --html referee.html",
     ),
     "stress": LazyCommand(
         "rpctl.cli.stress:stress_command",

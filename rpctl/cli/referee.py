@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -19,6 +20,7 @@ from rpctl.engines.installed import ENGINES, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
 from rpctl.engines.words import line, verdict_to_dict
 from rpctl.errors import RpctlError
+from rpctl.files.writing import require_writable
 from rpctl.robot.catalog import ENTRIES
 
 SMALL_UNITS = {"m": ("mm", 1e3), "rad": ("°", 180.0 / math.pi)}
@@ -39,6 +41,10 @@ def referee_command(
         float, typer.Option(help="Coefficient of the ground, where an engine's own is mended.")
     ] = FRICTION,
     duration: Annotated[float, typer.Option(help="How long the robot drives, s.")] = DURATION_S,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page: all engines' robots on one timeline."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a robot in other simulators as in the model, and tell why they disagree.
@@ -48,6 +54,10 @@ def referee_command(
     """
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     names = _robots(robots or [], catalogue)
+    if html is not None:
+        require_writable(html)
+        if len(names) > 1:
+            raise RpctlError("--html shows one robot; give one")
     found, missing = installed_engines(split_names(engines))
     for sentence in missing:
         say(f"left out: {sentence}", err=True)
@@ -59,7 +69,7 @@ def referee_command(
         for k, name in enumerate(names):
             advance(k, len(names))
             try:
-                judged[name] = _judge(name, options, found, (friction, duration))
+                judged[name] = _judge(name, options, found, (friction, duration), html)
             except RpctlError as error:
                 if len(names) == 1:
                     raise
@@ -92,10 +102,16 @@ def _judge(
     options: LoadOptions,
     engines: Sequence[Engine],
     motion: tuple[float, float],
+    html: Path | None,
 ) -> tuple[EngineVerdict, ...]:
-    """Return the verdicts on the engines for a robot."""
+    """Return the verdicts on the engines for a robot, and write the page if one is wanted."""
     judge = Referee(options.load(name), *motion)
-    return tuple(judge.judge(engine) for engine in engines)
+    verdicts = tuple(judge.judge(engine) for engine in engines)
+    if html is not None:
+        from rpctl.view.pages.referee import write_referee_page
+
+        write_referee_page(judge.robot, verdicts, html)
+    return verdicts
 
 
 def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, RpctlError]) -> None:

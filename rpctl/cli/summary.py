@@ -83,6 +83,8 @@ def show_summary(written: RunFolder, folder: Path) -> None:
         mark = "[yellow]ground[/]" if ground.could_slip else "ground"
         mark = "[bold red]ground[/]" if ground.would_slip or ground.would_tip else mark
         out.print(f"{mark} {escape(ground.sentence)}")
+    if summary.felt_ground is not None:
+        out.print(f"plant {escape(summary.felt_ground.sentence)}")
     if summary.energy_sentence is not None:
         out.print(summary.energy_sentence)
     out.print(f"simulated {summary.realtime_factor:.1f} times faster than real time")

@@ -36,13 +36,15 @@ class IntegralDynamic:
     the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
 
     Attributes:
-        gain: k of the base, 1/s.
+        gain: k of the base, 1/s. With the default TIAGo keeps within 2.2 mm of the eight in MuJoCo,
+            where its wheels scrub (10: 3.2 mm; 20: 1.7 mm); of a delay of 50 ms it leaves 15° of
+            phase (10: 28°; 20: 2°).
         inner: The law that finds the efforts.
         joint_gain: k of the arm's joints, 1/s; None: of each what its bandwidth allows, see
             :func:`~rpctl.control.bandwidth.joint_gains`.
     """
 
-    gain: float = 10.0
+    gain: float = 15.0
     inner: BoundedDynamic = field(default_factory=BoundedDynamic)
     joint_gain: float | None = None
 

@@ -34,6 +34,7 @@ def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str
 def _start(module: str, kind: str, found: list[Engine], missing: list[str]) -> None:
     """Add an engine to those found, or the sentence on how to install it to those missing."""
     try:
-        found.append(cast("Engine", getattr(import_module(module), kind)()))
+        engine = cast("Engine", getattr(import_module(module), kind)())
+        found.extend([engine] if engine.version else [])  # its library is asked, and so imported
     except EngineMissing as error:
         missing.append(str(error))

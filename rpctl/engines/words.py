@@ -37,7 +37,7 @@ def cause_words(cause: Cause, friction: float) -> str:
     """
     fault = ", and ".join(switch.fault for switch in cause.switches)
     does = f" (alone: {cause.gaps[0].words})" if cause.gaps else " (with the others only)"
-    return f"{fault}{does}; {_setting(cause, friction)}"
+    return f"{fault}{does}; {setting(cause, friction)}"
 
 
 def verdict_to_dict(verdict: EngineVerdict) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def verdict_to_dict(verdict: EngineVerdict) -> dict[str, Any]:
             {
                 "switches": list(cause.names),
                 "fault": "; ".join(switch.fault for switch in cause.switches),
-                "setting": _setting(cause, verdict.friction),
+                "setting": setting(cause, verdict.friction),
                 "alone": [_gap_to_dict(gap) for gap in cause.gaps],
             }
             for cause in (found.causes if found else ())
@@ -64,7 +64,13 @@ def verdict_to_dict(verdict: EngineVerdict) -> dict[str, Any]:
     }
 
 
-def _setting(cause: Cause, friction: float) -> str:
+def setting(cause: Cause, friction: float) -> str:
+    """Return the setting that mends a cause.
+
+    Args:
+        cause: The cause.
+        friction: Coefficient of the ground, written where a setting says MU.
+    """
     settings = "; ".join(switch.setting for switch in cause.switches)
     return settings.replace("MU", f"{friction:g}")
 

@@ -365,7 +365,7 @@ def _as_plant(plant: str | Plant | PlantModel | None, robot: Robot) -> Plant:
             f"the plant is {plant!r}; give {', '.join(PLANTS)}, a Plant, or an object with "
             "start(robot, rest)"
         )
-    return Plant(own=plant)
+    return Plant(kind="own", own=plant)
 
 
 def _called(reference: Reference) -> str:

@@ -1,8 +1,8 @@
 """Laws of older files: what the settings that they lack stood for when they were written.
 
 A setting that a table leaves out has its default of today. Up to schema 5, laws had no leash, no
-stage for far starts and no gains of the joints' own, and M and h were those of the sample: their
-defaults would make an old run one that never was.
+stage for far starts and no gains of the joints' own, M and h were those of the sample, and the
+integral's gain was 10 1/s: their defaults would make an old run one that never was.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ UP_TO_5: dict[object, Table] = {  # by law
     Kanayama: NO_STAGES,
     FeedbackLinearization: NO_STAGES,
     BoundedDynamic: {"midpoint": False},
-    IntegralDynamic: {"inner": {}},
+    IntegralDynamic: {"inner": {}, "gain": 10.0},
     Horizon: {"fallback": {"law": "unified"}, "approach": False},
     EndEffector: {"base": {"law": "horizon"}},
 }

@@ -29,7 +29,7 @@ from rpctl.simulation.plants.sensor_settings import SensorBias, require_bits
 from rpctl.simulation.plants.slipping import Slipping
 from rpctl.simulation.plants.wrench import Wrench
 
-PLANT_KINDS = ("rolling", "slipping", "contact")
+PLANT_KINDS = ("rolling", "slipping", "contact", "own")
 
 
 def require_not_negative(name: str, value: float) -> None:
@@ -91,8 +91,8 @@ class Plant:
         dead_time: Time until such a robot begins to follow, s; None: as the controller knows it.
         seed: Of all that is drawn at random.
         kind: What moves it: ``"rolling"``, wheels that roll without slipping, as the controller's
-            model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo. The coefficient of friction
-            is the run's.
+            model has it; ``"slipping"``, tyres; ``"contact"``, MuJoCo; ``"own"``, what
+            ``own`` is. The coefficient of friction is the run's.
         slipping: The tyres of a slipping one.
         contact: How a robot in MuJoCo meets the ground.
         own: A simulator of the user's in their place, in which nothing else of a plant counts.

@@ -20,6 +20,7 @@ from rpctl.errors import RpctlError
 from rpctl.files.toml import Table
 from rpctl.simulation.config import LAW_REGISTRIES, Config, config_from_tables
 from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.plant import Plant
 
 BIAS_KEY = "bias of "  # and an actuator: what older files call a bias of the efforts
 
@@ -41,8 +42,14 @@ def recorded(config: Config, periods: int) -> Config:
         run=dataclasses.replace(
             run, duration=periods * run.control_period, initial_error=(x1, x2, x3)
         ),
-        plant=dataclasses.replace(plant, delay=delay, controller_model=None, own=None),
+        plant=_recorded_plant(plant, delay),
     )
+
+
+def _recorded_plant(plant: Plant, delay: float) -> Plant:
+    """Return a plant as a run keeps it, with the delay (s) that was simulated."""
+    kind = plant.kind if plant.own is None else "own"
+    return dataclasses.replace(plant, kind=kind, delay=delay, controller_model=None, own=None)
 
 
 def recordable(law: Any, kind: Registry) -> Any:

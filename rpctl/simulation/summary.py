@@ -12,6 +12,7 @@ from rpctl.arrays import Array
 from rpctl.reference.sizing import Sizing
 from rpctl.simulation.collision_facts import Collision, LinkClearance
 from rpctl.simulation.columns import split
+from rpctl.simulation.felt_ground import FeltGround, felt_ground
 from rpctl.simulation.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.outcome import STUCK, SUCCESSES, outcome, trace_points
 from rpctl.simulation.path_error import PathFigures, path_figures
@@ -169,6 +170,7 @@ class Summary:
     clearances: tuple[LinkClearance, ...] = ()
     collisions: tuple[Collision, ...] = ()
     collision_notes: tuple[str, ...] = ()
+    felt_ground: FeltGround | None = None
 
     @property
     def succeeded(self) -> bool:
@@ -194,6 +196,8 @@ class Summary:
             else:
                 found[name] = value
         found["sizing"] = None if self.sizing is None else self.sizing.to_dict()
+        if self.felt_ground is not None:
+            found["felt_ground"]["sentence"] = self.felt_ground.sentence
         found["kinematic_report"] = self.kinematic_report or None
         found["collisions"] = [{**asdict(c), "sentence": c.sentence} for c in self.collisions]
         found["limits_bound"] = [{**asdict(b), "told": b.sentence} for b in self.limits_bound]
@@ -256,6 +260,7 @@ def summarize(run: Run) -> Summary:
         clearances=() if bodies is None else bodies.clearances,
         collisions=collisions,
         collision_notes=() if bodies is None else bodies.remarks,
+        felt_ground=felt_ground(run),
     )
 
 

@@ -40,7 +40,7 @@ def charts(run: Run) -> tuple[Chart, ...]:
 def each_chart(run: Run) -> Iterator[Chart]:
     """Yield these charts one by one: the lines of all at once are most of a long run's memory."""
     for make in (_base_error, _tip_error, _joint_errors, _speeds, _efforts, _margins, _loads,
-                 _clearances):  # fmt: skip
+                 _slips, _clearances):  # fmt: skip
         made = make(run)
         for chart in [made] if isinstance(made, Chart) else made:
             if chart.lines:
@@ -237,6 +237,14 @@ def _loads(run: Run) -> Chart:
     bands: list[tuple[Array, Array] | None] = [None] * len(run.ground.contacts)
     if run.log.load_range.size:
         bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
+    if run.log.ground_load.size:  # what the plant has, not what the reduced model makes of it
+        lines = tuple(
+            Line(name, "N", load, k)
+            for k, (name, load) in enumerate(
+                zip(run.ground.contacts, run.log.ground_load.T, strict=True)
+            )
+        )
+        return Chart("Ground loads", "N", lines, note="as the plant has them", named=True)
     lines = tuple(
         Line(name, "N", load, k, band=band)
         for k, (name, load, band) in enumerate(
@@ -245,6 +253,18 @@ def _loads(run: Run) -> Chart:
     )
     note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
     return Chart("Ground loads", "N", lines, note=note, named=True)
+
+
+def _slips(run: Run) -> Chart:
+    """Return how fast the wheels slip over the ground; no panel has it."""
+    speeds = np.linalg.norm(run.log.wheel_slip, axis=2).T if run.log.wheel_slip.size else ()
+    lines = tuple(
+        Line(wheel.joint, "mm/s", 1e3 * speed, k)
+        for k, (wheel, speed) in enumerate(zip(run.robot.drive.wheels, speeds, strict=False))
+    )
+    return Chart(
+        "Wheel slip", "mm/s", lines, note="of the contact point over the ground", named=True
+    )
 
 
 def _clearances(run: Run) -> list[Chart]:

@@ -61,7 +61,9 @@ def test_what_is_the_same_agrees() -> None:
 def longer(ratio: float) -> EngineRecording:
     pose = arc().pose.copy()
     pose[:, :2] *= ratio
-    return replace(arc(), pose=pose)
+    root = arc().root.copy()
+    root[:, :2] = pose[:, :2]
+    return replace(arc(), pose=pose, root=root)
 
 
 def turned(ratio: float) -> EngineRecording:

@@ -79,7 +79,7 @@ def test_every_law_reads_back_as_it_was() -> None:
     dynamic: dict[str, Any] = {
         "paper": PaperDynamic(),
         "bounded": BOUNDED,
-        "integral": IntegralDynamic(inner=BOUNDED, joint_gain=10.0),
+        "integral": IntegralDynamic(inner=BOUNDED, joint_gain=15.0),
     }
     assert dynamic.keys() == DYNAMIC_LAWS.keys()
     for name, each in dynamic.items():
@@ -108,5 +108,5 @@ def test_what_a_file_says_stands_and_what_no_law_is_known_by_stays() -> None:
     assert (none_named.kinematic, none_named.dynamic) == (UNIFIED, PaperDynamic())
     short = {"dynamic": {"law": "integral"}, "kinematic": {"law": "end-effector"}}
     found = config_of(tables_up_to_5(short))
-    assert found.dynamic == IntegralDynamic(inner=BOUNDED, joint_gain=10.0)
+    assert found.dynamic == IntegralDynamic(10.0, BOUNDED, joint_gain=10.0)
     assert found.kinematic == EndEffector(base=Horizon(fallback=UNIFIED, approach=None))

@@ -67,7 +67,7 @@ def test_the_least_cost_is_found_and_validated(
     found = optimise(paper, study_of(paper, tmp_path, statistic), out)
     gain = found["settings"][KNOWN]["after"]
     assert gain == pytest.approx(20.0, abs=0.3)
-    assert (found["settings"][KNOWN]["before"], found["settings"][KNOWN]["range"]) == (10, [1, 30])
+    assert (found["settings"][KNOWN]["before"], found["settings"][KNOWN]["range"]) == (15, [1, 30])
     assert setting(read_config(out / "optimized.toml"), KNOWN) == gain
     assert json.loads((out / "optimum.json").read_text()) == json.loads(
         json.dumps(found).replace("Infinity", "null")
@@ -77,7 +77,7 @@ def test_the_least_cost_is_found_and_validated(
     assert checked["runs"] == 60
     assert checked["better"]["value"] == 1.0
     share = {"": 0.5, "statistic = 'quantile'": 0.95}.get(statistic, 1.0)
-    for name, at in (("before", 10.0), ("after", gain)):
+    for name, at in (("before", 15.0), ("after", gain)):
         expected = 0.1 + 0.01 * (at - 20.0) ** 2 + 0.01 * share
         each = checked[name]
         assert each["statistic"]["value"] == pytest.approx(expected, abs=0.002)
@@ -180,9 +180,9 @@ def test_the_walk_finds_a_minimum_in_three_dimensions_and_begins_where_it_is_tol
 
 def test_the_start_is_what_the_configuration_has() -> None:
     config = Config()
-    ranges = Scatter((KNOWN, "kinematic.horizon"), (LogUniform(1.0, 100.0), Uniform(0.0, 1.3)))
+    ranges = Scatter((KNOWN, "kinematic.horizon"), (LogUniform(1.5, 150.0), Uniform(0.0, 1.3)))
     assert start_point(config, ranges) == pytest.approx([0.5, 0.5])
-    assert start_point(config, Scatter((KNOWN,), (Uniform(11.0, 12.0),))) is None
+    assert start_point(config, Scatter((KNOWN,), (Uniform(16.0, 17.0),))) is None
     assert start_point(config, Scatter(("dynamic.joint_gain",), (Uniform(1.0, 12.0),))) is None
 
 

@@ -25,6 +25,14 @@ SCATTER = {
     "run.initial_error.y": Normal(0.0, 0.05),
     "kinematic.horizon": Uniform(0.3, 0.5),
     "plant.joint_friction.wheel_*": Uniform(0.0, 0.1),
+    "plant.payload.mass": Uniform(0.1, 2.0),
+    "plant.losses": Uniform(0.5, 3.0),
+    "plant.effort": Uniform(0.1, 0.9),
+    "plant.effort_lag": Uniform(0.001, 0.02),
+    "plant.backlash.arm_*": Uniform(0.0, 0.001),
+    "plant.encoder_bits": Uniform(10.0, 16.0),
+    "plant.sensor_bias.heading": Uniform(-0.01, 0.01),
+    "plant.slope.along_x": Uniform(-0.02, 0.02),
 }
 SHORT: dict[str, Any] = {"duration": 0.1, "control_period": 0.01, "plant_step": 0.01}
 
@@ -39,6 +47,12 @@ def test_a_row_is_replayed_by_its_configuration_file(
 ) -> None:
     config = read_config(write_config(runs.config(2), tmp_path / "run.toml"))
     run = simulate(paper, config, collisions=False)
+    drawn = dict(zip(runs.names, runs.parameters[2].tolist(), strict=True))
+    plant = config.plant
+    assert plant.encoder_bits == round(drawn["plant.encoder_bits"])
+    found = plant.payload.mass, plant.losses, plant.effort, plant.effort_lag, plant.slope[0]
+    names = "payload.mass", "losses", "effort", "effort_lag", "slope.along_x"
+    assert found == tuple(drawn[f"plant.{name}"] for name in names)
     merits, verdict = run_merits(run)
     assert {name: runs.merits[name][2] for name in merits} == merits
     assert verdict == (runs.outcomes[2], runs.results.reasons[2])

@@ -21,11 +21,11 @@ from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mjcf import Part, numbers, to_bytes, write_model
 from rpctl.engines.mujoco.mjcf_certificate import MjcfCertificate, plain_checks
 from rpctl.engines.mujoco.prepare import prepare
-from rpctl.engines.mujoco.sensors import HOW, sensor_parts
+from rpctl.engines.mujoco.sensors import HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.strict_mjcf import StrictMjcf, parse_mjcf
 from rpctl.engines.mujoco.table import tabulate
-from rpctl.engines.mujoco.trial import HOME, run_on_ground, settle
+from rpctl.engines.mujoco.trial import run_on_ground, settle
 from rpctl.engines.mujoco.witness import compare_with_witness, take_witness
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.row import Check, Skipped

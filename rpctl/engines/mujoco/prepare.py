@@ -11,6 +11,7 @@ from typing import Any
 
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.rollers import has_rollers
+from rpctl.engines.mujoco.sensors import FREE
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
@@ -37,7 +38,7 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     spec = built.spec
     for body in spec.bodies:
         for joint in body.joints:
-            joint.name = joint.name or f"{body.name}_free"
+            joint.name = joint.name or f"{body.name}{FREE}"
     for site in spec.sites:
         site.group = LINK_GROUP
     for geom in spec.geoms:

@@ -18,12 +18,15 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.basis import selection
 from rpctl.dynamics.rolling import find_rolling
+from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mjcf import Part
 from rpctl.errors import RpctlError
-from rpctl.robot.coordinates import write_root
+from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
 
+HOME = "home"  # the keyframe in which a file's robot stands
+FREE = "_free"  # ends the name of the root link's joint
 BASE = {
     "base_position": "framepos",
     "base_quaternion": "framequat",
@@ -33,7 +36,7 @@ BASE = {
 HOW = (
     "q: x, y of base_position, heading of base_quaternion, JOINT_position; nu: base_velocity along "
     "the heading and to its left and the z of base_turning make the speeds of the base, "
-    "JOINT_velocity the rates of the joints; rpctl.MjcfSensors(robot, model).state(data) returns "
+    "JOINT_velocity the rates of the joints; rpctl.MjcfRobot(robot, model).state(data) returns "
     "(q, nu)"
 )
 
@@ -54,8 +57,8 @@ def sensor_parts(robot: Robot, root: str) -> list[Part]:
     return parts
 
 
-class MjcfSensors:
-    """The sensors of an exported file, read as the state that a controller takes.
+class MjcfRobot:
+    """The robot in an exported file: its stand, its state as a controller takes it, its motors.
 
     Args:
         robot: The robot that was exported.
@@ -67,9 +70,13 @@ class MjcfSensors:
     Example::
 
         model = mujoco.MjModel.from_xml_path("tiago.xml")
-        sensors = rpctl.MjcfSensors(robot, model)
-        q, nu = sensors.state(data)
-        data.ctrl[sensors.actuators] = controller.step(data.time, q, nu).efforts
+        data = mujoco.MjData(model)
+        exported = rpctl.MjcfRobot(robot, model)
+        exported.place(data)
+        while data.time < 10.0:
+            q, nu = exported.state(data)
+            data.ctrl[exported.actuators] = controller.step(data.time, q, nu).efforts
+            mujoco.mj_step(model, data, nstep=2)
 
     Attributes:
         actuators: Places of the robot's actuators in ``data.ctrl`` (n_act,).
@@ -83,6 +90,7 @@ class MjcfSensors:
         self._positions = [self._address(f"{name}_position", 1).start for name in joints]
         self._rates = [self._address(f"{name}_velocity", 1).start for name in joints]
         self._index = [robot.velocity_index(name) for name in joints]
+        self._root = f"{body_name(robot.description.root)}{FREE}"
         self._selection = selection(robot, find_rolling(robot))
         kind = self._mujoco.mjtObj.mjOBJ_ACTUATOR
         self.actuators = [self._find(kind, "actuator", name) for name in robot.actuators]
@@ -107,6 +115,25 @@ class MjcfSensors:
         v[:BASE_NV] = cos * vx + sin * vy, cos * vy - sin * vx, turning
         v[self._index] = measured[self._rates]
         return q, np.asarray(self._selection @ v)
+
+    def place(self, data: Any, q: Array | None = None) -> None:
+        """Put the robot at rest into the stand of the file's keyframe, and there to q.
+
+        Args:
+            data: ``MjData`` of the model.
+            q: Configuration (nq,); None: at the origin, at home.
+        """
+        key = self._find(self._mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME)
+        self._mujoco.mj_resetDataKeyframe(self._model, data, key)
+        if q is not None:
+            x, y, heading = read_root(q)
+            turn = np.array([math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)])
+            free = data.joint(self._root)
+            free.qpos[:2] = x, y
+            free.qpos[3:7] = turn
+            for name in self._robot.moving_joint_names:
+                data.joint(name).qpos[0] = self._robot.joint_position(q, name)
+        self._mujoco.mj_forward(self._model, data)
 
     def _address(self, name: str, size: int) -> slice:
         index = self._find(self._mujoco.mjtObj.mjOBJ_SENSOR, "sensor", name)

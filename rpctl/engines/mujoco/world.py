@@ -223,8 +223,8 @@ class MujocoWorld:
         finally:
             mujoco.set_mju_user_warning(known)
         warned = mujoco.mjtWarning
-        bad = (warned.mjWARN_BADQPOS, warned.mjWARN_BADQVEL, warned.mjWARN_BADQACC)
-        if any(data.warning[int(kind)].number for kind in bad):
+        bad = ("QPOS", "QVEL", "QACC", "CTRL")
+        if any(data.warning[int(getattr(warned, f"mjWARN_BAD{kind}"))].number for kind in bad):
             raise DivergedError(
                 f"the motion in MuJoCo diverged at {data.time:.3f} s; shorten the timestep of "
                 "[plant.contact], or lengthen the controller's horizons"

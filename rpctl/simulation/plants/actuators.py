@@ -58,13 +58,13 @@ class Actuators:
             self._backlash = Backlash(dynamics, widths, rotors, self._exerted)
 
     def at(self, command: Array) -> Array:
-        """Return the efforts (n_act,) on the joints at the moment when a command comes.
+        """Return the efforts (n_act,) that they exert at the moment when a command comes.
+
+        That is before the backlash, whose impacts no actuator exerts.
 
         Args:
             command: Efforts (n_act,), N·m or N.
         """
-        if self._backlash is not None:
-            return self._backlash.transmitted
         return self._exerted if self._lag else self._saturated(command)
 
     def true_efforts(

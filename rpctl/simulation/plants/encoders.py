@@ -15,13 +15,13 @@ TURN = 2.0 * math.pi
 
 
 class Encoders:
-    """Encoders on the driven wheels, the steered swivels and the arm's joints of a robot.
+    """Encoders on the driven wheels, the swivels that are driven and the arm's joints of a robot.
 
     A step is a turn by 2^bits; of a prismatic joint its range by 2^bits. Positions are rounded to
     whole steps. A rate is the difference of two rounded positions over the time between them, and
-    the base's speeds are those of odometry: of least squares, what rates of the driven wheels say
-    of a robot that rolls, its steering and its joints at the encoders' rates. Where the driven
-    wheels do not determine them, all wheels have encoders.
+    the base's speeds are those of odometry: what the rates of driven wheels and casters say of a
+    robot that rolls, in the sense of least squares, its steering and its joints at the encoders'
+    rates. They determine them: efforts of the same joints can drive all of them.
 
     The pose of the base is not theirs to measure: whoever localises it has his own errors, which
     are noise.
@@ -32,19 +32,17 @@ class Encoders:
     """
 
     def __init__(self, robot: Robot, bits: int) -> None:
-        self._dynamics, drive = ReducedDynamics(robot), robot.drive
-        steered = [swivel.joint for swivel in drive.steered]
+        self._dynamics = ReducedDynamics(robot)
+        steered = [swivel.joint for swivel in robot.drive.steered]
         measured = [*dict.fromkeys((*robot.joint_names, *steered))]
         self._rates = [measured.index(n) for n in robot.quasi_velocities if n in measured]
         self._joints = np.array([n in measured for n in robot.quasi_velocities], dtype=bool)
-        wheels = [wheel.joint for wheel in drive.wheels if wheel.driven]
-        if not self._determine(robot, wheels):
-            wheels = [wheel.joint for wheel in drive.wheels]
+        wheels = [name for name in robot.actuators if name not in measured]
         self._wheels = [robot.velocity_index(name) for name in wheels]
         self._written = len(measured)
         names = (*measured, *wheels)
         self._entries = [robot.entries[name] for name in names]
-        self._turns = np.array([self._entry_turns(robot, name) for name in names], dtype=bool)
+        self._turns = np.array([robot.entries[name].is_pair for name in names], dtype=bool)
         self._steps = np.array([_range(robot, name) for name in names]) / 2.0**bits
         self._before: tuple[float, Array] | None = None
 
@@ -75,18 +73,6 @@ class Encoders:
             left = rates[self._written :] - rolling @ measured
             measured[base] = np.linalg.lstsq(rolling[:, base], left, rcond=None)[0]
         return found, measured
-
-    def _determine(self, robot: Robot, wheels: list[str]) -> bool:
-        """Return whether the rates of some wheels determine the speeds of the base."""
-        base = ~self._joints
-        rows = [robot.velocity_index(name) for name in wheels]
-        rolling = self._dynamics.basis(robot.configuration())[rows][:, base]
-        return not base.any() or bool(np.linalg.matrix_rank(rolling) == base.sum())
-
-    @staticmethod
-    def _entry_turns(robot: Robot, name: str) -> bool:
-        """Return whether the position of a joint is known up to full turns."""
-        return robot.entries[name].is_pair
 
 
 def _range(robot: Robot, name: str) -> float:

@@ -22,6 +22,8 @@ from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.wrench import pushes
 from rpctl.simulation.velocity_plant import VelocityPlant
 
+CLOCK_S = 1e-6  # s: of a user's simulator, rounding of its clock
+
 
 class PlantState(NamedTuple):
     """The true state of a plant at a sample.
@@ -190,7 +192,7 @@ class OwnInterface:
     notes: tuple[str, ...] = ()
 
     def __init__(self, plant: RunningPlant, rest: Rest, dof: int) -> None:
-        self._plant = plant
+        self._plant, self._t = plant, 0.0
         self._output: ControllerOutput | None = None
         self.state = PlantState(rest.q, np.zeros(dof), 0.0, 0.0, {})
 
@@ -203,5 +205,10 @@ class OwnInterface:
         """Advance the robot to the next sample; see :class:`Interface`."""
         if self._output is None:
             raise RpctlError("the plant was commanded nothing")
-        sample = self._plant.step(self._output, duration)
+        sample, self._t = self._plant.step(self._output, duration), self._t + duration
+        if not abs(sample.t - self._t) <= CLOCK_S:
+            raise RpctlError(
+                f"the plant measures at t = {sample.t:g} s, where it was to be advanced to "
+                f"{self._t:g} s; let it go on by the whole dt"
+            )
         self.state = self.state._replace(q=sample.q, nu=sample.nu)

@@ -125,7 +125,7 @@ class SlipStepper:
     def step(
         self, state: SlipState, tau: Array, dt: float, wrenches: Sequence[Wrench] = ()
     ) -> tuple[SlipState, float, float]:
-        """Return the state after ``dt``, the work of the efforts and what was lost, J.
+        """Return the state after ``dt``, the work of efforts and pushes and what was lost, J.
 
         Work and loss are impulses times the mean of the speeds before and after, as in
         :func:`rpctl.dynamics.motion.imex_step`.
@@ -165,8 +165,11 @@ class SlipStepper:
             tips=last.loads.tips,
             held=middle.held or last.held,
         )
-        work = 0.5 * dt * float(given.dot(v1 + v3))
-        return after, work, -0.5 * float(impulse.dot(y + last.y))
+        work = given.dot(v1 + v3)
+        if wrenches:
+            (before, _), (then, _) = (self.tree.pushes(each, wrenches) for each in (at.q, end))
+            work += before.dot(v1) + then.dot(v3)
+        return after, 0.5 * dt * float(work), -0.5 * float(impulse.dot(y + last.y))
 
     def _push(
         self, at: Posture, y: Array, given: Array, wrenches: Sequence[Wrench]

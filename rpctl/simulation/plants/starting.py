@@ -70,6 +70,10 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
         RpctlError: The robot cannot be simulated so, or what simulates it is not installed.
     """
     plant, run = config.plant, config.run
+    if plant.kind == "own":
+        raise RpctlError(
+            "the plant was a simulator of the user's, which no file can hold; give another kind"
+        )
     if plant.kind == "slipping":
         return SlippingMotion(dynamics.robot, plant.slipping, run.friction, rest.q, run.plant_step)
     if plant.kind == "contact":

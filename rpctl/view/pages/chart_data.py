@@ -59,6 +59,30 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def drawn_charts(times: Array, charts: Sequence[Chart]) -> dict[str, Any]:
+    """Return charts on one time axis (n,), s, ready for JSON; none has more than MAX_POINTS.
+
+    Args:
+        times: The axis.
+        charts: Their lines have n values each.
+    """
+
+    def whole(values: Array) -> Array:
+        return values
+
+    return {
+        "x": packed(times),
+        "charts": [
+            {
+                "title": chart.title,
+                "note": chart.note,
+                "variants": [{"label": "", **_variant(chart, [whole])}],
+            }
+            for chart in charts
+        ],
+    }
+
+
 def _clipped_charts(run: Run) -> Iterator[Chart]:
     """Yield the charts of a run, each clipped at its top; a band beyond it has no upper bound."""
     for chart in each_chart(run):

@@ -79,6 +79,8 @@ def merits_section(run: Run, summary: Summary) -> str:
         sentences.append(f"{summary.energy_sentence[0].upper()}{summary.energy_sentence[1:]}.")
     if summary.ground.sentence:
         sentences.append(f"On the ground: {summary.ground.sentence}.")
+    if summary.felt_ground is not None:
+        sentences.append(f"In the plant: {summary.felt_ground.sentence}.")
     details = "".join(f"<li>{escape(text)}</li>" for text in sentences)
     body = f'<ul class="notes">{details}</ul>'
     return section("Tracking error" + marks, definitions(rows) + body)

@@ -25,7 +25,7 @@ from rpctl.view.pages.poles import poles_section
 from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
 from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
 from rpctl.view.pages.timeline import timeline_marks
-from rpctl.view.scene.scene import Scene, build_scene
+from rpctl.view.scene.scene import Scene, build_scene, node_prefix
 
 STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
 MARK_TAG = '<meta name="rpctl-run" content="$run">'  # of the template, right after the policy
@@ -99,7 +99,7 @@ def report_page(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summ
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
-    return _encoded(single(run, robot, scene, summary))
+    return page_bytes(single(run, robot, scene, summary))
 
 
 def comparison_page(
@@ -117,7 +117,7 @@ def comparison_page(
     Raises:
         RpctlError: There are more or fewer names than runs, or meshcat lacks its viewer.
     """
-    return _encoded(compare(runs, names, robots or [robot_of(run) for run in runs]))
+    return page_bytes(compare(runs, names, robots or [robot_of(run) for run in runs]))
 
 
 def robot_of(
@@ -172,7 +172,7 @@ def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) 
         panel=panel(run, summary, scene.notes, poles_section(run, robot)),
         duration=scene.duration,
         data={
-            **_scene_data([scene], scene),
+            **scene_data([scene], scene),
             **overlay(robot, run, scene.times),
             "plots": chart_data([run], [run.robot.name]),
         },
@@ -207,7 +207,7 @@ def compare(
         legend=compare_legend(runs, names, scene.stand_ins),
         panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
         duration=scene.duration,
-        data={**_scene_data(scenes, scene), "plots": chart_data(runs, names)},
+        data={**scene_data(scenes, scene), "plots": chart_data(runs, names)},
     )
 
 
@@ -231,7 +231,8 @@ def _names(runs: Sequence[Run]) -> list[str]:
     return [f"{k}: {name}" for k, name in enumerate(plain, 1)]
 
 
-def _encoded(page: Page) -> bytes:
+def page_bytes(page: Page) -> bytes:
+    """Return a page as a file's bytes."""
     return _render(page).encode("utf-8", "backslashreplace")
 
 
@@ -264,15 +265,11 @@ def _scripts() -> tuple[str, str, str]:
     return meshcat_script(), uplot_script(), own
 
 
-def _scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
+def scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
     """Return the page's data of the runs' scenes and of the scene merged from them."""
     return {
         "runs": [
-            {
-                "prefix": f"run{k}-" if k > 1 else "",
-                "duration": each.duration,
-                "frames": len(each.times),
-            }
+            {"prefix": node_prefix(k), "duration": each.duration, "frames": len(each.times)}
             for k, each in enumerate(scenes, 1)
         ],
         "duration": scene.duration,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.obstacles import run_obstacles
 from rpctl.simulation.reload import has_surroundings
@@ -83,14 +84,14 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         poses, ghost = base_poses(run.q[frames]), base_poses(run.q_ref[frames])
     else:
         bodies = build_bodies(robot, triangles)
-        poses = joint_poses(robot, run.q[frames])
+        poses = joint_poses(robot, run.q[frames], run.log.root_pose[frames])
         ghost = joint_poses(robot, run.q_ref[frames])
     joints = sorted({part.joint for part in bodies.parts})
     paths = _paths(run, frames)
     run.log.release()
-    first = _cloud(bodies, joints, poses[:1])
+    first = part_cloud(bodies, joints, poses[:1])
     cloud = np.concatenate(
-        [_cloud(bodies, joints, poses), _cloud(bodies, joints, ghost), *paths.values()]
+        [part_cloud(bodies, joints, poses), part_cloud(bodies, joints, ghost), *paths.values()]
     )
     obstacles, ground = run_obstacles(run), run.robot.drive.ground
     size = float(first[:, 2].max()) - ground
@@ -113,7 +114,7 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         times=times,
         lower=lower,
         upper=upper,
-        hull=_hull(cloud),
+        hull=hull_points(cloud),
         start=np.stack([first.min(axis=0), first.max(axis=0)]),
         follow=f"{ACTUAL}-{joints[0]}",
         origin=poses[0, joints[0], :3],
@@ -182,17 +183,29 @@ def _frames(t: Array) -> NDArray[np.int64]:
     return np.unique(np.rint(np.linspace(0, len(t) - 1, count)).astype(np.int64))
 
 
-def joint_poses(robot: Robot, q: Array) -> Array:
+def joint_poses(robot: Robot, q: Array, roots: Array | None = None) -> Array:
     """Return the poses (n, njoints, 7) of all joints at configurations (n, nq).
 
     A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
+
+    Args:
+        robot: The robot.
+        q: Configurations (n, nq).
+        roots: Poses of the root link (n, 7) over the ground, where it may tilt and hop; (n, 0) or
+            None: it stays level.
     """
+    tilted = roots is not None and roots.shape[1] > 0
     data = robot.model.createData()
     poses = np.empty((len(q), robot.model.njoints, 7))
     for k, configuration in enumerate(q):
         pin.forwardKinematics(robot.model, data, configuration)
+        moved = pin.SE3.Identity()
+        if tilted and roots is not None:
+            root = pin.XYZQUATToSE3(roots[k])
+            root.translation[2] += robot.drive.ground
+            moved = root * data.oMi[ROOT_JOINT].inverse()
         for j, placement in enumerate(data.oMi):
-            poses[k, j] = pin.SE3ToXYZQUAT(placement)
+            poses[k, j] = pin.SE3ToXYZQUAT(moved * placement if j and tilted else placement)
     return poses
 
 
@@ -240,8 +253,14 @@ def _desired_samples(t: Array, frames: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.rint(np.linspace(0, last, MAX_FRAMES)).astype(np.int64)
 
 
-def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
-    """Return the corners (n, 3) of the boxes around all parts as they move, m."""
+def part_cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
+    """Return the corners (n, 3) of the boxes around all parts as they move, m.
+
+    Args:
+        bodies: What is drawn.
+        joints: The joints that carry it.
+        poses: Of all joints (k, njoints, 7): position, m, and quaternion x, y, z, w.
+    """
     clouds = [np.empty((0, 3))]
     for joint in joints:
         corners = bounding_corners(bodies, joint)
@@ -252,7 +271,7 @@ def _cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
     return np.concatenate(clouds)
 
 
-def _hull(cloud: Array) -> Array:
+def hull_points(cloud: Array) -> Array:
     """Return the extreme points (n, 3) of a cloud in evenly spread directions."""
     count = 128
     heights = np.linspace(-1.0, 1.0, count)
@@ -296,11 +315,25 @@ def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> b
     tracks = []
     for joint in joints:
         for name, motion in ((f"{ACTUAL}-{joint}", poses), (f"{REFERENCE}-{joint}", ghost)):
-            places, turns = motion[:, joint, :3], motion[:, joint, 3:]
-            kept = keyframes.position_keyframes(times, places)
-            tracks.append(threejs.track(f"{name}.position", "vector3", times[kept], places[kept]))
-            kept = keyframes.rotation_keyframes(times, turns)
-            tracks.append(
-                threejs.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept])
-            )
+            tracks += motion_tracks(name, times, motion[:, joint])
     return threejs.set_animation(f"{ROBOTS_PATH}/<object>", tracks)
+
+
+def node_prefix(run: int) -> str:
+    """Return what the names of a run's nodes begin with; runs are counted from 1."""
+    return f"run{run}-" if run > 1 else ""
+
+
+def motion_tracks(name: str, times: Array, motion: Array) -> list[threejs.Json]:
+    """Return the tracks of a node's position and quaternion.
+
+    Args:
+        name: The node.
+        times: Of the frames (n,), s.
+        motion: Its poses (n, 7): position, m, and quaternion x, y, z, w.
+    """
+    places, turns = motion[:, :3], motion[:, 3:]
+    kept = keyframes.position_keyframes(times, places)
+    tracks = [threejs.track(f"{name}.position", "vector3", times[kept], places[kept])]
+    kept = keyframes.rotation_keyframes(times, turns)
+    return [*tracks, threejs.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept])]

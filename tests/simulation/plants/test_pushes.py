@@ -17,6 +17,7 @@ from rpctl.dynamics.reduced import OutsideForce
 from rpctl.errors import UnknownNameError
 from rpctl.robot.vary import add_losses
 from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.slipping import Slipping, SlippingMotion
 from rpctl.simulation.plants.wrench import Wrench, pushes
 from tests.robots import SET_A, ball, platform, write
 
@@ -60,6 +61,15 @@ def test_a_pull_against_damping_ends_at_a_steady_speed(standing: Robot) -> None:
     step = motion.advance(np.zeros(2), 1.0, pull)
     assert step.work == pytest.approx(force * steady, rel=3e-5)
     assert step.lost == pytest.approx(step.work, rel=3e-5)
+
+
+def test_what_a_push_does_to_a_robot_on_tyres_is_work(standing: Robot) -> None:
+    """Force times way, and moment times turn."""
+    q = standing.configuration()
+    motion = SlippingMotion(standing, Slipping(), 0.7, q, 0.002)
+    step = motion.advance(np.zeros(2), 0.1, (Wrench("base", (40.0, 0.0, 0.0)),))
+    assert step.work == pytest.approx(40.0 * (motion.q[0] - q[0]), rel=1e-3)
+    assert step.work > 0.01
 
 
 def test_the_ground_holds_against_a_push(standing: Robot) -> None:

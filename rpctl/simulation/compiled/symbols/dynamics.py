@@ -14,7 +14,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.rolling import find_rolling
-from rpctl.errors import UnknownNameError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
 from rpctl.simulation.compiled.symbols.bodies import moving_bodies
@@ -64,11 +64,14 @@ class SymbolicDynamics:
     small, and what depends on the basis is of no use.
 
     Args:
-        robot: The robot.
+        robot: The robot, on level ground.
         varied: What is an entry of ``p`` instead of a constant.
 
     Attributes:
         p: The symbols of what is varied, ``casadi.SX`` (n_p, 1).
+
+    Raises:
+        RpctlError: The ground slopes.
     """
 
     def __init__(self, robot: Robot, varied: Varied = NOTHING) -> None:
@@ -79,6 +82,8 @@ class SymbolicDynamics:
         self._parameters = Parameters(self._numbers.nominal, self._numbers.varied(varied))
         self.p = self._parameters.symbols
         self._known = self._parameters.scalars()
+        if robot.model.gravity.linear[:2].any():
+            raise RpctlError(f"machine code knows level ground only; {robot.name} is on a slope")
         self._gravity = -float(robot.model.gravity.linear[2])
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
         self._last: _AtConfiguration | None = None

@@ -1,0 +1,224 @@
+"""The referee's page: all engines' robots on one timeline, how far they are off, and why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.engines.causes import Cause, beyond
+from rpctl.engines.comparison import EngineGap
+from rpctl.engines.recording import EngineRecording
+from rpctl.engines.referee import EngineVerdict
+from rpctl.engines.words import line, setting
+from rpctl.files.writing import write_atomically
+from rpctl.robot.model import Robot
+from rpctl.view.chart import Chart, Line
+from rpctl.view.pages.chart_data import drawn_charts
+from rpctl.view.pages.compare import PALETTE_SIZE
+from rpctl.view.pages.page import badge, escape, section
+from rpctl.view.pages.report import Page, page_bytes, scene_data
+from rpctl.view.pages.summary_panel import (
+    keyboard_section,
+    legend_entry,
+    notes_section,
+    stand_in_entry,
+)
+from rpctl.view.scene.side_by_side import ShownMotion, scenes_of
+
+MODEL = "Reduced model"
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A motion on the page: its name, and whether its robot is shown at first."""
+
+    name: str
+    recording: EngineRecording
+    shown: bool = True
+
+
+def write_referee_page(robot: Robot, verdicts: Sequence[EngineVerdict], path: str | Path) -> Path:
+    """Write the referee's page of a robot: one HTML file, whole or not at all.
+
+    Args:
+        robot: The robot.
+        verdicts: On the engines, at least one.
+        path: The file.
+
+    Returns:
+        The path.
+    """
+    return write_atomically(path, referee_page(robot, verdicts))
+
+
+def referee_page(robot: Robot, verdicts: Sequence[EngineVerdict]) -> bytes:
+    """Return the referee's page of a robot.
+
+    Args:
+        robot: The robot.
+        verdicts: On the engines, at least one.
+    """
+    shown = list(_shown(verdicts))
+    motions = [
+        ShownMotion(one.recording.t, one.recording.root, one.recording.joints) for one in shown
+    ]
+    scene, scenes = scenes_of(robot, motions)
+    said = dict.fromkeys(
+        note for verdict in verdicts for note in (*verdict.recording.notes, *scene.notes)
+    )
+    names = ", ".join(f"{verdict.engine} {verdict.version}" for verdict in verdicts)
+    page = Page(
+        title=robot.name,
+        subtitle=escape(f"the same efforts and the same start · {names}"),
+        scene_label=f"{robot.name} in {len(shown)} motions, in three dimensions",
+        figures=f'<p class="badges">{"".join(map(_badge, verdicts))}</p>',
+        legend=_legend(shown) + "".join(stand_in_entry(scene.stand_ins)),
+        panel="\n".join(
+            (
+                *(_verdict_section(verdict) for verdict in verdicts),
+                notes_section(tuple(said)),
+                keyboard_section(),
+            )
+        ),
+        duration=scene.duration,
+        data={
+            **scene_data(scenes, scene),
+            "plots": drawn_charts(scene.times, _charts(verdicts, shown)),
+        },
+    )
+    return page_bytes(page)
+
+
+def _shown(verdicts: Sequence[EngineVerdict]) -> Iterator[Shown]:
+    """Yield what is drawn: the model, each engine that ran, and mended what disagreed."""
+    yield Shown(MODEL, verdicts[0].model)
+    for verdict in verdicts:
+        if len(verdict.recording.t) > 1:
+            yield Shown(verdict.engine, verdict.recording)
+        mended = verdict.mended
+        if mended is not None and len(mended.t) > 1:
+            yield Shown(f"{verdict.engine}, mended", mended, shown=False)
+
+
+def _badge(verdict: EngineVerdict) -> str:
+    worst = beyond(verdict.gaps)
+    return badge(not worst, f"{verdict.engine}: {worst[0].words if worst else 'agrees'}")
+
+
+def _legend(shown: Sequence[Shown]) -> str:
+    """Return the scene's legend: each motion, in its colour."""
+    return "".join(
+        legend_entry(
+            f"run-{k + 1}",
+            one.name if k else f"{one.name} (solid)",
+            f"color: var(--c{k % PALETTE_SIZE})",
+            shown=one.shown,
+        )
+        for k, one in enumerate(shown)
+    )
+
+
+def _verdict_section(verdict: EngineVerdict) -> str:
+    """Return what the referee says of an engine: its line, the causes, all gaps."""
+    found = verdict.trace
+    items = "".join(_cause(cause, verdict) for cause in (found.causes if found else ()))
+    causes = f'<ul class="notes">{items}</ul>'
+    rest = [gap.words for gap in ((*found.cured, *found.remaining) if found else ())]
+    left = f"<p>Not explained: {escape('; '.join(rest))}</p>" if rest else ""
+    if found is None or not found.causes:
+        causes = f"<p>{escape(line(verdict))}</p>"
+    rows = "".join(map(_gap_row, verdict.gaps))
+    table = (
+        '<div class="wide"><table class="runs"><thead><tr><td></td><th scope="col">gap</th>'
+        f'<th scope="col">band</th><td></td></tr></thead><tbody>{rows}</tbody></table></div>'
+    )
+    title = f"{escape(f'{verdict.engine} {verdict.version}')} {_short_badge(verdict)}"
+    return section(title, causes + left + table)
+
+
+def _short_badge(verdict: EngineVerdict) -> str:
+    if verdict.agrees:
+        return badge(True, "agrees")
+    return badge(False, "disagrees" if verdict.traced else "disagrees, not traced")
+
+
+def _cause(cause: Cause, verdict: EngineVerdict) -> str:
+    """Return a cause, what it does alone, and its mend."""
+    fault = ", and ".join(switch.fault for switch in cause.switches)
+    alone = f"Alone: {cause.gaps[0].words}. " if cause.gaps else ""
+    mend = setting(cause, verdict.friction)
+    return f"<li><b>{escape(fault)}</b>. {escape(alone)}To mend it, {escape(mend)}.</li>"
+
+
+def _gap_row(gap: EngineGap) -> str:
+    mark = "" if gap.agrees else escape(gap.words)
+    cells = (gap.name.capitalize(), _text(gap.gap, gap.unit), _text(gap.band, gap.unit), mark)
+    head, *rest = cells
+    return f'<tr><th scope="row">{head}</th>{"".join(f"<td>{c}</td>" for c in rest)}</tr>'
+
+
+def _text(value: float, unit: str) -> str:
+    if not math.isfinite(value):
+        return "–"
+    scale, word = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°")}.get(unit, (1.0, unit))
+    size = abs(scale * value)
+    return f"{size:.0f} {word}" if size >= 100.0 else f"{size:.2g} {word}"
+
+
+def _charts(verdicts: Sequence[EngineVerdict], shown: Sequence[Shown]) -> list[Chart]:
+    """Return how far each engine is off the model, over time."""
+    model = verdicts[0].model
+
+    def off(recording: EngineRecording, name: str) -> Array:
+        mine = getattr(recording, name)
+        return np.asarray(mine - getattr(model, name)[: len(mine)])
+
+    def path(recording: EngineRecording) -> Array:
+        return 1e3 * np.hypot(*off(recording, "pose")[:, :2].T)
+
+    def heading(recording: EngineRecording) -> Array:
+        return np.degrees(off(recording, "pose")[:, 2])
+
+    def slip(recording: EngineRecording) -> Array:
+        return np.hypot(*np.moveaxis(off(recording, "slip"), 2, 0)).max(axis=1)
+
+    def load(recording: EngineRecording) -> Array:
+        return np.abs(off(recording, "load")).max(axis=1)
+
+    def energy(recording: EngineRecording) -> Array:
+        made = off(recording, "energy") - off(recording, "work")
+        return made - made[0]
+
+    kinds: tuple[tuple[str, str, Callable[[EngineRecording], Array], str], ...] = (
+        ("Off the model's path", "mm", path, ""),
+        ("Off the model's heading", "°", heading, ""),
+        ("Slip of the worst wheel", "m/s", slip, "beyond that of the model"),
+        ("Load of the worst contact", "N", load, "off the model's"),
+        ("Energy made", "J", energy, "beyond work and the model's losses"),
+    )
+    return [
+        _chart(title, unit, find, note, shown, len(model.t)) for title, unit, find, note in kinds
+    ]
+
+
+def _chart(
+    title: str,
+    unit: str,
+    find: Callable[[EngineRecording], Array],
+    note: str,
+    shown: Sequence[Shown],
+    count: int,
+) -> Chart:
+    """Return a chart of all engines; where one ended early its line does, too."""
+    lines = []
+    for k, one in enumerate(shown[1:], 1):
+        values = np.full(count, np.nan)
+        found = find(one.recording)
+        values[: len(found)] = found
+        lines.append(Line(one.name, unit, values, k))
+    return Chart(title, unit, tuple(lines), note=note)

@@ -1,0 +1,86 @@
+"""A simulator of the user's in the place of the plant, and the plants by their names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rpctl
+from rpctl import ControllerOutput, Plant, ReducedDynamics, Rest, Robot, RpctlError
+from rpctl.simulation.plants.named import PLANTS, plant_by_name
+from rpctl.simulation.plants.protocol import PlantSample
+from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.wrench import Wrench
+
+
+class Mine:
+    """Rolls as the reduced model does, but knows nothing of the loop."""
+
+    def __init__(self) -> None:
+        self.commanded: list[float] = []
+
+    def start(self, robot: Robot, rest: Rest) -> Mine:
+        self._t, self._motion = 0.0, RollingMotion(ReducedDynamics(robot), rest.q, 0.002)
+        return self
+
+    def step(self, command: ControllerOutput, dt: float) -> PlantSample:
+        self.commanded.append(float(command.efforts[0]))
+        self._motion.advance(command.efforts, dt)
+        self._t += dt
+        return PlantSample(self._t, self._motion.q, self._motion.nu)
+
+
+def test_own_simulator_gets_the_efforts_and_gives_the_measurements(paper: Robot) -> None:
+    mine = Mine()
+    start = (0.1, -0.05, 0.2)
+    run = rpctl.track(paper, "circle", 0.2, start, plant=mine, collisions=False)
+    same = rpctl.track(paper, "circle", 0.2, start, collisions=False, backend="pinocchio")
+    np.testing.assert_allclose(run.q, same.q, atol=1e-12)
+    np.testing.assert_allclose(run.tau, same.tau, atol=1e-9)
+    np.testing.assert_array_equal(mine.commanded, run.tau[:-1, 0])
+    assert "a simulator of the user's, Mine, moved the robot" in run.notes
+    assert not rpctl.summarize(run).nominal
+    assert run.config.plant == Plant(kind="own")  # what a file can say
+    with pytest.raises(RpctlError, match="which no file can hold"):
+        rpctl.track(paper, "circle", 0.2, plant=run.config.plant, collisions=False)
+
+
+def test_a_simulator_that_does_not_go_on_is_refused(paper: Robot) -> None:
+    class Late(Mine):
+        def step(self, command: ControllerOutput, dt: float) -> PlantSample:
+            return super().step(command, 0.5 * dt)
+
+    with pytest.raises(RpctlError, match=r"measures at t = 0\.001 s, where it was to be"):
+        rpctl.track(paper, "circle", 0.1, plant=Late(), collisions=False)
+
+
+def test_what_is_no_plant_is_refused(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match="give ideal, perturbed, slipping, contact, a Plant, or"):
+        rpctl.track(paper, "circle", 0.1, plant=3)  # type: ignore[arg-type]
+    with pytest.raises(RpctlError, match="plant 'contakt' is not known; did you mean contact"):
+        rpctl.track(paper, "circle", 0.1, plant="contakt")
+    with pytest.raises(RpctlError, match="the slipping plant takes efforts"):
+        rpctl.track(paper, "circle", 0.1, plant="slipping", output="velocity")
+
+
+def test_plants_by_name(paper: Robot) -> None:
+    given = Plant(delay=0.01, kind="contact")
+    assert PLANTS == ("ideal", "perturbed", "slipping", "contact")
+    assert plant_by_name("ideal", paper, given) == Plant()
+    assert plant_by_name("perturbed", paper, given) == Plant(delay=0.01)
+    assert plant_by_name("perturbed", paper).masses == {"*": 1.1}
+    assert plant_by_name("slipping", paper, given) == Plant(delay=0.01, kind="slipping")
+
+
+def test_a_push_moves_a_rolling_robot_by_its_impulse(paper: Robot) -> None:
+    """Without efforts, along the free direction: p = F t, to second order in the turning."""
+    dynamics = ReducedDynamics(paper)
+    motion = RollingMotion(dynamics, paper.configuration(), 0.001)
+    root = paper.description.root
+    step = motion.advance(np.zeros(len(paper.actuators)), 0.01, [Wrench(root, (10.0, 0.0, 0.0))])
+    expected = dynamics.forward(paper.configuration(), np.zeros(paper.dof), np.zeros(paper.dof))
+    jacobian = dynamics.jacobian(paper.configuration(), root)
+    M = dynamics.inertia(paper.configuration())
+    change = 0.01 * (expected + np.linalg.solve(M, jacobian.T @ [10.0, 0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(step.nu, change, rtol=1e-3, atol=1e-5)
+    assert motion.pose[2] == pytest.approx(-paper.drive.ground)
