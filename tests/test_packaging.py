@@ -88,8 +88,8 @@ def test_the_bill_names_every_dependency_with_its_range(
         assert said == {versions}, name
         assert part["scope"] == "required"
         assert part["purl"] == f"pkg:pypi/{name}"
-    optional = {"av", "distributed", "mujoco", "playwright", "pyarrow", "robot-descriptions"}
-    optional |= {"salib", "xacro"}
+    optional = {"av", "distributed", "drake", "mujoco", "playwright", "pyarrow", "pybullet"}
+    optional |= {"robot-descriptions", "salib", "xacro"}
     assert set(parts) == {"uPlot"} | optional
     assert {parts[name]["scope"] for name in optional} == {"optional"}
     own = bill["metadata"]["component"]

@@ -9,7 +9,11 @@ from typing import cast
 from rpctl.engines.engine import Engine, EngineMissing
 from rpctl.errors import UnknownNameError
 
-ENGINES = {"mujoco": "rpctl.engines.mujoco.engine:MujocoSimulator"}  # by the name that users give
+ENGINES = {  # by the name that users give
+    "mujoco": "rpctl.engines.mujoco.engine:MujocoSimulator",
+    "drake": "rpctl.engines.drake.engine:DrakeEngine",
+    "pybullet": "rpctl.engines.bullet.engine:BulletEngine",
+}
 
 
 def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str]]:

@@ -177,6 +177,13 @@ def test_a_robot_that_falls_is_refused(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A)))
     with pytest.raises(RpctlError, match=r"falls over.*left_joint, right_joint.*caster"):
         start(robot)
+    motion = start(robot, ContactSettings(props=True))
+    assert motion.notes == ("four balls that its file does not have hold it up, 0.75 m around P",)
+    assert motion.ground().load.sum() < 0.9 * G * robot.mass  # the balls bear the rest
+    for _ in range(100):
+        motion.advance(np.ones(2), PERIOD)
+    inertia = robot.mass + 2 * SET_A["I_s"] / SET_A["r"] ** 2
+    assert motion.nu[0] == pytest.approx(2.0 / SET_A["r"] / inertia * 0.2, rel=0.01)
 
 
 def test_a_motion_that_leaves_the_numbers_is_told_and_nothing_is_written(

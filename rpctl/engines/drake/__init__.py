@@ -1,0 +1,1 @@
+"""Drake as an engine of the referee."""

@@ -1,0 +1,250 @@
+"""A robot's file for engines that read URDF: as the user's, but for what is locked or mended.
+
+Lengths m, masses kg, inertias kg·m².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from rpctl.arrays import Array
+from rpctl.description.document import parse_document
+from rpctl.description.findings import Findings
+from rpctl.description.mesh_paths import MeshError
+from rpctl.description.records import Shape
+from rpctl.dynamics.supports import find_supports
+from rpctl.engines.switches import Switches
+from rpctl.equivalence.contact.shapes import Tyre, support_shapes, tyre
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import Robot
+
+SIZES = {"box": ("size",), "sphere": ("radius",)}  # attributes of a shape; others have these two:
+ROUND_SIZES = ("radius", "length")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What an engine's reader of URDF can do.
+
+    Attributes:
+        name: The engine.
+        meshes: Endings of the meshes that it reads as collision shapes.
+        crowned: Returns the shape, XML, that stands for a tyre with a crown.
+        proximity: XML of a collision without friction, or nothing.
+        massless: XML of the inertia of a link that has none.
+        strict_transmissions: Whether it refuses a transmission without an actuator.
+    """
+
+    name: str
+    meshes: tuple[str, ...]
+    crowned: Callable[[Tyre], str]
+    proximity: str = ""
+    massless: str = ""
+    strict_transmissions: bool = False
+
+
+@dataclass(frozen=True)
+class EditedUrdf:
+    """A URDF that an engine reads, and what was left out of the user's, in sentences."""
+
+    text: str
+    notes: tuple[str, ...]
+
+
+def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
+    """Return a robot's file for an engine: what no switch mends stays as the user wrote it.
+
+    Locked joints become fixed ones. What only draws is left out, and transmissions are, for
+    efforts act on joints; and meshes that are not found or that the engine refuses, which the
+    notes tell.
+
+    Args:
+        robot: The robot.
+        switches: What is mended.
+        dialect: The engine's.
+    """
+    root = parse_document(robot.description.raw, Findings())
+    notes: list[str] = []
+    for element in root.xpath("./link/visual"):
+        element.getparent().remove(element)
+    for element in root.findall("transmission"):
+        root.remove(element)
+        if dialect.strict_transmissions and element.find("actuator") is None:
+            notes.append(f"{dialect.name} refuses files with a transmission without <actuator>")
+    _lock(root, robot)
+    links = {element.get("name"): element for element in root.findall("link")}
+    treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
+    if switches.mended("collisions"):
+        _keep_contacts(root, robot)
+    if switches.mended("caster"):
+        _put_supports(links, robot, dialect)
+    if switches.mended("wheel"):
+        for wheel, tread in zip(robot.drive.wheels, treads, strict=True):
+            child = robot.description.joint[wheel.joint].child
+            _drop_collisions(links[name] for name, _ in robot.tree.rigid_links(child))
+            links[tread.link].append(_collision(dialect.crowned(tread), tread.pose))
+            notes += [tread.note] if tread.note else []
+    if switches.mended("inertia"):
+        _put_inertias(links, robot, dialect)
+    notes += _resolve_meshes(root, robot, dialect)
+    return EditedUrdf(etree.tostring(root, encoding="unicode"), tuple(dict.fromkeys(notes)))
+
+
+def edged_wheels(robot: Robot) -> bool:
+    """Whether a wheel is drawn as anything but a sphere: it meets the ground along a line."""
+    treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
+    shapes = [shape for t in treads for shape in robot.description.link[t.link].collisions]
+    return any(shape.kind != "sphere" for shape in shapes) or not shapes
+
+
+def other_shapes(robot: Robot) -> bool:
+    """Whether a link has a collision shape that is neither a wheel nor a support."""
+    return bool(_others(parse_document(robot.description.raw, Findings()), robot))
+
+
+def _lock(root: Any, robot: Robot) -> None:
+    """Fix the joints that the robot's model does not move."""
+    for element in root.findall("joint"):
+        joint = robot.description.joint.get(element.get("name"))
+        if joint is None or not joint.moving or joint.name in robot.entries:
+            continue
+        placement = joint.motion(robot.locked.get(joint.name, 0.0))
+        for tag in ("axis", "limit", "mimic", "dynamics", "origin", "safety_controller"):
+            for found in element.findall(tag):
+                element.remove(found)
+        element.set("type", "fixed")
+        element.append(_origin(placement))
+
+
+def _keep_contacts(root: Any, robot: Robot) -> None:
+    """Drop the shapes that are neither a wheel nor a support."""
+    for element in _others(root, robot):
+        element.getparent().remove(element)
+
+
+def _others(root: Any, robot: Robot) -> list[Any]:
+    """Return the collision elements that are neither a wheel's nor a support."""
+    wheels = {
+        name
+        for wheel in robot.drive.wheels
+        for name, _ in robot.tree.rigid_links(robot.description.joint[wheel.joint].child)
+    }
+    supports = support_shapes(robot, find_supports(robot))
+    lines = {(link, shape.line) for _, link, shape in supports}
+    return [
+        element
+        for link in root.findall("link")
+        if link.get("name") not in wheels
+        for element in link.findall("collision")
+        if (link.get("name"), element.find("geometry")[0].sourceline) not in lines
+    ]
+
+
+def _put_supports(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None:
+    """Let the supports slide; draw those that the file only shows."""
+    for _, link, shape in support_shapes(robot, find_supports(robot)):
+        own = [
+            element
+            for element in links[link].findall("collision")
+            if element.find("geometry")[0].sourceline == shape.line
+        ]
+        for element in own:
+            links[link].remove(element)
+        made = _collision(_shape_xml(shape), shape.origin)
+        if dialect.proximity:
+            made.append(_drake_tags(dialect.proximity))
+        links[link].append(made)
+
+
+def _put_inertias(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None:
+    """Give each link that moves the inertia of all that moves with it, and the others none.
+
+    A link whose own inertia no body can have is a part of one that can exist.
+    """
+    carriers = {robot.description.root: ROOT_JOINT}
+    for name in robot.entries:
+        carriers[robot.description.joint[name].child] = robot.model.getJointId(name)
+    for name, element in links.items():
+        for found in element.findall("inertial"):
+            element.remove(found)
+        if name in carriers:
+            element.append(_inertial(robot.model.inertias[carriers[name]]))
+        elif dialect.massless:
+            element.append(etree.fromstring(dialect.massless))
+
+
+def _resolve_meshes(root: Any, robot: Robot, dialect: Dialect) -> list[str]:
+    """Name the files of meshes; leave out those that are not found or cannot be read."""
+    refused: dict[str, list[str]] = {}
+    for element in root.xpath("./link/collision[geometry/mesh]"):
+        mesh = element.find("geometry/mesh")
+        try:
+            path = robot.description.mesh_paths.resolve(str(mesh.get("filename")))
+        except MeshError as error:
+            reason = f"shapes without a file are left out ({error})"
+        else:
+            mesh.set("filename", str(path))
+            if path.suffix.lower() in dialect.meshes:
+                continue
+            reason = f"{dialect.name} refuses files with {path.suffix} as a collision shape"
+        refused.setdefault(reason, []).append(element.getparent().get("name"))
+        element.getparent().remove(element)
+    return [f"{why}: left out of {_several(names)}" for why, names in refused.items()]
+
+
+def _several(names: list[str]) -> str:
+    """Return the first of several names, and how many more there are."""
+    others = len(set(names)) - 1
+    return names[0] if not others else f"{names[0]} and {others} other link{'s' * (others > 1)}"
+
+
+def _drop_collisions(links: Iterable[Any]) -> None:
+    for link in links:
+        for element in link.findall("collision"):
+            link.remove(element)
+
+
+def _collision(geometry: str, pose: Array) -> Any:
+    element = etree.Element("collision")
+    element.append(_origin(pose))
+    element.append(_drake_tags(f"<geometry>{geometry}</geometry>"))
+    return element
+
+
+def _drake_tags(text: str) -> Any:
+    """Return an element that may hold tags of Drake's own."""
+    return etree.fromstring(f'<x xmlns:drake="http://drake.mit.edu">{text}</x>')[0]
+
+
+def _origin(pose: Array) -> Any:
+    rpy = pin.rpy.matrixToRpy(np.ascontiguousarray(pose[:3, :3]))
+    return etree.Element("origin", xyz=_text(pose[:3, 3]), rpy=_text(rpy))
+
+
+def _shape_xml(shape: Shape) -> str:
+    """Return a shape that is no mesh."""
+    names = SIZES.get(shape.kind, ROUND_SIZES)
+    values = (_text(shape.size),) if shape.kind == "box" else tuple(map(repr, shape.size))
+    sizes = " ".join(f'{name}="{value}"' for name, value in zip(names, values, strict=True))
+    return f"<{shape.kind} {sizes}/>"
+
+
+def _inertial(body: Any) -> Any:
+    """Return what a link weighs, from Pinocchio's inertia in the frame of the link."""
+    element, tensor = etree.Element("inertial"), body.inertia
+    etree.SubElement(element, "origin", xyz=_text(body.lever))
+    etree.SubElement(element, "mass", value=repr(float(body.mass)))
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
+    moments = {name: repr(float(tensor[place])) for name, place in entries.items()}
+    etree.SubElement(element, "inertia", **moments, izz=repr(float(tensor[2, 2])))
+    return element
+
+
+def _text(numbers: Iterable[float]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)

@@ -1,0 +1,55 @@
+"""Tie rods: springs that hold the swivels which a drive steers together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.drive.drive import Drive
+from rpctl.drive.steering import follower_positions
+from rpctl.robot.model import Robot
+
+BANDWIDTH = 200.0  # rad/s of each spring, against the inertia of the swivel that it turns
+DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
+
+
+def tie_rod_efforts(
+    drive: Drive, joints: Mapping[str, tuple[float, float]], inertia: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the efforts (N·m) of tie rods, critically damped, on followers and their leaders.
+
+    Each works on φ = δ − f(leaders) alone: the follower feels −(k φ + d φ̇), the leaders ∂f/∂δ
+    times the opposite.
+
+    Args:
+        drive: The drive.
+        joints: Positions (rad) and rates (rad/s) of its swivels, by joint.
+        inertia: Of each follower about its axis, kg·m².
+    """
+    if not drive.followers:
+        return {}
+    at = {swivel.joint: joints[swivel.joint][0] for swivel in drive.steered}
+    place = follower_positions(drive, at)
+    nearby = {
+        name: follower_positions(drive, at | {name: at[name] + DIFFERENCE_STEP}) for name in at
+    }
+    efforts = dict.fromkeys((*at, *place), 0.0)
+    for name, wanted in place.items():
+        slopes = {leader: (nearby[leader][name] - wanted) / DIFFERENCE_STEP for leader in at}
+        position, rate = joints[name]
+        rate -= sum(slope * joints[leader][1] for leader, slope in slopes.items())
+        pull = inertia[name] * BANDWIDTH * (BANDWIDTH * (position - wanted) + 2.0 * rate)
+        efforts[name] -= pull
+        for leader, slope in slopes.items():
+            efforts[leader] += slope * pull
+    return efforts
+
+
+def follower_inertia(robot: Robot, q: Array) -> dict[str, float]:
+    """Return the inertia of each follower about its axis at q (nq,), kg·m²."""
+    data = robot.model.createData()
+    M = pin.crba(robot.model, data, q)
+    index = {swivel.joint: robot.velocity_index(swivel.joint) for swivel in robot.drive.followers}
+    return {name: float(M[i, i]) for name, i in index.items()}
