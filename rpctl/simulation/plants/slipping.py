@@ -161,8 +161,10 @@ class SlippingMotion:
         work = lost = 0.0
         for _ in range(steps):
             try:
-                self.state, done, gone = self._stepper.step(self.state, tau, dt / steps, wrenches)
-            except RpctlError as error:
+                with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told below
+                    stepped = self._stepper.step(self.state, tau, dt / steps, wrenches)
+                self.state, done, gone = stepped
+            except (RpctlError, np.linalg.LinAlgError) as error:
                 raise DivergedError(f"the motion diverged: {error}") from error
             work, lost = work + done, lost + gone
             self._t += dt / steps

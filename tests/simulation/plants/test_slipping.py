@@ -385,6 +385,20 @@ def test_it_stands_on_the_ground_as_it_is_put(paper: Robot) -> None:
     np.testing.assert_allclose(motion.q, q, atol=1e-9)
 
 
+def test_very_stiff_tyres_stick_and_slide_in_whole_steps(
+    paper: Robot, rng: np.random.Generator
+) -> None:
+    motion = motion_of(paper, slip_stiffness=1e5)
+    start, work, lost = energy(motion), 0.0, 0.0
+    for _ in range(12):
+        tau = np.array([45.0, 45.0, 1.0, 2.0]) * rng.uniform(-1.0, 1.0, 4)
+        for _ in range(5):
+            done = motion.advance(tau, 0.002)
+            work, lost = work + done.work, lost + done.lost
+    assert energy(motion) - start == pytest.approx(work - lost, abs=1e-5 * (abs(work) + lost))
+    assert motion.notes == ()  # no step without a common solution of loads and forces
+
+
 # What stays a constraint, and what is refused
 
 
