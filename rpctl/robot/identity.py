@@ -35,6 +35,8 @@ def model_digest(robot: Robot) -> str:
         robot.velocity_limits,
         [(j.lower, j.upper, j.velocity, j.effort) for j in moving],
     ]
+    if model.gravity.linear[:2].any():  # level ground is what all others are on
+        parts.append(model.gravity.linear)
     if robot.losses is not None:
         parts += [robot.losses.damping, robot.losses.friction]
     return _digest(b"".join(np.ascontiguousarray(part, float).tobytes() for part in parts))

@@ -22,7 +22,6 @@ UNCOMPILED = {  # fields of a plant that only Python simulates, and why
     "backlash": "joints have backlash",
     "encoder_bits": "encoders know whole steps only",
     "jitter": "the moments of sampling jitter",
-    "slope": "the ground slopes",
     "wrenches": "the robot is pushed from outside",
 }
 # s: what a sample takes in Python, and what a loop takes to build, by quasi-velocities. Half of

@@ -133,7 +133,6 @@ def close_loop(
     measure = Measurement(plant.known_robot(robot), plant)
     times = sample_times(plant, period, steps + 1).tolist()
     interface, arrives = start_interface(simulated, config, rest), plant.arrives(steps + 1)
-    loop.assumed = interface.notes
     try:
         for k in range(steps + 1):
             t = times[k]
@@ -162,6 +161,7 @@ def close_loop(
             if progress is not None:
                 progress(k, steps)
     finally:
+        loop.assumed = interface.notes
         loop.wall_time = time.perf_counter() - started_at
 
 

@@ -38,6 +38,7 @@ POSITIVE = ("masses", "inertias", "radii", "track", "effort")
 NOT_NEGATIVE = ("damping", "joint_friction", "delay", "noise", "dropped", "losses", "payload")
 OFFSET = 1e-3  # m, of centres of the robot that stands for all
 FRICTION = 0.01  # N·m or N, of a robot that stands for those that lose something
+GENTLE = 0.5  # rad: of a slope; steeper ones are looked at one by one
 USUAL = (1e-9, 1e2)  # sizes of settings; runs with other ones are looked at one by one
 
 
@@ -97,6 +98,7 @@ class LaneColumns:
             tuple(joints[body + ROOT_JOINT] for body in sorted(bodies)),
             rolling,
             tuple(name for name in self.robot.entries if name in lossy),
+            bool(self._plant.scattered("slope")),
         )
 
     def refusals(self, values: Array) -> dict[int, str]:
@@ -124,6 +126,8 @@ class LaneColumns:
                 usual[:, k] &= values[:, k] >= 0.0
             elif table in ("kinematic", "dynamic"):
                 usual[:, k] = False  # a law says itself what it accepts
+            if field == "slope":
+                usual[:, k] &= sizes[:, k] <= GENTLE
             if name == "plant.delay":
                 usual[:, k] &= values[:, k] <= self._duration
             if table == "run":
@@ -247,6 +251,8 @@ class LaneColumns:
         numbers: dict[str, Array] = {}
         if self.varied.losses:
             numbers |= self._plant.losses(values)
+        if self.varied.slope:
+            numbers["lift"] = self._plant.lift(values)
         if self.varied.rolling:
             numbers |= rolling_columns(self.robot, *self._plant.wheels(values))
         return dynamics.parameters(self.simulated, self._plant.bodies(values), numbers)

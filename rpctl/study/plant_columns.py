@@ -118,6 +118,15 @@ class PlantColumns:
             found[:, body] += mass[:, None, None] * point[:, :, None] * point[:, None]
         return found
 
+    def lift(self, values: Array) -> Array:
+        """Return what stands against gravity on the slopes (K, 3), m/s²; see ``on_slope``."""
+        angles = np.tile(np.array(self._plant.slope), (len(values), 1))
+        for axis, entry in enumerate(TUPLES["slope"]):
+            self.take(angles[:, axis], f"plant.slope.{entry}", values)
+        along = np.sin(angles)
+        up = np.column_stack([along, np.sqrt(1.0 - np.square(along).sum(axis=1))])
+        return np.asarray(np.linalg.norm(self._robot.model.gravity.linear) * up)
+
     def payload_place(self) -> tuple[int, Array]:
         """Return the body that carries the payload, and the pose (4, 4) of its link there."""
         robot = self._robot

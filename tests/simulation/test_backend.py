@@ -56,6 +56,7 @@ def test_a_run_is_the_same_whatever_computes_it(paper: Robot) -> None:
         noise=Noise(position=1e-3, joints=1e-3),
         sensor_bias=SensorBias(heading=0.01, joint_rates=0.02),
         payload=CarriedLoad(mass=2.0, com=(0.0, 0.1, 0.0)),
+        slope=(0.05, -0.03),
         effort=0.2,
         seed=3,
     )
@@ -123,17 +124,16 @@ def test_what_cannot_be_compiled_is_said_and_done_in_python(paper: Robot) -> Non
         (Plant(backlash={"*": 0.1}), "backlash"),
         (Plant(encoder_bits=12), "encoders"),
         (Plant(jitter=1e-4), "jitter"),
-        (Plant(slope=(0.0, 0.1)), "slopes"),
         (Plant(wrenches=(Wrench("base_link"),)), "pushed"),
     ],
 )
 def test_plants_that_only_python_has(paper: Robot, plant: Plant, reason: str) -> None:
     assert reason in (refusal(paper, Config(plant=plant)) or "")
     assert refusal(paper, Config()) is None
-    free = Plant(payload=CarriedLoad(mass=1.0), losses=2.0, effort=0.5)
+    free = Plant(payload=CarriedLoad(mass=1.0), losses=2.0, effort=0.5, slope=(0.1, 0.0))
     assert refusal(paper, Config(plant=free)) is None
     assert plant_refusal(Plant(), ["plant.payload.mass", "run.jitter"]) is None
-    assert "slopes" in (plant_refusal(Plant(), ["plant.slope.along_x"]) or "")
+    assert "jitter" in (plant_refusal(Plant(), ["plant.jitter"]) or "")
     assert "watched" in (refusal(paper, Config(), watched=True) or "")
 
 

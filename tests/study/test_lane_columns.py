@@ -38,12 +38,32 @@ NAMES = (
     "plant.losses",
     "plant.effort",
     "plant.sensor_bias.heading",
+    "plant.slope.along_y",
     "run.initial_error.theta",
     "kinematic.horizon",
     "dynamic.gain",
 )
-LOW = (0.5, -0.1, 0.5, 0.8, 0.0, 0.0, -1.0, 0.0, 0.0, 0.1, -0.1, 0.0, 0.4, -0.1, -3.0, 0.2, 1.0)
-HIGH = (2.0, 0.1, 2.0, 1.2, 0.3, 0.3, 1.0, 0.03, 0.1, 3.0, 0.1, 3.0, 0.9, 0.1, 3.0, 0.6, 9.0)
+LOW = (
+    0.5,
+    -0.1,
+    0.5,
+    0.8,
+    0.0,
+    0.0,
+    -1.0,
+    0.0,
+    0.0,
+    0.1,
+    -0.1,
+    0.0,
+    0.4,
+    -0.1,
+    -0.2,
+    -3.0,
+    0.2,
+    1.0,
+)
+HIGH = (2.0, 0.1, 2.0, 1.2, 0.3, 0.3, 1.0, 0.03, 0.1, 3.0, 0.1, 3.0, 0.9, 0.1, 0.2, 3.0, 0.6, 9.0)
 
 
 def made(
@@ -86,6 +106,7 @@ def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> 
         noise=Noise(position=0.01),
         payload=CarriedLoad(link=links[-1], com=(0.1, 0.0, 0.3)),
         sensor_bias=SensorBias(position=0.02),
+        slope=(0.1, 0.0),
     )
     found, experiment, dynamics, start = made(robot, names, values, plant)
     for k in range(len(values)):

@@ -32,6 +32,8 @@ class ContactSettings:
         extent: Length along x and y of the ground that ``heights`` shows, m; its middle is the
             origin.
         relief: Height of white in a .png, m; multiplies the heights, in m, of the others.
+        props: Whether four balls that slide without friction hold the robot up, around P, half a
+            track off: for a robot whose file draws too few contacts to stand on.
         body: Whether all that the file draws for collisions meets the ground, not only wheels and
             supports.
     """
@@ -46,6 +48,7 @@ class ContactSettings:
     heights: str = ""
     extent: tuple[float, float] = (20.0, 20.0)
     relief: float = 1.0
+    props: bool = False
     body: bool = False
 
     def __post_init__(self) -> None:

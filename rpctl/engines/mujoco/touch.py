@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ GROUND = "ground"  # name of the ground's geom
 SHARE = 0.2  # impedance of the load: how much of a contact's acceleration it decides
 GRIP = 100.0  # hardness of friction as a multiple of the load's (``impratio``)
 PYRAMID_IMPEDANCE = [0.9, 0.95, 1e-3, 0.5, 2.0]
+PROP = 0.02  # m, radius of a prop
+MIN_REACH = 0.1  # m: a prop's distance ahead of P and to its side, at least
 SHAPES = {"sphere": "SPHERE", "capsule": "CAPSULE", "cylinder": "CYLINDER", "box": "BOX"}
 
 
@@ -108,8 +111,8 @@ def add_drawn(
 ) -> tuple[str, ...]:
     """Add what else meets the ground; return what was assumed.
 
-    That is casters that only meshes draw, as balls, and, where settings say so, all that the file
-    draws for collisions besides wheels and supports.
+    That is casters that only meshes draw, as balls, and, where settings say so, props and all that
+    the file draws for collisions besides wheels and supports.
 
     Args:
         spec: The ``MjSpec``, with its bodies.
@@ -126,7 +129,24 @@ def add_drawn(
         held = friction if free and not robot.tree.is_upright(free[-1]) else 0.0
         add_touching(spec, body, link, "SPHERE", [radius, 0.0, 0.0], pose, held, settings)
         notes.append(f'caster "{link}" is drawn by meshes alone; it is a ball of {radius:.3g} m')
+    if settings.props:
+        notes.append(_add_props(spec, robot, settings))
     return tuple(notes) + (_add_body(spec, robot, settings, friction) if settings.body else ())
+
+
+def _add_props(spec: Any, robot: Robot, settings: ContactSettings) -> str:
+    """Hold the robot up by balls that slide, and say so."""
+    drive = robot.drive
+    reach = max(0.5 * drive.track, MIN_REACH)
+    cos, sin = math.cos(drive.heading), math.sin(drive.heading)
+    body = spec.body(body_name(robot.description.root))
+    for k, (ahead, left) in enumerate(((1, 1), (1, -1), (-1, 1), (-1, -1))):
+        pose = np.eye(4)
+        pose[0, 3] = drive.point[0] + reach * (cos * ahead - sin * left)
+        pose[1, 3] = drive.point[1] + reach * (sin * ahead + cos * left)
+        pose[2, 3] = drive.ground + PROP
+        add_touching(spec, body, f"prop{k}", "SPHERE", [PROP, 0.0, 0.0], pose, 0.0, settings)
+    return f"four balls that its file does not have hold it up, {reach:.3g} m around P"
 
 
 def _add_body(

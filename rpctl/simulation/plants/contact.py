@@ -113,7 +113,7 @@ class MujocoMotion:
             raise RpctlError(
                 f"{self._robot.name} falls over: it leans {math.degrees(tilt):.0f}° standing "
                 f"on {len(contacts)} contacts ({', '.join(contacts)}), which the rolling model "
-                "holds upright; give its file a caster as <collision>, or use another plant"
+                "holds upright; draw a caster as <collision>, or set props of [plant.contact]"
             )
 
     def _settled_notes(self) -> tuple[str, ...]:

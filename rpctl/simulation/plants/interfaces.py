@@ -49,7 +49,7 @@ class Interface(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed or mended, in sentences."""
+        """What was assumed or mended so far, in sentences."""
 
     @property
     def state(self) -> PlantState:
@@ -94,7 +94,11 @@ class EffortInterface:
         self._sent = plant.pipeline(rest.tau, config.run.control_period)
         self._held, self._t = HeldCommands(rest.tau), 0.0
         self._work = self._lost = 0.0
-        self.notes = motion.notes
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or mended so far, in sentences."""
+        return self._motion.notes
 
     @property
     def state(self) -> PlantState:

@@ -84,3 +84,11 @@ def test_a_push_moves_a_rolling_robot_by_its_impulse(paper: Robot) -> None:
     change = 0.01 * (expected + np.linalg.solve(M, jacobian.T @ [10.0, 0, 0, 0, 0, 0]))
     np.testing.assert_allclose(step.nu, change, rtol=1e-3, atol=1e-5)
     assert motion.pose[2] == pytest.approx(-paper.drive.ground)
+
+
+def test_notes_are_those_of_the_end(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a motion only finds out on its way is told."""
+    late = property(lambda motion: ("it slid",) if motion.nu.any() else ())
+    monkeypatch.setattr(RollingMotion, "notes", late)
+    run = rpctl.track(paper, "circle", 0.02, (0.1, 0.0, 0.0), collisions=False, backend="pinocchio")
+    assert "it slid" in run.notes

@@ -76,7 +76,7 @@ def test_the_ground_holds_against_a_push(standing: Robot) -> None:
     """Of a robot at rest: its force and loads balance push and weight about P, by hand."""
     dynamics = ReducedDynamics(standing)
     q, force, moment = standing.configuration(1.0, -2.0, 0.7), (6.0, 9.0, -20.0), (2.0, -3.0, 0.0)
-    outside = outside_at(dynamics, q, [Wrench("base", force, moment)])
+    outside = outside_at(dynamics, q, [Wrench("ball", force, moment)])
     hold = -dynamics.at(q).S.T @ outside.push
     tau = dynamics.efforts(q, hold)
     contacts = find_contacts(dynamics)
@@ -84,7 +84,8 @@ def test_the_ground_holds_against_a_push(standing: Robot) -> None:
     found = ground_reaction(dynamics, contacts, q, np.zeros(2), tau, outside)
     np.testing.assert_allclose(found.force, [-6.0, -9.0, MASS * 9.81 + 20.0], rtol=1e-9)
     cos, sin = math.cos(0.7), math.sin(0.7)
-    local = cos * moment[0] + sin * moment[1], cos * moment[1] - sin * moment[0]
+    turned = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    local = turned @ moment + np.cross([0.8, 0.0, 0.05], turned @ force)
     ahead, left = found.load @ contacts.points  # moments of the loads about the root link
     np.testing.assert_allclose(left + local[0], 0.0, atol=1e-9)
     weight = SET_A["m_c"] * SET_A["d"] * 9.81

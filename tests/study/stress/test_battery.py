@@ -6,12 +6,15 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl.errors import UnknownNameError
+from rpctl.robot.vary import add_friction
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.study.scenarios import PAPER, LawPair
 from rpctl.study.stress.battery import Battery, default_pairs, laws_of
@@ -53,9 +56,12 @@ def test_what_means_nothing_is_left_out_and_says_why() -> None:
         ("rolling", "friction"): "its wheels cannot slip",
         ("rolling", "losses"): "its file has no damping or friction of joints",
     }
-    tiago = rpctl.load("tiago")
-    assert left_out(tiago, "rolling", STRESSES["losses"]) is None
-    assert left_out(tiago, "slipping", STRESSES["friction"]) is None
+    rubbing = add_friction(found.robot, {"wheel_left_joint": 0.1})
+    assert left_out(rubbing, "rolling", STRESSES["losses"]) is None
+    assert left_out(rubbing, "slipping", STRESSES["friction"]) is None
+    assert left_out(rubbing, "rolling", STRESSES["effort"]) is None
+    tireless: Any = SimpleNamespace(effort_limits=np.array([math.inf, math.inf]))
+    assert left_out(tireless, "rolling", STRESSES["effort"]) == "its file has no effort limits"
     arm = rpctl.load("arm")
     assert left_out(arm, "rolling", STRESSES["radius"]) == "its base is fixed"
     assert left_out(arm, "rolling", PAYLOAD) is None
@@ -97,7 +103,7 @@ def test_a_robot_without_an_arm_carries_its_payload_itself() -> None:
 
 
 def test_every_cell_is_a_file(tmp_path: Path) -> None:
-    found = battery(combinations=4, quick=True)
+    found = battery(combinations=4, quick=True, laws=1)
     for cell in found.cells:
         config = found.config_of(cell)
         assert read_config(write_config(config, tmp_path / "cell.toml")) == config
@@ -128,9 +134,12 @@ def errors_along(found: Battery) -> list[float]:
 
 def test_errors_grow_along_a_ladder() -> None:
     """The paper's laws have nothing against a constant force: they give way in proportion."""
-    flat, *steep = errors_along(battery("slope"))
+    found = battery("slope", laws=2)
+    levels = (0.0, 2.0, 8.0)
+    found = replace(found, stresses=(replace(STRESSES["slope"], levels=levels),))
+    flat, *steep = errors_along(found)
     assert flat < 0.01 * steep[0]
-    forces = [math.sin(math.radians(angle)) for angle in STRESSES["slope"].levels[1:]]
+    forces = [math.sin(math.radians(angle)) for angle in levels[1:]]
     np.testing.assert_allclose(np.divide(steep, steep[0]), np.divide(forces, forces[0]), rtol=0.1)
 
 

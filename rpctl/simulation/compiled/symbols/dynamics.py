@@ -14,7 +14,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.rolling import find_rolling
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
 from rpctl.simulation.compiled.symbols.bodies import moving_bodies
@@ -64,14 +64,11 @@ class SymbolicDynamics:
     small, and what depends on the basis is of no use.
 
     Args:
-        robot: The robot, on level ground.
+        robot: The robot.
         varied: What is an entry of ``p`` instead of a constant.
 
     Attributes:
         p: The symbols of what is varied, ``casadi.SX`` (n_p, 1).
-
-    Raises:
-        RpctlError: The ground slopes.
     """
 
     def __init__(self, robot: Robot, varied: Varied = NOTHING) -> None:
@@ -82,9 +79,6 @@ class SymbolicDynamics:
         self._parameters = Parameters(self._numbers.nominal, self._numbers.varied(varied))
         self.p = self._parameters.symbols
         self._known = self._parameters.scalars()
-        if robot.model.gravity.linear[:2].any():
-            raise RpctlError(f"machine code knows level ground only; {robot.name} is on a slope")
-        self._gravity = -float(robot.model.gravity.linear[2])
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
         self._last: _AtConfiguration | None = None
 
@@ -132,7 +126,7 @@ class SymbolicDynamics:
             at = SymbolicConfiguration(q)
             basis = SymbolicBasis(self._projector, self._known, at, self._swivels)
             projection = SymbolicProjection(self._projector, basis, self.varied.rolling)
-            tree = moving_tree(self._bodies, self._known["inertia"], self._gravity, at)
+            tree = moving_tree(self._bodies, self._known["inertia"], self._known["lift"], at)
             self._last = _AtConfiguration(at, projection, tree)
         return self._last
 
@@ -264,7 +258,9 @@ class SymbolicDynamics:
         body = found.parentJoint - ROOT_JOINT
         pose = np.linalg.inv(self._bodies[body].frame) @ found.placement.homogeneous
         R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
-        tree = MovingTree(joint_motions(self._bodies, self._at(q).configuration), (), 0.0)
+        tree = MovingTree(
+            joint_motions(self._bodies, self._at(q).configuration), (), (0.0, 0.0, 0.0)
+        )
         for joint in tree.before(tree.joints[body - 1]) if body else ():
             R, p = [joint.inwards(x) for x in R], plus(joint.inwards(p), joint.p)
         x, y, cos, sin = entries(q)[:4]

@@ -25,11 +25,13 @@ class Varied:
             inertias; ``"root_joint"`` is the base.
         rolling: Whether radii, track, trails or pivots differ.
         losses: Joints whose damping or friction differs.
+        slope: Whether the slope of the ground differs.
     """
 
     bodies: tuple[str, ...] = ()
     rolling: bool = False
     losses: tuple[str, ...] = ()
+    slope: bool = False
 
 
 NOTHING = Varied()

@@ -129,12 +129,12 @@ class MovingTree:
     Attributes:
         joints: BodyMotion across the joint of each body but the first.
         numbers: The ten numbers of each body.
-        gravity: m/s², downwards.
+        lift: What gravity takes of the first body's acceleration (3,), in its axes, m/s².
     """
 
     joints: tuple[JointMotion, ...]
     numbers: Sequence[Vector]
-    gravity: float
+    lift: Vector
 
     def before(self, joint: JointMotion) -> Iterator[JointMotion]:
         """Yield a joint and those that carry it, inwards."""
@@ -148,7 +148,7 @@ class MovingTree:
 def moving_tree(
     bodies: Sequence[MovingBody],
     numbers: Sequence[Vector],
-    gravity: float,
+    lift: Vector,
     at: SymbolicConfiguration,
 ) -> MovingTree:
     """Return bodies at a configuration.
@@ -156,7 +156,7 @@ def moving_tree(
     Args:
         bodies: The bodies.
         numbers: The ten numbers of each, those that are felt.
-        gravity: m/s², downwards.
+        lift: Acceleration (3,) against gravity along the axes of the ground, m/s².
         at: The configuration.
     """
     carriers = {body.parent for body in bodies}
@@ -164,7 +164,9 @@ def moving_tree(
     for k, body in enumerate(bodies[1:], start=1):
         if k not in carriers and not body.slides and _is_round(numbers[k]):
             joints[k - 1] = JointMotion(body, 1.0, 0.0, body.p.tolist())  # any angle will do
-    return MovingTree(tuple(joints), numbers, gravity)
+    (x, y, z), (cos, sin) = lift, at.values[2:4]
+    turned = [total((times(cos, x), times(sin, y))), total((times(cos, y), times(-sin, x))), z]
+    return MovingTree(tuple(joints), numbers, turned)
 
 
 def joint_motions(
@@ -274,7 +276,8 @@ def rnea(tree: MovingTree, v: Vector, a: Vector) -> list[Scalar]:
         v: Velocities (nv,).
         a: Accelerations (nv,), Pinocchio's v̇.
     """
-    lift = [total((a[0], times(-v[2], v[1]))), total((a[1], times(v[2], v[0]))), tree.gravity]
+    ahead, left, up = tree.lift
+    lift = [total((a[0], times(-v[2], v[1]), ahead)), total((a[1], times(v[2], v[0]), left)), up]
     motions = [_motion([0.0, 0.0, v[2]], [0.0, 0.0, a[2]], lift)]
     for joint in tree.joints:
         rate, change = v[joint.body.index], a[joint.body.index]

@@ -75,6 +75,7 @@ class RobotNumbers:
         found |= {"damping": losses.damping, "friction": losses.friction, "rate": losses.rate}
         found |= {
             "armature": robot.armature,
+            "lift": -np.array(robot.model.gravity.linear),
             "point": np.array([*robot.drive.point, robot.drive.heading]),
         }
         return found | rolling_numbers(robot, self._rows)
@@ -91,6 +92,7 @@ class RobotNumbers:
         lossy = np.zeros(self.robot.nv, bool)
         lossy[[self.robot.velocity_index(name) for name in varied.losses]] = True
         found = {"damping": lossy, "friction": lossy, "inertia": self._varied_inertias(varied)}
+        found["lift"] = np.full(3, varied.slope)
         return found | (varied_rolling(self.robot) if varied.rolling else {})
 
     def _varied_inertias(self, varied: Varied) -> NDArray[np.bool_]:
