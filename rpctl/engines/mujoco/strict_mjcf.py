@@ -7,12 +7,13 @@ model: a check needs no file but the one it checks.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from lxml import etree
 
+from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.muted import muted
 from rpctl.engines.mujoco.table import Fields, Table, tabulate
 from rpctl.errors import DescriptionError, Finding, RpctlError, one_line
 from rpctl.files.caps import cap, how_to_raise
@@ -33,6 +34,8 @@ NOT_READ = {  # elements that a check does not read, and what they do
     "skin": "is drawn only",
     "hfield": "is ground of another kind",
 }
+COUNTS = ("nsample", "nkey", "nuserdata", "memory")  # of numbers that MuJoCo keeps room for
+MAX_DIGITS = 4  # of such a count
 DRAWN_ASSETS = ("texture", "material", "mesh")
 
 
@@ -74,15 +77,17 @@ def parse_mjcf(data: bytes, path: str | Path) -> StrictMjcf:
     """
     root = _parsed(data, path)
     for element in root.iter():
-        if element.tag in NOT_READ:
-            fault = f"<{element.tag}> {NOT_READ[element.tag]}: a check does not read it"
+        why = NOT_READ.get(element.tag) or _greed(element)
+        if why:
+            fault = f"<{element.tag}> {why}: a check does not read it"
             raise _fault(path, f"{fault}; write out what it stands for, or export again", element)
     texts = {text.get("name", ""): text.get("data", "") for text in root.iterfind("custom/text")}
-    mujoco = import_module("mujoco")
+    mujoco = mujoco_library()
     try:
-        spec = mujoco.MjSpec.from_string(etree.tostring(root, encoding="unicode"))
-        drawn = _without_pictures(spec, mujoco)
-        model = spec.compile()
+        with muted():
+            spec = mujoco.MjSpec.from_string(etree.tostring(root, encoding="unicode"))
+            drawn = _without_pictures(spec, mujoco)
+            model = spec.compile()
     except (ValueError, RuntimeError, TypeError) as error:
         reason = one_line(" ".join(str(error).split()))
         raise _fault(path, f"MuJoCo refuses it: {reason}") from None
@@ -92,6 +97,15 @@ def parse_mjcf(data: bytes, path: str | Path) -> StrictMjcf:
         fields["mesh"] = meshes[index]
     table["asset"] = _assets(root)
     return StrictMjcf(Path(path), model, table, texts)
+
+
+def _greed(element: Any) -> str:
+    """Return how an element asks for more memory than its text has, or nothing."""
+    words = {name: text for name, text in element.items() if name in COUNTS}
+    if element.tag == "size":
+        words |= dict(element.items())
+    greedy = (text for text in words.values() if not (text.isdigit() and len(text) <= MAX_DIGITS))
+    return "asks for memory" if any(greedy) else ""
 
 
 def _parsed(data: bytes, path: str | Path) -> Any:

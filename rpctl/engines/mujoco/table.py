@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import import_module
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.engines.mujoco.library import mujoco_library
 
 Value = str | list[float | str]  # of a field: a word, or numbers and names
 Fields = dict[str, Value]
 Table = dict[str, dict[str, Fields]]  # by kind and name; names in the order of the model
 
-WORLD = "world"
+POLYNOMIAL = 5  # coefficients of a tie of joints or tendons
 COMPILER_ONLY = ("sameframe", "bvhadr", "bvhnum", "plugin", "user", "rbound", "aabb", "invweight0")
 DERIVED = {  # fields that say nothing of their own: addresses, counts, and what MuJoCo computes
     "body": (
@@ -66,6 +67,12 @@ class _NamedModel:
     mujoco: Any
     model: Any
 
+    @property
+    def polynomials(self) -> tuple[int, int]:
+        """The types of equalities whose data is a polynomial."""
+        kinds = self.mujoco.mjtEq
+        return int(kinds.mjEQ_JOINT), int(kinds.mjEQ_TENDON)
+
     def name(self, kind: str, index: int) -> str:
         """Return the name of an element; of one without a name its number."""
         if index < 0:
@@ -88,7 +95,7 @@ class _NamedModel:
 
 def tabulate(model: Any) -> Table:
     """Return the table of a compiled model (``MjModel``)."""
-    of = _NamedModel(import_module("mujoco"), model)
+    of = _NamedModel(mujoco_library(), model)
     table: Table = {"option": {"option": _option(of)}, "model": {"model": _rest(of)}}
     for kind, prefix in PREFIXES.items():
         rows: dict[str, Fields] = {}
@@ -110,11 +117,22 @@ def _rows(of: _NamedModel, prefix: str) -> Iterator[Fields]:
         yield {name: _value(of, name, index, arrays) for name, array in arrays.items()}
 
 
+@cache
+def _attributes() -> tuple[str, ...]:
+    """Return the names of what a compiled model holds."""
+    return tuple(dir(mujoco_library().MjModel))
+
+
+def _numbers(value: Any) -> list[float | str]:
+    """Return numbers of any shape as a list."""
+    return [*np.asarray(value, dtype=float).ravel().tolist()]
+
+
 def _arrays(of: _NamedModel, prefix: str) -> dict[str, Any]:
     """Return what the model holds of a kind, by the names of fields without their prefix."""
     left_out = {*COMPILER_ONLY, *DERIVED.get(prefix, ())}
     found = {}
-    for attribute in dir(of.model):
+    for attribute in _attributes():
         name = attribute.removeprefix(f"{prefix}_")
         if name != attribute and name not in left_out:
             array = getattr(of.model, attribute)
@@ -132,22 +150,21 @@ def _value(of: _NamedModel, name: str, index: int, arrays: Mapping[str, Any]) ->
         return of.tied_name(int(arrays["type"][index]), int(of.model.eq_objtype[index]), int(entry))
     if name in TYPED_REFERENCES:
         return of.typed_name(int(arrays[TYPED_REFERENCES[name]][index]), int(entry))
+    if name == "data" and int(arrays["type"][index]) in of.polynomials:
+        return _numbers(entry[:POLYNOMIAL])  # the rest means nothing, and differs by version
     if name == "trnid":
         word = str(of.mujoco.mjtTrn(int(arrays["trntype"][index])).name).removeprefix("mjTRN_")
         return of.name(TRANSMISSIONS.get(word, "site"), int(entry[0]))
     if name == "matid":
         return of.name("material", int(entry))
-    return [float(number) for number in np.atleast_1d(np.asarray(entry, dtype=float)).ravel()]
+    return _numbers(entry)
 
 
 def _degree_of_freedom(of: _NamedModel, index: int) -> Fields:
     """Return what a joint loses, its rotor's inertia, and where its springs rest."""
     start = int(of.model.jnt_dofadr[index])
     place = int(of.model.jnt_qposadr[index])
-    fields: Fields = {
-        name: [float(number) for number in np.atleast_1d(array[start]).ravel()]
-        for name, array in _arrays(of, "dof").items()
-    }
+    fields: Fields = {name: _numbers(array[start]) for name, array in _arrays(of, "dof").items()}
     fields["ref"] = [float(of.model.qpos0[place])]
     fields["springref"] = [float(of.model.qpos_spring[place])]
     return fields
@@ -181,6 +198,5 @@ def _option(of: _NamedModel) -> Fields:
     for name in dir(of.model.opt):
         value = getattr(of.model.opt, name)
         if not name.startswith("_") and isinstance(value, int | float | np.ndarray):
-            numbers = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
-            found[name] = [float(number) for number in numbers]
+            found[name] = _numbers(value)
     return found

@@ -20,6 +20,7 @@ from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.muted import muted
 from rpctl.engines.mujoco.rollers import has_rollers
 from rpctl.engines.mujoco.sensors import HOME
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, plan_motion, start
@@ -114,7 +115,8 @@ class _TrialBody:
         """Hold efforts (n_act,) for a tick."""
         self.data.ctrl[self._order] = tau
         self._hold_followers()
-        self._mujoco.mj_step(self._model, self.data, nstep=self._steps)
+        with muted():
+            self._mujoco.mj_step(self._model, self.data, nstep=self._steps)
 
     def _hold_followers(self) -> None:
         """Turn swivels that no tie holds to where those that they follow have them."""
@@ -139,7 +141,10 @@ class _TrialBody:
         Raises:
             DivergedError: It did.
         """
-        if not np.isfinite(self.data.qpos).all() or self.data.time == 0.0:  # MuJoCo starts anew
+        kinds = self._mujoco.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+        finite = np.isfinite(self.data.qpos).all()
+        if not finite or any(self.data.warning[int(kind)].number for kind in bad):
             raise DivergedError(f"{self._robot.name}: its motion in MuJoCo diverges")
 
     @property

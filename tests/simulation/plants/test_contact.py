@@ -13,6 +13,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
+from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.motion import rk4_step
 from rpctl.engines.mujoco.settings import ContactSettings
@@ -243,6 +244,29 @@ def test_gentle_motion_is_the_reduced_models(paper: Robot) -> None:
     assert distance < 3e-4
     assert turn < 1e-3
     assert gap(without_losses(paper), ContactSettings(wheel_width=0.06), 0.4)[1] > 5e-3
+
+
+@pytest.mark.parametrize(("name", "band"), [("mecanum", 5e-3), ("omni", 1e-3)])
+def test_rollers_hold_along_their_axes_only(name: str, band: float) -> None:
+    """Three speeds at once take it 4 cm in .3 s; rollers that lay otherwise would not let them."""
+    assert gap(without_losses(rpctl.load(name)), CROWNED, 0.3)[0] < band
+
+
+@pytest.mark.parametrize("name", ["car", "swerve"])
+def test_tie_rods_turn_the_followers(name: str) -> None:
+    robot = without_losses(rpctl.load(name))
+    motion = start(robot)
+    steered = [swivel.joint for swivel in robot.drive.steered]
+    tau = np.array([1.0 if name == steered[0] else 0.0 for name in robot.actuators])
+    angles = dict.fromkeys(steered, 0.0)
+    while angles[steered[0]] < 0.2:
+        motion.advance(tau, PERIOD)
+        angles = {joint: robot.joint_position(motion.q, joint) for joint in steered}
+    wanted = follower_positions(robot.drive, angles)
+    assert max(map(abs, wanted.values())) > 0.1
+    for joint, angle in wanted.items():
+        off = math.remainder(robot.joint_position(motion.q, joint) - angle, math.pi)
+        assert abs(off) < 3e-3
 
 
 BANDS = {  # m and rad after 1.5 s, .22 to .35 m from the start
