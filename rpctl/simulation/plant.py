@@ -80,7 +80,7 @@ class Plant:
             :class:`~rpctl.simulation.plants.sensors.Measurement`.
         sensor_bias: Constant errors of what the controller measures.
         jitter: Standard deviation of the moments at which the controller samples, s; none is
-            farther off than half a control period.
+            farther off than .45 of a control period, so they stay in order.
         slope: Angles (2,), rad, by which the ground rises along the x and the y axis of the world;
             the world's frame stays that of the ground.
         wrenches: What pushes and pulls the simulated robot from outside.

@@ -17,6 +17,7 @@ from rpctl.robot.identity import model_digest
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import without_losses
 
+EQUATIONS = "equations"  # the row of a model that lacks a part of the robot
 FRESH_SEED = 1  # of states other than those that the file holds
 ROUNDED_NOTE = (
     "{count} numbers are rounded by at most {largest:.1e} of their size, as MuJoCo's own save does"
@@ -105,14 +106,14 @@ def check_file(
         losses = bool(certificate.settings.get("losses", True))
         fresh = take_witness(robot, root, losses, seed=FRESH_SEED)
         _collect(checks, file, fresh, rounding, f"{robot.name} anew")
-        try:
-            rolling = robot if losses else without_losses(robot)
-            trial = run_on_ground(rolling, file.model, root)
-            checks += trial.checks
-            skipped += trial.skipped
-            notes += trial.notes
-        except RpctlError as fault:
-            checks.append(_failed("motion on the ground", "the file in MuJoCo", fault))
+        if all(check.name != EQUATIONS for check in checks):  # every name of the robot is there
+            try:
+                trial = run_on_ground(robot if losses else without_losses(robot), file.model, root)
+                checks += trial.checks
+                skipped += trial.skipped
+                notes += trial.notes
+            except RpctlError as fault:
+                checks.append(_failed("motion on the ground", "the file in MuJoCo", fault))
     return MjcfCheck(file.path, certificate, compared.edits, tuple(checks), tuple(skipped), notes)
 
 
@@ -128,7 +129,7 @@ def _collect(
     try:
         checks += compare_with_witness(file.model, witness, rounding, against)
     except RpctlError as fault:
-        checks.append(_failed("equations", against, fault))
+        checks.append(_failed(EQUATIONS, against, fault))
 
 
 def _failed(name: str, against: str, fault: RpctlError) -> Check:

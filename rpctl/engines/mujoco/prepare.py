@@ -21,7 +21,7 @@ HARD_STEPS = 4.0  # timesteps: time constant of the contacts of crowned wheels
 HARD_IMPEDANCE = (0.99, 0.999, 1e-4, 0.5, 2.0)
 
 
-def prepare(robot: Robot, settings: ContactSettings, friction: float) -> Built:
+def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bool = True) -> Built:
     """Return a robot as MuJoCo's model of a file that runs by itself.
 
     Args:
@@ -29,6 +29,7 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float) -> Built:
         settings: How it meets the ground. Crowned wheels do not scrub, so their contacts are as
             hard as the timestep lets them be: the robot neither sinks nor creeps.
         friction: Coefficient between wheels and ground.
+        hidden: Whether the shapes that touch the ground are in a group that viewers do not show.
 
     Raises:
         RpctlError: MuJoCo cannot do the robot by itself; the message says why.
@@ -42,7 +43,7 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     for site in spec.sites:
         site.group = LINK_GROUP
     for geom in spec.geoms:
-        if geom.name in built.geoms:
+        if hidden and geom.name in built.geoms:
             geom.group = CONTACT_GROUP
     if settings.wheel_shape == "crowned" and not has_rollers(robot):
         spec.option.impratio = 1.0

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
@@ -31,7 +31,9 @@ from rpctl.simulation.plants.wrench import Wrench
 CONVERGED = 1e-8  # of the largest rate: the error after a correction that small is its square
 NEWTON_STEPS = 20  # with loads that depend on the accelerations; it takes 2 to 4
 SURE_STEPS = 200  # with loads that do not
-HALVINGS = 4  # of a Newton step that leaves a larger residual
+SOFTER = (1e-4, 1e-3, 1e-2, 1e-1)  # parts of the stiffness on the way to very stiff tyres
+HALVINGS = 20  # of a Newton step that goes too far
+OVERSHOOT = 0.5  # of the residual along a Newton step at its start: more at its end is too far
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,6 @@ class _Residual:
     """What is left of a stage's equations at some velocities, and what it was made of."""
 
     rest: Array  # (ny,) N·m·s or N·s
-    size: float
     v: Array  # (nv,)
     grip: Grip
     loads: ContactLoads
@@ -201,12 +202,20 @@ class SlipStepper:
         a = solve_positive(at.M, push)
         spin = at.G.dot(guess).reshape(3, -1)[2]
         stage = _Stage(at, y0, w, a, moments, self.law.rolling_speed(spin))
-        return self._newton(stage, guess, None) or self._sure(stage, guess)
+        return self._newton(stage, guess, None) or self._by_softer(stage, guess)
 
-    def _sure(self, stage: _Stage, guess: Array) -> _Solved:
-        """Return the solution with loads held as they are at the guess."""
-        load = self._loads(stage, guess)
-        found = self._newton(stage, guess, load)
+    def _by_softer(self, stage: _Stage, guess: Array) -> _Solved:
+        """Return the solution by way of those of softer tyres, then with loads held if need be.
+
+        Very stiff tyres stick and slide within so little slip that Newton's steps from afar jump
+        from one to the other; from the solution of softer ones they do not.
+        """
+        for soft in SOFTER:
+            softer = replace(self, law=replace(self.law, stiffness=soft * self.law.stiffness))
+            found = softer._newton(stage, guess, None)
+            guess = guess if found is None else found.y
+        found = self._newton(stage, guess, None)
+        found = found or self._newton(stage, guess, self._loads(stage, guess))
         if found is None:
             raise RpctlError("the forces of the tyres determine no speeds")
         return found
@@ -241,12 +250,12 @@ class SlipStepper:
             if small:
                 return _Solved(y + step, ahead.force, ahead.loads, held is not None)
             for _ in range(HALVINGS):
-                if ahead.size <= now.size or not np.isfinite(now.size):
+                if ahead.rest.dot(step) <= OVERSHOOT * abs(now.rest.dot(step)):
                     break
                 step = 0.5 * step
                 ahead = self._residual(stage, y + step, held)
-            if held is not None and ahead.size > now.size:
-                step = self._correction(stage, now, False, sure=True)
+            else:
+                step = self._correction(stage, now, held is None, sure=True)
                 ahead = self._residual(stage, y + step, held)
             y, now = y + step, ahead
         return None
@@ -268,7 +277,7 @@ class SlipStepper:
         if losses is not None:
             force = force + at.reduced(losses.force(v))
         rest = at.M.dot(y - stage.y0) - stage.w * force
-        return _Residual(rest, float((rest * rest / at.M.diagonal()).sum()), v, grip, loads, force)
+        return _Residual(rest, v, grip, loads, force)
 
     def _correction(
         self, stage: _Stage, now: _Residual, coupled: bool, sure: bool = False

@@ -1,4 +1,15 @@
-"""A robot whose wheels slip: the whole tree on tyres, without the rolling constraint."""
+"""A robot whose wheels slip: the whole tree on tyres, without the rolling constraint.
+
+The body stays upright; all wheels, swivels and joints of the arm move by their own dynamics, under
+the forces of tyres at the places where the file puts the wheels. As the slip stiffness grows, a
+gentle motion tends to that of the reduced model, the difference to first order in 1/stiffness,
+wherever the wheels can all roll at once. They cannot where the reduced model lets some slide: a
+skid-steer drive, a wheel off the axle, front wheels that a mimic joint turns by equal angles. These
+scrub here at any stiffness, and take the efforts that it needs. Supports that are no wheels slide
+without friction.
+
+[P12] and [J85] are those of :mod:`rpctl.simulation.plants.tyres`.
+"""
 
 from __future__ import annotations
 
@@ -150,8 +161,10 @@ class SlippingMotion:
         work = lost = 0.0
         for _ in range(steps):
             try:
-                self.state, done, gone = self._stepper.step(self.state, tau, dt / steps, wrenches)
-            except RpctlError as error:
+                with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told below
+                    stepped = self._stepper.step(self.state, tau, dt / steps, wrenches)
+                self.state, done, gone = stepped
+            except (RpctlError, np.linalg.LinAlgError) as error:
                 raise DivergedError(f"the motion diverged: {error}") from error
             work, lost = work + done, lost + gone
             self._t += dt / steps

@@ -85,6 +85,8 @@ def test_the_file_has_the_names_limits_and_losses_of_the_urdf(exported: Path) ->
     assert (bend.get("range"), bend.get("damping"), bend.get("frictionloss")) == (
         "-1 1", "0.3", "0.01",
     )  # fmt: skip
+    (tyre,) = root.findall(".//geom[@name='left_joint']")
+    assert tyre.get("group") == "3"  # hidden behind the shape that is drawn
     (tie,) = root.findall("equality/joint")
     assert (tie.get("joint1"), tie.get("joint2")) == ("mirror", "bend")
     assert tie.get("polycoef") == "0.1 -0.5 0 0 0"
@@ -184,8 +186,8 @@ def test_rounded_numbers_are_not_written(
 def test_a_wheel_that_rolls_wrong_is_found_by_running_the_file(
     robot: rpctl.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def prepared(*arguments: Any) -> Any:
-        built = prepare(*arguments)
+    def prepared(*arguments: Any, **named: Any) -> Any:
+        built = prepare(*arguments, **named)
         built.spec.geom("left_joint").size = [1.05 * SET_A["r"], 1.05 * SET_A["r"], 0.02]
         return built
 
