@@ -213,6 +213,7 @@ def _set_contacts(spec: Any, switches: Switches, friction: float) -> None:
 def _give_inertias(spec: Any, robot: Robot) -> None:
     """Give each moving body the robot's inertia, those fixed to it none, joints their rotors'."""
     compiler = spec.compiler
+    compiler.fusestatic = False  # nothing is left to fuse: what is fixed weighs nothing
     compiler.balanceinertia, compiler.boundmass, compiler.boundinertia = False, 0.0, 0.0
     compiler.inertiafromgeom = mujoco_library().mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     for link in robot.description.links:
