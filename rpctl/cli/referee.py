@@ -70,6 +70,9 @@ def referee_command(
             advance(k, len(names))
             try:
                 judged[name] = _judge(name, options, found, (friction, duration), html)
+                if len(names) > 1:  # a league takes minutes: what is known is told at once
+                    for verdict in judged[name]:
+                        say(f"{name}: {line(verdict)}", err=as_json)
             except RpctlError as error:
                 if len(names) == 1:
                     raise
@@ -115,7 +118,7 @@ def _judge(
 
 
 def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, RpctlError]) -> None:
-    """Print a row for each robot and engine, then the referee's line on each."""
+    """Print a row for each robot and engine; of one robot the referee's lines and notes, too."""
     out, several = console(), len(judged) + len(refused) > 1
     robot = ("robot",) if several else ()
     table = new_table(
@@ -125,12 +128,11 @@ def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, Rpctl
         for verdict in verdicts:
             table.add_row(_mark(verdict), *([escape(name)] if several else []), *_cells(verdict))
     out.print(table)
-    for name, verdicts in judged.items():
+    for verdicts in () if several else judged.values():
         for verdict in verdicts:
-            head = f"{escape(name)}: " if several else ""
-            out.print(f"{head}{escape(line(verdict))}", soft_wrap=True)
-        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.recording.notes)
-        for note in notes if not several else ():
+            out.print(escape(line(verdict)), soft_wrap=True)
+        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.notes)
+        for note in notes:
             out.print(f"[dim]note[/] {escape(note)}")
     for name, error in refused.items():
         out.print(f"[dim]-[/] {escape(name)}: {escape(str(error))}")

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from rpctl.cli.onset import onset_label, onset_line, print_onsets
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
@@ -35,6 +36,10 @@ def verify_command(
         bool,
         typer.Option("--contact", help="Let it roll on a plane, too, as a free body in MuJoCo."),
     ] = False,
+    onset: Annotated[
+        bool,
+        typer.Option("--onset", help="Let it slip and tip there, too, and when was predicted."),
+    ] = False,
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
     ] = None,
@@ -45,7 +50,9 @@ def verify_command(
         require_writable(html)
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     wanted = [] if engines == "none" else engines.split(",")
-    certificate = certify(options.load(robot), samples, seed, wanted, options.strict, contact)
+    certificate = certify(
+        options.load(robot), samples, seed, wanted, options.strict, contact, onset
+    )
     if html is not None:
         from rpctl.view.pages.certificate import write_certificate
 
@@ -65,6 +72,7 @@ def certify(
     engines: list[str],
     strict: bool = False,
     contact: bool = False,
+    onset: bool = False,
 ) -> Certificate:
     """Verify a robot, with a bar on a terminal.
 
@@ -75,10 +83,18 @@ def certify(
         engines: Other physics engines that take part.
         strict: Whether declared numbers that the shapes contradict fail.
         contact: Whether the robot is to roll on a plane, too.
+        onset: Whether it is to slip and to tip there, too.
     """
     with progress_bar("verify") as advance:
         return verify(
-            robot, samples, seed, engines, lambda done: advance(done, samples), strict, contact
+            robot,
+            samples,
+            seed,
+            engines,
+            lambda done: advance(done, samples),
+            strict,
+            contact,
+            onset,
         )
 
 
@@ -104,6 +120,8 @@ def show_certificate(certificate: Certificate) -> None:
     out.print(table)
     if certificate.contact is not None:
         out.print(_trial_table(certificate.contact))
+    if certificate.onset is not None:
+        print_onsets(certificate.onset)
     for against, note in certificate.notes:
         out.print(f"[dim]note[/] {against}: {escape(note)}")
     if certificate.shared:
@@ -134,10 +152,14 @@ def certificate_line(certificate: Certificate) -> str:
     trial = certificate.contact
     rows = checks if trial is None else checks + trial.checks
     failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
+    onset = certificate.onset
+    failed += [onset_label(row) for row in onset.onsets if not row.passed] if onset else []
     drawn = f"{certificate.samples} random states, seed {certificate.seed}"
     count = f"{len(checks)} checks over {drawn}"
     if trial is not None:
         count += f"; {_trial_line(trial)}"
+    if onset is not None:
+        count += f"; {onset_line(onset)}"
     if failed:
         return f"{MARKS[False]} [bold]not verified[/]: {', '.join(failed)}; {count}"
     worst = certificate.worst

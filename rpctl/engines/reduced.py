@@ -16,6 +16,11 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.engine import EngineState
 from rpctl.robot.coordinates import read_root
 
+SKID_NOTE = (
+    "straight ahead only: a skid-steer base turns by scrubbing, which the effective track stands "
+    "for in the reduced model"
+)
+
 
 class ReducedRun:
     """The reduced model of a robot; :class:`rpctl.engines.engine.EngineRun` has the attributes.
@@ -30,8 +35,9 @@ class ReducedRun:
         self._dynamics, self._known = dynamics, contacts
         self._q, self._nu, self._t = q.copy(), np.zeros(dynamics.robot.dof), 0.0
         self._tau = np.zeros(len(dynamics.robot.actuators))
-        self.contacts, self.notes = contacts.names, tuple[str, ...]()
         robot = dynamics.robot
+        self.contacts = contacts.names
+        self.notes: tuple[str, ...] = (SKID_NOTE,) if robot.drive.type == "skid-steer" else ()
         self._turned = {name: robot.joint_position(q, name) for name in robot.moving_joint_names}
         axes = [robot.tree.axis(robot.description.joint[w.joint]) for w in robot.drive.wheels]
         self._left = [math.copysign(1.0, mostly_left(axis)) for axis in axes]

@@ -12,7 +12,7 @@ import numpy as np
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.causes import Trace, beyond, trace
-from rpctl.engines.comparison import EngineGap, compare, travelled
+from rpctl.engines.comparison import EngineGap, compare
 from rpctl.engines.course import RefereeCourse
 from rpctl.engines.engine import Engine, EngineFault
 from rpctl.engines.recording import EngineRecording, record
@@ -67,9 +67,9 @@ class EngineVerdict:
         return None if self.trace is None else self.trace.mended
 
     @property
-    def distance(self) -> float:
-        """The way of the model, m."""
-        return travelled(self.model)
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or left out, of the model and of the engine, in sentences."""
+        return tuple(dict.fromkeys((*self.model.notes, *self.recording.notes)))
 
 
 class Referee:

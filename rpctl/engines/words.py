@@ -60,7 +60,7 @@ def verdict_to_dict(verdict: EngineVerdict) -> dict[str, Any]:
             for cause in (found.causes if found else ())
         ],
         "remaining": [_gap_to_dict(gap) for gap in (found.remaining if found else ())],
-        "notes": list(verdict.recording.notes),
+        "notes": list(verdict.notes),
     }
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.onset.record import OnsetTrial
 from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 
 
@@ -28,6 +29,7 @@ class Certificate:
         idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
             comparison here can tell.
         contact: The trial on the ground, where it was asked for and could be made.
+        onset: The trial of slip and tipping predictions, where it was asked for and could be made.
         loaded_with: The arguments with which :func:`rpctl.load` gives this robot.
     """
 
@@ -41,13 +43,14 @@ class Certificate:
     shared: tuple[str, ...] = ()
     idealised: tuple[str, ...] = ()
     contact: ContactTrial | None = None
+    onset: OnsetTrial | None = None
     loaded_with: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
         """Whether every comparison that was made passed."""
-        rolled = self.contact is None or self.contact.passed
-        return rolled and all(check.passed for check in self.checks)
+        trials = [trial for trial in (self.contact, self.onset) if trial is not None]
+        return all(trial.passed for trial in trials) and all(check.passed for check in self.checks)
 
     @property
     def notes(self) -> list[tuple[str, str]]:
@@ -76,5 +79,6 @@ class Certificate:
             "shared": list(self.shared),
             "idealised": list(self.idealised),
             "contact": None if self.contact is None else self.contact.to_dict(),
+            "onset": None if self.onset is None else self.onset.to_dict(),
             "loaded_with": dict(self.loaded_with),
         }

@@ -61,6 +61,7 @@ def verify(
     progress: Callable[[int], object] | None = None,
     strict: bool = False,
     contact: bool = False,
+    onset: bool = False,
 ) -> Certificate:
     """Compare the reduced dynamics with independent derivations at random states.
 
@@ -76,6 +77,7 @@ def verify(
         strict: Whether numbers that the user declared fail where the file's shapes contradict
             them; else the certificate tells by how much.
         contact: Whether the robot is to roll on a plane, too, as a free body in MuJoCo.
+        onset: Whether it is to slip and to tip there, too, and when that was predicted.
 
     Returns:
         The certificate; a comparison that is not finite fails.
@@ -107,7 +109,9 @@ def verify(
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with=load_arguments(robot),
     )
-    return _with_contact_trial(robot, certificate) if contact else certificate
+    if contact:
+        certificate = _with_contact_trial(robot, certificate)
+    return _with_onset_trial(robot, certificate) if onset else certificate
 
 
 def _worst(
@@ -225,3 +229,14 @@ def _with_contact_trial(robot: Robot, certificate: Certificate) -> Certificate:
     if isinstance(trial, Skipped):
         return replace(certificate, skipped=(*certificate.skipped, trial))
     return replace(certificate, contact=trial)
+
+
+def _with_onset_trial(robot: Robot, certificate: Certificate) -> Certificate:
+    """Return a certificate with the trial of onsets, or the row that says why there is none."""
+    from rpctl.equivalence.mujoco_engine import installed
+    from rpctl.equivalence.onset.trial import TRIAL_NAME, onset_trial
+
+    trial = onset_trial(robot) if installed() else Skipped(TRIAL_NAME, CONTACT_ORACLE, ABSENT)
+    if isinstance(trial, Skipped):
+        return replace(certificate, skipped=(*certificate.skipped, trial))
+    return replace(certificate, onset=trial)

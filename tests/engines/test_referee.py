@@ -180,6 +180,12 @@ def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
     assert "no setting explains" in line(verdict)
 
 
+def test_a_skid_steer_base_is_compared_straight_ahead() -> None:
+    _, model = Referee(rpctl.load("skid_steer"), duration=DURATION).motion(2e-3)
+    assert abs(model.pose[:, 1:]).max() < 1e-3 < model.pose[-1, 0]
+    assert "straight ahead only" in model.notes[0]
+
+
 def test_robots_without_ground_or_stance_are_refused() -> None:
     with pytest.raises(RpctlError, match="fixed base"):
         Referee(rpctl.load("panda"))

@@ -55,6 +55,7 @@ class ContactModel:
     Args:
         robot: The robot; its file's numbers and shapes are used, not its Pinocchio model. Of the
             drive: which joints carry wheels, and how a roller lies on its wheel.
+        friction: Coefficient between wheels and ground.
 
     Attributes:
         names: The contacts: the wheels' joints, then the supports, as ``Contacts.names``.
@@ -63,9 +64,9 @@ class ContactModel:
         notes: What the file does not say of them.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, friction: float = FRICTION) -> None:
         self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
-        self._robot = robot
+        self._robot, self._friction = robot, friction
         self._contacts: dict[str, str] = {}  # geoms, and what they are called
         self.notes: tuple[str, ...] = ()
         tree = MujocoModel(robot, release=self._release)
@@ -74,7 +75,7 @@ class ContactModel:
         self.names = tuple(self._contacts.values())
         self._index = {self._model.geom(geom).id: k for k, geom in enumerate(self._contacts)}
         ids = {w.joint: self._model.geom(NAME_PREFIX + w.joint).id for w in robot.drive.wheels}
-        self.rollers = Rollers(robot, self._model, self._data, ids, FRICTION)
+        self.rollers = Rollers(robot, self._model, self._data, ids, friction)
         self.rods = TieRods(robot, self._model, self._data, self._dofs)
 
     def start(self, q: Array) -> None:
@@ -185,7 +186,7 @@ class ContactModel:
         geom.type = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind}")
         geom.size[: len(size)] = size
         geom.contype, geom.conaffinity, geom.condim, geom.priority = 0, 2, directions, 1
-        geom.friction[0] = FRICTION
+        geom.friction[0] = self._friction
         geom.solref, geom.solimp = SOLREF, SOLIMP
         self._contacts[geom.name] = name
 

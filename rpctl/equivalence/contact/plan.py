@@ -182,7 +182,7 @@ def _plan_at_pace(dynamics: ReducedDynamics, course: Course, pace: float) -> Con
         servoed=servoed,
         names=names,
         targets=(positions.reshape(len(q), len(names)), rates),
-        inertia=np.array([_felt_inertia(dynamics, at, names) for at in q]),
+        inertia=np.array([felt_inertia(dynamics, at, names) for at in q]),
     )
 
 
@@ -217,8 +217,14 @@ def _max_stroke(joint: Joint, course: Course) -> float:
     return MAX_MOTOR_RATIO * joint.velocity / course.peak
 
 
-def _felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
-    """Return the inertia (n_held, n_held) that the servo's joints feel, all others free."""
+def felt_inertia(dynamics: ReducedDynamics, q: Array, names: tuple[str, ...]) -> Array:
+    """Return the inertia (n_held, n_held) that the servo's joints feel, all others free.
+
+    Args:
+        dynamics: The reduced dynamics.
+        q: Configuration (nq,).
+        names: The joints, whose rates are quasi-velocities.
+    """
     speeds = dynamics.robot.quasi_velocities
     own = [speeds.index(name) for name in names]
     return np.linalg.inv(np.linalg.inv(dynamics.inertia(q))[np.ix_(own, own)])

@@ -80,7 +80,8 @@ def error_text(error: float) -> str:
         return f"{error:.0f} m" if error < 999.5 else "> km"
     if error >= 0.9995:
         return f"{error:.1f} m"
-    return f"{millimetres:.2f}" if millimetres < 0.995 else f"{millimetres:.3g}"
+    digits = 2 if millimetres < 9.995 else 1 if millimetres < 99.95 else 0
+    return f"{millimetres:.{digits}f}"
 
 
 def rule(tolerance: float) -> str:

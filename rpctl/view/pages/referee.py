@@ -68,9 +68,7 @@ def referee_page(robot: Robot, verdicts: Sequence[EngineVerdict]) -> bytes:
         ShownMotion(one.recording.t, one.recording.root, one.recording.joints) for one in shown
     ]
     scene, scenes = scenes_of(robot, motions)
-    said = dict.fromkeys(
-        note for verdict in verdicts for note in (*verdict.recording.notes, *scene.notes)
-    )
+    said = dict.fromkeys(note for verdict in verdicts for note in (*verdict.notes, *scene.notes))
     names = ", ".join(f"{verdict.engine} {verdict.version}" for verdict in verdicts)
     page = Page(
         title=robot.name,

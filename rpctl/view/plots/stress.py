@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 200
-BOX_IN, GAP_IN, MARGIN_IN = 0.32, 0.16, 0.1  # widths, inches
+BOX_IN, GAP_IN, MARGIN_IN = 0.36, 0.16, 0.1  # widths, inches
 ROW_IN, LEVELS_IN, BLOCK_GAP_IN = 0.155, 0.15, 0.07  # heights of a law, its levels, a gap; inches
 HEAD_IN, FOOT_IN = 0.62, 0.36
 FEWEST = 5  # boxes that a panel has room for, at least
