@@ -13,14 +13,16 @@ from PIL import Image
 
 import rpctl
 from rpctl import Robot, RpctlError
+from rpctl.drive.steering import follower_positions
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.heights import read_heights
+from rpctl.engines.mujoco.inertias import BodyInertia, is_physical
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.touch import GROUND
 from rpctl.robot.payload import with_payload
 from tests import urdf
-from tests.robots import SET_A, ball, platform, write
+from tests.robots import SET_A, ball, free_caster, platform, write
 
 pytest.importorskip("mujoco")
 
@@ -227,3 +229,80 @@ def test_a_missing_mujoco_is_told_with_what_installs_it(
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(RpctlError, match=r"pip install 'rpctl\[mujoco\]'"):
         built(paper)
+
+
+def mass_matrix(model: Any) -> np.ndarray:
+    """Return M (nv, nv) where all joints are at 0."""
+    mujoco = mujoco_library()
+    data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, M)
+    return M
+
+
+def test_rollers_leave_the_robots_inertia_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = rpctl.load("mecanum")
+    rolling = built(robot).compile()
+    monkeypatch.setattr("rpctl.engines.mujoco.build.has_rollers", lambda robot: False)
+    plain = built(robot).compile()
+    assert rolling.nv == plain.nv + 4 * 12
+    names = [plain.joint(k).name for k in range(1, plain.njnt)]
+    there = [*range(6), *(int(rolling.joint(name).dofadr[0]) for name in names)]
+    here = [*range(6), *(int(plain.joint(name).dofadr[0]) for name in names)]
+    M, whole = mass_matrix(plain)[np.ix_(here, here)], mass_matrix(rolling)[np.ix_(there, there)]
+    np.testing.assert_allclose(whole, M, atol=1e-9 * np.abs(M).max())
+
+
+def test_a_tie_rods_polynomial_holds_over_the_whole_range() -> None:
+    robot = rpctl.load("car")
+    model = built(robot).compile()
+    (leader,), (follower,) = robot.drive.steered, robot.drive.followers
+    assert model.neq == 1
+    joint = robot.description.joint[leader.joint]
+    for angle in np.linspace(joint.lower, joint.upper, 21):
+        place = follower_positions(robot.drive, {leader.joint: float(angle)})[follower.joint]
+        held = np.polynomial.polynomial.polyval(angle, model.eq_data[0, :5])
+        assert held == pytest.approx(place, abs=2e-3)
+
+
+def test_props_stand_around_p(paper: Robot) -> None:
+    model = built(paper, props=True).compile()
+    reach, (x, y) = 0.5 * paper.drive.track, paper.drive.point
+    places = {tuple(model.geom(f"prop{k}").pos.round(9)) for k in range(4)}
+    height = round(paper.drive.ground + 0.02, 9)
+    signs = [(a, b) for a in (1, -1) for b in (1, -1)]
+    assert places == {(round(x + a * reach, 9), round(y + b * reach, 9), height) for a, b in signs}
+
+
+def test_what_has_no_inertia_gets_a_little(tmp_path: Path) -> None:
+    point = urdf.link("point", urdf.inertial(1, (0, 0, 0), xyz="0.1 0 0"))
+    joint = urdf.joint("swing", "continuous", ("base", "point"), "0 0 0.3", "0 0 1")
+    found = built(load(tmp_path, point, joint))
+    assert "has no inertia about some axis; 1e-09 kg·m² is added" in found.repairs[0]
+    np.testing.assert_allclose(found.compile().body("point").inertia, 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "physical"),
+    [
+        (1.0, (1.0, 1.0, 1.0), True),
+        (0.0, (1.0, 1.0, 1.0), False),
+        (1.0, (1.0, 1.0, 0.0), False),
+        (1.0, (1.0, 1.0, 3.0), False),
+    ],
+)
+def test_a_body_needs_a_mass_moments_and_their_rule(
+    mass: float, moments: tuple[float, ...], physical: bool
+) -> None:
+    assert is_physical(BodyInertia(mass, np.zeros(3), np.diag(moments))) is physical
+
+
+def test_a_caster_that_meshes_draw_is_a_ball(tmp_path: Path) -> None:
+    """Its axle lies 5 cm above the ground; locked, it slides."""
+    roller = free_caster(urdf.shape('mesh filename="roller.stl"', "visual"))
+    path = write(tmp_path, platform(SET_A, extra=roller))
+    found = built(rpctl.load(path, lock=("swivel", "roller_joint")))
+    assert 'caster "roller" is drawn by meshes alone; it is a ball of 0.05 m' in found.notes
+    model = found.compile()
+    assert model.pair("roller").dim[0] == 1
+    np.testing.assert_allclose(model.geom("roller").pos, [0.44, 0.02, 0.05])

@@ -57,7 +57,7 @@ def link_fault(link: Link) -> str:
 def is_physical(given: BodyInertia) -> bool:
     """Return whether some body may have an inertia, and MuJoCo lets it move."""
     moments = _principal(given.inertia)
-    return given.mass >= MIN_MASS and moments[0] >= MIN_MOMENT and not _fault(moments)
+    return bool(given.mass >= MIN_MASS and moments[0] >= MIN_MOMENT and not _fault(moments))
 
 
 def set_inertia(body: Any, given: BodyInertia) -> None:

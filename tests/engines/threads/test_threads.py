@@ -1,0 +1,56 @@
+"""Users' threads, rebuilt: the referee names what they found, and mending it cures."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from rpctl.engines.installed import installed_engines
+from rpctl.engines.words import line
+
+pytestmark = pytest.mark.slow
+DEMO = Path(__file__).parents[3] / "demos" / "referee_threads.py"
+WORDS = {  # in the sentence: what the engine does, and the setting that mends it
+    "four_wheels": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
+    "tracer": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
+    "rear_steered": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
+    "forklift": ("its supports hold the ground with friction", "drake:mu_static"),
+    "mecanum": ("solid wheels hold sideways", "roller"),
+}
+
+
+def demo() -> ModuleType:
+    spec = spec_from_file_location("referee_threads", DEMO)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+THREADS = demo()
+
+
+@pytest.mark.parametrize("thread", THREADS.THREADS, ids=lambda thread: thread.robot)
+def test_the_referee_names_the_cause_and_its_mending_cures(thread: Any, tmp_path: Path) -> None:
+    engines, missing = installed_engines([thread.engine])
+    if not engines:
+        pytest.skip(missing[0])
+    verdict = THREADS.judge(thread, engines[0], tmp_path)
+    found = verdict.trace
+    assert not verdict.agrees and found is not None
+    causes = {name: cause for cause in found.causes for name in cause.names}
+    assert causes[thread.cause].gaps  # it alone makes the engine disagree
+    assert found.complete  # with the causes mended, and nothing else, it does as the model
+    for words in WORDS[thread.robot]:
+        assert words in line(verdict)
+
+
+def test_every_thread_has_its_robot_and_its_words() -> None:
+    assert {thread.robot for thread in THREADS.THREADS} == set(WORDS)
+    assert len({name for thread in THREADS.THREADS for name in thread.cited.split(", ")}) >= 5
