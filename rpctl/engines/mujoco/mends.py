@@ -69,7 +69,7 @@ def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touchi
         _take(spec, drawn, name, touching, replaced=switches.mended("caster"))
         if switches.mended("caster"):
             size = halved(shape.kind, shape.size)
-            geom = _touch(spec, link, name, SHAPES[shape.kind], size, shape.origin)
+            geom = _touch(spec, robot, link, name, SHAPES[shape.kind], size, shape.origin)
             geom.condim = 1
             touching.owner[geom.name] = name
     if switches.mended("collisions"):
@@ -142,7 +142,7 @@ def _take_wheel(
     if crowned:
         tread = tyre(robot, wheel)
         size = [tread.radius, tread.radius, tread.half_width]
-        geom = _touch(spec, tread.link, wheel.joint, "ELLIPSOID", size, tread.pose)
+        geom = _touch(spec, robot, tread.link, wheel.joint, "ELLIPSOID", size, tread.pose)
         touching.owner[geom.name] = wheel.joint
         touching.crowned[wheel.joint] = geom.name
 
@@ -163,12 +163,18 @@ def _take(spec: Any, names: list[str], contact: str, touching: Touching, *, repl
             touching.owner[geom.name] = contact
 
 
-def _touch(spec: Any, link: str, name: str, kind: str, size: list[float], pose: Array) -> Any:
+def _touch(
+    spec: Any, robot: Robot, link: str, name: str, kind: str, size: list[float], pose: Array
+) -> Any:
     """Add a geom that meets the ground and nothing else, and weighs nothing."""
     mujoco, quaternion = mujoco_library(), np.zeros(4)
+    free = robot.tree.free_joints(link)
+    head = free[-1].child if free else robot.description.root
+    # On the body that moves: MuJoCo 3.14 misplaces what is added to links that it fuses.
+    pose = np.linalg.inv(robot.tree.pose(head)) @ robot.tree.pose(link) @ pose
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{kind}")
-    geom = spec.body(PREFIX + link).add_geom(name=f"{PREFIX}{name}", type=kind, size=size)
+    geom = spec.body(PREFIX + head).add_geom(name=f"{PREFIX}{name}", type=kind, size=size)
     geom.pos, geom.quat, geom.mass = pose[:3, 3], quaternion, 0.0
     geom.contype, geom.conaffinity, geom.priority = 0, FLOOR, 1
     return geom
